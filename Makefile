@@ -1,0 +1,38 @@
+# Two commands do everything: `make demo` and `make test`. Both make their environment (.venv) first.
+PYTHON_BIN := .venv/bin
+
+.PHONY: help setup demo test bench lint format clean
+
+help:
+	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
+	@echo "make test    environment, then lint, types and all tests"
+	@echo "make bench   environment, then the benchmarks"
+	@echo "make format  environment, then the formatter"
+	@echo "make clean   remove the environment, caches and results"
+
+setup:
+	@bash tools/setup.sh
+
+demo: setup
+	$(PYTHON_BIN)/scenetruth run scenes/cube.yaml -o outputs/cube --overwrite
+	@echo "open outputs/cube/report.html"
+
+lint: setup
+	$(PYTHON_BIN)/ruff check .
+	$(PYTHON_BIN)/ruff format --check .
+	$(PYTHON_BIN)/mypy
+
+test: lint
+	$(PYTHON_BIN)/python -m pytest
+
+bench: setup
+	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only
+
+format: setup
+	$(PYTHON_BIN)/ruff check --fix .
+	$(PYTHON_BIN)/ruff format .
+
+clean:
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+	find outputs -mindepth 1 ! -name .gitignore -delete

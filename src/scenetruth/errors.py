@@ -1,0 +1,156 @@
+"""The exception hierarchy; every exception carries the values that offended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+__all__ = [
+    "BackendUnavailableError",
+    "EstimateError",
+    "OutputExistsError",
+    "Problem",
+    "RecordingError",
+    "RenderError",
+    "SceneError",
+    "SceneWarning",
+    "ScenetruthError",
+    "ScoreError",
+    "StoreError",
+]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with an input.
+
+    Parameters
+    ----------
+    path
+        Where it is, inside the input: ``objects.0.mesh.file``.
+    message
+        What is wrong and how to mend it.
+    value
+        The offending value, if there is one to show.
+    """
+
+    path: str
+    message: str
+    value: Any = None
+
+    def __str__(self) -> str:
+        shown = "" if self.value is None else f" (got {_shorten(self.value)})"
+        return f"{self.path or '(top level)'}: {self.message}{shown}"
+
+
+def _shorten(value: Any, limit: int = 80) -> str:
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+class ScenetruthError(Exception):
+    """Base of every error that scenetruth raises on purpose."""
+
+
+class _ProblemListError(ScenetruthError):
+    """An error that reports all problems of one input at once."""
+
+    _noun = "input"
+
+    def __init__(self, problems: Sequence[Problem], source: str | Path | None = None) -> None:
+        self.problems = tuple(problems)
+        self.source = None if source is None else str(source)
+        super().__init__(self.source, self.problems)
+
+    def __str__(self) -> str:
+        count = len(self.problems)
+        where = f" in {self.source}" if self.source else ""
+        head = f"{count} problem{'s' if count != 1 else ''} with the {self._noun}{where}:"
+        return "\n".join([head, *(f"  - {problem}" for problem in self.problems)])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.problems, self.source)
+
+
+class SceneError(_ProblemListError):
+    """A scene that cannot be made; lists every problem with its path."""
+
+    _noun = "scene"
+
+
+class RecordingError(_ProblemListError):
+    """Images, or a data set, that do not have the agreed form."""
+
+    _noun = "data set"
+
+
+class EstimateError(_ProblemListError):
+    """Settings or a recording that the estimator cannot work with."""
+
+    _noun = "estimate"
+
+
+class ScoreError(_ProblemListError):
+    """An estimate and a truth that cannot be compared."""
+
+    _noun = "score"
+
+
+class StoreError(ScenetruthError):
+    """A store that is missing, not ours, damaged, or cannot be written.
+
+    Parameters
+    ----------
+    path
+        The store.
+    message
+        What is wrong with it and how to mend it.
+    """
+
+    def __init__(self, path: str | Path, message: str) -> None:
+        self.path = str(path)
+        self.message = message
+        super().__init__(self.path, message)
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.message}"
+
+
+class OutputExistsError(StoreError):
+    """An output that exists already and may not be overwritten."""
+
+    def __init__(self, path: str | Path, message: str = "exists already; give another output or --overwrite") -> None:
+        super().__init__(path, message)
+
+
+class RenderError(ScenetruthError):
+    """A render that failed."""
+
+
+class BackendUnavailableError(RenderError):
+    """A render backend that this machine cannot run.
+
+    Parameters
+    ----------
+    backend
+        Its name, with the platform where there is one: ``pyrender (osmesa)``.
+    reason
+        Why it does not run here.
+    remedy
+        What would make it run.
+    """
+
+    def __init__(self, backend: str, reason: str, remedy: str) -> None:
+        self.backend = backend
+        self.reason = reason
+        self.remedy = remedy
+        super().__init__(backend, reason, remedy)
+
+    def __str__(self) -> str:
+        return f"render backend {self.backend} does not run here: {self.reason}. Remedy: {self.remedy}"
+
+
+class SceneWarning(UserWarning):
+    """A scene that can be made but will hardly serve its purpose."""

@@ -1,0 +1,403 @@
+"""The labelled arrays that every room exchanges: names, dimensions, units and checks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from scenetruth.errors import Problem, RecordingError
+from scenetruth.indexing import centred_indices
+
+__all__ = [
+    "FORMAT_VERSION",
+    "KIND_FULL",
+    "KIND_NONE",
+    "KIND_NORMAL",
+    "NO_SURFACE",
+    "VARIABLES",
+    "Intrinsics",
+    "Variable",
+    "check_dataset",
+    "image_to_grey",
+    "intrinsics_of",
+    "label",
+    "make_recording",
+    "scene_of",
+]
+
+FORMAT_VERSION = 1
+"""Version of the data sets' layout, kept in their attribute ``format_version``."""
+
+NO_SURFACE = -1
+"""Value of ``object_id`` and ``face_id`` where no surface is seen."""
+
+KIND_NONE, KIND_NORMAL, KIND_FULL = 0, 1, 2
+"""Values of ``kind``: nothing known; minimum-norm solution (aperture problem); everything known."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a variable of a data set is."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+    attrs: Mapping[str, Any] | None = None
+
+
+_MAP = ("t", "y", "x")
+_SURFACE = {
+    "depth": Variable(_MAP, "mm", "depth Z along the optical axis of the camera"),
+    "velocity": Variable(
+        ("component", *_MAP), "mm/frame", "instantaneous velocity (U_X, U_Y, U_Z) of the surface point"
+    ),
+    "disparity": Variable(_MAP, "px/step", "disparity per step of s, x_s = x_0 - disparity s"),
+    "flow": Variable(("image_component", *_MAP), "px/frame", "optical flow (dx/dt, dy/dt) in the camera's image"),
+}
+
+VARIABLES: Mapping[str, Mapping[str, Variable]] = {
+    "recording": {
+        "image": Variable(("s", *_MAP), "1", "image: linear radiance, or digital numbers of the sensor"),
+    },
+    "truth": {
+        **_SURFACE,
+        "normal": Variable(("component", *_MAP), "1", "unit normal of the surface, towards the camera"),
+        "object_id": Variable(_MAP, "1", "index of the object in the scene", {"no_surface": NO_SURFACE}),
+        "face_id": Variable(_MAP, "1", "index of the triangle in its object's mesh", {"no_surface": NO_SURFACE}),
+        "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a face edge of more than 1 degree"),
+    },
+    "estimate": {
+        **_SURFACE,
+        "kind": Variable(
+            _MAP,
+            "1",
+            "what could be estimated",
+            {"flag_values": [KIND_NONE, KIND_NORMAL, KIND_FULL], "flag_meanings": "none normal full"},
+        ),
+        "confidence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),
+        "eigenvalues": Variable(("rank", *_MAP), "1", "eigenvalues l1 >= ... >= l5 of the structure tensor"),
+    },
+}
+"""Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``."""
+
+_REQUIRED = {
+    "recording": ("image",),
+    "truth": ("depth", "velocity", "disparity", "flow", "mixed"),
+    "estimate": ("depth", "velocity", "disparity", "flow"),
+}
+
+_COORDINATES = {
+    "s": ("1", "camera position on the stage, 0 is the reference"),
+    "t": ("1", "frame, 0 is the reference"),
+    "y": ("px", "row of the pixel centre"),
+    "x": ("px", "column of the pixel centre"),
+    "stage_x_mm": ("mm", "position of the camera on the stage"),
+    "time_s": ("s", "time of the frame"),
+    "component": ("1", "component in the world frame"),
+    "image_component": ("1", "component in the image"),
+    "rank": ("1", "rank of the eigenvalue, 1 is the largest"),
+}
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """The numbers that lead from pixels to the world, as a data set's attributes carry them.
+
+    Parameters
+    ----------
+    focal_length_px
+        f, in pixels.
+    principal_point_px
+        (c_x, c_y), in pixel indices.
+    baseline_mm
+        V_X, the camera's displacement per step of s.
+    frame_interval_s
+        Time between two frames.
+    """
+
+    focal_length_px: float
+    principal_point_px: tuple[float, float]
+    baseline_mm: float
+    frame_interval_s: float = 1.0
+
+    def to_attrs(self) -> dict[str, Any]:
+        """Return the attributes that hold these numbers."""
+        return {
+            "focal_length_px": float(self.focal_length_px),
+            "principal_point_px": [float(value) for value in self.principal_point_px],
+            "baseline_mm": float(self.baseline_mm),
+            "frame_interval_s": float(self.frame_interval_s),
+        }
+
+
+def intrinsics_of(dataset: xr.Dataset) -> Intrinsics:
+    """Read the intrinsics from the attributes of a checked data set."""
+    attrs = dataset.attrs
+    c_x, c_y = attrs["principal_point_px"]
+    return Intrinsics(
+        focal_length_px=float(attrs["focal_length_px"]),
+        principal_point_px=(float(c_x), float(c_y)),
+        baseline_mm=float(attrs["baseline_mm"]),
+        frame_interval_s=float(attrs["frame_interval_s"]),
+    )
+
+
+def scene_of(dataset: xr.Dataset) -> dict[str, Any] | None:
+    """Return the scene that a data set was made from, as plain values, or None for data from elsewhere."""
+    text = dataset.attrs.get("scene")
+    return None if text is None else dict(json.loads(text))
+
+
+def label(
+    kind: str,
+    arrays: Mapping[str, ArrayLike],
+    intrinsics: Intrinsics,
+    *,
+    t: ArrayLike,
+    s: ArrayLike | None = None,
+    stage_x_mm: ArrayLike | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Put names, coordinates and units on plain arrays.
+
+    Parameters
+    ----------
+    kind
+        ``"recording"``, ``"truth"`` or ``"estimate"``: which table of `VARIABLES` holds.
+    arrays
+        The arrays by name. An array with one dimension more than its table says has ``s`` before ``t``.
+    intrinsics
+        Focal length, principal point, baseline, frame interval.
+    t, s
+        The frame and camera indices, 0 the reference.
+    stage_x_mm
+        The camera's position for every s; ``baseline_mm * s`` if not given.
+    attrs
+        More attributes.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``units`` and ``long_name`` on every variable and coordinate.
+    """
+    variables: dict[str, xr.Variable] = {}
+    for name, array in arrays.items():
+        entry = VARIABLES[kind][name]
+        values = np.asarray(array)
+        dims = entry.dims
+        if values.ndim == len(dims) + 1:
+            at = dims.index("t")
+            dims = (*dims[:at], "s", *dims[at:])
+        variables[name] = xr.Variable(
+            dims, values, {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
+        )
+    sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
+    frames = np.asarray(t, dtype=np.int64)
+    coordinates: dict[str, tuple[str, ArrayLike]] = {
+        "t": ("t", frames),
+        "time_s": ("t", frames * intrinsics.frame_interval_s),
+        "y": ("y", np.arange(sizes["y"])),
+        "x": ("x", np.arange(sizes["x"])),
+    }
+    if "s" in sizes:
+        steps = centred_indices(sizes["s"]) if s is None else np.asarray(s, dtype=np.int64)
+        positions = intrinsics.baseline_mm * steps if stage_x_mm is None else np.asarray(stage_x_mm, dtype=np.float64)
+        coordinates |= {"s": ("s", steps), "stage_x_mm": ("s", positions)}
+    if "component" in sizes:
+        coordinates["component"] = ("component", ["X", "Y", "Z"])
+    if "image_component" in sizes:
+        coordinates["image_component"] = ("image_component", ["x", "y"])
+    if "rank" in sizes:
+        coordinates["rank"] = ("rank", np.arange(1, sizes["rank"] + 1))
+    dataset = xr.Dataset(
+        variables,
+        coords={
+            name: xr.Variable(dim, values, {"units": _COORDINATES[name][0], "long_name": _COORDINATES[name][1]})
+            for name, (dim, values) in coordinates.items()
+        },
+    )
+    dataset.attrs = {
+        "scenetruth": kind,
+        "format_version": FORMAT_VERSION,
+        **intrinsics.to_attrs(),
+        **(attrs or {}),
+    }
+    return dataset
+
+
+def make_recording(
+    images: ArrayLike,
+    focal_length_px: float,
+    baseline_mm: float,
+    principal_point_px: tuple[float, float] | None = None,
+    frame_interval_s: float = 1.0,
+    *,
+    stage_x_mm: ArrayLike | None = None,
+    full_scale: float | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Make a recording from images of any origin.
+
+    Parameters
+    ----------
+    images
+        Grey values, shape (s, t, y, x); integers are digital numbers, floats linear radiance.
+    focal_length_px
+        f, in pixels.
+    baseline_mm
+        V_X, the camera's displacement in mm per step of s; positive when larger s stands further to the right.
+    principal_point_px
+        (c_x, c_y), in pixel indices; the image's centre ((W-1)/2, (H-1)/2) if not given.
+    frame_interval_s
+        Time between two frames.
+    stage_x_mm
+        The camera's position for every s, 0 at the reference; ``baseline_mm * s`` if not given.
+    full_scale
+        The largest value that an image can hold; 1 for floats and the type's largest for integers if not given.
+        The grey values of the paper, in [-1, 1], are ``2 image / full_scale - 1``.
+    attrs
+        More attributes to keep with the recording.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``image`` (s, t, y, x) with coordinates, units and intrinsics.
+
+    Raises
+    ------
+    RecordingError
+        If the images or the numbers do not have the agreed form; lists all that is wrong.
+
+    Examples
+    --------
+    >>> recording = make_recording(np.zeros((5, 9, 32, 64)), focal_length_px=500, baseline_mm=5)
+    >>> recording.s.values.tolist()
+    [-2, -1, 0, 1, 2]
+    >>> recording.attrs["principal_point_px"]
+    [31.5, 15.5]
+    """
+    values = np.asarray(images)
+    if values.ndim != 4 or 0 in values.shape:
+        problem = Problem("images", "must be a non-empty array with the dimensions (s, t, y, x)", values.shape)
+        raise RecordingError([problem])
+    count_s, count_t, height, width = values.shape
+    centre = ((width - 1) / 2, (height - 1) / 2)
+    if full_scale is None:
+        full_scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
+    positions = None if stage_x_mm is None else np.asarray(stage_x_mm, dtype=np.float64)
+    if positions is not None and positions.shape != (count_s,):
+        problem = Problem("stage_x_mm", f"must hold one position for each of the {count_s} cameras", positions.shape)
+        raise RecordingError([problem])
+    dataset = label(
+        "recording",
+        {"image": values},
+        Intrinsics(focal_length_px, principal_point_px or centre, baseline_mm, frame_interval_s),
+        t=centred_indices(count_t),
+        s=centred_indices(count_s),
+        stage_x_mm=positions,
+        attrs={"full_scale": float(full_scale), **(attrs or {})},
+    )
+    check_dataset(dataset, "recording")
+    return dataset
+
+
+def image_to_grey(recording: xr.Dataset) -> NDArray[np.float32]:
+    """Return the images as the paper's grey values: [0, full scale] becomes [-1, 1].
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (s, t, y, x).
+    """
+    scale = np.float32(2.0 / float(recording.attrs["full_scale"]))
+    grey: NDArray[np.float32] = recording["image"].values.astype(np.float32)
+    grey *= scale
+    grey -= np.float32(1.0)
+    return grey
+
+
+def check_dataset(dataset: xr.Dataset, kind: str) -> None:
+    """Check that a data set has the agreed form.
+
+    Parameters
+    ----------
+    dataset
+        The data set.
+    kind
+        ``"recording"``, ``"truth"`` or ``"estimate"``.
+
+    Raises
+    ------
+    RecordingError
+        With every deviation: missing variables, wrong dimensions, missing or impossible intrinsics.
+    """
+    problems = [*_variable_problems(dataset, kind), *_intrinsics_problems(dataset)]
+    if kind == "recording":
+        problems += _image_problems(dataset)
+    if problems:
+        raise RecordingError(problems, source=kind)
+
+
+def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
+    problems = [
+        Problem(name, f"is missing; a {kind} must have it", sorted(map(str, dataset.data_vars)))
+        for name in _REQUIRED[kind]
+        if name not in dataset
+    ]
+    for name, entry in VARIABLES[kind].items():
+        if name not in dataset:
+            continue
+        dims = tuple(map(str, dataset[name].dims))
+        if tuple(dim for dim in dims if dim != "s" or kind == "recording") != entry.dims:
+            problems.append(Problem(name, f"must have the dimensions {entry.dims}", dims))
+    return problems
+
+
+def _intrinsics_problems(dataset: xr.Dataset) -> list[Problem]:
+    problems = []
+    for name, positive in (("focal_length_px", True), ("baseline_mm", False), ("frame_interval_s", True)):
+        value = dataset.attrs.get(name)
+        if not _is_finite_number(value):
+            problems.append(Problem(f"attrs.{name}", "must be a finite number", value))
+        elif positive and float(value or 0) <= 0:
+            problems.append(Problem(f"attrs.{name}", "must be positive", value))
+        elif value == 0:
+            problems.append(
+                Problem(f"attrs.{name}", "must not be zero: depth cannot be seen without a baseline", value)
+            )
+    point = dataset.attrs.get("principal_point_px")
+    if not (isinstance(point, Sequence | np.ndarray) and len(point) == 2 and all(map(_is_finite_number, point))):
+        problems.append(Problem("attrs.principal_point_px", "must be two finite numbers (c_x, c_y)", point))
+    return problems
+
+
+def _image_problems(dataset: xr.Dataset) -> list[Problem]:
+    problems = []
+    full_scale = dataset.attrs.get("full_scale")
+    if not (_is_finite_number(full_scale) and float(full_scale or 0) > 0):
+        problems.append(Problem("attrs.full_scale", "must be a positive number", full_scale))
+    if "image" not in dataset:
+        return problems
+    image = dataset["image"]
+    if image.dtype.kind not in "uif":
+        problems.append(Problem("image", "must hold real numbers", str(image.dtype)))
+    for name in ("s", "t"):
+        if name in dataset.coords and name in image.dims:
+            values = dataset[name].values
+            if 0 not in values or np.any(np.diff(values) != 1):
+                problems.append(Problem(name, "must be consecutive integers with 0 the reference", values.tolist()))
+    if "stage_x_mm" in dataset.coords:
+        positions = dataset["stage_x_mm"].values
+        if not np.all(np.isfinite(positions)):
+            problems.append(Problem("stage_x_mm", "must be finite", positions.tolist()))
+    return problems
+
+
+def _is_finite_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))

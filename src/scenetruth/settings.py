@@ -1,0 +1,45 @@
+"""The settings of the estimators, shared by scene files and by calls of ``estimate``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from scenetruth.model import FrozenModel, NonNegative, Positive
+
+__all__ = ["EstimateSettings", "ScoreSettings"]
+
+
+class EstimateSettings(FrozenModel):
+    """How the 4D structure tensor is set up; the defaults are the paper's (section 4)."""
+
+    method: Literal["structure_tensor"] = "structure_tensor"
+    """The estimator."""
+    window_sigma_px: Positive = 6.0
+    """Standard deviation of the Gaussian window B in x and y, in px."""
+    window_taps_px: Annotated[int, Field(ge=3)] = 25
+    """Length of that window in x and y, odd."""
+    window_sigma_frames: Positive = 1.0
+    """Standard deviation of the Gaussian window B in t, in frames."""
+    window_taps_frames: Annotated[int, Field(ge=1)] = 5
+    """Length of that window in t, odd."""
+    tau: NonNegative = 0.0012
+    """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1]."""
+    working_point_px: int | Literal["auto"] = "auto"
+    """Integer disparity by which images are registered, px per step of s; ``auto`` finds it from the images."""
+
+    @field_validator("window_taps_px", "window_taps_frames")
+    @classmethod
+    def _odd(cls, value: int) -> int:
+        if value % 2 == 0:
+            msg = "must be odd, so that the window has a centre"
+            raise ValueError(msg)
+        return value
+
+
+class ScoreSettings(FrozenModel):
+    """How an estimate is scored."""
+
+    interior_margin_px: NonNegative = 20.0
+    """Least distance of the region ``interior`` from silhouettes and from face edges of more than 1°, in px."""

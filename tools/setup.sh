@@ -1,0 +1,64 @@
+#!/usr/bin/env bash
+# Makes the environment .venv with scenetruth in it, and installs OSMesa where that is allowed. Safe to repeat.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+say() { printf 'setup: %s\n' "$*"; }
+
+# Runs a command as root, if we are root or may become it without a password.
+as_root() {
+    if [ "$(id -u)" -eq 0 ]; then
+        "$@"
+    elif command -v sudo >/dev/null 2>&1 && sudo -n true 2>/dev/null; then
+        sudo -n "$@"
+    else
+        return 1
+    fi
+}
+
+apt_install() {
+    command -v apt-get >/dev/null 2>&1 || return 1
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "$@" >/dev/null 2>&1 ||
+        { as_root apt-get update -q >/dev/null 2>&1 &&
+            as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "$@" >/dev/null 2>&1; }
+}
+
+find_python() {
+    for candidate in "${PYTHON:-}" python3 python3.14 python3.13 python3.12 python3.11; do
+        if [ -n "$candidate" ] && command -v "$candidate" >/dev/null 2>&1 &&
+            "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+            command -v "$candidate"
+            return 0
+        fi
+    done
+    return 1
+}
+
+if ! .venv/bin/python -m pip --version >/dev/null 2>&1; then
+    python=$(find_python) || { say "needs Python 3.11 or newer (set PYTHON=/path/to/python3)" >&2; exit 1; }
+    say "making .venv with $python"
+    rm -rf .venv
+    if ! "$python" -m venv .venv >/dev/null 2>&1; then
+        version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+        say "this Python lacks venv; installing python$version-venv"
+        apt_install "python$version-venv" || apt_install python3-venv || true
+        rm -rf .venv
+        "$python" -m venv .venv || { say "cannot make .venv; install python3-venv" >&2; exit 1; }
+    fi
+fi
+
+stamp=.venv/scenetruth-installed
+wanted=$(cksum pyproject.toml; pwd)
+if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
+    say "installing scenetruth and what it needs into .venv"
+    .venv/bin/python -m pip install -q --disable-pip-version-check -e '.[opengl,test]'
+    printf '%s\n' "$wanted" >"$stamp"
+fi
+
+has_osmesa() { .venv/bin/python -c 'import ctypes.util, sys; sys.exit(ctypes.util.find_library("OSMesa") is None)'; }
+if ! has_osmesa; then
+    say "installing the system library libosmesa6"
+    if ! apt_install libosmesa6 || ! has_osmesa; then
+        say "libosmesa6 could not be installed (not root, or no such package): pyrender will use EGL, or ray casting renders"
+    fi
+fi
