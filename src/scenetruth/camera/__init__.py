@@ -1,0 +1,7 @@
+"""The measuring camera: a pinhole on a linear stage, and the sensor behind it."""
+
+from scenetruth.camera.pinhole import Camera
+from scenetruth.camera.sensor import Sensor
+from scenetruth.camera.stage import Frames, Stage
+
+__all__ = ["Camera", "Frames", "Sensor", "Stage"]

@@ -1,0 +1,58 @@
+"""The sensor: from linear light to digital numbers."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from scenetruth.model import FrozenModel, NonNegative, Positive
+
+__all__ = ["Sensor"]
+
+
+class Sensor(FrozenModel):
+    """A sensor with Gaussian noise and digitisation."""
+
+    noise_std: NonNegative = 0.0
+    """Standard deviation of the temporal Gaussian noise, as a fraction of full scale."""
+    bit_depth: Annotated[int, Field(ge=1, le=16)] | None = 8
+    """Bits of a digital number; null keeps floats (no digitisation, no saturation)."""
+    full_scale_radiance: Positive = 1.0
+    """Radiance that gives full scale."""
+
+    @property
+    def full_scale(self) -> float:
+        """Largest value of an image: the largest digital number, or 1 without digitisation."""
+        return 1.0 if self.bit_depth is None else float(2**self.bit_depth - 1)
+
+    @property
+    def dtype(self) -> np.dtype[np.generic]:
+        """Type of the images that leave the sensor."""
+        if self.bit_depth is None:
+            return np.dtype(np.float32)
+        return np.dtype(np.uint8) if self.bit_depth <= 8 else np.dtype(np.uint16)
+
+    def sense(self, radiance: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.generic]:
+        """Turn one linear image into what the camera delivers.
+
+        Parameters
+        ----------
+        radiance
+            Linear image, any shape.
+        generator
+            Source of the noise: one of its own for every image, so that no two images share noise.
+
+        Returns
+        -------
+        numpy.ndarray
+            Same shape: digital numbers (uint8 or uint16, rounded and saturated), or float32, 1 for full scale.
+        """
+        signal = np.asarray(radiance, dtype=np.float64) / self.full_scale_radiance
+        if self.noise_std > 0:
+            signal = signal + self.noise_std * generator.standard_normal(signal.shape)
+        if self.bit_depth is None:
+            return signal.astype(np.float32)
+        return np.clip(np.rint(signal * self.full_scale), 0, self.full_scale).astype(self.dtype)

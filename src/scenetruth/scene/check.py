@@ -1,0 +1,201 @@
+"""What a scene will be when it is made, and whether that makes sense: seen sizes, disparities, memory, wavelengths."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenetruth.errors import Problem, SceneError, SceneWarning
+from scenetruth.scene import spec
+from scenetruth.scene.spec import Scene
+from scenetruth.scene.world import World
+
+__all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene"]
+
+_FINEST_PX = 2.0
+_BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3) + 4 + 4 + 1
+
+
+@dataclass(frozen=True)
+class ObjectReport:
+    """What is to be expected of one object.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    faces
+        Number of triangles.
+    depth_mm
+        Least and largest depth Z over all frames, of the vertices in front of the camera.
+    disparity_px
+        Least and largest disparity over all frames, px per step.
+    wavelength_px
+        Shortest and longest wavelength of its texture in the image where it is nearest and farthest, without
+        foreshortening; None for textures without a stated wavelength.
+    """
+
+    name: str
+    faces: int
+    depth_mm: tuple[float, float]
+    disparity_px: tuple[float, float]
+    wavelength_px: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class SceneReport:
+    """What will be made from a scene.
+
+    Parameters
+    ----------
+    image_count
+        Number of images.
+    recording_bytes, truth_bytes
+        Memory of the recording, and of the truth of the reference camera.
+    mean_disparity_px
+        Mean disparity of what the reference camera sees at the reference frame.
+    working_point_px
+        That mean, rounded: the integer shift per step of s that brings the images together.
+    residual_disparity_px
+        Range of the disparity that remains after it, at the reference frame.
+    objects
+        One report for each object.
+    warnings
+        What makes the scene unfit to be measured, though it can be made.
+    """
+
+    image_count: int
+    recording_bytes: int
+    truth_bytes: int
+    mean_disparity_px: float
+    working_point_px: int
+    residual_disparity_px: tuple[float, float]
+    objects: tuple[ObjectReport, ...]
+    warnings: tuple[str, ...]
+
+
+def check_scene(scene: Scene, world: World) -> None:
+    """Refuse a scene with nothing to see, and warn of one that can hardly be measured.
+
+    Raises
+    ------
+    SceneError
+        With every object that is behind the camera or outside all images.
+
+    Warns
+    -----
+    SceneWarning
+        If a texture is finer than two pixels.
+    """
+    reports, problems = _object_reports(scene, world)
+    if problems:
+        raise SceneError(problems)
+    for message in _texture_warnings(reports):
+        warnings.warn(message, SceneWarning, stacklevel=2)
+
+
+def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport:
+    """Describe what will be made.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    world
+        Its objects.
+    depth
+        True depth of the reference camera at the reference frame, NaN where nothing is seen.
+
+    Raises
+    ------
+    SceneError
+        As `check_scene`.
+    """
+    reports, problems = _object_reports(scene, world)
+    seen = depth[np.isfinite(depth)]
+    if not problems and not seen.size:
+        problems = [Problem("objects", "the reference camera sees none of them at the reference frame")]
+    if problems:
+        raise SceneError(problems)
+    disparity = scene.camera.focal_px * scene.stage.baseline_mm / seen
+    mean = float(disparity.mean())
+    images = scene.stage.positions * scene.frames.count
+    pixels = scene.camera.width * scene.camera.height
+    sample = 4 if scene.sensor == "ideal" else scene.sensor.dtype.itemsize
+    messages = list(_texture_warnings(reports))
+    span = (float(disparity.min() - round(mean)), float(disparity.max() - round(mean)))
+    if max(map(abs, span)) > 2:
+        messages.append(
+            f"the disparity left after registration reaches {max(map(abs, span)):.1f} px per step; derivative filters "
+            "work best up to about 1 px: reduce the baseline or the range of depth"
+        )
+    return SceneReport(
+        image_count=images,
+        recording_bytes=images * pixels * sample,
+        truth_bytes=scene.frames.count * pixels * _BYTES_OF_TRUTH,
+        mean_disparity_px=mean,
+        working_point_px=round(mean),
+        residual_disparity_px=span,
+        objects=tuple(reports),
+        warnings=tuple(messages),
+    )
+
+
+def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], list[Problem]]:
+    reports, problems = [], []
+    offsets = world.vertex_offsets
+    moments = [world.at(float(t)).vertices_mm for t in scene.frames.t]
+    for index, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
+        vertices = np.stack([moment[offsets[index] : offsets[index + 1]] for moment in moments])
+        depth = vertices[..., 2]
+        if depth.min() <= 0:
+            where = "is behind the camera" if depth.max() <= 0 else "reaches behind the camera"
+            value = f"Z from {depth.min():.6g} to {depth.max():.6g} mm"
+            remedy = "move it to Z > 0 for all frames"
+            problems.append(Problem(f"objects.{index}.pose.position_mm", f"'{item.name}' {where}; {remedy}", value))
+            continue
+        if not _in_view(scene, vertices):
+            message = f"'{item.name}' is outside every image; move it, or widen the view"
+            problems.append(Problem(f"objects.{index}.pose.position_mm", message, item.pose.position_mm))
+            continue
+        near, far = float(depth.min()), float(depth.max())
+        disparity = sorted(scene.camera.focal_px * scene.stage.baseline_mm / np.array([near, far]))
+        reports.append(
+            ObjectReport(
+                item.name,
+                len(body.faces),
+                (near, far),
+                (float(disparity[0]), float(disparity[1])),
+                _wavelengths_px(item.texture, scene.camera.focal_px, near, far),
+            )
+        )
+    return reports, problems
+
+
+def _in_view(scene: Scene, vertices: np.ndarray) -> bool:
+    """Whether the box around the projected vertices meets an image, from any camera at any frame."""
+    camera = scene.camera
+    for x_mm in scene.stage.x_mm:
+        pixels = camera.project(vertices, float(x_mm))
+        low, high = pixels.min(axis=1), pixels.max(axis=1)
+        inside = (high >= -0.5) & (low <= np.array([camera.width, camera.height]) - 0.5)
+        if inside.all(axis=1).any():
+            return True
+    return False
+
+
+def _wavelengths_px(texture: spec.Texture, focal: float, near: float, far: float) -> tuple[float, float] | None:
+    if isinstance(texture, spec.NoiseTexture | spec.PlaidTexture):
+        return min(texture.wavelength_mm) * focal / far, max(texture.wavelength_mm) * focal / near
+    return None
+
+
+def _texture_warnings(reports: list[ObjectReport]) -> list[str]:
+    return [
+        f"objects: the texture of '{report.name}' has wavelengths down to {report.wavelength_px[0]:.2f} px; finer than "
+        f"{_FINEST_PX:g} px it cannot be sampled: use longer wavelengths or a longer focal length"
+        for report in reports
+        if report.wavelength_px is not None and report.wavelength_px[0] < _FINEST_PX
+    ]

@@ -1,0 +1,190 @@
+"""Scene files: YAML in, validated scene out, with every problem named at once."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from scenetruth.errors import Problem, SceneError
+from scenetruth.scene.spec import Scene
+
+__all__ = ["apply_overrides", "load_scene", "scene_from_plain"]
+
+
+def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
+    """Load a scene file.
+
+    Parameters
+    ----------
+    file
+        The YAML file. Relative paths in it count from its folder.
+    overrides
+        Changes to apply first, each ``path=value`` with the value in YAML: ``camera.width=320``, ``sensor=ideal``,
+        ``objects.0.texture.rms_contrast=0.1``.
+
+    Returns
+    -------
+    Scene
+        Validated and frozen; paths of mesh and image files are absolute.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, or with every problem that its content has.
+    """
+    import yaml
+
+    path = Path(file)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError([Problem("", f"cannot be read: {error}")], source=path) from error
+    try:
+        plain = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise SceneError([Problem("", f"is not valid YAML: {' '.join(str(error).split())}")], source=path) from error
+    if not isinstance(plain, dict):
+        raise SceneError([Problem("", "must be a mapping of camera, stage, frames, objects, ...", plain)], source=path)
+    apply_overrides(plain, overrides, source=path)
+    _make_paths_absolute(plain, path.parent.resolve())
+    return scene_from_plain(plain, source=path)
+
+
+def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None) -> Scene:
+    """Validate a scene given as plain values.
+
+    Raises
+    ------
+    SceneError
+        With every problem and its path.
+    """
+    try:
+        return Scene.model_validate(plain)
+    except ValidationError as error:
+        raise SceneError(_problems_of(error, plain), source=source) from error
+
+
+def apply_overrides(plain: dict[str, Any], overrides: Sequence[str], source: str | Path | None = None) -> None:
+    """Change plain values in place by ``path=value`` assignments.
+
+    Raises
+    ------
+    SceneError
+        With every assignment whose spelling or path does not fit.
+    """
+    import yaml
+
+    problems = []
+    for override in overrides:
+        path, separator, text = override.partition("=")
+        if not separator or not path.strip():
+            problems.append(Problem("--set", "must read path=value", override))
+            continue
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            problems.append(Problem(f"--set {path}", "the value is not valid YAML", text))
+            continue
+        problem = _assign(plain, path.strip().split("."), value)
+        if problem is not None:
+            problems.append(Problem(f"--set {path}", problem, override))
+    if problems:
+        raise SceneError(problems, source=source)
+
+
+def _assign(target: Any, keys: list[str], value: Any) -> str | None:
+    for depth, key in enumerate(keys):
+        last = depth == len(keys) - 1
+        if isinstance(target, list):
+            if not key.lstrip("-").isdigit() or not -len(target) <= int(key) < len(target):
+                return f"'{'.'.join(keys[:depth])}' is a list of {len(target)}; '{key}' is not an index of it"
+            if last:
+                target[int(key)] = value
+            else:
+                target = target[int(key)]
+        elif isinstance(target, dict):
+            if last:
+                target[key] = value
+            else:
+                if target.get(key) is None:
+                    target[key] = {}
+                target = target[key]
+        else:
+            return f"'{'.'.join(keys[:depth])}' is {target!r} and has no fields"
+    return None
+
+
+def _make_paths_absolute(plain: dict[str, Any], folder: Path) -> None:
+    objects = plain.get("objects")
+    for item in objects if isinstance(objects, list) else ():
+        for part in ("mesh", "texture"):
+            entry = item.get(part) if isinstance(item, dict) else None
+            if isinstance(entry, dict) and isinstance(entry.get("file"), str):
+                entry["file"] = str(folder / entry["file"])
+
+
+def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
+    problems = []
+    for entry in error.errors():
+        path = _path_in(plain, entry["loc"])
+        message = entry["msg"].removeprefix("Value error, ")
+        value = entry.get("input")
+        if entry["type"] == "extra_forbidden":
+            key = str(entry["loc"][-1])
+            message = "unknown key" + _suggestion(key)
+        elif entry["type"] == "missing":
+            message, value = "is missing", None
+        elif path == "sensor":
+            message = "must be 'ideal' or a mapping of bit_depth, noise_std, full_scale_radiance"
+        problem = Problem(path, message[:1].lower() + message[1:], value)
+        if problem not in problems:
+            problems.append(problem)
+    return _without_alternatives(problems)
+
+
+def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int]) -> str:
+    """Spell a location as keys of the file, leaving out the names of union members that pydantic puts in between."""
+    keys, here = [], plain
+    for index, key in enumerate(loc):
+        inside = isinstance(here, dict) and key in here
+        listed = isinstance(here, list) and isinstance(key, int) and key < len(here)
+        if inside or listed:
+            here = here[key]  # type: ignore[index]
+        elif index < len(loc) - 1 or _is_union_member(str(key)):
+            continue
+        keys.append(str(key))
+    return ".".join(keys)
+
+
+def _is_union_member(key: str) -> bool:
+    return key.startswith(("literal[", "function-")) or key in ("Sensor", "int", "float", "str", "constrained-int")
+
+
+def _suggestion(key: str) -> str:
+    near = difflib.get_close_matches(key, _known_keys(), n=1)
+    return f"; did you mean '{near[0]}'?" if near else "; see `scenetruth schema` for the known ones"
+
+
+def _known_keys() -> list[str]:
+    schema = Scene.model_json_schema()
+    keys = set(schema["properties"])
+    for definition in schema.get("$defs", {}).values():
+        keys |= set(definition.get("properties", ()))
+    return sorted(keys)
+
+
+def _without_alternatives(problems: list[Problem]) -> list[Problem]:
+    """Drop 'should be a literal' beside a more telling problem inside the same value, as unions report both."""
+    deeper = {problem.path for problem in problems}
+    return [
+        problem
+        for problem in problems
+        if not (
+            problem.message.startswith("input should be '")
+            and any(other.startswith(problem.path + ".") for other in deeper)
+        )
+    ]

@@ -1,0 +1,122 @@
+"""Band-limited noise of a stated spectrum on a periodic raster."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+__all__ = ["SAMPLES_PER_WAVELENGTH", "BandLimitedNoise", "band_limited_noise"]
+
+SAMPLES_PER_WAVELENGTH = 16
+"""Raster points per shortest wavelength."""
+
+_MOST_SAMPLES = 4096
+_MOST_ROUNDS = 100
+_COARSER = 2  # peaks are limited on a raster this much coarser: still 8 points per shortest wavelength
+
+
+@dataclass(frozen=True, eq=False)
+class BandLimitedNoise:
+    """Noise of zero mean and unit variance on a periodic raster.
+
+    Parameters
+    ----------
+    values
+        Noise at the raster points, shape (h, w), float32.
+    coefficients
+        Coefficients of the periodic cubic B-spline through ``values``, same shape, float32.
+    period
+        Size (width, height) of the raster, in the unit of the wavelengths.
+    """
+
+    values: NDArray[np.float32]
+    coefficients: NDArray[np.float32]
+    period: tuple[float, float]
+
+
+def band_limited_noise(
+    wavelength: tuple[float, float],
+    size: tuple[float, float],
+    generator: np.random.Generator,
+    *,
+    exponent: float = 0.0,
+    peak: float = 4.0,
+) -> BandLimitedNoise:
+    """Make isotropic Gaussian noise whose spectrum is exactly zero outside a band of wavelengths.
+
+    Parameters
+    ----------
+    wavelength
+        Shortest and longest wavelength.
+    size
+        (width, height) that should not repeat, in the same unit. What is larger than 256 shortest wavelengths repeats.
+    generator
+        Source of the random phases and amplitudes.
+    exponent
+        Power density inside the band is proportional to (spatial frequency) ** exponent.
+    peak
+        Values beyond this many standard deviations are taken away by alternating projections (clip, limit to
+        the band); the larger it is, the nearer the noise is to Gaussian.
+
+    Returns
+    -------
+    BandLimitedNoise
+        Periodic; mean 0 and variance 1 to rounding, extremes within ± ``peak`` to about 1 %.
+    """
+    shortest, longest = wavelength
+    pitch = shortest / SAMPLES_PER_WAVELENGTH
+    columns, rows = (_raster_points(max(extent, 4 * longest), pitch) for extent in size)
+    small = _limited_spectrum(
+        (rows // _COARSER, columns // _COARSER), pitch * _COARSER, wavelength, generator, exponent, peak
+    )
+    spectrum = np.zeros((rows, columns // 2 + 1), dtype=np.complex128)
+    half = small.shape[0] // 2
+    spectrum[:half, : small.shape[1]] = small[:half]
+    spectrum[-half:, : small.shape[1]] = small[-half:]
+    values = fft.irfft2(spectrum, (rows, columns))
+    scale = 1 / values.std()
+    # Samples of a cubic B-spline are its coefficients filtered by (1, 4, 1) / 6 along both axes.
+    response = ((2 + np.cos(2 * np.pi * fft.fftfreq(rows))) / 3)[:, None] * (
+        (2 + np.cos(2 * np.pi * fft.rfftfreq(columns))) / 3
+    )[None, :]
+    coefficients = fft.irfft2(spectrum / response, (rows, columns))
+    return BandLimitedNoise(
+        (values * scale).astype(np.float32),
+        (coefficients * scale).astype(np.float32),
+        (columns * pitch, rows * pitch),
+    )
+
+
+def _raster_points(extent: float, pitch: float) -> int:
+    points = int(np.ceil(min(extent / pitch, _MOST_SAMPLES) / _COARSER))
+    return _COARSER * int(fft.next_fast_len(points, real=True))
+
+
+def _limited_spectrum(
+    shape: tuple[int, int],
+    pitch: float,
+    wavelength: tuple[float, float],
+    generator: np.random.Generator,
+    exponent: float,
+    peak: float,
+) -> NDArray[np.complex128]:
+    """Return the half spectrum of noise in a band whose values stay within a peak."""
+    rows, columns = shape
+    frequency = np.hypot(fft.fftfreq(rows, pitch)[:, None], fft.rfftfreq(columns, pitch)[None, :])
+    band = (frequency >= 1 / wavelength[1]) & (frequency <= 1 / wavelength[0])
+    spectrum = np.zeros(frequency.shape, dtype=np.complex128)
+    count = int(band.sum())
+    spectrum[band] = frequency[band] ** (exponent / 2) * (
+        generator.standard_normal(count) + 1j * generator.standard_normal(count)
+    )
+    for _ in range(_MOST_ROUNDS):
+        field = fft.irfft2(spectrum, shape)
+        limit = peak * field.std()
+        if np.abs(field).max() <= 0.99 * limit:
+            break
+        # Clipping to a little less than the limit makes the projections settle in a few rounds.
+        spectrum = fft.rfft2(np.clip(field, -0.96 * limit, 0.96 * limit)) * band
+    return spectrum

@@ -1,0 +1,283 @@
+"""The models of a scene; a scene file in YAML is only their spelling."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from scenetruth.camera import Camera, Frames, Sensor, Stage
+from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
+from scenetruth.settings import EstimateSettings, ScoreSettings
+
+__all__ = [
+    "BoxMesh",
+    "ConstantRotation",
+    "ConstantVelocity",
+    "FileMesh",
+    "ImageTexture",
+    "Mesh",
+    "Motion",
+    "NoiseTexture",
+    "OwnTexture",
+    "PlaidTexture",
+    "PlaneMesh",
+    "Pose",
+    "RenderSettings",
+    "Rotation",
+    "Scene",
+    "SceneObject",
+    "Texture",
+    "UniformTexture",
+]
+
+Radiance = Annotated[float, Field(ge=0, le=1)]
+
+
+class BoxMesh(FrozenModel):
+    """A box, centred on its origin."""
+
+    kind: Literal["box"]
+    """``box``."""
+    size_mm: tuple[Positive, Positive, Positive]
+    """Edge lengths along X, Y, Z in mm."""
+
+
+class PlaneMesh(FrozenModel):
+    """A rectangle in the XY plane that faces the camera (normal -Z), centred on its origin."""
+
+    kind: Literal["plane"]
+    """``plane``."""
+    size_mm: tuple[Positive, Positive]
+    """Edge lengths along X and Y in mm."""
+
+
+class FileMesh(FrozenModel):
+    """A triangle mesh from a file (OBJ, PLY, GLB, STL); its coordinates X right, Y down, Z forward."""
+
+    kind: Literal["file"]
+    """``file``."""
+    file: str
+    """Path of the file; relative paths count from the scene file."""
+    unit_mm: Positive = 1.0
+    """Length of one unit of the file in mm."""
+
+
+Mesh = Annotated[BoxMesh | PlaneMesh | FileMesh, Field(discriminator="kind")]
+
+
+class NoiseTexture(FrozenModel):
+    """Gaussian noise, strictly limited to a band of wavelengths."""
+
+    kind: Literal["noise"]
+    """``noise``."""
+    wavelength_mm: tuple[Positive, Positive]
+    """Shortest and longest wavelength on the surface in mm."""
+    mean: Radiance = 0.5
+    """Mean radiance."""
+    rms_contrast: Annotated[float, Field(ge=0, le=1 / 3)] = 0.25
+    """Standard deviation of the radiance, divided by the mean; extremes are kept within [0, 1] inside the band."""
+    spectrum_exponent: Finite = 0.0
+    """Power density inside the band is proportional to (spatial frequency) ** spectrum_exponent; 0 is white."""
+
+    @model_validator(mode="after")
+    def _displayable(self) -> NoiseTexture:
+        if 3 * self.rms_contrast * self.mean > min(self.mean, 1 - self.mean):
+            std = self.rms_contrast * self.mean
+            msg = f"mean ± 3 rms_contrast mean must stay within [0, 1] (got {self.mean} ± 3 x {std:g})"
+            raise ValueError(msg)
+        return self
+
+    @field_validator("wavelength_mm")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] >= value[1]:
+            msg = "must be (shortest, longest) with shortest < longest"
+            raise ValueError(msg)
+        return value
+
+
+class ImageTexture(FrozenModel):
+    """An image file, laid on the surface by the mesh's UV coordinates."""
+
+    kind: Literal["image"]
+    """``image``."""
+    file: str
+    """Path of the image; relative paths count from the scene file. Colours become luminance."""
+    encoding: Literal["linear", "srgb"] = "linear"
+    """Meaning of the grey values: proportional to radiance, or sRGB encoded."""
+
+
+class UniformTexture(FrozenModel):
+    """One radiance everywhere."""
+
+    kind: Literal["uniform"]
+    """``uniform``."""
+    radiance: Radiance = 0.5
+    """The radiance."""
+
+
+class PlaidTexture(FrozenModel):
+    """The paper's pattern (eq. 13): mean + amplitude cos(K_X X) cos(K_Y Y) in surface coordinates."""
+
+    kind: Literal["plaid"]
+    """``plaid``."""
+    wavelength_mm: tuple[Positive, Positive]
+    """Wavelengths 2π/K_X and 2π/K_Y on the surface in mm."""
+    mean: Radiance = 0.5
+    """Mean radiance."""
+    amplitude: NonNegative = 0.5
+    """Amplitude of the pattern; 0.5 gives grey values in [-1, 1] as in the paper."""
+    phase_deg: tuple[Finite, Finite] = (0.0, 0.0)
+    """Phases in X and Y at the surface's origin, in degrees."""
+
+    @model_validator(mode="after")
+    def _displayable(self) -> PlaidTexture:
+        if self.mean - self.amplitude < 0 or self.mean + self.amplitude > 1:
+            msg = f"mean ± amplitude must stay within [0, 1] (got {self.mean} ± {self.amplitude})"
+            raise ValueError(msg)
+        return self
+
+
+class OwnTexture(FrozenModel):
+    """The texture image or the vertex colours that a mesh file brings along."""
+
+    kind: Literal["own"]
+    """``own``."""
+    encoding: Literal["linear", "srgb"] = "linear"
+    """Meaning of the grey values: proportional to radiance, or sRGB encoded."""
+
+
+Texture = Annotated[
+    NoiseTexture | ImageTexture | UniformTexture | PlaidTexture | OwnTexture, Field(discriminator="kind")
+]
+
+
+class Rotation(FrozenModel):
+    """A rotation about an axis through the object's origin (right-hand rule: X towards Y about Z)."""
+
+    axis: Vector3
+    """Direction of the axis."""
+    angle_deg: Finite
+    """Angle in degrees."""
+
+    @field_validator("axis")
+    @classmethod
+    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
+        return _nonzero(value)
+
+
+class Pose(FrozenModel):
+    """Where an object stands at t = 0: rotated first, in the given order, then moved to its position."""
+
+    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    """World position of the mesh's origin in mm."""
+    rotations: tuple[Rotation, ...] = ()
+    """Rotations about fixed axes, applied one after the other."""
+
+
+class ConstantVelocity(FrozenModel):
+    """Translation by a constant velocity."""
+
+    kind: Literal["velocity"]
+    """``velocity``."""
+    velocity_mm_per_frame: Vector3
+    """(U_X, U_Y, U_Z) in mm per frame."""
+
+
+class ConstantRotation(FrozenModel):
+    """Rotation about an axis through a point at a constant rate (right-hand rule)."""
+
+    kind: Literal["rotation"]
+    """``rotation``."""
+    axis: Vector3
+    """Direction of the axis in the world frame."""
+    rate_deg_per_frame: Finite
+    """Angle per frame in degrees."""
+    point_mm: Vector3 | None = None
+    """World point on the axis; the object's position if not given."""
+
+    @field_validator("axis")
+    @classmethod
+    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
+        return _nonzero(value)
+
+
+Motion = Annotated[ConstantVelocity | ConstantRotation, Field(discriminator="kind")]
+
+
+def _nonzero(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(value):
+        msg = "must not be the zero vector"
+        raise ValueError(msg)
+    return value
+
+
+class SceneObject(FrozenModel):
+    """A textured mesh that stands and moves before the camera."""
+
+    name: Annotated[str, Field(min_length=1)]
+    """Name, unique in the scene; keys the object's random numbers."""
+    mesh: Mesh
+    """Its shape."""
+    texture: Texture
+    """Its surface."""
+    pose: Pose = Pose()
+    """Where it stands at t = 0."""
+    motion: tuple[Motion, ...] = ()
+    """How it moves; several motions are applied one after the other."""
+
+
+class RenderSettings(FrozenModel):
+    """How images are made."""
+
+    backend: Literal["auto", "pyrender", "raycast"] = "auto"
+    """``pyrender`` (OpenGL), ``raycast`` (the reference), or ``auto``: pyrender where it runs, else raycast."""
+    platform: Literal["auto", "osmesa", "egl"] = "auto"
+    """OpenGL platform of ``pyrender``; ``auto`` takes OSMesa where it runs, else EGL."""
+    supersampling: Annotated[int, Field(ge=1, le=16)] = 4
+    """n: every pixel is the mean of n x n samples."""
+
+
+class Scene(FrozenModel):
+    """Everything that a recording and its truth are made from."""
+
+    description: str = ""
+    """What the scene is for."""
+    camera: Camera
+    """The camera."""
+    stage: Stage
+    """Its linear stage."""
+    frames: Frames
+    """When it takes images."""
+    objects: tuple[SceneObject, ...]
+    """What stands before it."""
+    background: Radiance = 0.0
+    """Radiance where no object is seen."""
+    sensor: Literal["ideal"] | Sensor = "ideal"
+    """The sensor; ``ideal`` delivers the linear images themselves."""
+    render: RenderSettings = RenderSettings()
+    """How images are made."""
+    estimate: EstimateSettings = EstimateSettings()
+    """How depth and motion are estimated from them."""
+    score: ScoreSettings = ScoreSettings()
+    """How the estimate is scored."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Seed of every random number of the scene."""
+
+    @field_validator("objects")
+    @classmethod
+    def _unique_names(cls, value: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
+        if not value:
+            msg = "a scene needs at least one object"
+            raise ValueError(msg)
+        names = [item.name for item in value]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            msg = f"names must be unique; used more than once: {', '.join(twice)}"
+            raise ValueError(msg)
+        return value
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the scene as plain values, ready for YAML or JSON."""
+        return self.model_dump(mode="json", exclude_none=True)

@@ -1,0 +1,57 @@
+"""Scenes that tests share: small, and written in Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from scenetruth.scene import Scene, scene_from_plain
+
+SCENES = Path(__file__).parents[1] / "scenes"
+
+
+def cube(**changes: Any) -> Scene:
+    """Return the cube of scenes/cube.yaml at a quarter of its size in pixels, ideal, ray cast."""
+    plain: dict[str, Any] = {
+        "camera": {"width": 160, "height": 120, "focal_length_px": 1254},
+        "stage": {"positions": 5, "baseline_mm": 5.0},
+        "frames": {"count": 9},
+        "objects": [
+            {
+                "name": "cube",
+                "mesh": {"kind": "box", "size_mm": [49, 49, 49]},
+                "pose": {
+                    "position_mm": [0, 0, 692.56],
+                    "rotations": [{"axis": [0, 1, 0], "angle_deg": 45}, {"axis": [1, 0, 0], "angle_deg": 20}],
+                },
+                "texture": {"kind": "noise", "wavelength_mm": [3.2, 12.0]},
+                "motion": [{"kind": "velocity", "velocity_mm_per_frame": [0.1, -0.05, -1]}],
+            }
+        ],
+        "render": {"backend": "raycast", "supersampling": 2},
+        "seed": 7,
+    }
+    return scene_from_plain(plain | changes)
+
+
+def plaid(wavelength_px: float, velocity: tuple[float, float, float], **changes: Any) -> Scene:
+    """Return the paper's pattern (eq. 13) with f = 10, Z0 = 100, V_X = 1."""
+    phase = changes.pop("phase_deg", (0.0, 0.0))
+    baseline = changes.pop("baseline_mm", 1.0)
+    plain: dict[str, Any] = {
+        "camera": {"width": 64, "height": 64, "focal_length_px": 10},
+        "stage": {"positions": 5, "baseline_mm": baseline},
+        "frames": {"count": 9},
+        "objects": [
+            {
+                "name": "plaid",
+                "mesh": {"kind": "plane", "size_mm": [4000, 4000]},
+                "pose": {"position_mm": [0, 0, 100]},
+                "texture": {"kind": "plaid", "wavelength_mm": [10 * wavelength_px] * 2, "phase_deg": phase},
+                "motion": [{"kind": "velocity", "velocity_mm_per_frame": velocity}],
+            }
+        ],
+        "render": {"backend": "raycast", "supersampling": 1},
+        "estimate": {"working_point_px": 0},
+    }
+    return scene_from_plain(plain | changes)
