@@ -1,0 +1,7 @@
+"""Exact geometry: which triangle a ray meets first, and the point on it in float64."""
+
+from scenetruth.raycast.caster import Hits, RayCaster
+from scenetruth.raycast.edges import mixed_pixels
+from scenetruth.raycast.topology import Topology
+
+__all__ = ["Hits", "RayCaster", "Topology", "mixed_pixels"]

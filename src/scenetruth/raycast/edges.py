@@ -1,0 +1,149 @@
+"""Pixels whose footprint crosses a silhouette or a sharp edge."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.raycast.caster import RayCaster
+
+__all__ = ["mixed_pixels"]
+
+_SHARP_DEG = 1.0
+_NEAR = 1e-6
+# A point of an edge counts as hidden if something is nearer by more than this share of its depth.
+_HIDDEN = 1e-7
+
+
+def mixed_pixels(
+    caster: RayCaster,
+    origin_mm: NDArray[np.float64],
+    focal_length_px: float,
+    principal_point_px: tuple[float, float],
+    shape: tuple[int, int],
+    bodies: NDArray[np.int32],
+) -> NDArray[np.bool_]:
+    """Mark the pixels whose footprint [x ± 1/2] x [y ± 1/2] crosses a visible silhouette or sharp edge.
+
+    Every silhouette edge (boundary of the mesh, or between a front and a back face) and every edge with more than 1°
+    between its faces is projected as a line, cut at the pixels' borders, and each piece is kept if it is seen.
+
+    Parameters
+    ----------
+    caster
+        The mesh at the time of the image.
+    origin_mm
+        The camera's position, shape (3,).
+    focal_length_px, principal_point_px
+        The camera's intrinsics.
+    shape
+        (height, width) of the image.
+    bodies
+        Index of the body at every pixel centre, shape (height, width), -1 for none: where it changes between
+        two pixels and no edge was found (bodies that cut into each other), both are marked.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (height, width).
+    """
+    mixed = np.zeros(shape, dtype=np.bool_)
+    edges = _contour_edges(caster, origin_mm)
+    relative = caster.vertices_mm - origin_mm
+    start, end = relative[caster.topology.edges[edges, 0]], relative[caster.topology.edges[edges, 1]]
+    pixels, inverse_depth, positions, which = _cut_at_pixels(
+        start, end, focal_length_px, np.asarray(principal_point_px), shape
+    )
+    if len(pixels):
+        directions = np.ones((len(pixels), 3))
+        directions[:, :2] = (positions - principal_point_px) / focal_length_px
+        hits = caster.cast(origin_mm, directions)
+        depth = 1 / inverse_depth
+        at_edge = (hits.face[:, None] == caster.topology.edge_faces[edges[which]]).any(axis=1)
+        seen = at_edge | ~(hits.depth < depth * (1 - _HIDDEN))
+        mixed.ravel()[pixels[seen]] = True
+    _mark_unmarked_borders(mixed, bodies)
+    return mixed
+
+
+def _contour_edges(caster: RayCaster, origin_mm: NDArray[np.float64]) -> NDArray[np.int64]:
+    topology = caster.topology
+    corners = caster.vertices_mm[topology.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    front = np.einsum("ij,ij->i", normals, origin_mm - corners[:, 0]) > 0
+    one, two = topology.edge_faces.T
+    cosine = np.einsum("ij,ij->i", normals[one], normals[two])
+    cosine = np.where(topology.edge_flipped, -cosine, cosine)
+    turned = (front[one] != front[two]) != topology.edge_flipped
+    sharp = cosine < np.cos(np.deg2rad(_SHARP_DEG))
+    return np.flatnonzero((two < 0) | topology.edge_crowded | turned | sharp)
+
+
+def _cut_at_pixels(
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    focal: float,
+    centre: NDArray[np.float64],
+    shape: tuple[int, int],
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Cut projected segments at the pixels' borders; return pixel, 1/Z, position and segment of every piece."""
+    height, width = shape
+    in_front = (start[:, 2] > _NEAR) | (end[:, 2] > _NEAR)
+    which = np.flatnonzero(in_front)
+    start, end = start[which].copy(), end[which].copy()
+    for one, other in ((start, end), (end, start)):
+        behind = one[:, 2] <= _NEAR
+        share = (_NEAR - one[behind, 2]) / (other[behind, 2] - one[behind, 2])
+        one[behind] += share[:, None] * (other[behind] - one[behind])
+    first = focal * start[:, :2] / start[:, 2:] + centre
+    last = focal * end[:, :2] / end[:, 2:] + centre
+    inverse_first, inverse_last = 1 / start[:, 2], 1 / end[:, 2]
+    keep, enter, leave = _clip(first, last - first, width, height)
+    parts: list[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]] = []
+    for n in np.flatnonzero(keep):
+        step = last[n] - first[n]
+        cuts = [np.array([enter[n], leave[n]])]
+        for axis in range(2):
+            low, high = sorted((first[n, axis] + enter[n] * step[axis], first[n, axis] + leave[n] * step[axis]))
+            borders = np.arange(np.ceil(low - 0.5), np.floor(high - 0.5) + 1) + 0.5
+            if step[axis] != 0:
+                cuts.append((borders - first[n, axis]) / step[axis])
+        at = np.sort(np.clip(np.concatenate(cuts), enter[n], leave[n]))
+        middle = (at[:-1] + at[1:]) / 2
+        position = first[n] + middle[:, None] * step
+        column = np.clip(np.rint(position[:, 0]).astype(np.int64), 0, width - 1)
+        row = np.clip(np.rint(position[:, 1]).astype(np.int64), 0, height - 1)
+        inverse = inverse_first[n] + middle * (inverse_last[n] - inverse_first[n])
+        parts.append((row * width + column, inverse, position, np.full(len(middle), which[n])))
+    if not parts:
+        empty = np.empty(0, dtype=np.int64)
+        return empty, np.empty(0), np.empty((0, 2)), empty
+    pixels, inverses, positions, segments = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return pixels, inverses, positions, segments
+
+
+def _clip(
+    first: NDArray[np.float64], step: NDArray[np.float64], width: int, height: int
+) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64]]:
+    """Clip segments to the image (Liang and Barsky); return which remain, and where they enter and leave."""
+    enter, leave = np.zeros(len(first)), np.ones(len(first))
+    keep = np.ones(len(first), dtype=np.bool_)
+    for axis, size in ((0, width), (1, height)):
+        parallel = step[:, axis] == 0
+        safe = np.where(parallel, 1.0, step[:, axis])
+        one, two = (-0.5 - first[:, axis]) / safe, (size - 0.5 - first[:, axis]) / safe
+        enter = np.where(parallel, enter, np.maximum(enter, np.minimum(one, two)))
+        leave = np.where(parallel, leave, np.minimum(leave, np.maximum(one, two)))
+        keep &= ~parallel | ((first[:, axis] >= -0.5) & (first[:, axis] <= size - 0.5))
+    return keep & (enter <= leave), enter, leave
+
+
+def _mark_unmarked_borders(mixed: NDArray[np.bool_], bodies: NDArray[np.int32]) -> None:
+    for one, two in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        bare = (bodies[one] != bodies[two]) & ~mixed[one] & ~mixed[two]
+        mixed[one] |= bare
+        mixed[two] |= bare

@@ -1,0 +1,156 @@
+"""Kernels that turn Embree's float32 guess of a triangle into the exact triangle and point in float64."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["footprint_samples", "refine_hits"]
+
+_MOST_CANDIDATES = 40
+
+
+@numba.njit(cache=True, nogil=True)
+def _meet(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
+    dx: float, dy: float, dz: float,
+) -> Any:  # fmt: skip
+    """Return (inside, depth, b1, b2, angular distance to the nearest edge) of a ray and a face.
+
+    The three signed volumes d · (p_i x p_j) of an edge have exactly opposite signs for the two faces that share it, so
+    that no ray can slip through between them.
+    """
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
+    bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
+    cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
+    # Cross products of the edges with the eye.
+    abx, aby, abz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    bcx, bcy, bcz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    cax, cay, caz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+    w2 = dx * abx + dy * aby + dz * abz
+    w0 = dx * bcx + dy * bcy + dz * bcz
+    w1 = dx * cax + dy * cay + dz * caz
+    total = w0 + w1 + w2
+    # The plane from the edges themselves: more accurate than from the sum of the volumes.
+    ux, uy, uz = bx - ax, by - ay, bz - az
+    vx, vy, vz = cx - ax, cy - ay, cz - az
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    slope = nx * dx + ny * dy + nz * dz
+    if total == 0.0 or slope == 0.0:
+        return False, np.inf, 0.0, 0.0, 0.0
+    depth = (nx * ax + ny * ay + nz * az) / slope
+    inside = depth > 0.0 and ((w0 >= 0 and w1 >= 0 and w2 >= 0) or (w0 <= 0 and w1 <= 0 and w2 <= 0))
+    length = np.sqrt(dx * dx + dy * dy + dz * dz)
+    nearest = min(
+        abs(w2) / np.sqrt(abx * abx + aby * aby + abz * abz + 1e-300),
+        abs(w0) / np.sqrt(bcx * bcx + bcy * bcy + bcz * bcz + 1e-300),
+        abs(w1) / np.sqrt(cax * cax + cay * cay + caz * caz + 1e-300),
+    )
+    return inside, depth, w1 / total, w2 / total, nearest / length
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def refine_hits(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+    origin: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    guesses: NDArray[np.int32],
+    width: int,
+    margin: float,
+) -> Any:
+    """Find the exact first face, depth and barycentric coordinates of every ray.
+
+    Where a ray passes an edge closer than ``margin`` (an angle), or where rays beside it meet other faces, every face
+    nearby is tried in float64 and the nearest one wins. ``width`` > 0 says that the rays form a grid of that width.
+    """
+    count = directions.shape[0]
+    height = count // width if width > 0 else 0
+    face_out = np.empty(count, dtype=np.int32)
+    depth_out = np.empty(count, dtype=np.float64)
+    weights = np.empty((count, 2), dtype=np.float64)
+    for n in numba.prange(count):
+        dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
+        own = guesses[n]
+        best, best_depth, best_1, best_2 = -1, np.inf, 0.0, 0.0
+        own_depth, own_1, own_2, close = np.inf, 0.0, 0.0, True
+        if own >= 0:
+            inside, own_depth, own_1, own_2, gap = _meet(vertices, faces, own, origin, dx, dy, dz)
+            close = gap < margin
+            if inside:
+                best, best_depth, best_1, best_2 = own, own_depth, own_1, own_2
+        candidates = np.empty(_MOST_CANDIDATES, dtype=np.int32)
+        used = 0
+        if close and own >= 0:
+            for k in range(3):
+                if neighbours[own, k] >= 0:
+                    candidates[used] = neighbours[own, k]
+                    used += 1
+        if width > 0:
+            y, x = n // width, n % width
+            for v in range(max(y - 1, 0), min(y + 2, height)):
+                for u in range(max(x - 1, 0), min(x + 2, width)):
+                    other = guesses[v * width + u]
+                    if other < 0 or other == own:
+                        continue
+                    known = False
+                    for k in range(used):
+                        if candidates[k] == other:
+                            known = True
+                    if known or used >= _MOST_CANDIDATES - 4:
+                        continue
+                    candidates[used] = other
+                    used += 1
+                    if close:
+                        for k in range(3):
+                            if neighbours[other, k] >= 0:
+                                candidates[used] = neighbours[other, k]
+                                used += 1
+        for k in range(used):
+            face = candidates[k]
+            inside, depth, b1, b2, _gap = _meet(vertices, faces, face, origin, dx, dy, dz)
+            if inside and (depth < best_depth or (depth == best_depth and face < best)):
+                best, best_depth, best_1, best_2 = face, depth, b1, b2
+        if best < 0 and own >= 0 and width == 0:
+            # Without neighbours to ask, a ray that only just misses keeps the face that Embree found.
+            best, best_depth, best_1, best_2 = own, own_depth, own_1, own_2
+        face_out[n] = best
+        depth_out[n] = best_depth if best >= 0 else np.nan
+        weights[n, 0], weights[n, 1] = best_1, best_2
+    return face_out, depth_out, weights
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def footprint_samples(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    uv: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    hits: NDArray[np.int32],
+    offsets: NDArray[np.float64],
+) -> Any:
+    """Map the samples of pixels to texture coordinates through the plane of the face at their centre.
+
+    Returns texture coordinates, shape (pixels, samples, 2), and whether all samples of a pixel stay inside its face.
+    """
+    count, samples = directions.shape[0], offsets.shape[0]
+    out = np.empty((count, samples, 2), dtype=np.float64)
+    whole = np.empty(count, dtype=np.bool_)
+    for n in numba.prange(count):
+        face = hits[n]
+        complete = True
+        for m in range(samples):
+            dx, dy = directions[n, 0] + offsets[m, 0], directions[n, 1] + offsets[m, 1]
+            inside, _depth, b1, b2, _gap = _meet(vertices, faces, face, origin, dx, dy, directions[n, 2])
+            complete = complete and inside
+            b0 = 1.0 - b1 - b2
+            out[n, m, 0] = b0 * uv[face, 0, 0] + b1 * uv[face, 1, 0] + b2 * uv[face, 2, 0]
+            out[n, m, 1] = b0 * uv[face, 0, 1] + b1 * uv[face, 1, 1] + b2 * uv[face, 2, 1]
+        whole[n] = complete
+    return out, whole
