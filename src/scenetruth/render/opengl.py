@@ -1,0 +1,91 @@
+"""Finding an OpenGL platform that runs without a display."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import cache
+
+from scenetruth.errors import BackendUnavailableError
+
+__all__ = ["PLATFORMS", "use_platform"]
+
+PLATFORMS = ("osmesa", "egl")
+"""Platforms in the order in which they are tried."""
+
+_REMEDIES = {
+    "osmesa": "install the system library OSMesa (Debian, Ubuntu: apt-get install libosmesa6)",
+    "egl": "install an EGL driver (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0)",
+}
+_NO_PACKAGE = "pip install 'scenetruth[opengl]'"
+
+# A library that cannot start may abort the whole process, and PyOpenGL keeps the first platform that it meets: the
+# question is asked in a process of its own.
+_PROBE = """
+import os, sys
+os.environ["PYOPENGL_PLATFORM"] = sys.argv[1]
+import pyrender
+renderer = pyrender.OffscreenRenderer(4, 4)
+renderer.delete()
+print("scenetruth: it runs")
+"""
+
+
+def use_platform(wanted: str) -> str:
+    """Choose the OpenGL platform of this process.
+
+    Parameters
+    ----------
+    wanted
+        ``"osmesa"``, ``"egl"``, or ``"auto"`` for the first that runs.
+
+    Returns
+    -------
+    str
+        The platform, now set for PyOpenGL.
+
+    Raises
+    ------
+    BackendUnavailableError
+        If none runs; says why for each.
+    """
+    loaded = os.environ.get("PYOPENGL_PLATFORM") if "OpenGL" in sys.modules else None
+    if loaded in PLATFORMS:
+        # PyOpenGL cannot change its platform within a process.
+        if wanted not in ("auto", loaded):
+            raise BackendUnavailableError(
+                f"pyrender ({wanted})",
+                f"this process already uses OpenGL through {loaded}",
+                "use a process of its own for each platform",
+            )
+        return loaded
+    failures = []
+    for platform in PLATFORMS if wanted == "auto" else (wanted,):
+        reason = _why_not(platform)
+        if reason is None:
+            os.environ["PYOPENGL_PLATFORM"] = platform
+            return platform
+        failures.append((platform, reason))
+    if all("No module named" in reason for _, reason in failures):
+        raise BackendUnavailableError("pyrender", failures[0][1], _NO_PACKAGE)
+    raise BackendUnavailableError(
+        f"pyrender ({', '.join(platform for platform, _ in failures)})",
+        "; ".join(f"{platform}: {reason}" for platform, reason in failures),
+        ", or ".join(_REMEDIES[platform] for platform, _ in failures),
+    )
+
+
+@cache
+def _why_not(platform: str) -> str | None:
+    """Return why a platform does not run, or None if it does."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROBE, platform], capture_output=True, text=True, timeout=60, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return "it did not start within 60 s"
+    if "it runs" in done.stdout:
+        return None
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    return lines[-1] if lines else f"its test process ended with code {done.returncode}"

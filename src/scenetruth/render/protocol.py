@@ -1,0 +1,39 @@
+"""What a render backend must do."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Renderer"]
+
+
+class Renderer(Protocol):
+    """Makes images of one world with one camera; holds resources until it is closed."""
+
+    name: str
+    """The backend and its platform: ``pyrender (osmesa)``."""
+
+    def render(self, t: float, camera_x_mm: float) -> NDArray[np.float32]:
+        """Return the image at time t (in frames) from a camera position on the stage.
+
+        Returns
+        -------
+        numpy.ndarray
+            Linear radiance, shape (height, width), float32; every pixel is the mean over its footprint
+            [x ± 1/2] x [y ± 1/2], whose centre has the integer coordinates (x, y).
+        """
+        ...
+
+    def close(self) -> None:
+        """Free all resources; closing twice is harmless."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...

@@ -1,0 +1,130 @@
+"""The OpenGL backend: pyrender on OSMesa or EGL, unlit, supersampled."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import Camera
+from scenetruth.render.opengl import use_platform
+from scenetruth.scene.world import World
+
+__all__ = ["PyrenderRenderer"]
+
+# pyrender looks along -Z with Y up; our camera looks along +Z with Y down.
+_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
+# Clipping planes this much nearer and farther than the surfaces, so that rounding cuts nothing away.
+_SLACK = 0.01
+
+
+class PyrenderRenderer:
+    """Renders with OpenGL.
+
+    Every pixel is the mean, taken in floating point, of n x n samples with the texture interpolated bilinearly from its
+    full resolution: no mip-maps, no lights, no tone curve.
+
+    Parameters
+    ----------
+    world
+        What to see.
+    camera
+        With which camera.
+    background
+        Radiance in [0, 1] where no surface is met.
+    supersampling
+        n.
+    platform
+        ``"osmesa"``, ``"egl"`` or ``"auto"``.
+
+    Raises
+    ------
+    BackendUnavailableError
+        If OpenGL does not run here.
+    """
+
+    def __init__(
+        self, world: World, camera: Camera, background: float = 0.0, supersampling: int = 4, platform: str = "auto"
+    ) -> None:
+        self._platform = use_platform(platform)
+        import pyrender
+
+        self.name = f"pyrender ({self._platform})"
+        self._pyrender = pyrender
+        self._world = world
+        self._size = (camera.width, camera.height)
+        self._n = supersampling
+        self._materials = [_material(pyrender, body.texture) for body in world.bodies]
+        self._t: float | None = None
+        self._nodes: list[Any] = []
+        self._scene = pyrender.Scene(bg_color=[background] * 3 + [1.0], ambient_light=[0.0, 0.0, 0.0])
+        c_x, c_y = camera.principal_point
+        focal = camera.focal_px * supersampling
+        # pyrender's principal point counts from the image's corner, half a pixel before our first pixel centre.
+        self._camera = pyrender.IntrinsicsCamera(focal, focal, (c_x + 0.5) * supersampling, (c_y + 0.5) * supersampling)
+        self._camera_node = self._scene.add(self._camera, pose=_TURN)
+        self._renderer: Any = pyrender.OffscreenRenderer(camera.width * supersampling, camera.height * supersampling)
+
+    def render(self, t: float, camera_x_mm: float) -> NDArray[np.float32]:
+        """Return the image at time t from a camera position; see `Renderer.render`."""
+        if self._t != t:
+            self._place_world(t)
+        pose = _TURN.copy()
+        pose[0, 3] = camera_x_mm
+        self._scene.set_pose(self._camera_node, pose)
+        colour, _ = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
+        (width, height), n = self._size, self._n
+        samples = colour[..., 0].reshape(height, n, width, n)
+        # Sums of 8-bit samples are exact in integers, and much faster than a mean over strided axes.
+        sums = samples.sum(axis=3, dtype=np.uint16).sum(axis=1, dtype=np.uint32)
+        return np.asarray(sums / (255.0 * n * n), dtype=np.float32)
+
+    def _place_world(self, t: float) -> None:
+        pyrender = self._pyrender
+        for node in self._nodes:
+            self._scene.remove_node(node)
+        self._nodes = []
+        vertices = self._world.at(t).vertices_mm
+        offsets = self._world.vertex_offsets
+        for index, (body, material) in enumerate(zip(self._world.bodies, self._materials, strict=True)):
+            corners = vertices[offsets[index] : offsets[index + 1]][body.faces]
+            # Texture coordinates belong to corners, so that every face has vertices of its own.
+            uv = body.uv.reshape(-1, 2) * (1, -1) + (0, 1)
+            primitive = pyrender.Primitive(
+                positions=corners.reshape(-1, 3).astype(np.float32),
+                texcoord_0=uv.astype(np.float32),
+                material=material,
+                mode=pyrender.GLTF.TRIANGLES,
+            )
+            self._nodes.append(self._scene.add(pyrender.Mesh(primitives=[primitive])))
+        depth = vertices[:, 2]
+        nearest = depth[depth > 0].min(initial=np.inf)
+        self._camera.znear = float(max(nearest * (1 - _SLACK), 1e-3 * depth.max()))
+        self._camera.zfar = float(depth.max() * (1 + _SLACK))
+        self._t = t
+
+    def close(self) -> None:
+        """Free the OpenGL context and everything in it; closing twice is harmless."""
+        if self._renderer is not None:
+            self._renderer.delete()
+            self._renderer = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _material(pyrender: Any, texture: Any) -> Any:
+    raster = np.rint(np.clip(texture.raster(), 0, 1) * 255).astype(np.uint8)
+    wrap = pyrender.GLTF.REPEAT if texture.tiled else pyrender.GLTF.CLAMP_TO_EDGE
+    sampler = pyrender.Sampler(magFilter=pyrender.GLTF.LINEAR, minFilter=pyrender.GLTF.LINEAR, wrapS=wrap, wrapT=wrap)
+    image = pyrender.Texture(sampler=sampler, source=np.repeat(raster[..., None], 3, axis=2), source_channels="RGB")
+    return pyrender.MetallicRoughnessMaterial(
+        baseColorFactor=[1.0, 1.0, 1.0, 1.0], baseColorTexture=image, doubleSided=True
+    )

@@ -1,0 +1,117 @@
+"""The reference backend: rays find the surface, float64 gives the point, the texture is evaluated there."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import Camera
+from scenetruth.raycast import RayCaster, Topology, mixed_pixels
+from scenetruth.scene.world import World
+
+__all__ = ["RaycastRenderer"]
+
+_PIXELS_PER_PIECE = 1 << 15
+
+
+class RaycastRenderer:
+    """Renders by ray casting; needs no system library.
+
+    Parameters
+    ----------
+    world
+        What to see.
+    camera
+        With which camera.
+    background
+        Radiance where no surface is met.
+    supersampling
+        n: every pixel is the mean of n x n samples.
+    """
+
+    def __init__(self, world: World, camera: Camera, background: float = 0.0, supersampling: int = 4) -> None:
+        self.name = "raycast"
+        self._world = world
+        self._camera = camera
+        self._background = np.float32(background)
+        self._topology = Topology.of(world.at(0).vertices_mm, world.faces)
+        self._caster: tuple[float, RayCaster] | None = None
+        self._directions = camera.ray_directions(camera.pixel_grid()).reshape(-1, 3)
+        steps = (np.arange(supersampling) + 0.5) / supersampling - 0.5
+        across, down = np.meshgrid(steps, steps)
+        self._offsets = np.column_stack([across.ravel(), down.ravel()]) / camera.focal_px
+
+    def render(self, t: float, camera_x_mm: float) -> NDArray[np.float32]:
+        """Return the image at time t from a camera position; see `Renderer.render`.
+
+        Where a pixel's footprint stays on one face, its samples map to the texture through that face's plane; only
+        pixels at edges need rays of their own.
+        """
+        from scenetruth.raycast.kernels import footprint_samples
+
+        camera, world, caster = self._camera, self._world, self._caster_at(t)
+        origin = np.array([camera_x_mm, 0.0, 0.0])
+        shape = (camera.height, camera.width)
+        hits = caster.cast(origin, self._directions, grid_width=camera.width)
+        body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
+        rest = mixed_pixels(caster, origin, camera.focal_px, camera.principal_point, shape, body.reshape(shape)).ravel()
+        image = np.full(len(body), self._background, dtype=np.float32)
+        samples = len(self._offsets)
+        for index, item in enumerate(world.bodies):
+            inner = np.flatnonzero((body == index) & ~rest)
+            for first in range(0, len(inner), _PIXELS_PER_PIECE):
+                pixels = inner[first : first + _PIXELS_PER_PIECE]
+                uv, whole = footprint_samples(
+                    caster.vertices_mm,
+                    world.faces,
+                    world.uv,
+                    origin,
+                    self._directions[pixels],
+                    hits.face[pixels],
+                    self._offsets,
+                )
+                radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(-1, samples)
+                image[pixels] = radiance.mean(axis=1, dtype=np.float64)
+                rest[pixels[~whole]] = True
+        remaining = np.flatnonzero(rest)
+        for first in range(0, len(remaining), _PIXELS_PER_PIECE):
+            pixels = remaining[first : first + _PIXELS_PER_PIECE]
+            image[pixels] = self._trace(caster, origin, self._directions[pixels])
+        return image.reshape(shape)
+
+    def _trace(
+        self, caster: RayCaster, origin: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        samples = len(self._offsets)
+        rays = np.repeat(directions, samples, axis=0)
+        rays[:, :2] += np.tile(self._offsets, (len(directions), 1))
+        hits = caster.cast(origin, rays)
+        body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
+        uv = hits.interpolate_corners(self._world.uv)
+        radiance = np.full(len(rays), self._background, dtype=np.float32)
+        for index, item in enumerate(self._world.bodies):
+            chosen = body == index
+            if chosen.any():
+                radiance[chosen] = item.texture.radiance(uv[chosen])
+        means: NDArray[np.float64] = radiance.reshape(-1, samples).mean(axis=1, dtype=np.float64)
+        return means
+
+    def _caster_at(self, t: float) -> RayCaster:
+        if self._caster is None or self._caster[0] != t:
+            self._caster = (t, RayCaster(self._world.at(t).vertices_mm, self._topology))
+        return self._caster[1]
+
+    def close(self) -> None:
+        """Forget the mesh; nothing else is held."""
+        self._caster = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
