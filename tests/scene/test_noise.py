@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
@@ -22,7 +24,7 @@ def test_spectrum_is_zero_outside_the_band_and_follows_its_exponent_inside(expon
     assert power[~inside].sum() / power.sum() < 1e-13
     edges = np.linspace(1 / BAND[1], 1 / BAND[0], 6)
     centres, means, counts = [], [], []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         ring = (frequency >= low) & (frequency < high) & inside
         centres.append(np.exp(np.log(frequency[ring]).mean()))
         means.append(power[ring].mean() / (frequency[ring] ** exponent).mean())

@@ -274,8 +274,8 @@ def null_space_solutions(vectors: Array, rank: NDArray[np.int64]) -> tuple[Array
     """Return the parameter vectors p_s (dt = 0, ds = 1) and p_t (ds = 0, dt = 1) of least norm in the null space.
 
     For a null space of two dimensions, spanned by a and b, these are the paper's combinations a b5 - b a5 and
-    a b4 - b a4, scaled; a larger null space (aperture problem) leaves the one of least norm. With P the projector on the
-    null space and A its rows 4 and 5, both are P[:, 4:5] A⁻¹.
+    a b4 - b a4, scaled; of a larger null space (aperture problem) it is the one of least norm. With P the projector on
+    the null space and A the block of its rows and columns 4 and 5, both are the columns of P[:, 4:5] A⁻¹.
 
     Parameters
     ----------

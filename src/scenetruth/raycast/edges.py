@@ -11,6 +11,7 @@ __all__ = ["mixed_pixels"]
 
 _SHARP_DEG = 1.0
 _NEAR = 1e-6
+_TOUCH_PX = 1e-6
 # A point of an edge counts as hidden if something is nearer by more than this share of its depth.
 _HIDDEN = 1e-7
 
@@ -51,19 +52,27 @@ def mixed_pixels(
     edges = _contour_edges(caster, origin_mm)
     relative = caster.vertices_mm - origin_mm
     start, end = relative[caster.topology.edges[edges, 0]], relative[caster.topology.edges[edges, 1]]
-    pixels, inverse_depth, positions, which = _cut_at_pixels(
-        start, end, focal_length_px, np.asarray(principal_point_px), shape
-    )
-    if len(pixels):
-        directions = np.ones((len(pixels), 3))
+    inverse_depth, positions, which = _cut_at_pixels(start, end, focal_length_px, np.asarray(principal_point_px), shape)
+    if len(positions):
+        directions = np.ones((len(positions), 3))
         directions[:, :2] = (positions - principal_point_px) / focal_length_px
         hits = caster.cast(origin_mm, directions)
         depth = 1 / inverse_depth
         at_edge = (hits.face[:, None] == caster.topology.edge_faces[edges[which]]).any(axis=1)
         seen = at_edge | ~(hits.depth < depth * (1 - _HIDDEN))
-        mixed.ravel()[pixels[seen]] = True
+        _mark(mixed, positions[seen])
     _mark_unmarked_borders(mixed, bodies)
     return mixed
+
+
+def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
+    """Mark the pixels at image positions; a line that runs along the border of two pixels belongs to both."""
+    last_row, last_column = mixed.shape[0] - 1, mixed.shape[1] - 1
+    for shift_x in (-_TOUCH_PX, _TOUCH_PX):
+        for shift_y in (-_TOUCH_PX, _TOUCH_PX):
+            columns = np.clip(np.rint(positions[:, 0] + shift_x).astype(np.int64), 0, last_column)
+            rows = np.clip(np.rint(positions[:, 1] + shift_y).astype(np.int64), 0, last_row)
+            mixed[rows, columns] = True
 
 
 def _contour_edges(caster: RayCaster, origin_mm: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -86,8 +95,8 @@ def _cut_at_pixels(
     focal: float,
     centre: NDArray[np.float64],
     shape: tuple[int, int],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Cut projected segments at the pixels' borders; return pixel, 1/Z, position and segment of every piece."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Cut projected segments at the pixels' borders; return 1/Z, position and segment of every piece's middle."""
     height, width = shape
     in_front = (start[:, 2] > _NEAR) | (end[:, 2] > _NEAR)
     which = np.flatnonzero(in_front)
@@ -100,7 +109,7 @@ def _cut_at_pixels(
     last = focal * end[:, :2] / end[:, 2:] + centre
     inverse_first, inverse_last = 1 / start[:, 2], 1 / end[:, 2]
     keep, enter, leave = _clip(first, last - first, width, height)
-    parts: list[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]] = []
+    parts: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]] = []
     for n in np.flatnonzero(keep):
         step = last[n] - first[n]
         cuts = [np.array([enter[n], leave[n]])]
@@ -112,15 +121,12 @@ def _cut_at_pixels(
         at = np.sort(np.clip(np.concatenate(cuts), enter[n], leave[n]))
         middle = (at[:-1] + at[1:]) / 2
         position = first[n] + middle[:, None] * step
-        column = np.clip(np.rint(position[:, 0]).astype(np.int64), 0, width - 1)
-        row = np.clip(np.rint(position[:, 1]).astype(np.int64), 0, height - 1)
         inverse = inverse_first[n] + middle * (inverse_last[n] - inverse_first[n])
-        parts.append((row * width + column, inverse, position, np.full(len(middle), which[n])))
+        parts.append((inverse, position, np.full(len(middle), which[n])))
     if not parts:
-        empty = np.empty(0, dtype=np.int64)
-        return empty, np.empty(0), np.empty((0, 2)), empty
-    pixels, inverses, positions, segments = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return pixels, inverses, positions, segments
+        return np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
+    inverses, positions, segments = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return inverses, positions, segments
 
 
 def _clip(

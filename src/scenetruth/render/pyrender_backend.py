@@ -66,6 +66,11 @@ class PyrenderRenderer:
         self._camera = pyrender.IntrinsicsCamera(focal, focal, (c_x + 0.5) * supersampling, (c_y + 0.5) * supersampling)
         self._camera_node = self._scene.add(self._camera, pose=_TURN)
         self._renderer: Any = pyrender.OffscreenRenderer(camera.width * supersampling, camera.height * supersampling)
+        _keep_programs(self._renderer._renderer._program_cache)
+        from OpenGL.GL import GL_UNPACK_ALIGNMENT, glPixelStorei
+
+        # Rows of one byte a texel need not end at multiples of four; OpenGL assumes it and would shear the texture.
+        glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
 
     def render(self, t: float, camera_x_mm: float) -> NDArray[np.float32]:
         """Return the image at time t from a camera position; see `Renderer.render`."""
@@ -124,7 +129,26 @@ def _material(pyrender: Any, texture: Any) -> Any:
     raster = np.rint(np.clip(texture.raster(), 0, 1) * 255).astype(np.uint8)
     wrap = pyrender.GLTF.REPEAT if texture.tiled else pyrender.GLTF.CLAMP_TO_EDGE
     sampler = pyrender.Sampler(magFilter=pyrender.GLTF.LINEAR, minFilter=pyrender.GLTF.LINEAR, wrapS=wrap, wrapT=wrap)
-    image = pyrender.Texture(sampler=sampler, source=np.repeat(raster[..., None], 3, axis=2), source_channels="RGB")
+    image = pyrender.Texture(sampler=sampler, source=raster[..., None], source_channels="R")
     return pyrender.MetallicRoughnessMaterial(
         baseColorFactor=[1.0, 1.0, 1.0, 1.0], baseColorTexture=image, doubleSided=True
     )
+
+
+def _keep_programs(cache: Any) -> None:
+    """Make pyrender find the shader programs that it has compiled.
+
+    It looks them up by a handle of the OpenGL context that PyOpenGL makes anew at every call on OSMesa, so that every
+    render compiles its programs again and keeps them all. This renderer has one context only.
+    """
+    compile_program, programs = cache.get_program, {}
+
+    def get_program(
+        vertex_shader: str, fragment_shader: str, geometry_shader: str | None = None, defines: Any = None
+    ) -> Any:
+        key = (vertex_shader, fragment_shader, geometry_shader, tuple(sorted((defines or {}).items())))
+        if key not in programs:
+            programs[key] = compile_program(vertex_shader, fragment_shader, geometry_shader, defines)
+        return programs[key]
+
+    cache.get_program = get_program

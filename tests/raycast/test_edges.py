@@ -1,0 +1,112 @@
+"""Mixed pixels against a brute-force look at many points of every pixel's footprint."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from scenetruth.camera import Camera
+from scenetruth.raycast import RayCaster, Topology, mixed_pixels
+from scenetruth.scene.world import build_world
+from scenetruth.truth import GeometryPass, truth_maps
+from tests.scenes import cube
+
+FINE = 16
+
+
+def sampled_borders(caster: RayCaster, camera: Camera, x_mm: float, group: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Whether a pixel's footprint, sampled 16 x 16 with its borders, shows more than one group of faces."""
+    steps = np.arange(camera.height * FINE + 1), np.arange(camera.width * FINE + 1)
+    y, x = np.meshgrid(*(axis / FINE - 0.5 for axis in steps), indexing="ij")
+    directions = camera.ray_directions(np.stack([x, y], axis=-1)).reshape(-1, 3)
+    hits = caster.cast(np.array([x_mm, 0, 0]), directions, grid_width=x.shape[1])
+    groups = np.where(hits.face >= 0, group[hits.face], -1).reshape(x.shape)
+    low, high = (
+        filtered(groups, FINE + 1)[FINE // 2 :: FINE, FINE // 2 :: FINE]
+        for filtered in (minimum_filter, maximum_filter)
+    )
+    return np.asarray((low != high)[: camera.height, : camera.width])
+
+
+@pytest.mark.parametrize("x_mm", [0.0, -10.0])
+def test_against_dense_sampling_of_the_cube(x_mm: float) -> None:
+    camera = {"width": 160, "height": 120, "focal_length_px": 1254, "principal_point_px": [79.3, 59.6]}
+    scene = cube(camera=camera)
+    world = build_world(scene)
+    topology = Topology.of(world.at(0).vertices_mm, world.faces)
+    geometry = GeometryPass(world, topology, 0.0)
+    truth = truth_maps(geometry, scene.camera, x_mm, 5.0)
+    # The two triangles of a side are one group: there is no edge between them.
+    sampled = sampled_borders(geometry.caster, scene.camera, x_mm, np.arange(12, dtype=np.int32) // 2)
+    mixed = truth["mixed"]
+    # What sampling sees must be marked; what it misses is a corner cut by less than a sample's distance.
+    assert not (sampled & ~mixed).any()
+    assert (mixed & ~sampled).sum() <= 0.1 * mixed.sum()
+    assert mixed.sum() > 300
+
+
+def test_an_edge_along_the_border_of_two_columns_belongs_to_both() -> None:
+    scene = cube()
+    world = build_world(scene)
+    geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
+    mixed = truth_maps(geometry, scene.camera, 0.0, 5.0)["mixed"]
+    # The cube's front edge projects to x = 79.5 from y = 38.0 downwards.
+    assert mixed[40:119, 79:81].all()
+    assert not mixed[40:119, [78, 81]].any()
+
+
+def test_hidden_edges_are_not_marked() -> None:
+    screen = {
+        "name": "screen",
+        "mesh": {"kind": "plane", "size_mm": [400, 400]},
+        "pose": {"position_mm": [0, 0, 500]},
+        "texture": {"kind": "uniform"},
+    }
+    scene = cube()
+    plain = scene.to_plain()
+    from scenetruth.scene import scene_from_plain
+
+    both = scene_from_plain({**plain, "objects": [*plain["objects"], screen]})
+    world = build_world(both)
+    geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
+    truth = truth_maps(geometry, both.camera, 0.0, 5.0)
+    assert (truth["object_id"] == 1).all()
+    assert not truth["mixed"].any()
+
+
+def test_bodies_that_cut_into_each_other_have_a_mixed_border() -> None:
+    walls = [
+        {
+            "name": name,
+            "mesh": {"kind": "plane", "size_mm": [900, 900]},
+            "pose": {"position_mm": [0, 0, 660], "rotations": [{"axis": [0, 1, 0], "angle_deg": angle}]},
+            "texture": {"kind": "uniform"},
+        }
+        for name, angle in (("left", 20), ("right", -20))
+    ]
+    scene = cube(objects=walls)
+    world = build_world(scene)
+    geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
+    truth = truth_maps(geometry, scene.camera, 0.0, 5.0)
+    changes = np.diff(truth["object_id"], axis=1) != 0
+    assert (changes.sum(axis=1) == 1).all()
+    beside = truth["mixed"][:, :-1] | truth["mixed"][:, 1:]
+    assert beside[changes].all()
+    assert truth["mixed"].sum() == 2 * scene.camera.height
+
+
+def test_edges_that_run_behind_the_camera_are_cut() -> None:
+    vertices = np.array([[-5.0, 10, -50], [5, 10, -50], [5, 10, 300], [-5, 10, 300]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+    camera = Camera(width=64, height=64, focal_length_px=100)
+    caster = RayCaster(vertices, Topology.of(vertices, faces))
+    directions = camera.ray_directions(camera.pixel_grid()).reshape(-1, 3)
+    bodies = np.where(caster.cast(np.zeros(3), directions, 64).face >= 0, 0, -1).reshape(64, 64)
+    mixed = mixed_pixels(caster, np.zeros(3), 100, camera.principal_point, (64, 64), bodies.astype(np.int32))
+    # A road that narrows to its far end: two borders in every row that shows it.
+    rows = np.flatnonzero((bodies >= 0).any(axis=1))
+    assert len(rows) > 20
+    assert mixed[rows].any(axis=1).all()
+    assert mixed.sum() < 6 * len(rows) + 10

@@ -1,0 +1,188 @@
+"""Every backend puts the same scene on the same pixels, and on the right ones."""
+
+from __future__ import annotations
+
+import gc
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scenetruth.errors import BackendUnavailableError
+from scenetruth.render import Renderer
+from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.scene import Scene
+from scenetruth.scene.world import World, build_world
+from tests.scenes import cube
+
+Opener = Callable[[World, Scene], Renderer]
+
+
+def open_raycast(world: World, scene: Scene) -> Renderer:
+    return RaycastRenderer(world, scene.camera, scene.background, scene.render.supersampling)
+
+
+def open_pyrender(world: World, scene: Scene) -> Renderer:
+    from scenetruth.render.pyrender_backend import PyrenderRenderer
+
+    try:
+        return PyrenderRenderer(world, scene.camera, scene.background, scene.render.supersampling)
+    except BackendUnavailableError as error:
+        pytest.skip(str(error))
+
+
+backends = pytest.mark.parametrize("opener", [open_raycast, open_pyrender], ids=["raycast", "pyrender"])
+
+
+def plaid_plane(**changes: Any) -> Scene:
+    """Return a fronto-parallel plaid that fills the view, with an off-centre principal point."""
+    plain: dict[str, Any] = {
+        "camera": {"width": 160, "height": 120, "focal_length_px": 1254, "principal_point_px": [90.25, 41.6]},
+        "objects": [
+            {
+                "name": "plaid",
+                "mesh": {"kind": "plane", "size_mm": [400, 400]},
+                "pose": {"position_mm": [3.0, -2.0, 660]},
+                "texture": {"kind": "plaid", "wavelength_mm": [4.7, 5.3], "amplitude": 0.4},
+                "motion": [{"kind": "velocity", "velocity_mm_per_frame": [0.07, 0.11, -1.5]}],
+            }
+        ],
+        "render": {"backend": "raycast", "supersampling": 4},
+    }
+    return cube(**(plain | changes))
+
+
+def analytic_plaid(scene: Scene, t: float, x_mm: float, dx: float = 0.0, dy: float = 0.0) -> NDArray[np.float64]:
+    """Return the pattern of `plaid_plane`, averaged over each pixel's footprint; written from the projection alone."""
+    camera, item = scene.camera, scene.objects[0]
+    assert item.texture.kind == "plaid"
+    (c_x, c_y), focal = camera.principal_point, camera.focal_px
+    velocity = np.array(item.motion[0].velocity_mm_per_frame)  # type: ignore[union-attr]
+    x0, y0, z = np.array(item.pose.position_mm) + velocity * t
+    result = np.full((camera.height, camera.width), item.texture.amplitude)
+    y, x = np.mgrid[: camera.height, : camera.width]
+    for pixels, centre, origin, wavelength in (
+        (x + dx, c_x, x0 - x_mm, item.texture.wavelength_mm[0]),
+        (y + dy, c_y, y0, item.texture.wavelength_mm[1]),
+    ):
+        per_px = z / focal / wavelength
+        result *= np.cos(2 * np.pi * ((pixels - centre) * per_px - origin / wavelength)) * np.sinc(per_px)
+    return item.texture.mean + result
+
+
+@backends
+@pytest.mark.parametrize(("t", "x_mm"), [(0.0, 0.0), (-3.0, 10.0), (1.5, -7.3)])
+def test_registration_against_the_analytic_image(opener: Opener, t: float, x_mm: float) -> None:
+    scene = plaid_plane()
+    with opener(build_world(scene), scene) as renderer:
+        image = renderer.render(t, x_mm)
+    assert image.dtype == np.float32
+    expected = analytic_plaid(scene, t, x_mm)
+    h = 1e-4
+    slopes = [
+        (analytic_plaid(scene, t, x_mm, *(h * axis)) - analytic_plaid(scene, t, x_mm, *(-h * axis))) / (2 * h)
+        for axis in np.eye(2)
+    ]
+    # Least squares for shift and gain (bilinear texels and n x n samples attenuate a little).
+    design = np.column_stack([expected.ravel() - 0.5, *(slope.ravel() for slope in slopes)])
+    gain, shift_x, shift_y = np.linalg.lstsq(design, image.ravel() - expected.ravel(), rcond=None)[0]
+    assert abs(shift_x) < 1e-3
+    assert abs(shift_y) < 1e-3
+    assert abs(gain) < 0.01
+
+
+def test_raycast_evaluates_the_texture_itself() -> None:
+    scene = plaid_plane(render={"backend": "raycast", "supersampling": 1})
+    image = open_raycast(build_world(scene), scene).render(0.0, 0.0)
+    per_px = 660 / 1254 / np.array([4.7, 5.3])
+    # One sample is the value at the pixel's centre: the footprint's mean without its attenuation.
+    centre = 0.5 + (analytic_plaid(scene, 0.0, 0.0) - 0.5) / np.sinc(per_px).prod()
+    np.testing.assert_allclose(image, centre, atol=1e-7)
+
+
+def test_raycast_samples_converge_to_the_pixel_integral_at_second_order() -> None:
+    errors = []
+    for n in (1, 2, 4):
+        scene = plaid_plane(render={"backend": "raycast", "supersampling": n})
+        image = open_raycast(build_world(scene), scene).render(0.0, 0.0)
+        errors.append(float(np.abs(image - analytic_plaid(scene, 0.0, 0.0)).max()))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders == pytest.approx(2, abs=0.1)
+
+
+def test_backends_agree_on_the_cube_away_from_edges() -> None:
+    scene = cube(render={"backend": "raycast", "supersampling": 4}, background=0.2)
+    world = build_world(scene)
+    with open_raycast(world, scene) as one, open_pyrender(world, scene) as two:
+        for t, x_mm in ((0.0, 0.0), (-4.0, 10.0)):
+            first, second = one.render(t, x_mm), two.render(t, x_mm)
+            difference = np.abs(first - second)
+            # Textures and framebuffer of 8 bit; texels of 1/16 wavelength; at silhouettes OpenGL's sub-pixel grid of 1/256.
+            assert np.median(difference) < 1 / 255
+            assert np.percentile(difference, 99) < 2 / 255
+            background = np.abs(first - 0.2) < 1e-6
+            assert background.any()
+            assert difference[background].max() <= 0.5 / 255 + 0.02
+
+
+@backends
+def test_silhouette_pixels_hold_the_covered_share(opener: Opener) -> None:
+    # A white square on black whose edges cut pixels at known fractions.
+    square = {
+        "name": "square",
+        "mesh": {"kind": "plane", "size_mm": [10.25, 10.25]},
+        "pose": {"position_mm": [0, 0, 100]},
+        "texture": {"kind": "uniform", "radiance": 1.0},
+    }
+    scene = cube(
+        camera={"width": 31, "height": 31, "focal_length_px": 100},
+        objects=[square],
+        render={"backend": "raycast", "supersampling": 8},
+    )
+    with opener(build_world(scene), scene) as renderer:
+        image = renderer.render(0.0, 0.0)
+    # 10.25 px: eleven pixels less 3/8 on either side; with 8 samples the shares are exact.
+    assert image[15, 9:22] == pytest.approx([0, 0.625, *[1] * 9, 0.625, 0], abs=2e-3)
+    assert image.sum() == pytest.approx(10.25**2, rel=2e-3)
+
+
+@backends
+def test_repeated_renders_are_identical(opener: Opener) -> None:
+    scene = cube()
+    world = build_world(scene)
+    with opener(world, scene) as renderer:
+        first = renderer.render(1.0, 5.0)
+        renderer.render(-2.0, -5.0)
+        assert (renderer.render(1.0, 5.0) == first).all()
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc")
+@backends
+def test_memory_is_flat_over_500_renders(opener: Opener) -> None:
+    scene = cube(camera={"width": 64, "height": 48, "focal_length_px": 500})
+    world = build_world(scene)
+    sizes = []
+    with opener(world, scene) as renderer:
+        for n in range(600):
+            renderer.render(0.01 * n, 0.0)
+            if n in (99, 599):
+                gc.collect()
+                sizes.append(resident_bytes())
+    # A leaked copy of the smallest thing that every render makes (an image's samples, 64 x 48 x 4 x 4 bytes) would be 24 MB.
+    assert sizes[1] - sizes[0] < 12e6
+
+
+@backends
+def test_closing_twice_is_harmless(opener: Opener) -> None:
+    scene = cube()
+    renderer = opener(build_world(scene), scene)
+    renderer.close()
+    renderer.close()

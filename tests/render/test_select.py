@@ -1,0 +1,81 @@
+"""The backend that a scene asks for, or the next one that runs here."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from scenetruth.errors import BackendUnavailableError
+from scenetruth.render import choose_renderer, opengl
+from scenetruth.scene.world import build_world
+from tests.scenes import SCENES, cube
+
+
+@pytest.fixture
+def no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pretend that no OpenGL platform starts, and that this process has not loaded any."""
+    monkeypatch.setattr(opengl, "_why_not", lambda platform: f"no {platform} here")
+    monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
+
+
+@pytest.mark.usefixtures("no_opengl")
+def test_auto_falls_back_to_raycast_and_says_why() -> None:
+    scene = cube(render={"backend": "auto"})
+    choice = choose_renderer(scene, build_world(scene))
+    assert choice.renderer.name == "raycast"
+    assert "osmesa: no osmesa here; egl: no egl here" in choice.fallback_reason
+    assert "libosmesa6" in choice.fallback_reason
+
+
+@pytest.mark.usefixtures("no_opengl")
+def test_pyrender_by_name_is_an_error_that_names_the_remedy() -> None:
+    scene = cube(render={"backend": "pyrender"})
+    with pytest.raises(BackendUnavailableError, match="libosmesa6") as caught:
+        choose_renderer(scene, build_world(scene))
+    assert caught.value.backend == "pyrender (osmesa, egl)"
+
+
+def test_auto_takes_egl_where_osmesa_does_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opengl, "_why_not", lambda platform: "missing" if platform == "osmesa" else None)
+    monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
+    monkeypatch.setenv("PYOPENGL_PLATFORM", "before")
+    assert opengl.use_platform("auto") == "egl"
+    assert os.environ["PYOPENGL_PLATFORM"] == "egl"
+
+
+def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opengl, "_why_not", lambda _: "ModuleNotFoundError: No module named 'pyrender'")
+    monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
+    with pytest.raises(BackendUnavailableError, match=r"pip install 'scenetruth\[opengl\]'"):
+        opengl.use_platform("auto")
+
+
+def test_raycast_never_loads_opengl() -> None:
+    code = (
+        "import sys, scenetruth as st\n"
+        f"scene = st.load_scene({str(SCENES / 'plaid.yaml')!r}, ['frames.count=1'])\n"
+        "recording, truth = st.simulate(scene)\n"
+        "print(recording.attrs['render_backend'], 'OpenGL' in sys.modules, 'pyrender' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["raycast", "False", "False"]
+
+
+@pytest.mark.parametrize("platform", opengl.PLATFORMS)
+def test_each_platform_renders_the_cube_where_it_runs(platform: str) -> None:
+    reason = opengl._why_not(platform)
+    if reason is not None:
+        pytest.skip(f"{platform}: {reason}")
+    code = (
+        "import scenetruth as st\n"
+        f"scene = st.load_scene({str(SCENES / 'cube.yaml')!r}, ['frames.count=1', 'stage.positions=1', 'sensor=ideal',"
+        f" 'render.backend=pyrender', 'render.platform={platform}', 'render.supersampling=2'])\n"
+        "recording, truth = st.simulate(scene)\n"
+        "image = recording.image.values\n"
+        "print(recording.attrs['render_backend'], image.max() > 0.7, 0.1 < image.mean() < 0.5)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["pyrender", f"({platform})", "True", "True"]
