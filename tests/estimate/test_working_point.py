@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+from numpy.typing import NDArray
+
+from scenetruth.estimate.working_point import find_working_point
+
+
+def shifted_noise(disparity: int, seed: int, width: int = 160) -> NDArray[np.float32]:
+    """Return five images of a random pattern that moves by whole pixels."""
+    pattern = np.random.default_rng(seed).random((24, 5 * width + 40)).astype(np.float32)
+    origin = 2 * width
+    return np.stack([pattern[:, origin + disparity * s : origin + disparity * s + width] for s in range(-2, 3)])
+
+
+@settings(max_examples=50, deadline=None)
+@given(disparity=some.integers(-40, 40), seed=some.integers(0, 1000))
+def test_integer_disparity_is_found(disparity: int, seed: int) -> None:
+    assert find_working_point(shifted_noise(disparity, seed)) == disparity
+
+
+@given(disparity=some.integers(-30, 30), level=some.floats(-1, 1), gain=some.floats(0.1, 2))
+@settings(max_examples=20, deadline=None)
+def test_brightness_and_contrast_do_not_matter(disparity: int, level: float, gain: float) -> None:
+    images = (gain * shifted_noise(disparity, 1) + level).astype(np.float32)
+    assert find_working_point(images) == disparity
+
+
+def test_a_small_textured_object_on_a_dark_background_wins() -> None:
+    images = np.full((5, 40, 200), -1, dtype=np.float32)
+    patch = np.random.default_rng(0).random((20, 60)).astype(np.float32)
+    for index, s in enumerate(range(-2, 3)):
+        images[index, 10:30, 70 - 17 * s : 130 - 17 * s] = patch
+    assert find_working_point(images) == 17
+
+
+@pytest.mark.parametrize("value", [0.0, 0.7])
+def test_images_without_texture_have_the_working_point_zero(value: float) -> None:
+    assert find_working_point(np.full((5, 10, 50), value, dtype=np.float32)) == 0
+
+
+def test_one_camera_has_the_working_point_zero() -> None:
+    assert find_working_point(np.random.default_rng(0).random((1, 10, 50)).astype(np.float32)) == 0
+
+
+def test_periodic_patterns_take_the_smallest_displacement() -> None:
+    x = np.arange(128)
+    images = np.stack([np.tile(np.cos(2 * np.pi * (x + 1.0 * s) / 8), (8, 1)) for s in range(-2, 3)]).astype(np.float32)
+    assert find_working_point(images) == 1
