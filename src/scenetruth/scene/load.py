@@ -128,22 +128,26 @@ def _make_paths_absolute(plain: dict[str, Any], folder: Path) -> None:
 
 
 def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
-    problems = []
+    found: dict[tuple[str, str], tuple[str, Problem]] = {}
     for entry in error.errors():
         path = _path_in(plain, entry["loc"])
         message = entry["msg"].removeprefix("Value error, ")
         value = entry.get("input")
         if entry["type"] == "extra_forbidden":
-            key = str(entry["loc"][-1])
-            message = "unknown key" + _suggestion(key)
+            message = "unknown key" + _suggestion(str(entry["loc"][-1]))
         elif entry["type"] == "missing":
             message, value = "is missing", None
         elif path == "sensor":
             message = "must be 'ideal' or a mapping of bit_depth, noise_std, full_scale_radiance"
-        problem = Problem(path, message[:1].lower() + message[1:], value)
-        if problem not in problems:
-            problems.append(problem)
-    return _without_alternatives(problems)
+        message = message[:1].lower() + message[1:]
+        found.setdefault((path, message), (entry["type"], Problem(path, message, value)))
+    paths = [problem.path for _, problem in found.values()]
+    # Of a value that may be a word or a mapping, pydantic reports both; what is wrong inside the mapping says more.
+    return [
+        problem
+        for kind, problem in found.values()
+        if not (kind == "literal_error" and any(path.startswith(f"{problem.path}.") for path in paths))
+    ]
 
 
 def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int]) -> str:
@@ -175,16 +179,3 @@ def _known_keys() -> list[str]:
     for definition in schema.get("$defs", {}).values():
         keys |= set(definition.get("properties", ()))
     return sorted(keys)
-
-
-def _without_alternatives(problems: list[Problem]) -> list[Problem]:
-    """Drop 'should be a literal' beside a more telling problem inside the same value, as unions report both."""
-    deeper = {problem.path for problem in problems}
-    return [
-        problem
-        for problem in problems
-        if not (
-            problem.message.startswith("input should be '")
-            and any(other.startswith(problem.path + ".") for other in deeper)
-        )
-    ]

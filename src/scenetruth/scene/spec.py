@@ -257,7 +257,7 @@ class Scene(FrozenModel):
     sensor: Literal["ideal"] | Sensor = "ideal"
     """The sensor; ``ideal`` delivers the linear images themselves."""
     render: RenderSettings = RenderSettings()
-    """How images are made."""
+    """Backend and sampling of the images."""
     estimate: EstimateSettings = EstimateSettings()
     """How depth and motion are estimated from them."""
     score: ScoreSettings = ScoreSettings()

@@ -190,7 +190,8 @@ def _read_image(file: Path) -> NDArray[Any]:
     if not file.is_file():
         raise SceneError([Problem("file", "no such image file", str(file))])
     try:
-        return np.asarray(imageio.imread(file))
+        # From memory: imageio leaves files open that none of its plugins can read.
+        return np.asarray(imageio.imread(file.read_bytes(), extension=file.suffix))
     except Exception as error:  # the readers of imageio's plugins raise whatever they like
         raise SceneError([Problem("file", f"cannot be read as an image: {error}", str(file))]) from error
 

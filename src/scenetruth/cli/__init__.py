@@ -1,0 +1,12 @@
+"""The command line: thin, and quick to answer."""
+
+from __future__ import annotations
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Run the command ``scenetruth``."""
+    from scenetruth.cli.app import run_app
+
+    run_app()

@@ -1,0 +1,348 @@
+"""The commands of ``scenetruth``."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from scenetruth import __version__
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from scenetruth.cli.console import Reporter
+    from scenetruth.scene import Scene
+    from scenetruth.score import Score
+    from scenetruth.settings import EstimateSettings
+
+__all__ = ["app", "run_app"]
+
+app = typer.Typer(
+    name="scenetruth",
+    help="Rendered scenes with exact ground truth for measuring depth and 3D motion from a camera on a linear stage.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+class ImageForm(StrEnum):
+    """File formats of images."""
+
+    png = "png"
+    tiff = "tiff"
+
+
+class TruthViews(StrEnum):
+    """Cameras that a truth is made for."""
+
+    reference = "reference"
+    all = "all"
+
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).", show_default=False)]
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with the stores of a run.", show_default=False)]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Folder to make.", show_default=False)]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="PATH=VALUE", help="Override a field of the scene; may be repeated.", show_default=False
+    ),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results that exist.")]
+Images = Annotated[
+    ImageForm | None,
+    typer.Option("--images", help="Write the images as 16-bit PNG or float TIFF too.", show_default=False),
+]
+Truth = Annotated[TruthViews, typer.Option("--truth", help="Truth of the reference camera or of all cameras.")]
+
+
+def run_app() -> None:
+    """Run the command line."""
+    from scenetruth.cli.console import guard
+
+    guard(lambda: app())
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"scenetruth {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def run(
+    scene: SceneFile,
+    output: Output,
+    overrides: Overrides = None,
+    overwrite: Overwrite = False,
+    images: Images = None,
+    truth: Truth = TruthViews.reference,
+) -> None:
+    """Render a scene, estimate, score and report, in one go."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.estimate.structure_tensor import requirements
+    from scenetruth.storage import write_aside
+
+    spec = _load(scene, overrides)
+    camera = spec.camera
+    problems = requirements(spec.estimate, spec.stage.positions, spec.frames.count, camera.width, camera.height)
+    if problems:
+        from scenetruth.errors import SceneError
+
+        raise SceneError(problems, source=scene)
+    with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
+        recording, exact = _render(spec, folder, images, truth, report)
+        estimated = _estimate(recording, spec.estimate, folder, report, overwrite=False)
+        scored = _score(estimated, exact, recording, spec.score.interior_margin_px, folder, report)
+        _report(recording, estimated, exact, scored, folder, report)
+        del recording, exact, estimated
+    _print_score(scored)
+    typer.echo(f"written: {output}")
+
+
+@app.command()
+def render(
+    scene: SceneFile,
+    output: Output,
+    overrides: Overrides = None,
+    overwrite: Overwrite = False,
+    images: Images = None,
+    truth: Truth = TruthViews.reference,
+) -> None:
+    """Render a scene: a recording and its truth."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.storage import write_aside
+
+    spec = _load(scene, overrides)
+    with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
+        _render(spec, folder, images, truth, report)
+    typer.echo(f"written: {output / 'recording.zarr'}, {output / 'truth.zarr'}")
+
+
+@app.command()
+def estimate(folder: Folder, overrides: Overrides = None, overwrite: Overwrite = False) -> None:
+    """Estimate depth and motion from FOLDER/recording.zarr."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.storage import load
+
+    target = folder / "estimate.zarr"
+    _refuse_existing([target], overwrite)
+    recording = load(folder / "recording.zarr", "recording")
+    settings = _settings_in(recording, "estimate", overrides)
+    from scenetruth.estimate import estimate_settings
+
+    with reporting() as report:
+        _estimate(recording, estimate_settings(**settings), folder, report, overwrite=overwrite)
+    typer.echo(f"written: {target}")
+
+
+@app.command()
+def score(folder: Folder, overrides: Overrides = None, overwrite: Overwrite = False) -> None:
+    """Score FOLDER/estimate.zarr against FOLDER/truth.zarr."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.storage import load
+
+    targets = [folder / "score.json", folder / "score.csv"]
+    _refuse_existing(targets, overwrite)
+    estimated, exact = load(folder / "estimate.zarr", "estimate"), load(folder / "truth.zarr", "truth")
+    recording = load(folder / "recording.zarr", "recording")
+    margin = _settings_in(recording, "score", overrides).get("interior_margin_px", 20.0)
+    with reporting() as report:
+        scored = _score(estimated, exact, recording, float(margin), folder, report, overwrite=overwrite)
+    _print_score(scored)
+    typer.echo(f"written: {', '.join(map(str, targets))}")
+
+
+@app.command()
+def report(folder: Folder, overwrite: Overwrite = False) -> None:
+    """Draw the pictures and the report of FOLDER."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.errors import StoreError
+    from scenetruth.score import Score
+    from scenetruth.storage import load
+
+    _refuse_existing([folder / "report.html", folder / "figures"], overwrite)
+    file = folder / "score.json"
+    try:
+        scored = Score.from_json(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StoreError(file, "cannot be read; make it with `scenetruth score`") from error
+    recording, exact = load(folder / "recording.zarr", "recording"), load(folder / "truth.zarr", "truth")
+    estimated = load(folder / "estimate.zarr", "estimate")
+    with reporting() as reporter:
+        _report(recording, estimated, exact, scored, folder, reporter, overwrite=overwrite)
+    typer.echo(f"written: {folder / 'report.html'}")
+
+
+@app.command()
+def check(scene: SceneFile, overrides: Overrides = None) -> None:
+    """Validate a scene and print what will be made from it."""
+    from scenetruth.cli.check import print_check
+
+    print_check(_load(scene, overrides), scene)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of scene files."""
+    from scenetruth.scene import Scene
+
+    typer.echo(json.dumps(Scene.model_json_schema(), indent=2))
+
+
+def _load(scene: Path, overrides: list[str] | None) -> Scene:
+    from scenetruth.scene import load_scene
+
+    return load_scene(scene, overrides or ())
+
+
+def _refuse_existing(targets: list[Path], overwrite: bool) -> None:
+    from scenetruth.errors import OutputExistsError
+
+    for target in targets:
+        if target.exists() and not overwrite:
+            raise OutputExistsError(target, "exists already; say --overwrite to replace it")
+
+
+def _settings_in(recording: xr.Dataset, section: str, overrides: list[str] | None) -> dict[str, Any]:
+    """Return a section of the recorded scene with overrides; everything else of the scene is past changing."""
+    from scenetruth.errors import Problem, SceneError
+    from scenetruth.recording import scene_of
+    from scenetruth.scene.load import apply_overrides, scene_from_plain
+
+    fixed = [text for text in overrides or () if not text.startswith(f"{section}.")]
+    if fixed:
+        message = f"only fields of '{section}' can be changed after rendering"
+        raise SceneError([Problem("--set", message, text) for text in fixed])
+    plain = scene_of(recording)
+    if plain is None:
+        alone: dict[str, Any] = {section: {}}
+        apply_overrides(alone, overrides or ())
+        return dict(alone[section])
+    apply_overrides(plain, overrides or ())
+    return dict(scene_from_plain(plain).to_plain()[section])
+
+
+def _render(
+    spec: Scene, folder: Path, images: ImageForm | None, truth: TruthViews, report: Reporter
+) -> tuple[xr.Dataset, xr.Dataset]:
+    import yaml
+
+    from scenetruth.simulate import simulate
+    from scenetruth.storage import save, write_images
+
+    with report.timed("simulate"):
+        recording, exact = simulate(spec, truth_views=truth.value, progress=report)
+    backend, reason = recording.attrs["render_backend"], recording.attrs["render_fallback_reason"]
+    report.say(f"rendered with {backend}" + (f": {reason}" if reason else ""))
+    with report.timed("save"):
+        folder.mkdir(parents=True)
+        (folder / "scene.yaml").write_text(
+            yaml.safe_dump(spec.to_plain(), sort_keys=False, allow_unicode=True), encoding="utf-8"
+        )
+        save(recording, folder / "recording.zarr")
+        save(exact, folder / "truth.zarr")
+        if images is not None:
+            write_images(recording, folder / "images", images.value)
+    return recording, exact
+
+
+def _estimate(
+    recording: xr.Dataset, settings: EstimateSettings, folder: Path, report: Reporter, *, overwrite: bool
+) -> xr.Dataset:
+    from scenetruth.estimate import estimate as estimate_maps
+    from scenetruth.storage import save
+
+    with report.timed("estimate"):
+        estimated = estimate_maps(recording, progress=report, **settings.model_dump())
+    save(estimated, folder / "estimate.zarr", overwrite=overwrite)
+    return estimated
+
+
+def _score(
+    estimated: xr.Dataset,
+    exact: xr.Dataset,
+    recording: xr.Dataset,
+    margin_px: float,
+    folder: Path,
+    report: Reporter,
+    *,
+    overwrite: bool = False,
+) -> Score:
+    from scenetruth.score import score as score_estimate
+    from scenetruth.storage import write_aside
+
+    attrs = recording.attrs
+    metadata = {
+        "versions": json.loads(attrs.get("versions", "{}")),
+        "scene_hash": attrs.get("scene_hash"),
+        "seed": attrs.get("seed"),
+        "render_backend": attrs.get("render_backend"),
+        "render_fallback_reason": attrs.get("render_fallback_reason"),
+        "working_point_px": estimated.attrs.get("working_point_px"),
+        "estimate_settings": json.loads(estimated.attrs.get("settings", "{}")),
+        "interior_margin_px": margin_px,
+        "timings_s": dict(report.timings_s),
+    }
+    scored = score_estimate(estimated, exact, margin_px=margin_px, metadata=metadata)
+    for name, text in (("score.json", scored.to_json()), ("score.csv", scored.to_csv())):
+        with write_aside(folder / name, overwrite=overwrite) as aside:
+            aside.write_text(text, encoding="utf-8")
+    return scored
+
+
+def _report(
+    recording: xr.Dataset,
+    estimated: xr.Dataset,
+    exact: xr.Dataset,
+    scored: Score,
+    folder: Path,
+    report: Reporter,
+    *,
+    overwrite: bool = False,
+) -> None:
+    from scenetruth.score import write_report
+    from scenetruth.storage import write_aside
+
+    with write_aside(folder / ".report", overwrite=True) as aside:
+        write_report(recording, estimated, exact, scored, aside, progress=report)
+        for name in ("figures", "report.html"):
+            with write_aside(folder / name, overwrite=overwrite) as place:
+                (aside / name).rename(place)
+    _remove_empty(folder / ".report")
+
+
+def _remove_empty(folder: Path) -> None:
+    if folder.is_dir():
+        folder.rmdir()
+
+
+def _print_score(scored: Score) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="interior" if "interior" in scored.regions else None)
+    statistics = ("bias", "rms", "median_abs", "p95_abs", "relative_rms", "density")
+    table.add_column("quantity")
+    for name in statistics:
+        table.add_column(name, justify="right")
+    for quantity, values in scored.regions["interior"].items():
+        if quantity == "outliers":
+            continue
+        cells = [values.get(name) for name in statistics]
+        table.add_row(quantity, *("–" if value is None else f"{value:.4g}" for value in cells))
+    Console().print(table)

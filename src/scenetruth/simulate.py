@@ -1,0 +1,179 @@
+"""From a scene to a recording and its truth."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.camera import Camera, Sensor
+from scenetruth.raycast import Topology
+from scenetruth.recording import VARIABLES, Intrinsics, label, make_recording
+from scenetruth.render import choose_renderer
+from scenetruth.scene.check import check_scene
+from scenetruth.scene.spec import Scene
+from scenetruth.scene.world import World, build_world, generator_for
+from scenetruth.truth import GeometryPass, truth_maps
+
+__all__ = ["TruthViews", "make_truth", "scene_hash", "simulate"]
+
+Progress = Callable[[str, int, int], None]
+TruthViews = Literal["reference", "all"]
+
+_PACKAGES = (
+    "scenetruth",
+    "numpy",
+    "scipy",
+    "numba",
+    "xarray",
+    "zarr",
+    "trimesh",
+    "embreex",
+    "pyrender-maintained",
+    "PyOpenGL",
+)
+
+
+def simulate(
+    scene: Scene,
+    *,
+    truth_views: TruthViews = "reference",
+    folder: str | Path = "",
+    progress: Progress | None = None,
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Render a scene as a camera on its stage would see it, and compute the exact truth.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    truth_views
+        ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
+    folder
+        Where relative paths of mesh and image files in the scene count from.
+    progress
+        Called with (what, done, total) as the work goes on.
+
+    Returns
+    -------
+    tuple
+        The recording, ``image`` (s, t, y, x), and the truth, maps (t, y, x) or (s, t, y, x).
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be made, or nothing of it can be seen.
+    BackendUnavailableError
+        If the scene names a render backend that does not run here.
+    """
+    world = build_world(scene, Path(folder))
+    check_scene(scene, world)
+    recording = _record(scene, world, progress)
+    truth = make_truth(scene, world, truth_views=truth_views, progress=progress)
+    return recording, truth
+
+
+def make_truth(
+    scene: Scene, world: World, *, truth_views: TruthViews = "reference", progress: Progress | None = None
+) -> xr.Dataset:
+    """Compute the truth of a scene without rendering it; see `simulate`."""
+    stage, frames = scene.stage, scene.frames
+    views = [0] if truth_views == "reference" else stage.s.tolist()
+    topology = Topology.of(world.at(0).vertices_mm, world.faces)
+    arrays: dict[str, NDArray[Any]] = {}
+    total = len(views) * frames.count
+    for n, t in enumerate(frames.t.tolist()):
+        geometry = GeometryPass(world, topology, float(t))
+        for m, s in enumerate(views):
+            if progress is not None:
+                progress("truth", n * len(views) + m, total)
+            for name, values in truth_maps(geometry, scene.camera, stage.baseline_mm * s, stage.baseline_mm).items():
+                if name not in arrays:
+                    lead = values.shape[:-2]
+                    arrays[name] = np.empty((*lead, len(views), frames.count, *values.shape[-2:]), dtype=values.dtype)
+                arrays[name][..., m, n, :, :] = values
+    if progress is not None:
+        progress("truth", total, total)
+    if truth_views == "reference":
+        arrays = {name: values[..., 0, :, :, :] for name, values in arrays.items()}
+    names = json.dumps([item.name for item in scene.objects])
+    return label(
+        "truth",
+        {name: arrays[name] for name in VARIABLES["truth"]},
+        _intrinsics(scene),
+        t=frames.t,
+        s=stage.s,
+        stage_x_mm=stage.x_mm,
+        attrs={**_provenance(scene), "object_names": names},
+    )
+
+
+def scene_hash(scene: Scene) -> str:
+    """Return a hash of everything that a scene says, 16 hexadecimal digits."""
+    text = json.dumps(scene.to_plain(), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset:
+    stage, frames, camera = scene.stage, scene.frames, scene.camera
+    sensor = None if scene.sensor == "ideal" else scene.sensor
+    shape = (stage.positions, frames.count, camera.height, camera.width)
+    images: NDArray[Any] = np.empty(shape, dtype=np.float32 if sensor is None else sensor.dtype)
+    total, done = stage.positions * frames.count, 0
+    choice = choose_renderer(scene, world)
+    with choice.renderer as renderer:
+        for n, t in enumerate(frames.t.tolist()):
+            for m, s in enumerate(stage.s.tolist()):
+                if progress is not None:
+                    progress("render", done, total)
+                radiance = renderer.render(float(t), stage.baseline_mm * s)
+                images[m, n] = radiance if sensor is None else _sensed(sensor, radiance, scene.seed, s, t)
+                done += 1
+    if progress is not None:
+        progress("render", total, total)
+    return make_recording(
+        images,
+        camera.focal_px,
+        stage.baseline_mm,
+        camera.principal_point,
+        frames.frame_interval_s,
+        stage_x_mm=stage.x_mm,
+        full_scale=1.0 if sensor is None else sensor.full_scale,
+        attrs={
+            **_provenance(scene),
+            "render_backend": renderer.name,
+            "render_fallback_reason": choice.fallback_reason,
+        },
+    )
+
+
+def _sensed(sensor: Sensor, radiance: NDArray[np.float32], seed: int, s: int, t: int) -> NDArray[Any]:
+    return sensor.sense(radiance, generator_for(seed, "sensor", s, t))
+
+
+def _intrinsics(scene: Scene) -> Intrinsics:
+    camera: Camera = scene.camera
+    return Intrinsics(camera.focal_px, camera.principal_point, scene.stage.baseline_mm, scene.frames.frame_interval_s)
+
+
+def _provenance(scene: Scene) -> dict[str, Any]:
+    versions = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return {
+        "scene": json.dumps(scene.to_plain()),
+        "scene_hash": scene_hash(scene),
+        "seed": scene.seed,
+        "versions": json.dumps(versions),
+    }

@@ -1,0 +1,216 @@
+"""Stores on disk: data sets in zarr, images as files; written aside, sealed, and renamed into place."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.errors import OutputExistsError, RecordingError, StoreError
+from scenetruth.recording import FORMAT_VERSION, check_dataset
+
+__all__ = ["load", "save", "write_aside", "write_images"]
+
+_SEAL = "content"
+
+
+@contextmanager
+def write_aside(target: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """Give a path beside the target to write to; it becomes the target when all went well, and vanishes otherwise.
+
+    Parameters
+    ----------
+    target
+        The file or folder to make.
+    overwrite
+        Whether an existing target may be replaced; it stays until the new one is whole.
+
+    Yields
+    ------
+    pathlib.Path
+        Where to write. Nothing is there yet, but its parent folder exists.
+
+    Raises
+    ------
+    OutputExistsError
+        If the target exists and may not be replaced.
+    StoreError
+        If the file system refuses (disk full, no permission).
+    """
+    target = Path(target)
+    if target.exists() and not overwrite:
+        raise OutputExistsError(target)
+    aside = target.with_name(f".{target.name}.partial-{os.getpid()}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove(aside)
+        yield aside
+        _replace(target, aside)
+    except OSError as error:
+        raise StoreError(target, _explain(error)) from error
+    finally:
+        _remove(aside)
+
+
+def _replace(target: Path, new: Path) -> None:
+    old = target.with_name(f".{target.name}.replaced-{os.getpid()}")
+    _remove(old)
+    if target.exists():
+        target.rename(old)
+    try:
+        new.rename(target)
+    except BaseException:
+        if old.exists():
+            old.rename(target)
+        raise
+    _remove(old)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _explain(error: OSError) -> str:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "the disk is full; nothing was kept. Free some space or choose another output"
+    return f"cannot be written: {error.strerror or error}; nothing was kept"
+
+
+def save(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write a recording, a truth or an estimate as a zarr store, one chunk for each image or map.
+
+    Parameters
+    ----------
+    dataset
+        The data set.
+    path
+        The store to make.
+    overwrite
+        Whether an existing store may be replaced.
+
+    Raises
+    ------
+    OutputExistsError
+        If the store exists and may not be replaced.
+    StoreError
+        If it cannot be written; nothing is left behind then.
+    """
+    import zarr
+
+    encoding = {
+        str(name): {"chunks": tuple(size if dim in ("y", "x") else 1 for dim, size in variable.sizes.items())}
+        for name, variable in dataset.data_vars.items()
+    }
+    with write_aside(path, overwrite=overwrite) as aside, warnings.catch_warnings():
+        # zarr warns that its encoding of short strings (the names of components) is not yet in the specification.
+        warnings.filterwarnings("ignore", category=_unstable_specification())
+        dataset.to_zarr(aside, mode="w", zarr_format=3, consolidated=False, encoding=encoding)
+        zarr.open_group(aside, mode="r+").attrs[_SEAL] = _content(aside)
+
+
+def load(path: str | Path, kind: Literal["recording", "truth", "estimate"] | None = None) -> xr.Dataset:
+    """Read a store that `save` has written.
+
+    Parameters
+    ----------
+    path
+        The store.
+    kind
+        What it must hold; anything of ours if not given.
+
+    Returns
+    -------
+    xarray.Dataset
+        In memory.
+
+    Raises
+    ------
+    StoreError
+        If there is no such store, it is not ours or of another kind, or it is damaged.
+    """
+    import zarr
+
+    path = Path(path)
+    if not path.exists():
+        raise StoreError(path, "no such store")
+    foreign = "is not a store of scenetruth"
+    try:
+        attrs = dict(zarr.open_group(path, mode="r").attrs)
+    except Exception as error:  # zarr reports a damaged store with errors of many kinds
+        raise StoreError(path, f"{foreign}, or its metadata is damaged ({error})") from error
+    found, format_version, seal = attrs.get("scenetruth"), attrs.get("format_version"), attrs.get(_SEAL)
+    if found not in ("recording", "truth", "estimate"):
+        raise StoreError(path, foreign)
+    if kind is not None and found != kind:
+        raise StoreError(path, f"holds a {found}, but a {kind} is needed")
+    if not isinstance(format_version, int) or format_version > FORMAT_VERSION:
+        message = f"has the format version {format_version}; this scenetruth reads up to {FORMAT_VERSION}: update it"
+        raise StoreError(path, message)
+    content = _content(path)
+    if seal != content:
+        raise StoreError(path, f"is damaged or cut short: sealed with {seal}, but it holds {content}; make it again")
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", category=_unstable_specification())
+            dataset: xr.Dataset = xr.open_zarr(path, consolidated=False, chunks=None).load()
+    except Exception as error:
+        raise StoreError(path, f"is damaged ({error}); make it again") from error
+    del dataset.attrs[_SEAL]
+    try:
+        check_dataset(dataset, str(found))
+    except RecordingError as error:
+        raise StoreError(path, f"does not have the agreed form: {error}") from error
+    return dataset
+
+
+def _content(path: Path) -> dict[str, int]:
+    """Count the files of a store, and the bytes of its chunks; a store that lost a chunk would read as empty there."""
+    files = [file for file in path.rglob("*") if file.is_file() and file != path / "zarr.json"]
+    return {"files": len(files), "bytes": sum(file.stat().st_size for file in files)}
+
+
+def _unstable_specification() -> type[Warning]:
+    import zarr.errors
+
+    category: type[Warning] = getattr(zarr.errors, "UnstableSpecificationWarning", FutureWarning)
+    return category
+
+
+def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png", "tiff"]) -> None:
+    """Write every image of a recording as a file ``s+0_t+0.png``.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    folder
+        Where; it must not exist yet.
+    form
+        ``"png"``: 16 bit, full scale is 65535 (digital numbers of up to 16 bit can be told from it exactly).
+        ``"tiff"``: float32, full scale is 1.
+    """
+    import imageio.v3 as imageio
+
+    folder = Path(folder)
+    folder.mkdir(parents=True)
+    full_scale = float(recording.attrs["full_scale"])
+    for s in recording["s"].values:
+        for t in recording["t"].values:
+            image = recording["image"].sel(s=s, t=t).values.astype(np.float64) / full_scale
+            values: np.ndarray[Any, Any]
+            if form == "png":
+                values = np.rint(np.clip(image, 0, 1) * 65535).astype(np.uint16)
+            else:
+                values = image.astype(np.float32)
+            imageio.imwrite(folder / f"s{s:+d}_t{t:+d}.{form}", values)

@@ -1,0 +1,250 @@
+"""The commands as a user runs them: in a process of their own."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import scenetruth as st
+from scenetruth.cli.app import app
+from tests.scenes import SCENES, cube
+
+STORES = {"recording.zarr", "truth.zarr"}
+RESULTS = {"scene.yaml", *STORES, "estimate.zarr", "score.json", "score.csv", "report.html", "figures"}
+
+
+def scenetruth(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "scenetruth", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        **options,
+    )
+
+
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("scene") / "small.yaml"
+    plain = cube(sensor={"bit_depth": 8, "noise_std": 0.01}, estimate={"working_point_px": 9}).to_plain()
+    file.write_text(yaml.safe_dump(plain))
+    return file
+
+
+@pytest.fixture(scope="module")
+def finished(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "one"
+    done = scenetruth("run", scene_file, "-o", folder, "--images", "png")
+    assert done.returncode == 0, done.stderr
+    assert "depth" in done.stdout
+    assert "rendered with raycast" in done.stderr
+    return folder
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_run_does_everything_in_one_go(finished: Path) -> None:
+    assert names(finished) == {*RESULTS, "images"}
+    assert len(names(finished / "images")) == 45
+    assert names(finished.parent) == {"one"}
+    scene = st.load_scene(finished / "scene.yaml")
+    assert scene.camera.width == 160
+
+
+def test_score_files_agree_and_have_the_stated_keys(finished: Path) -> None:
+    content = json.loads((finished / "score.json").read_text())
+    assert set(content) == {"all", "interior", "metadata"}
+    quantities = {"depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y"}
+    for region in ("all", "interior"):
+        assert quantities <= set(content[region])
+        for quantity in quantities:
+            statistics = {"bias", "rms", "median_abs", "p95_abs", "relative_rms", "density", "count"}
+            assert set(content[region][quantity]) == statistics
+    assert {"versions", "scene_hash", "seed", "timings_s"} <= set(content["metadata"])
+    with (finished / "score.csv").open() as file:
+        assert len(list(csv.reader(file))) > 10
+
+
+def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "steps"
+    assert scenetruth("render", scene_file, "-o", folder).returncode == 0
+    assert names(folder) == {"scene.yaml", *STORES}
+    for command in ("estimate", "score", "report"):
+        done = scenetruth(command, folder)
+        assert done.returncode == 0, done.stderr
+    assert names(folder) == RESULTS
+    one, two = (json.loads((place / "score.json").read_text()) for place in (finished, folder))
+    for region in ("all", "interior"):
+        assert one[region] == two[region]
+    for command in ("estimate", "score", "report"):
+        again = scenetruth(command, folder)
+        assert again.returncode == 2
+        assert "exists already" in again.stderr
+        assert scenetruth(command, folder, "--overwrite").returncode == 0
+    assert names(folder) == RESULTS
+
+
+def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Path) -> None:
+    done = scenetruth("estimate", finished, "--overwrite", "--set", "estimate.window_sigma_px=4")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(st.load(finished / "estimate.zarr").attrs["settings"])["window_sigma_px"] == 4
+    done = scenetruth("estimate", finished, "--overwrite", "--set", "camera.width=4")
+    assert done.returncode == 2
+    assert "only fields of 'estimate' can be changed after rendering" in done.stderr
+    done = scenetruth("score", finished, "--overwrite", "--set", "score.interior_margin_px=5")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((finished / "score.json").read_text())["metadata"]["interior_margin_px"] == 5
+
+
+def test_an_existing_output_is_refused_without_overwrite(finished: Path, scene_file: Path) -> None:
+    before = names(finished)
+    done = scenetruth("run", scene_file, "-o", finished)
+    assert done.returncode == 2
+    assert "exists already" in done.stderr
+    assert names(finished) == before
+
+
+def test_recordings_from_elsewhere_can_be_estimated(tmp_path: Path) -> None:
+    images = np.random.default_rng(0).integers(0, 255, (5, 9, 40, 48), dtype=np.uint8)
+    st.save(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
+    done = scenetruth("estimate", tmp_path, "--set", "estimate.working_point_px=0")
+    assert done.returncode == 0, done.stderr
+    assert st.load(tmp_path / "estimate.zarr").attrs["working_point_px"] == 0
+
+
+def test_truth_of_all_cameras_is_scored_at_the_reference(scene_file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "all"
+    done = scenetruth("run", scene_file, "-o", folder, "--truth", "all")
+    assert done.returncode == 0, done.stderr
+    assert st.load(folder / "truth.zarr")["depth"].sizes["s"] == 5
+
+
+def test_too_few_frames_are_found_before_work_starts(scene_file: Path, tmp_path: Path) -> None:
+    done = scenetruth("run", scene_file, "-o", tmp_path / "x", "--set", "frames.count=3", "--set", "stage.positions=2")
+    assert done.returncode == 2
+    assert "frames.count: too few frames" in done.stderr
+    assert "stage.positions: too few cameras" in done.stderr
+    assert names(tmp_path) == set()
+
+
+def test_missing_pieces_are_named(tmp_path: Path) -> None:
+    done = scenetruth("estimate", tmp_path)
+    assert done.returncode == 2
+    assert "recording.zarr: no such store" in done.stderr
+
+
+def test_ctrl_c_during_a_render_leaves_nothing_behind(tmp_path: Path) -> None:
+    command = [sys.executable, "-u", "-m", "scenetruth", "run", str(SCENES / "cube.yaml"), "-o", str(tmp_path / "cube")]
+    command += ["--set", "render.backend=raycast", "--set", "render.supersampling=8"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    # The renderer is open once Embree is loaded.
+    while "embree" not in Path(f"/proc/{process.pid}/maps").read_text() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "error: interrupted; nothing half-written was kept" in errors
+    assert "Traceback" not in errors
+    assert names(tmp_path) == set()
+
+
+def test_a_full_disk_is_reported(scene_file: Path, tmp_path: Path) -> None:
+    # A limit on the size of files is what a process can set for itself without root.
+    code = (
+        "import resource, signal, sys\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"
+        "sys.argv = ['scenetruth', *sys.argv[1:]]\n"
+        "from scenetruth.cli import main\nmain()"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", "")}
+    done = subprocess.run(
+        [sys.executable, "-c", code, "render", str(scene_file), "-o", str(tmp_path / "x")],
+        capture_output=True,
+        text=True,
+        env={key: value for key, value in environment.items() if value},
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    assert "cannot be written" in done.stderr
+    assert names(tmp_path) == set()
+
+
+def test_check_prints_what_will_be_made() -> None:
+    done = scenetruth("check", SCENES / "cube.yaml", env={**os.environ, "COLUMNS": "200"})
+    assert done.returncode == 0, done.stderr
+    for text in (
+        "45 of 640 x 480 px",
+        "5016 px",
+        "13.8 MB",
+        "px per step",
+        "texture wavelengths",
+        "the scene is valid",
+    ):
+        assert text in done.stdout
+
+
+def test_check_warns_and_names_errors() -> None:
+    fine = scenetruth("check", SCENES / "cube.yaml", "--set", "objects.0.texture.wavelength_mm=[0.2, 1]")
+    assert fine.returncode == 0
+    assert "finer than 2 px" in fine.stderr
+    behind = scenetruth("check", SCENES / "cube.yaml", "--set", "objects.0.pose.position_mm=[0, 0, -700]")
+    assert behind.returncode == 2
+    assert "cube.yaml" in behind.stderr
+    assert "behind the camera" in behind.stderr
+
+
+def test_schema_is_a_json_schema_with_descriptions() -> None:
+    done = scenetruth("schema")
+    schema = json.loads(done.stdout)
+    assert set(schema["properties"]) >= {"camera", "stage", "frames", "objects", "sensor", "render", "estimate", "seed"}
+    described = [name for name, entry in schema["properties"].items() if "description" in entry]
+    assert len(described) == len(schema["properties"])
+
+
+def test_no_gl_at_all_renders_by_ray_casting_and_says_why(scene_file: Path, tmp_path: Path) -> None:
+    # PyOpenGL finds no library where ctypes finds none.
+    (tmp_path / "sitecustomize.py").write_text(
+        "import ctypes.util, ctypes\n"
+        "_load = ctypes.CDLL.__init__\n"
+        "def refuse(self, name, *a, **k):\n"
+        "    if name and any(part in str(name) for part in ('GL', 'OSMesa')):\n"
+        "        raise OSError(f'{name}: not here')\n"
+        "    _load(self, name, *a, **k)\n"
+        "ctypes.CDLL.__init__ = refuse\n"
+        "_find = ctypes.util.find_library\n"
+        "ctypes.util.find_library = lambda name: None if 'GL' in name or 'OSMesa' in name else _find(name)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    arguments = ["render", scene_file, "-o", tmp_path / "out", "--set", "render.backend=auto"]
+    done = scenetruth(*arguments, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "rendered with raycast" in done.stderr
+    assert "osmesa" in done.stderr
+    assert "rendered by ray casting instead" in done.stderr
+    refused = scenetruth(*arguments[:3], tmp_path / "two", "--set", "render.backend=pyrender", env=environment)
+    assert refused.returncode == 2
+    assert "libosmesa6" in refused.stderr
+    assert not (tmp_path / "two").exists()
+
+
+def test_every_command_has_help() -> None:
+    for command in app.registered_commands:
+        assert command.callback is not None
+        assert command.callback.__doc__

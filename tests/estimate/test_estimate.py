@@ -1,0 +1,100 @@
+"""Bad input to `estimate` gets an answer before any work starts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import scenetruth as st
+
+
+def recording(**changes: Any) -> xr.Dataset:
+    shape = changes.pop("shape", (5, 9, 32, 64))
+    images = np.random.default_rng(0).random(shape)
+    return st.make_recording(images, **{"focal_length_px": 500.0, "baseline_mm": 5.0, **changes})
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ((4, 9, 32, 64), r"stage.positions: too few cameras: the filters need 5 positions \(got 4\)"),
+        ((5, 8, 32, 64), r"frames.count: too few frames: filters and window need 9 .* \(got 8\)"),
+        ((5, 9, 28, 64), r"camera.height: too small: filters and window need 29 px \(got 28\)"),
+    ],
+)
+def test_too_small_recordings_say_what_is_needed(shape: tuple[int, ...], message: str) -> None:
+    with pytest.raises(st.EstimateError, match=message):
+        st.estimate(recording(shape=shape))
+
+
+def test_all_that_is_too_small_is_reported_at_once() -> None:
+    with pytest.raises(st.EstimateError) as caught:
+        st.estimate(recording(shape=(3, 3, 8, 8)))
+    assert len(caught.value.problems) == 4
+
+
+@pytest.mark.parametrize(
+    ("settings", "path"),
+    [
+        ({"window_taps_px": 24}, "window_taps_px"),
+        ({"window_sigma_px": 0.0}, "window_sigma_px"),
+        ({"window_sigma_px": float("nan")}, "window_sigma_px"),
+        ({"tau": -1.0}, "tau"),
+        ({"working_point_px": "guess"}, "working_point_px"),
+        ({"method": "magic"}, "method"),
+        ({"windw": 3}, "windw"),
+    ],
+)
+def test_impossible_settings(settings: dict[str, Any], path: str) -> None:
+    with pytest.raises(st.EstimateError, match=path):
+        st.estimate(recording(), **settings)
+
+
+def test_images_that_are_not_finite() -> None:
+    broken = recording()
+    broken["image"].values[1, 2, 3, 4] = np.nan
+    with pytest.raises(st.EstimateError, match="image: holds 1 values that are not finite"):
+        st.estimate(broken)
+
+
+def test_working_point_without_common_view() -> None:
+    with pytest.raises(
+        st.EstimateError, match="working_point_px: images registered by 12 px per step share only 16 columns"
+    ):
+        st.estimate(recording(), working_point_px=12)
+
+
+def test_unequal_stage_positions() -> None:
+    with pytest.raises(st.EstimateError, match="stage_x_mm: must be equidistant"):
+        st.estimate(recording(stage_x_mm=[-10, -5, 0, 5, 11]))
+
+
+def test_missing_intrinsics() -> None:
+    broken = recording()
+    del broken.attrs["focal_length_px"]
+    with pytest.raises(st.RecordingError, match=r"attrs.focal_length_px: must be a finite number"):
+        st.estimate(broken)
+
+
+def test_wrong_order_of_dimensions() -> None:
+    with pytest.raises(st.RecordingError, match="image: must have the dimensions"):
+        st.estimate(recording().transpose("t", "s", "y", "x"))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_integer_images_are_scaled_by_their_full_scale(dtype: type) -> None:
+    linear = recording(shape=(5, 9, 36, 40))
+    top = np.iinfo(dtype).max
+    digital = st.make_recording(np.rint(linear["image"].values * top).astype(dtype), 500.0, 5.0)
+    one, two = (st.estimate(data, working_point_px=0)["eigenvalues"].isel(t=0) for data in (linear, digital))
+    # Rounding to whole digital numbers: noise of 1/sqrt(12) of a step against a signal of full scale.
+    np.testing.assert_allclose(two.isel(rank=0), one.isel(rank=0), rtol=10 / top)
+
+
+def test_progress_is_told() -> None:
+    calls: list[tuple[str, int, int]] = []
+    st.estimate(recording(), working_point_px=0, progress=lambda *call: calls.append(call))
+    assert calls == [("estimate", 0, 1), ("estimate", 1, 1)]

@@ -1,0 +1,37 @@
+"""The public names: complete, lazy, and not hidden by the rooms of the same name."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import scenetruth as st
+
+
+@pytest.mark.parametrize("name", st.__all__)
+def test_every_public_name_exists_and_is_documented(name: str) -> None:
+    assert getattr(st, name).__doc__
+
+
+@pytest.mark.parametrize("name", ["estimate", "score", "simulate"])
+def test_functions_are_not_hidden_by_their_rooms(name: str) -> None:
+    __import__(f"scenetruth.{name}")
+    assert callable(getattr(st, name))
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = st.nothing  # type: ignore[attr-defined]
+
+
+def test_help_does_not_import_the_heavy_libraries() -> None:
+    code = (
+        "import sys\n"
+        "from scenetruth.cli.app import app\n"
+        "try:\n    app(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print([name for name in ('numpy', 'xarray', 'numba', 'scipy', 'pydantic', 'trimesh') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.rstrip().endswith("[]")
