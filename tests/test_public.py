@@ -23,7 +23,7 @@ def test_functions_are_not_hidden_by_their_rooms(name: str) -> None:
 
 def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        _ = st.nothing  # type: ignore[attr-defined]
+        _ = st.nothing
 
 
 def test_help_does_not_import_the_heavy_libraries() -> None:

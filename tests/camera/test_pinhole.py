@@ -28,7 +28,7 @@ def test_focal_length_in_millimetres() -> None:
 )
 def test_focal_length_is_given_exactly_once(wrong: dict[str, float]) -> None:
     with pytest.raises(ValidationError, match="focal_length_px"):
-        Camera(width=4, height=4, **wrong)  # type: ignore[arg-type]
+        Camera(width=4, height=4, **wrong)
 
 
 def test_signs_of_the_axes() -> None:

@@ -18,16 +18,17 @@ def test_digitisation_rounds_and_saturates(bits: int) -> None:
 
 def test_noise_has_the_stated_strength_and_no_bias() -> None:
     image = np.full((400, 500), 0.5, dtype=np.float32)
-    noise = Sensor(bit_depth=None, noise_std=0.02).sense(image, np.random.default_rng(3)) - image
+    sensed = Sensor(bit_depth=None, noise_std=0.02).sense(image, np.random.default_rng(3))
+    noise = sensed.astype(np.float64) - 0.5
     # Standard errors of mean and standard deviation of 200,000 values; 5 of them.
     assert abs(noise.mean()) < 5 * 0.02 / np.sqrt(noise.size)
     assert abs(noise.std() - 0.02) < 5 * 0.02 / np.sqrt(2 * noise.size)
 
 
 def test_full_scale_radiance_scales_the_signal() -> None:
-    assert Sensor(bit_depth=8, full_scale_radiance=2.0).sense(np.float32([1.0]), np.random.default_rng(0)).tolist() == [
-        128
-    ]
+    assert Sensor(bit_depth=8, full_scale_radiance=2.0).sense(
+        np.ones(1, dtype=np.float32), np.random.default_rng(0)
+    ).tolist() == [128]
 
 
 @pytest.mark.parametrize(("count", "expected"), [(1, [0]), (2, [0, 1]), (5, [-2, -1, 0, 1, 2])])

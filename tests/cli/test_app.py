@@ -232,7 +232,7 @@ def test_no_gl_at_all_renders_by_ray_casting_and_says_why(scene_file: Path, tmp_
         "ctypes.util.find_library = lambda name: None if 'GL' in name or 'OSMesa' in name else _find(name)\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
-    arguments = ["render", scene_file, "-o", tmp_path / "out", "--set", "render.backend=auto"]
+    arguments: list[str | Path] = ["render", scene_file, "-o", tmp_path / "out", "--set", "render.backend=auto"]
     done = scenetruth(*arguments, env=environment)
     assert done.returncode == 0, done.stderr
     assert "rendered with raycast" in done.stderr

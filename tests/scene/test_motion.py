@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import mpmath
 import numpy as np
 from hypothesis import given
@@ -31,8 +33,8 @@ def test_constant_velocity(velocity: tuple[float, float, float], t: float) -> No
 
 
 def turned(
-    point: list[float], axis: tuple[float, float, float], centre: tuple[float, float, float], angle: object
-) -> list[object]:
+    point: list[float], axis: tuple[float, float, float], centre: tuple[float, float, float], angle: Any
+) -> list[Any]:
     """Rodrigues' formula in extended precision."""
     length = mpmath.sqrt(sum(mpmath.mpf(x) ** 2 for x in axis))
     n = [mpmath.mpf(x) / length for x in axis]
@@ -64,7 +66,7 @@ def test_composed_motion_against_extended_precision(
 
     with mpmath.workdps(50):
 
-        def position(time: object) -> list[object]:
+        def position(time: Any) -> list[Any]:
             moved = [mpmath.mpf(x) + mpmath.mpf(u) * time for x, u in zip(start, velocity, strict=True)]
             return turned(moved, axis, centre, mpmath.radians(rate) * time)
 
@@ -74,8 +76,8 @@ def test_composed_motion_against_extended_precision(
         ahead, behind = position(time + step), position(time - step)
         derivative = [float((a - b) / (2 * step)) for a, b in zip(ahead, behind, strict=True)]
     # Float64 rounding of coordinates of a few hundred millimetres.
-    np.testing.assert_allclose(point[0], expected, atol=1e-11)
-    np.testing.assert_allclose(speed[0], derivative, atol=1e-11)
+    np.testing.assert_allclose(point[0], np.array(expected), atol=1e-11)
+    np.testing.assert_allclose(speed[0], np.array(derivative), atol=1e-11)
 
 
 def test_rotation_turns_about_the_objects_position_by_default() -> None:
@@ -83,7 +85,7 @@ def test_rotation_turns_about_the_objects_position_by_default() -> None:
     points, speeds = motion.compose(motions, np.array([[1.0, 2, 600], [2.0, 2, 600]]), 1)
     # About Z the X axis turns towards the Y axis.
     np.testing.assert_allclose(points, [[1, 2, 600], [1, 3, 600]], atol=1e-12)
-    np.testing.assert_allclose(speeds, [[0, 0, 0], [-np.pi / 2, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(speeds, np.array([[0, 0, 0], [-np.pi / 2, 0, 0]]), atol=1e-12)
 
 
 def test_pose_turns_in_the_given_order_then_moves() -> None:
@@ -91,4 +93,4 @@ def test_pose_turns_in_the_given_order_then_moves() -> None:
         position_mm=(10, 0, 0),
         rotations=(spec.Rotation(axis=(0, 0, 1), angle_deg=90), spec.Rotation(axis=(1, 0, 0), angle_deg=90)),
     )
-    np.testing.assert_allclose(motion.pose_points(pose, np.array([[1.0, 0, 0]])), [[10, 0, 1]], atol=1e-15)
+    np.testing.assert_allclose(motion.pose_points(pose, np.array([[1.0, 0, 0]])), np.array([[10, 0, 1]]), atol=1e-15)

@@ -335,14 +335,22 @@ def _print_score(scored: Score) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title="interior" if "interior" in scored.regions else None)
+    from scenetruth.score import units_of
+
     statistics = ("bias", "rms", "median_abs", "p95_abs", "relative_rms", "density")
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=120)
+    table = Table(title="region interior", title_justify="left")
     table.add_column("quantity")
+    table.add_column("unit")
     for name in statistics:
         table.add_column(name, justify="right")
     for quantity, values in scored.regions["interior"].items():
         if quantity == "outliers":
             continue
         cells = [values.get(name) for name in statistics]
-        table.add_row(quantity, *("–" if value is None else f"{value:.4g}" for value in cells))
-    Console().print(table)
+        table.add_row(
+            quantity, units_of(quantity), *("–" if value is None else f"{value:.4g}" for value in cells)
+        )
+    console.print(table)

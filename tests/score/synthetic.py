@@ -1,0 +1,113 @@
+"""A wedge that approaches the camera, with its truth, a noisy estimate and a recording; no rendering needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from scenetruth.recording import KIND_FULL, KIND_NONE, KIND_NORMAL, Intrinsics, label, make_recording
+
+BASELINE_MM = 5.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a score needs."""
+
+    recording: xr.Dataset
+    estimate: xr.Dataset
+    truth: xr.Dataset
+
+
+def make_case(
+    width: int = 160,
+    height: int = 120,
+    focal_length_px: float = 1250.0,
+    *,
+    frames: tuple[int, ...] = (0,),
+    depth_noise_mm: float = 0.1,
+    velocity_noise: float = 0.05,
+    border_px: int = 4,
+    seed: int = 1,
+) -> Case:
+    """Make a wedge with a vertical edge towards the camera, tilted by 20 degrees, 1 mm per frame nearer."""
+    rng = np.random.default_rng(seed)
+    intrinsics = Intrinsics(focal_length_px, ((width - 1) / 2, (height - 1) / 2), BASELINE_MM)
+    wedge = [_wedge(width, height, focal_length_px, t) for t in frames]
+    depth = np.stack([entry[0] for entry in wedge])
+    mixed = np.stack([entry[1] for entry in wedge])
+    velocity = np.where(np.isfinite(depth), np.array([0.0, 0.0, -1.0])[:, None, None, None], np.nan)
+    truth = label("truth", {**_maps(depth, velocity, intrinsics), "mixed": mixed}, intrinsics, t=frames)
+
+    noisy_depth = depth + depth_noise_mm * _noise(rng, depth.shape)
+    noisy_velocity = velocity + velocity_noise * np.stack(
+        [0.05 * _noise(rng, depth.shape) for _ in "XY"] + [_noise(rng, depth.shape)]
+    )
+    # A window across the edge rounds it off.
+    filled = np.where(np.isfinite(depth), depth, 700.0)
+    noisy_depth += np.where(mixed.any(), ndimage.gaussian_filter(filled, (0, 2, 2)) - filled, 0.0)
+    kind = np.full(depth.shape, KIND_FULL, dtype=np.uint8)
+    kind[ndimage.gaussian_filter(rng.standard_normal(depth.shape), (0, 5, 5)) > 0.14] = KIND_NORMAL
+    kind[~np.isfinite(depth)] = KIND_NONE
+    inner = np.zeros(depth.shape, dtype=bool)
+    inner[:, border_px : height - border_px, border_px : width - border_px] = True
+    kind[~inner] = KIND_NONE
+    void = kind == KIND_NONE
+    confidence = np.clip(0.9 - 0.1 * np.abs(_noise(rng, depth.shape)), 0, 1)
+    confidence[mixed] *= 0.3
+    arrays = _maps(np.where(void, np.nan, noisy_depth), np.where(void, np.nan, noisy_velocity), intrinsics)
+    estimate = label(
+        "estimate",
+        {
+            **{name: values.astype(np.float32) for name, values in arrays.items()},
+            "kind": kind,
+            "confidence": np.where(void, np.nan, confidence),
+        },
+        intrinsics,
+        t=frames,
+    )
+    texture = ndimage.gaussian_filter(rng.standard_normal((height, width)), 0.005 * width)
+    image = 128 + 60 * texture / texture.std()
+    image[~np.isfinite(depth[len(frames) // 2])] = 20
+    images = np.broadcast_to(np.clip(image, 0, 255).astype(np.uint8), (3, 3, height, width))
+    return Case(make_recording(images, focal_length_px, BASELINE_MM), estimate, truth)
+
+
+def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return noise of unit variance, smooth over a few pixels as a windowed estimate's is."""
+    smooth = ndimage.gaussian_filter(rng.standard_normal(shape), (0, 3, 3))
+    return np.asarray(smooth / smooth.std())
+
+
+def _wedge(width: int, height: int, focal_length_px: float, t: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    y, x = np.indices((height, width))
+    slope_x = (x - (width - 1) / 2) / focal_length_px
+    slope_y = (y - (height - 1) / 2) / focal_length_px
+    # The plane Z = a + |X| + b Y meets the ray (slope_x, slope_y, 1) Z.
+    depth = (660.0 - t) / (1.0 - np.abs(slope_x) - np.tan(np.deg2rad(20.0)) * slope_y)
+    inside = (np.abs(slope_x * depth) < 0.4 * width / focal_length_px * 660) & (
+        np.abs(slope_y * depth) < 0.43 * height / focal_length_px * 660
+    )
+    edge = np.abs(x - (width - 1) / 2) <= 0.5
+    silhouette = ndimage.binary_dilation(inside) & ~ndimage.binary_erosion(inside)
+    return np.where(inside, depth, np.nan), np.asarray(silhouette | (edge & inside))
+
+
+def _maps(
+    depth: NDArray[np.float64], velocity: NDArray[np.float64], intrinsics: Intrinsics
+) -> dict[str, NDArray[np.float64]]:
+    """Return depth and velocity with the disparity and the flow that follow from them."""
+    c_x, c_y = intrinsics.principal_point_px
+    y, x = np.indices(depth.shape[1:])
+    scale = intrinsics.focal_length_px / depth
+    flow = np.stack(
+        [
+            scale * velocity[0] - (x - c_x) * velocity[2] / depth,
+            scale * velocity[1] - (y - c_y) * velocity[2] / depth,
+        ]
+    )
+    return {"depth": depth, "velocity": velocity, "disparity": scale * intrinsics.baseline_mm, "flow": flow}
