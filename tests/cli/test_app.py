@@ -107,7 +107,7 @@ def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Pat
     assert "only fields of 'estimate' can be changed after rendering" in done.stderr
     done = scenetruth("score", finished, "--overwrite", "--set", "score.interior_margin_px=5")
     assert done.returncode == 0, done.stderr
-    assert json.loads((finished / "score.json").read_text())["metadata"]["interior_margin_px"] == 5
+    assert json.loads((finished / "score.json").read_text())["metadata"]["margin_px"] == 5
 
 
 def test_an_existing_output_is_refused_without_overwrite(finished: Path, scene_file: Path) -> None:

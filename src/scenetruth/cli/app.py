@@ -295,7 +295,6 @@ def _score(
         "render_fallback_reason": attrs.get("render_fallback_reason"),
         "working_point_px": estimated.attrs.get("working_point_px"),
         "estimate_settings": json.loads(estimated.attrs.get("settings", "{}")),
-        "interior_margin_px": margin_px,
         "timings_s": dict(report.timings_s),
     }
     scored = score_estimate(estimated, exact, margin_px=margin_px, metadata=metadata)
@@ -350,7 +349,5 @@ def _print_score(scored: Score) -> None:
         if quantity == "outliers":
             continue
         cells = [values.get(name) for name in statistics]
-        table.add_row(
-            quantity, units_of(quantity), *("–" if value is None else f"{value:.4g}" for value in cells)
-        )
+        table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.4g}" for value in cells))
     console.print(table)

@@ -47,6 +47,8 @@ class Reporter:
 
     def __call__(self, what: str, done: int, total: int) -> None:
         """Show that ``done`` of ``total`` pieces of some work are done."""
+        if _interrupted:
+            raise _Interrupted
         if what not in self._tasks:
             self._tasks[what] = self.progress.add_task(what, total=total)
         self.progress.update(self._tasks[what], completed=done, total=total)
@@ -87,19 +89,26 @@ def guard(run: Callable[[], None]) -> None:
         signal.signal(number, _interrupt)
     try:
         run()
-    except ScenetruthError as error:
-        _print_error(str(error))
-        sys.exit(_EXIT_ERROR)
-    except _Interrupted:
-        _print_error("interrupted; nothing half-written was kept, the command can be repeated")
-        sys.exit(_EXIT_INTERRUPTED)
+    except BaseException as error:
+        # Compiled code may turn the interrupt that reaches it into an error of its own.
+        if _interrupted:
+            _print_error("interrupted; nothing half-written was kept, the command can be repeated")
+            sys.exit(_EXIT_INTERRUPTED)
+        if isinstance(error, ScenetruthError):
+            _print_error(str(error))
+            sys.exit(_EXIT_ERROR)
+        raise
 
 
 class _Interrupted(BaseException):
     """Somebody wants the command to end; not a KeyboardInterrupt, which the command line library would swallow."""
 
 
+_interrupted: list[int] = []
+
+
 def _interrupt(number: int, frame: object) -> None:
+    _interrupted.append(number)
     raise _Interrupted
 
 
