@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +153,27 @@ def test_a_full_disk_for_real(tmp_path: Path) -> None:
 
     with pytest.raises(st.StoreError, match="the disk is full"):
         fill(tmp_path / "score.json")
+    assert left_behind(tmp_path) == []
+
+
+def test_writers_that_finish_late_leave_nothing_behind(tmp_path: Path) -> None:
+    writers = []
+
+    def write_late(aside: Path) -> None:
+        deadline = time.monotonic() + 0.3
+        while time.monotonic() < deadline:
+            aside.mkdir(exist_ok=True)
+            (aside / "chunk").write_bytes(b"0")
+
+    def fail() -> None:
+        with storage.write_aside(tmp_path / "x.zarr") as aside:
+            writers.append(threading.Thread(target=write_late, args=(aside,)))
+            writers[0].start()
+            raise RuntimeError
+
+    with contextlib.suppress(RuntimeError):
+        fail()
+    writers[0].join()
     assert left_behind(tmp_path) == []
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import shutil
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +22,7 @@ from scenetruth.recording import FORMAT_VERSION, check_dataset
 __all__ = ["load", "save", "write_aside", "write_images"]
 
 _SEAL = "content"
+_QUIET_S, _PATIENCE_S = 0.25, 10.0
 
 
 @contextmanager
@@ -55,9 +58,11 @@ def write_aside(target: str | Path, *, overwrite: bool = False) -> Iterator[Path
         yield aside
         _replace(target, aside)
     except OSError as error:
+        _clear_up(aside)
         raise StoreError(target, _explain(error)) from error
-    finally:
-        _remove(aside)
+    except BaseException:
+        _clear_up(aside)
+        raise
 
 
 def _replace(target: Path, new: Path) -> None:
@@ -78,7 +83,23 @@ def _remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
-        path.unlink(missing_ok=True)
+        with contextlib.suppress(IsADirectoryError):
+            path.unlink(missing_ok=True)
+
+
+def _clear_up(path: Path) -> None:
+    """Remove what a failed or interrupted writer left.
+
+    zarr writes in threads of its own, which may finish a chunk after the error has reached us: the path must stay away
+    for a while before it counts as removed.
+    """
+    quiet_since = time.monotonic()
+    deadline = quiet_since + _PATIENCE_S
+    while time.monotonic() < min(quiet_since + _QUIET_S, deadline):
+        if path.exists() or path.is_symlink():
+            _remove(path)
+            quiet_since = time.monotonic()
+        time.sleep(0.01)
 
 
 def _explain(error: OSError) -> str:

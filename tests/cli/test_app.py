@@ -102,6 +102,8 @@ def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Pat
     done = scenetruth("estimate", finished, "--overwrite", "--set", "estimate.window_sigma_px=4")
     assert done.returncode == 0, done.stderr
     assert json.loads(st.load(finished / "estimate.zarr").attrs["settings"])["window_sigma_px"] == 4
+    assert "score.json, score.csv, report.html, figures" in done.stderr
+    assert "belong to the former estimate" in done.stderr
     done = scenetruth("estimate", finished, "--overwrite", "--set", "camera.width=4")
     assert done.returncode == 2
     assert "only fields of 'estimate' can be changed after rendering" in done.stderr

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -23,6 +25,14 @@ def test_scenes_of_the_repository_load_and_survive_a_round_trip(file: Path) -> N
     assert scene.description
     assert st.scene_from_plain(scene.to_plain()) == scene
     assert st.scene_from_plain(yaml.safe_load(yaml.safe_dump(scene.to_plain()))) == scene
+
+
+@pytest.mark.parametrize(
+    "changes", [{"sensor": {"bit_depth": None}}, {"sensor": {"bit_depth": 8}}, {"sensor": "ideal"}]
+)
+def test_what_is_not_the_default_survives_a_round_trip(changes: dict[str, Any]) -> None:
+    scene = cube(**changes)
+    assert st.scene_from_plain(json.loads(json.dumps(scene.to_plain()))) == scene
 
 
 def test_yaml_and_python_are_equal(tmp_path: Path) -> None:

@@ -148,6 +148,10 @@ def estimate(folder: Folder, overrides: Overrides = None, overwrite: Overwrite =
     with reporting() as report:
         _estimate(recording, estimate_settings(**settings), folder, report, overwrite=overwrite)
     typer.echo(f"written: {target}")
+    stale = [name for name in ("score.json", "score.csv", "report.html", "figures") if (folder / name).exists()]
+    if stale:
+        remedy = "repeat `scenetruth score` and `scenetruth report` with --overwrite"
+        typer.echo(f"warning: {', '.join(stale)} in {folder} belong to the former estimate; {remedy}", err=True)
 
 
 @app.command()

@@ -58,7 +58,8 @@ def estimate(
     progress
         Called with (what, done, total) as the work goes on.
     **settings
-        Settings of the estimator, see `scenetruth.settings.EstimateSettings`.
+        Settings of the estimator, see `scenetruth.settings.EstimateSettings`; what is not given has the paper's value,
+        whatever the scene of the recording says.
 
     Returns
     -------

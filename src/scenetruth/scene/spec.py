@@ -280,4 +280,4 @@ class Scene(FrozenModel):
 
     def to_plain(self) -> dict[str, Any]:
         """Return the scene as plain values, ready for YAML or JSON."""
-        return self.model_dump(mode="json", exclude_none=True)
+        return self.model_dump(mode="json")
