@@ -84,7 +84,7 @@ def textured_square(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("backend", ["raycast", "pyrender"])
-@pytest.mark.parametrize("source", ["own", "given", "plane"])
+@pytest.mark.parametrize("source", ["own", "own glb", "given", "plane"])
 def test_image_textures_stand_upright(tmp_path: Path, backend: str, source: str) -> None:
     file = textured_square(tmp_path)
     texture: dict[str, Any] = (
