@@ -47,9 +47,9 @@ def make_case(
     noisy_velocity = velocity + velocity_noise * np.stack(
         [0.05 * _noise(rng, depth.shape) for _ in "XY"] + [_noise(rng, depth.shape)]
     )
-    # A window across the edge rounds it off.
+    # A window across an edge rounds it off, and draws in what lies beyond a silhouette.
     filled = np.where(np.isfinite(depth), depth, 700.0)
-    noisy_depth += np.where(mixed.any(), ndimage.gaussian_filter(filled, (0, 2, 2)) - filled, 0.0)
+    noisy_depth += ndimage.gaussian_filter(filled, (0, 2, 2)) - filled
     kind = np.full(depth.shape, KIND_FULL, dtype=np.uint8)
     kind[ndimage.gaussian_filter(rng.standard_normal(depth.shape), (0, 5, 5)) > 0.14] = KIND_NORMAL
     kind[~np.isfinite(depth)] = KIND_NONE

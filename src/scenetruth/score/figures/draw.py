@@ -1,0 +1,84 @@
+"""Drawing all figures of a scored estimate into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import xarray as xr
+
+from scenetruth.score.figures._common import FigureInfo, style
+from scenetruth.score.figures._views import views_of
+from scenetruth.score.figures.arrows import draw_velocity_arrows
+from scenetruth.score.figures.confidence import draw_confidence
+from scenetruth.score.figures.depth import draw_depth
+from scenetruth.score.figures.histograms import draw_error_histograms
+from scenetruth.score.figures.image import draw_image
+from scenetruth.score.figures.surface import draw_surface
+from scenetruth.score.figures.velocity import draw_velocity_z, draw_velocity_z_row
+from scenetruth.score.score import Score
+
+__all__ = ["draw_all"]
+
+
+def draw_all(
+    recording: xr.Dataset,
+    estimate: xr.Dataset,
+    truth: xr.Dataset,
+    score: Score,
+    folder: str | Path,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[FigureInfo]:
+    """Draw every figure of a scored estimate.
+
+    All but the histograms show one frame, t = 0 or, where the estimate lacks it, its middle one; and of the estimate
+    only what is full.
+
+    Parameters
+    ----------
+    recording
+        The recording, for its image at s = 0.
+    estimate, truth
+        What was scored.
+    score
+        Their score.
+    folder
+        Where the PNG files go; made if missing.
+    progress
+        Called as ``progress("report", done, total)``, in figures.
+
+    Returns
+    -------
+    list of FigureInfo
+        File names inside the folder, titles and captions, in reading order. ``confidence.png`` is left out for an
+        estimate that has neither ``confidence`` nor ``kind``.
+
+    Raises
+    ------
+    ScoreError
+        If recording, estimate and truth do not belong together; lists what is wrong.
+    """
+    target = Path(folder)
+    views = views_of(recording, estimate, truth)
+    target.mkdir(parents=True, exist_ok=True)
+    steps: tuple[Callable[[], FigureInfo | None], ...] = (
+        lambda: draw_image(views, target),
+        lambda: draw_surface(views, target),
+        lambda: draw_velocity_z(views, target),
+        lambda: draw_velocity_z_row(views, target),
+        lambda: draw_velocity_arrows(views, target),
+        lambda: draw_depth(views, target),
+        lambda: draw_error_histograms(estimate, truth, score, target),
+        lambda: draw_confidence(views, target),
+    )
+    figures: list[FigureInfo] = []
+    for done, draw in enumerate(steps):
+        if progress is not None:
+            progress("report", done, len(steps))
+        with style():
+            figure = draw()
+        if figure is not None:
+            figures.append(figure)
+    if progress is not None:
+        progress("report", len(steps), len(steps))
+    return figures

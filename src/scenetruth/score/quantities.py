@@ -1,0 +1,102 @@
+"""The quantities that are scored: their names, units, symbols, and where a data set keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.recording import KIND_FULL
+
+__all__ = ["ENDPOINT", "OUTLIERS", "QUANTITIES", "Quantity", "full_pixels", "read_quantity", "units_of"]
+
+Map = NDArray[np.float64]
+
+ENDPOINT = "velocity_endpoint"
+"""Name of the Euclidean distance between the estimated and the true velocity."""
+
+OUTLIERS = "outliers"
+"""Name of the rates of outliers."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A scalar map of a data set.
+
+    Parameters
+    ----------
+    variable
+        The variable of the data set that holds it.
+    component
+        Index along the variable's first dimension, or None for a scalar variable.
+    units
+        Its units, in plain text.
+    symbol
+        Its symbol, in plain text.
+    title
+        What it is, in words.
+    """
+
+    variable: str
+    component: int | None
+    units: str
+    symbol: str
+    title: str
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "depth": Quantity("depth", None, "mm", "Z", "Depth"),
+    "disparity": Quantity("disparity", None, "px/step", "d", "Disparity"),
+    "velocity_x": Quantity("velocity", 0, "mm/frame", "U_X", "Velocity in X"),
+    "velocity_y": Quantity("velocity", 1, "mm/frame", "U_Y", "Velocity in Y"),
+    "velocity_z": Quantity("velocity", 2, "mm/frame", "U_Z", "Velocity in Z"),
+    "flow_x": Quantity("flow", 0, "px/frame", "dx/dt", "Optical flow in x"),
+    "flow_y": Quantity("flow", 1, "px/frame", "dy/dt", "Optical flow in y"),
+}
+"""The scalar quantities by name, in the order in which they are reported."""
+
+
+def units_of(name: str) -> str:
+    """Return the units of a scored quantity's errors, in plain text; ``"1"`` for rates."""
+    if name == ENDPOINT:
+        return QUANTITIES["velocity_z"].units
+    return QUANTITIES[name].units if name in QUANTITIES else "1"
+
+
+def read_quantity(dataset: xr.Dataset, name: str) -> Map:
+    """Read one scalar quantity of a truth or an estimate.
+
+    Parameters
+    ----------
+    dataset
+        A truth of one camera, or an estimate.
+    name
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (t, y, x), in the quantity's units; NaN where there is none.
+    """
+    entry = QUANTITIES[name]
+    array = dataset[entry.variable]
+    if entry.component is not None:
+        array = array[entry.component]
+    values: Map = np.asarray(array.values, dtype=np.float64)
+    return values
+
+
+def full_pixels(estimate: xr.Dataset) -> NDArray[np.bool_]:
+    """Return where an estimate claims to know everything: ``kind`` is full, or there is no ``kind``.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (t, y, x).
+    """
+    if "kind" in estimate:
+        return np.asarray(estimate["kind"].values == KIND_FULL)
+    return np.ones(estimate["depth"].shape, dtype=bool)

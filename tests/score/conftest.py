@@ -1,0 +1,37 @@
+"""Fixtures of the tests of scores; figures take seconds to draw, so that tests share them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+from scenetruth.score import FigureInfo, draw_all, score
+from tests.score.synthetic import Case, make_case
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The figures of the case, and what happened while they were drawn."""
+
+    folder: Path
+    figures: list[FigureInfo]
+    calls: list[tuple[str, int, int]]
+    settings_kept: bool
+
+
+@pytest.fixture(scope="session")
+def case() -> Case:
+    return make_case()
+
+
+@pytest.fixture(scope="session")
+def drawn(case: Case, tmp_path_factory: pytest.TempPathFactory) -> Drawn:
+    folder = tmp_path_factory.mktemp("figures") / "new"
+    calls: list[tuple[str, int, int]] = []
+    before = dict(matplotlib.rcParams)
+    result = score(case.estimate, case.truth)
+    figures = draw_all(case.recording, case.estimate, case.truth, result, folder, lambda *call: calls.append(call))
+    return Drawn(folder, figures, calls, dict(matplotlib.rcParams) == before)

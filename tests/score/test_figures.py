@@ -1,0 +1,161 @@
+"""The figures exist, show something, and do not fall over whatever the estimate is."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from scenetruth.recording import KIND_NONE
+from scenetruth.score import draw_all, score
+from scenetruth.score.figures import _mesh
+from scenetruth.score.figures._views import views_of
+from scenetruth.score.figures.arrows import arrow_factor
+from scenetruth.score.figures.confidence import draw_confidence
+from scenetruth.score.figures.image import draw_image
+from scenetruth.score.figures.velocity import pick_row
+from tests.score.conftest import Drawn
+from tests.score.synthetic import Case, make_case
+
+FILES = [
+    "image.png",
+    "surface.png",
+    "velocity_z.png",
+    "velocity_z_row.png",
+    "velocity_arrows.png",
+    "depth.png",
+    "error_histograms.png",
+    "confidence.png",
+]
+
+
+def pixels(file: Path) -> NDArray[np.uint8]:
+    with Image.open(file) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def test_every_figure_is_on_disk_and_described(drawn: Drawn) -> None:
+    folder, figures = drawn.folder, drawn.figures
+    assert [figure.file for figure in figures] == FILES
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+    assert len({figure.title for figure in figures}) == len(FILES)
+    assert all(figure.caption.endswith(".") and len(figure.caption) > 40 for figure in figures)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_figure_shows_something(drawn: Drawn, file: str) -> None:
+    shown = pixels(drawn.folder / file)
+    assert min(shown.shape[:2]) > 300
+    assert np.count_nonzero(np.bincount((shown @ [1 << 16, 1 << 8, 1]).ravel())) > 50
+    inked = (shown != 255).any(axis=2)
+    # Nothing is cut off at the edges, and the page is neither empty nor full.
+    assert not inked[[0, -1]].any()
+    assert not inked[:, [0, -1]].any()
+    assert 0.03 < inked.mean() < 0.97
+
+
+def test_progress_counts_the_figures(drawn: Drawn) -> None:
+    assert drawn.calls == [("report", done, 8) for done in range(9)]
+
+
+def test_users_settings_are_left_alone(drawn: Drawn) -> None:
+    assert drawn.settings_kept
+    assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
+
+
+@pytest.mark.parametrize("what", ["nothing", "one pixel", "perfect"])
+def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
+    case = make_case(48, 36, 380.0)
+    estimate = {
+        "nothing": lambda: case.estimate.assign(kind=case.estimate["kind"] * 0 + KIND_NONE),
+        "one pixel": lambda: case.estimate.where((case.estimate.x == 20) & (case.estimate.y == 18)),
+        "perfect": lambda: case.truth,
+    }[what]()
+    figures = draw_all(case.recording, estimate, case.truth, score(estimate, case.truth), tmp_path)
+    # The truth has neither confidence nor kind.
+    assert [figure.file for figure in figures] == (FILES[:-1] if what == "perfect" else FILES)
+
+
+@pytest.mark.parametrize(("missing", "title"), [("kind", "Confidence of"), ("confidence", "Kind of")])
+def test_what_the_estimator_does_not_say_is_left_out(case: Case, missing: str, title: str, tmp_path: Path) -> None:
+    figure = draw_confidence(views_of(case.recording, case.estimate.drop_vars(missing), case.truth), tmp_path)
+    assert figure is not None
+    assert figure.title.startswith(title)
+    assert f"The {missing}" not in figure.caption
+
+
+def test_frame_zero_is_shown_else_the_middle_one() -> None:
+    case = make_case(32, 24, 250.0, frames=(-1, 0, 1))
+    assert views_of(case.recording, case.estimate, case.truth).frame == 0
+    views = views_of(case.recording, case.estimate.sel(t=[1]), case.truth)
+    assert (views.frame, views.image_frame) == (1, 1)
+    late = [dataset.assign_coords(t=dataset.t + 10) for dataset in (case.estimate, case.truth)]
+    views = views_of(case.recording, *late)
+    assert (views.frame, views.image_frame) == (10, 0)
+
+
+def test_marked_row_is_near_the_centre_and_full(case: Case) -> None:
+    views = views_of(case.recording, case.estimate, case.truth)
+    row = pick_row(views)
+    counts = np.isfinite(views.estimate["velocity_z"]).sum(axis=1)
+    assert counts[row] >= 0.95 * counts.max()
+    assert 45 < row < 75
+
+
+def step_points(jump_mm: float) -> NDArray[np.float64]:
+    """Return a plane with a step in the middle, one pixel a millimetre."""
+    y, x = np.indices((6, 8), dtype=np.float64)
+    return np.stack([x, y, np.where(x < 4, 100.0, 100.0 + jump_mm)], axis=-1)
+
+
+def test_surface_has_no_skin_across_jumps() -> None:
+    whole = _mesh.surface_of(step_points(0.0), focal_length_px=100.0)
+    torn = _mesh.surface_of(step_points(50.0), focal_length_px=100.0)
+    assert len(whole.corners) == 5 * 7
+    assert len(torn.corners) == 5 * 6
+    assert np.ptp(torn.corners[..., 2], axis=1).max() == 0
+
+
+def test_surface_leaves_out_missing_points() -> None:
+    points = step_points(0.0)
+    points[2, 3] = np.nan
+    assert len(_mesh.surface_of(points, focal_length_px=100.0).corners) == 5 * 7 - 4
+
+
+def test_large_surfaces_are_thinned_out() -> None:
+    y, x = np.indices((60, 80), dtype=np.float64)
+    surface = _mesh.surface_of(np.stack([x, y, 0 * x + 80.0], axis=-1), 80.0, max_quads=300)
+    assert surface.step_px == 4
+    assert len(surface.corners) == 14 * 19
+    assert (surface.rows.max(), surface.columns.max()) == (54, 74)
+
+
+def test_view_is_a_right_handed_frame() -> None:
+    right, up, viewer = _mesh.View(30.0, -90.0).axes()
+    np.testing.assert_allclose(right, [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(viewer, [0, -0.5, -np.sqrt(0.75)], atol=1e-12)
+    np.testing.assert_allclose(np.cross(right, up), viewer, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("speed", "factor"), [(1.0, 5.0), (0.0, 5.0), (3.0, 5.0), (0.01, 500.0), (40.0, 0.1), (100.0, 0.05)]
+)
+def test_arrows_are_five_times_the_velocity_unless_illegible(speed: float, factor: float) -> None:
+    assert arrow_factor(np.tile([0.0, 0.0, -speed], (4, 1)), extent=60.0) == pytest.approx(factor)
+
+
+def test_recording_of_floats_is_drawn(case: Case, tmp_path: Path) -> None:
+    recording = case.recording.assign(image=case.recording["image"].astype(np.float32) / 255)
+    draw_image(views_of(recording, case.estimate, case.truth), tmp_path)
+    assert (tmp_path / "image.png").is_file()
+
+
+def test_importing_the_room_loads_no_heavy_library() -> None:
+    code = "import sys, scenetruth.score; print([n for n in ('matplotlib', 'jinja2') if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

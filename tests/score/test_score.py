@@ -1,0 +1,155 @@
+"""A whole score: its numbers, and its spellings."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenetruth.errors import ScoreError
+from scenetruth.recording import KIND_FULL
+from scenetruth.score import QUANTITIES, Score, score
+from scenetruth.score.statistics import RATES, STATISTICS
+from tests.score.synthetic import Case, make_case
+
+NAMES = (*QUANTITIES, "velocity_endpoint", "outliers")
+
+
+def strict(text: str) -> dict[str, object]:
+    """Parse JSON as a strict reader does: no NaN, no Infinity."""
+
+    def refuse(token: str) -> float:
+        pytest.fail(f"{token} is not JSON")
+
+    content = json.loads(text, parse_constant=refuse)
+    assert isinstance(content, dict)
+    return content
+
+
+def test_json_has_exactly_the_agreed_keys(case: Case) -> None:
+    content = strict(score(case.estimate, case.truth, metadata={"seed": 3}).to_json())
+    assert list(content) == ["all", "interior", "metadata"]
+    for region in ("all", "interior"):
+        quantities = content[region]
+        assert isinstance(quantities, dict)
+        assert tuple(quantities) == NAMES
+        for name, values in quantities.items():
+            assert tuple(values) == (RATES if name == "outliers" else STATISTICS)
+    assert content["metadata"] == {"frames": [0], "image_size_px": [160, 120], "margin_px": 20.0, "seed": 3}
+
+
+def test_perfect_estimate_has_full_marks(case: Case) -> None:
+    result = score(case.truth, case.truth)
+    for quantities in result.regions.values():
+        for name in NAMES[:-1]:
+            assert (quantities[name]["rms"], quantities[name]["density"]) == (0.0, 1.0)
+        assert quantities["outliers"]["scene_flow_rate"] == 0.0
+        assert quantities["velocity_x"]["relative_rms"] is None
+
+
+def test_numbers_are_those_of_the_arrays(case: Case) -> None:
+    result = score(case.estimate, case.truth).regions
+    scored = (case.estimate["kind"].values == KIND_FULL) & np.isfinite(case.truth["depth"].values)
+    error = case.estimate["depth"].values.astype(np.float64) - case.truth["depth"].values
+    assert result["all"]["depth"]["count"] == scored.sum()
+    assert result["all"]["depth"]["bias"] == pytest.approx(error[scored].mean())
+    delta = (case.estimate["velocity"].values.astype(np.float64) - case.truth["velocity"].values)[:, scored]
+    assert result["all"]["velocity_endpoint"]["rms"] == pytest.approx(np.sqrt((delta**2).sum(axis=0).mean()))
+    assert result["all"]["velocity_z"]["rms"] == pytest.approx(np.sqrt((delta[2] ** 2).mean()))
+    assert result["interior"]["depth"]["rms"] < result["all"]["depth"]["rms"]  # type: ignore[operator]
+
+
+def test_estimate_without_kind_counts_wherever_it_is_finite(case: Case) -> None:
+    result = score(case.estimate.drop_vars("kind"), case.truth).regions["all"]["depth"]
+    both = np.isfinite(case.estimate["depth"].values) & np.isfinite(case.truth["depth"].values)
+    assert result["count"] == both.sum()
+
+
+def test_margin_shrinks_the_interior(case: Case) -> None:
+    counts = [score(case.estimate, case.truth, margin_px=m).regions["interior"]["depth"]["count"] for m in (0, 5, 500)]
+    assert counts[0] > counts[1] > counts[2] == 0  # type: ignore[operator]
+
+
+def test_nothing_in_common_is_no_crash() -> None:
+    case = make_case(40, 30, 320.0)
+    empty = case.estimate.map(lambda values: values.where(False) if values.dtype.kind == "f" else values * 0)
+    empty.attrs = case.estimate.attrs
+    result = score(empty, case.truth)
+    assert result.regions["all"]["depth"]["density"] == 0.0
+    assert result.regions["all"]["depth"]["rms"] is None
+    no_surface = case.truth.assign(depth=case.truth["depth"] * np.nan)
+    assert score(case.estimate, no_surface).regions["interior"]["depth"]["density"] is None
+    strict(result.to_json())
+
+
+def test_json_and_pickle_round_trip(case: Case) -> None:
+    result = score(case.estimate, case.truth, metadata={"timings_s": {"estimate": 1.5}, "warnings": ["ä"]})
+    assert Score.from_json(result.to_json()) == result
+    assert pickle.loads(pickle.dumps(result)) == result
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not JSON"),
+        ("[]", "must be a JSON object"),
+        ('{"all": {}, "interior": {}}', "metadata: must be a JSON object"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is not one of the keys"),
+        ('{"all": {"depth": {}}, "interior": 1, "metadata": {}}', "all.depth.rms: is missing"),
+    ],
+)
+def test_foreign_json_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ScoreError, match=message):
+        Score.from_json(text)
+
+
+def test_metadata_become_plain(case: Case) -> None:
+    given = {
+        "array": np.arange(2),
+        "float": np.float32(0.5),
+        "path": Path("a"),
+        "nan": math.nan,
+        "deep": {1: (None, True)},
+    }
+    plain = score(case.estimate, case.truth, metadata=given).metadata
+    assert {key: plain[key] for key in given} == {
+        "array": [0, 1],
+        "float": 0.5,
+        "path": "a",
+        "nan": None,
+        "deep": {"1": [None, True]},
+    }
+
+
+def test_metadata_that_json_cannot_say_are_refused(case: Case) -> None:
+    with pytest.raises(ScoreError, match=r"metadata\.a\.0: a complex cannot be written as JSON"):
+        score(case.estimate, case.truth, metadata={"a": [1j]})
+
+
+def test_frame_holds_every_number(case: Case) -> None:
+    result = score(case.estimate, case.truth)
+    frame = result.to_frame()
+    assert frame.index.names == ["region", "quantity"]
+    assert list(frame.index) == [(region, name) for region in ("all", "interior") for name in NAMES]
+    assert frame.loc[("all", "depth"), "units"] == "mm"
+    assert frame.loc[("interior", "velocity_endpoint"), "rms"] == result.regions["interior"]["velocity_endpoint"]["rms"]
+    assert np.isnan(frame.loc[("all", "outliers"), "rms"])
+    assert np.isnan(frame.loc[("all", "velocity_x"), "relative_rms"])
+
+
+def test_csv_leaves_undefined_values_empty(case: Case) -> None:
+    result = score(case.estimate, case.truth)
+    rows = {(row["region"], row["quantity"]): row for row in csv.DictReader(io.StringIO(result.to_csv()))}
+    assert len(rows) == 2 * len(NAMES)
+    depth = rows["all", "depth"]
+    assert depth["units"] == "mm"
+    assert float(depth["rms"]) == result.regions["all"]["depth"]["rms"]
+    assert int(depth["count"]) == result.regions["all"]["depth"]["count"]
+    assert depth["disparity_rate"] == ""
+    assert rows["all", "velocity_x"]["relative_rms"] == ""
