@@ -1,5 +1,8 @@
 # Two commands do everything: `make demo` and `make test`. Both make their environment (.venv) first.
 PYTHON_BIN := .venv/bin
+# An empty environment has no search path.
+PATH ?= /usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
+export PATH
 
 .PHONY: help setup demo test bench lint format clean
 
