@@ -26,6 +26,9 @@ class EstimateSettings(FrozenModel):
     """Length of that window in t, odd."""
     tau: NonNegative = 0.0012
     """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1]."""
+    divergence: Literal["consistent", "paper"] = "consistent"
+    """How the divergence term x g_x + y g_y is made: ``paper`` multiplies filtered gradients by coordinates,
+    ``consistent`` filters the products with each camera's own coordinates, which takes a bias from U_Z."""
     working_point_px: int | Literal["auto"] = "auto"
     """Integer disparity by which images are registered, px per step of s; ``auto`` finds it from the images."""
 

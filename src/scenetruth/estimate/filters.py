@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DERIVATIVE", "SMOOTHING", "gaussian_window", "transfer"]
+__all__ = ["DERIVATIVE", "DERIVATIVE_MOMENT", "SMOOTHING", "gaussian_window", "transfer"]
 
 DERIVATIVE = np.array([0.0838, 0.3324, 0.0, -0.3324, -0.0838])
 """D, the derivative as a convolution kernel."""
+
+DERIVATIVE_MOMENT = -np.arange(-2, 3) * DERIVATIVE
+"""M with M_m = -m D_m: D * (x g) = x (D * g) + M * g, what filtering x g adds to x times the filtered g."""
 
 SMOOTHING = np.array([0.0234, 0.2416, 0.4700, 0.2416, 0.0234])
 """S, the smoothing in every direction in which the derivative is not taken."""

@@ -3,32 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
 
 from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimate.filters import DERIVATIVE, SMOOTHING, gaussian_window
-from scenetruth.estimate.working_point import find_working_point, register
+from scenetruth.estimate.filters import DERIVATIVE, DERIVATIVE_MOMENT, SMOOTHING, gaussian_window
+from scenetruth.estimate.working_point import find_working_point
 from scenetruth.recording import (
     KIND_FULL,
     KIND_NONE,
     KIND_NORMAL,
     Intrinsics,
-    image_to_grey,
     intrinsics_of,
     label,
 )
 from scenetruth.settings import EstimateSettings
 
-__all__ = ["estimate_structure_tensor", "null_space_solutions", "requirements", "structure_tensor"]
+__all__ = ["estimate_structure_tensor", "requirements"]
 
 Progress = Callable[[str, int, int], None]
 Array = NDArray[np.float64]
+Maps = dict[str, NDArray[np.generic]]
 
 _REACH = len(DERIVATIVE) // 2
+# A tile with its border needs about 15 MB of scratch.
+_TILE_ROWS, _TILE_COLUMNS = 128, 512
 
 
 def requirements(settings: EstimateSettings, cameras: int, frames: int, width: int, height: int) -> list[Problem]:
@@ -80,17 +83,17 @@ def estimate_structure_tensor(
     s = recording["s"].values
     if not problems:
         problems = _stage_problems(s, positions, recording.attrs["baseline_mm"])
-    grey = image_to_grey(recording)
-    if not np.isfinite(grey).all():
-        count = int((~np.isfinite(grey)).sum())
-        problems.append(Problem("image", f"holds {count} values that are not finite; the filters would spread them"))
+    images = _plain_images(recording)
+    missing = sum(int((~np.isfinite(camera)).sum()) for camera in images) if images.dtype.kind == "f" else 0
+    if missing:
+        problems.append(Problem("image", f"holds {missing} values that are not finite; the filters would spread them"))
     if problems:
         raise EstimateError(problems)
     middle = int(np.flatnonzero(s == 0)[0])
-    reference = int(np.flatnonzero(recording["t"].values == 0)[0])
     shift = settings.working_point_px
     if shift == "auto":
-        shift = find_working_point(grey[:, reference])
+        reference = int(np.flatnonzero(recording["t"].values == 0)[0])
+        shift = find_working_point(images[:, reference])
     first, last = _REACH * abs(shift), width - _REACH * abs(shift)
     reach = _REACH + settings.window_taps_px // 2
     if last - first < 2 * reach + 1:
@@ -98,28 +101,16 @@ def estimate_structure_tensor(
         raise EstimateError(
             [Problem("estimate.working_point_px", f"{message}; filters and window need {2 * reach + 1}")]
         )
-    cameras = slice(middle - _REACH, middle + _REACH + 1)
-    frames = _output_frames(recording["t"].values, settings)
-    intrinsics = intrinsics_of(recording)
+    frames = _output_frames(count_t, settings)
     maps = _empty_maps(len(frames), height, width)
-    inner = (slice(reach, height - reach), slice(first + reach, last - reach))
-    derivatives = _FrameDerivatives(grey[cameras], shift, first, last)
-    for index, frame in enumerate(frames):
-        if progress is not None:
-            progress("estimate", index, len(frames))
-        gradients = derivatives.around(frame, settings.window_taps_frames)
-        tensor = structure_tensor(gradients, settings)[reach : height - reach, reach : last - first - reach]
-        _solve(
-            tensor,
-            settings.tau,
-            intrinsics,
-            shift,
-            inner,
-            {name: array[..., index, :, :] for name, array in maps.items()},
-        )
-        derivatives.forget(frame)
     if progress is not None:
-        progress("estimate", len(frames), len(frames))
+        progress("estimate", 0, len(frames))
+    _run_kernel(images, middle - _REACH, shift, (first, last), recording.attrs["full_scale"], settings, maps)
+    intrinsics = intrinsics_of(recording)
+    for index in range(len(frames)):
+        _finish({name: array[..., index, :, :] for name, array in maps.items()}, intrinsics)
+        if progress is not None:
+            progress("estimate", index + 1, len(frames))
     return label(
         "estimate",
         maps,
@@ -134,6 +125,13 @@ def estimate_structure_tensor(
     )
 
 
+def _plain_images(recording: xr.Dataset) -> NDArray[Any]:
+    """Return the images as recorded, in a form that the kernels know: contiguous, and float32 if they are floats."""
+    images = recording["image"].values
+    wanted = images.dtype.newbyteorder("=") if images.dtype.kind in "ui" else np.dtype(np.float32)
+    return np.ascontiguousarray(images, dtype=wanted)
+
+
 def _stage_problems(s: NDArray[np.int64], positions: Array, baseline: float) -> list[Problem]:
     if 0 not in s[_REACH : len(s) - _REACH]:
         return [Problem("s", f"needs {_REACH} cameras on each side of the reference 0", s.tolist())]
@@ -143,195 +141,96 @@ def _stage_problems(s: NDArray[np.int64], positions: Array, baseline: float) -> 
     return []
 
 
-def _output_frames(t: NDArray[np.int64], settings: EstimateSettings) -> NDArray[np.int64]:
+def _output_frames(count: int, settings: EstimateSettings) -> NDArray[np.int64]:
     margin = _REACH + settings.window_taps_frames // 2
-    return np.arange(margin, len(t) - margin)
+    return np.arange(margin, count - margin)
 
 
-def _empty_maps(count: int, height: int, width: int) -> dict[str, NDArray[np.generic]]:
+def _empty_maps(count: int, height: int, width: int) -> Maps:
     shape = (count, height, width)
     return {
         "depth": np.full(shape, np.nan),
         "velocity": np.full((3, *shape), np.nan),
         "disparity": np.full(shape, np.nan),
         "flow": np.full((2, *shape), np.nan),
-        "kind": np.full(shape, KIND_NONE, dtype=np.uint8),
+        "kind": np.zeros(shape, dtype=np.uint8),
         "confidence": np.zeros(shape, dtype=np.float32),
         "eigenvalues": np.full((5, *shape), np.nan, dtype=np.float32),
     }
 
 
-class _FrameDerivatives:
-    """Derivatives of registered images, frame by frame; frames that several estimates share are made once."""
+def _run_kernel(
+    images: NDArray[Any],
+    camera: int,
+    shift: int,
+    columns: tuple[int, int],
+    full_scale: float,
+    settings: EstimateSettings,
+    maps: Maps,
+) -> None:
+    """Fill disparity, flow and eigenvalues; leave u_z in the Z component of velocity, the rank in kind."""
+    import numba
 
-    def __init__(self, grey: NDArray[np.float32], shift: int, first: int, last: int) -> None:
-        self._grey, self._shift, self._columns = grey, shift, (first, last)
-        self._reduced: dict[int, tuple[Array, Array]] = {}
-        self._made: dict[int, tuple[Array, Array, Array, Array]] = {}
+    from scenetruth.estimate.tensor_kernels import estimate_tiles
 
-    def around(self, frame: int, taps: int) -> list[tuple[Array, Array, Array, Array]]:
-        """Return (g_x, g_y, g_s, g_t) of the frames inside the window around a frame, shape (y, x) each."""
-        half = taps // 2
-        return [self._derive(other) for other in range(frame - half, frame + half + 1)]
-
-    def forget(self, frame: int) -> None:
-        """Drop what estimates after this frame do not need."""
-        for store in (self._reduced, self._made):
-            for old in [other for other in store if other < frame - 2 * _REACH]:
-                del store[old]
-
-    def _over_s(self, frame: int) -> tuple[Array, Array]:
-        """Return the images of a frame smoothed, and derived, along s at the middle camera."""
-        if frame not in self._reduced:
-            stack = np.stack(
-                [
-                    register(self._grey[_REACH + s, frame], s * self._shift, *self._columns)
-                    for s in range(-_REACH, _REACH + 1)
-                ]
-            ).astype(np.float64)
-            # Convolution: the kernel runs against the samples.
-            self._reduced[frame] = (
-                np.tensordot(SMOOTHING[::-1], stack, 1),
-                np.tensordot(DERIVATIVE[::-1], stack, 1),
-            )
-        return self._reduced[frame]
-
-    def _derive(self, frame: int) -> tuple[Array, Array, Array, Array]:
-        if frame not in self._made:
-            near = [self._over_s(frame + offset) for offset in range(-_REACH, _REACH + 1)]
-            smooth = sum(weight * one for weight, (one, _) in zip(SMOOTHING[::-1], near, strict=True))
-            over_s = sum(weight * two for weight, (_, two) in zip(SMOOTHING[::-1], near, strict=True))
-            over_t = sum(weight * one for weight, (one, _) in zip(DERIVATIVE[::-1], near, strict=True))
-            self._made[frame] = (
-                _along(_along(smooth, DERIVATIVE, 1), SMOOTHING, 0),
-                _along(_along(smooth, SMOOTHING, 1), DERIVATIVE, 0),
-                _along(_along(over_s, SMOOTHING, 1), SMOOTHING, 0),
-                _along(_along(over_t, SMOOTHING, 1), SMOOTHING, 0),
-            )
-        return self._made[frame]
-
-
-def _along(image: Array, kernel: Array, axis: int) -> Array:
-    """Convolve an image with a kernel along one axis."""
-    filtered: Array = correlate1d(image, kernel[::-1], axis=axis, mode="nearest")
-    return filtered
-
-
-def structure_tensor(gradients: list[tuple[Array, Array, Array, Array]], settings: EstimateSettings) -> Array:
-    """Sum up the structure tensor J = Σ w d dᵀ over the window (paper eq. 12).
-
-    Parameters
-    ----------
-    gradients
-        (g_x, g_y, g_s, g_t) of every frame inside the window, shape (y, x) each.
-    settings
-        The window.
-
-    Returns
-    -------
-    numpy.ndarray
-        J of d = (g_x, g_y, g_x ξ + g_y η, g_s, g_t), shape (y, x, 5, 5). The local coordinates ξ, η count from each
-        window's own centre, so that the sums with them are filters with the kernels w, w ξ and w ξ².
-    """
-    over_t = gaussian_window(settings.window_sigma_frames, settings.window_taps_frames)
+    # The paper's kernels are convolutions: they run against the samples.
+    filters = np.array([SMOOTHING[::-1], DERIVATIVE[::-1], DERIVATIVE_MOMENT[::-1]], dtype=np.float32)
+    # Grey values in [-1, 1] are 2 image / full scale - 1; the filters take no notice of the constant.
+    # The divergence term counts x from each camera's own principal point: in registered images that is x - shift s.
+    tilt = -shift * np.arange(-_REACH, _REACH + 1) * SMOOTHING
+    over_s = (np.array([SMOOTHING[::-1], DERIVATIVE[::-1], tilt]) * (2 / full_scale)).astype(np.float32)
     window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
     local = np.arange(len(window)) - len(window) // 2
-    kernels = (window, window * local, window * local**2)
-
-    def product(a: int, b: int) -> Array:
-        return np.asarray(sum(weight * frame[a] * frame[b] for weight, frame in zip(over_t, gradients, strict=True)))
-
-    def weigh(image: Array, order_x: int, order_y: int) -> Array:
-        rows: Array = correlate1d(image, kernels[order_x], axis=1, mode="constant")
-        both: Array = correlate1d(rows, kernels[order_y], axis=0, mode="constant")
-        return both
-
-    x, y, s, t = range(4)
-    tensor = np.empty((*gradients[0][0].shape, 5, 5))
-
-    def put(i: int, j: int, values: Array) -> None:
-        tensor[..., i, j] = tensor[..., j, i] = values
-
-    xx, xy, yy = product(x, x), product(x, y), product(y, y)
-    put(0, 0, weigh(xx, 0, 0))
-    put(0, 1, weigh(xy, 0, 0))
-    put(1, 1, weigh(yy, 0, 0))
-    put(0, 2, weigh(xx, 1, 0) + weigh(xy, 0, 1))
-    put(1, 2, weigh(xy, 1, 0) + weigh(yy, 0, 1))
-    put(2, 2, weigh(xx, 2, 0) + 2 * weigh(xy, 1, 1) + weigh(yy, 0, 2))
-    for index, other in ((3, s), (4, t)):
-        xo, yo = product(x, other), product(y, other)
-        put(0, index, weigh(xo, 0, 0))
-        put(1, index, weigh(yo, 0, 0))
-        put(2, index, weigh(xo, 1, 0) + weigh(yo, 0, 1))
-    put(3, 3, weigh(product(s, s), 0, 0))
-    put(3, 4, weigh(product(s, t), 0, 0))
-    put(4, 4, weigh(product(t, t), 0, 0))
-    return tensor
+    reach = _REACH + len(window) // 2
+    estimate_tiles(
+        images,
+        camera,
+        shift,
+        columns[0],
+        _tiles(images.shape[2] - 2 * reach, columns[1] - columns[0] - 2 * reach, numba.get_num_threads()),
+        filters,
+        over_s,
+        gaussian_window(settings.window_sigma_frames, settings.window_taps_frames).astype(np.float32),
+        np.array([window, window * local, window * local**2], dtype=np.float32),
+        settings.divergence == "consistent",
+        settings.tau,
+        maps["disparity"],
+        maps["flow"],
+        maps["velocity"][2],
+        maps["eigenvalues"],
+        maps["kind"],
+    )
 
 
-def null_space_solutions(vectors: Array, rank: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the parameter vectors p_s (dt = 0, ds = 1) and p_t (ds = 0, dt = 1) of least norm in the null space.
-
-    For a null space of two dimensions, spanned by a and b, these are the paper's combinations a b5 - b a5 and
-    a b4 - b a4, scaled; of a larger null space (aperture problem) it is the one of least norm. With P the projector on
-    the null space and A the block of its rows and columns 4 and 5, both are the columns of P[:, 4:5] A⁻¹.
-
-    Parameters
-    ----------
-    vectors
-        Eigenvectors in columns, by falling eigenvalue, shape (n, 5, 5).
-    rank
-        Dimension of the data space (0 to 3), shape (n,).
-
-    Returns
-    -------
-    tuple
-        p_s and p_t, shape (n, 5) each; NaN where the null space does not reach ds or dt.
-    """
-    data = vectors * (np.arange(5) < rank[:, None])[:, None, :]
-    projector = np.eye(5) - data @ np.swapaxes(data, 1, 2)
-    a, b, c = projector[:, 3, 3], projector[:, 3, 4], projector[:, 4, 4]
-    determinant = a * c - b * b
-    safe = np.where(determinant > 1e-12, determinant, np.nan)[:, None]
-    column_s, column_t = projector[:, :, 3], projector[:, :, 4]
-    p_s = (column_s * c[:, None] - column_t * b[:, None]) / safe
-    p_t = (column_t * a[:, None] - column_s * b[:, None]) / safe
-    return p_s, p_t
+def _tiles(rows: int, columns: int, threads: int) -> NDArray[np.int64]:
+    """Cut the output into tiles: several for each thread, and small enough for the processor's caches."""
+    row_edges = _edges(rows, max(2 * threads, -(-rows // _TILE_ROWS)))
+    column_edges = _edges(columns, -(-columns // _TILE_COLUMNS))
+    return np.array(
+        [(*across, *along) for across in pairwise(row_edges) for along in pairwise(column_edges)], dtype=np.int64
+    )
 
 
-def _solve(
-    tensor: Array,
-    tau: float,
-    intrinsics: Intrinsics,
-    shift: int,
-    inner: tuple[slice, slice],
-    maps: dict[str, NDArray[np.generic]],
-) -> None:
-    """Fill the maps of one frame from the tensors of the pixels that the window reaches."""
-    shape = tensor.shape[:2]
-    values, vectors = np.linalg.eigh(tensor.reshape(-1, 5, 5))
-    values, vectors = values[:, ::-1], vectors[:, :, ::-1]
-    above = (values > tau).sum(axis=1)
-    p_s, p_t = null_space_solutions(vectors, np.minimum(above, 3))
-    y, x = (axis.ravel() for axis in np.mgrid[inner])
+def _edges(size: int, count: int) -> list[int]:
+    return [int(edge) for edge in np.linspace(0, size, min(count, size) + 1)]
+
+
+def _finish(maps: dict[str, Any], intrinsics: Intrinsics) -> None:
+    """Turn what the kernel left into world coordinates (paper, end of section 3), kind and confidence, in place."""
     focal, (c_x, c_y) = intrinsics.focal_length_px, intrinsics.principal_point_px
-    x0, y0 = x - c_x, y - c_y
+    height, width = maps["depth"].shape
+    x0, y0 = np.arange(width) - c_x, (np.arange(height) - c_y)[:, None]
+    depth, velocity, flow, above = maps["depth"], maps["velocity"], maps["flow"], maps["kind"]
+    values = maps["eigenvalues"]
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Registered by d, an image point moves by v_x + d per step of s.
-        disparity = shift - p_s[:, 0] / p_s[:, 3]
-        flow = p_t[:, :2] / p_t[:, 4:]
-        u_z = p_t[:, 2] / p_t[:, 4]
-        depth = focal * intrinsics.baseline_mm / disparity
-        u_x, u_y = flow[:, 0] - x0 * u_z, flow[:, 1] - y0 * u_z
-        velocity = np.stack([u_x * depth / focal, u_y * depth / focal, -u_z * depth])
-        gap = (values[:, 2] - values[:, 3]) / (values[:, 2] + values[:, 3])
-    kind = np.select([above >= 3, above > 0], [KIND_FULL, KIND_NORMAL], KIND_NONE)
-    known = (kind != KIND_NONE) & np.isfinite(depth) & (depth > 0) & np.isfinite(velocity).all(axis=0)
-    kind[~known] = KIND_NONE
-    results = {"depth": depth, "disparity": disparity, "velocity": velocity, "flow": flow.T}
-    for name, result in results.items():
-        maps[name][..., *inner] = np.where(known, result, np.nan).reshape(*result.shape[:-1], *shape)
-    maps["kind"][inner] = kind.reshape(shape)
-    maps["confidence"][inner] = np.where(known, np.nan_to_num(gap.clip(0, 1)) ** 2, 0).reshape(shape)
-    maps["eigenvalues"][..., *inner] = values.T.reshape(5, *shape)
+        np.divide(focal * intrinsics.baseline_mm, maps["disparity"], out=depth)
+        u_z = velocity[2].copy()
+        velocity[0] = (flow[0] - x0 * u_z) * depth / focal
+        velocity[1] = (flow[1] - y0 * u_z) * depth / focal
+        velocity[2] = -u_z * depth
+        gap = (values[2] - values[3]) / (values[2] + values[3])
+    known = (above > 0) & np.isfinite(depth) & (depth > 0) & np.isfinite(velocity).all(axis=0)
+    maps["confidence"][known] = np.nan_to_num(gap[known].clip(0, 1)) ** 2
+    above[:] = np.select([~known, above >= 3], [KIND_NONE, KIND_FULL], KIND_NORMAL)
+    for name in ("depth", "disparity", "velocity", "flow"):
+        maps[name][..., ~known] = np.nan

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-__all__ = ["find_working_point", "register"]
+__all__ = ["find_working_point"]
 
 
-def find_working_point(grey: NDArray[np.float32]) -> int:
+def find_working_point(grey: NDArray[Any]) -> int:
     """Find the integer disparity at which the images of all cameras agree best.
 
     The horizontal differences of every two neighbouring cameras are correlated along x over all rows; the sums
@@ -19,7 +21,7 @@ def find_working_point(grey: NDArray[np.float32]) -> int:
     Parameters
     ----------
     grey
-        Images of one frame, shape (s, y, x), in order of s.
+        Images of one frame, shape (s, y, x), in order of s; any scale.
 
     Returns
     -------
@@ -46,8 +48,3 @@ def find_working_point(grey: NDArray[np.float32]) -> int:
     # Of equal peaks (periodic patterns) the one that displaces least.
     best = np.flatnonzero(total >= total.max() * (1 - 1e-9))
     return int(candidates[best[np.argmin(np.abs(candidates[best]))]])
-
-
-def register(image: NDArray[np.float32], shift: int, first: int, last: int) -> NDArray[np.float32]:
-    """Return the columns from ``first`` up to ``last`` of an image moved to the right by ``shift`` px."""
-    return image[..., first - shift : last - shift]
