@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "simulate": {*LEAVES, "scene", "camera", "raycast", "render", "truth", "recording"},
     "estimate": {*LEAVES, "recording"},
     "score": {*LEAVES, "recording"},
+    "experiment": {*LEAVES, "recording", "estimate"},
 }
 
 

@@ -44,6 +44,16 @@ class TruthViews(StrEnum):
     all = "all"
 
 
+class Divergence(StrEnum):
+    """Forms of the divergence term."""
+
+    paper = "paper"
+    consistent = "consistent"
+
+
+experiments = typer.Typer(help="Answer a question about the method by many virtual measurements.", no_args_is_help=True)
+app.add_typer(experiments, name="experiment")
+
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).", show_default=False)]
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with the stores of a run.", show_default=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Folder to make.", show_default=False)]
@@ -206,6 +216,25 @@ def schema() -> None:
     from scenetruth.scene import Scene
 
     typer.echo(json.dumps(Scene.model_json_schema(), indent=2))
+
+
+@experiments.command()
+def figure2(
+    output: Output,
+    divergence: Annotated[Divergence, typer.Option(help="Setting of the estimator.")] = Divergence.paper,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Measurements for each point; 8 without, 60 with noise if not given.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw the paper's figure 2: errors of U_X, U_Z and Z over their size."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.experiment import run_figure2
+    from scenetruth.storage import write_aside
+
+    with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
+        run_figure2(folder, divergence=divergence.value, runs=runs, progress=report)
+    typer.echo(f"written: {output / 'figure2.csv'}, {output / 'figure2.png'}")
 
 
 def _load(scene: Path, overrides: list[str] | None) -> Scene:

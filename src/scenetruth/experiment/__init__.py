@@ -1,0 +1,5 @@
+"""Experiments that answer a question about the method by many virtual measurements."""
+
+from scenetruth.experiment.figure2 import run_figure2
+
+__all__ = ["run_figure2"]
