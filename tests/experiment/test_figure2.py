@@ -15,7 +15,8 @@ import scenetruth as st
 from scenetruth.cli.app import app
 from scenetruth.estimate.filters import transfer
 from scenetruth.experiment import figure2
-from scenetruth.experiment.figure2 import Condition, conditions, measure, run_figure2
+from scenetruth.experiment.figure2 import conditions, measure, run_figure2
+from scenetruth.experiment.figure2_points import Condition
 from scenetruth.experiment.pattern import pattern_recording
 from tests.scenes import plaid
 

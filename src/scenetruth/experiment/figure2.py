@@ -7,19 +7,19 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from scenetruth.experiment.figure2_points import Condition, Quantity, Result
 from scenetruth.experiment.pattern import FOCAL_LENGTH_PX, REFERENCE_DEPTH, pattern_recording
 from scenetruth.recording import KIND_FULL
 
-__all__ = ["Condition", "Result", "measure", "run_figure2"]
+__all__ = ["conditions", "measure", "run_figure2"]
 
 Progress = Callable[[str, int, int], None]
-Quantity = Literal["U_X", "U_Z", "V_X"]
 
 WAVELENGTHS_PX = (4, 8, 16, 32)
 NOISE_STDS = (0.0, 0.025)
@@ -27,55 +27,6 @@ PHASES = 8
 NOISE_RUNS = 60
 _PER_DECADE = 5
 _RANGES: dict[Quantity, tuple[float, float]] = {"U_X": (0.01, 30.0), "U_Z": (0.001, 3.0), "V_X": (0.01, 30.0)}
-
-
-@dataclass(frozen=True)
-class Condition:
-    """What one point of the figure is measured under.
-
-    Parameters
-    ----------
-    quantity
-        What is varied: U_X, U_Z, or the camera distance V_X, whose panel shows the error of Z.
-    value
-        Its value; everything else as in the paper (f = 10, Z_0 = 100, V_X = 1, no motion).
-    wavelength_px
-        λ of the pattern.
-    noise_std
-        σ_n of the images, for grey values in [-1, 1].
-    """
-
-    quantity: Quantity
-    value: float
-    wavelength_px: int
-    noise_std: float
-
-
-@dataclass(frozen=True)
-class Result:
-    """The errors under one condition, over phases of the pattern and seeds of the noise.
-
-    Parameters
-    ----------
-    quantity, value, wavelength_px, noise_std
-        The condition.
-    runs
-        How many measurements.
-    full
-        How many of them knew everything (``kind`` full); the statistics are theirs, NaN if there is none.
-    median_relative_error, rms_relative_error, max_relative_error
-        Of abs(measured / true - 1).
-    """
-
-    quantity: Quantity
-    value: float
-    wavelength_px: int
-    noise_std: float
-    runs: int
-    full: int
-    median_relative_error: float
-    rms_relative_error: float
-    max_relative_error: float
 
 
 def conditions() -> list[Condition]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from scenetruth.experiment.figure2 import Result
+from scenetruth.experiment.figure2_points import Result
 
 __all__ = ["draw_panels"]
 

@@ -12,7 +12,7 @@ __all__ = ["Renderer"]
 
 
 class Renderer(Protocol):
-    """Makes images of one world with one camera; holds resources until it is closed."""
+    """Makes images of one world with one camera; holds resources until it is closed, as at the end of a with block."""
 
     name: str
     """The backend and its platform: ``pyrender (osmesa)``."""
@@ -32,8 +32,10 @@ class Renderer(Protocol):
         """Free all resources; closing twice is harmless."""
         ...
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    ) -> None:
+        self.close()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera
 from scenetruth.render.opengl import use_platform
+from scenetruth.render.protocol import Renderer
 from scenetruth.scene.world import World
 
 __all__ = ["PyrenderRenderer"]
@@ -20,7 +20,7 @@ _TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 _SLACK = 0.01
 
 
-class PyrenderRenderer:
+class PyrenderRenderer(Renderer):
     """Renders with OpenGL.
 
     Every pixel is the mean, taken in floating point, of n x n samples with the texture interpolated bilinearly from its
@@ -115,14 +115,6 @@ class PyrenderRenderer:
         if self._renderer is not None:
             self._renderer.delete()
             self._renderer = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _material(pyrender: Any, texture: Any) -> Any:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Self
-
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
+from scenetruth.render.protocol import Renderer
 from scenetruth.scene.world import World
 
 __all__ = ["RaycastRenderer"]
@@ -17,7 +15,7 @@ __all__ = ["RaycastRenderer"]
 _PIXELS_PER_PIECE = 1 << 15
 
 
-class RaycastRenderer:
+class RaycastRenderer(Renderer):
     """Renders by ray casting; needs no system library.
 
     Parameters
@@ -107,11 +105,3 @@ class RaycastRenderer:
     def close(self) -> None:
         """Forget the mesh; nothing else is held."""
         self._caster = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
