@@ -86,7 +86,9 @@ def estimate_structure_tensor(
     images = _plain_images(recording)
     missing = sum(int((~np.isfinite(camera)).sum()) for camera in images) if images.dtype.kind == "f" else 0
     if missing:
-        problems.append(Problem("image", f"holds {missing} values that are not finite; the filters would spread them"))
+        problems.append(
+            Problem("image", f"holds {missing} values that are not finite in float32; the filters would spread them")
+        )
     if problems:
         raise EstimateError(problems)
     middle = int(np.flatnonzero(s == 0)[0])
@@ -126,10 +128,11 @@ def estimate_structure_tensor(
 
 
 def _plain_images(recording: xr.Dataset) -> NDArray[Any]:
-    """Return the images as recorded, in a form that the kernels know: contiguous, and float32 if they are floats."""
+    """Return the images in a form that the kernels know: uint8 or uint16 as recorded, all else in float32."""
     images = recording["image"].values
-    wanted = images.dtype.newbyteorder("=") if images.dtype.kind in "ui" else np.dtype(np.float32)
-    return np.ascontiguousarray(images, dtype=wanted)
+    native = images.dtype.newbyteorder("=")
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(images, dtype=native if native in (np.uint8, np.uint16) else np.float32)
 
 
 def _stage_problems(s: NDArray[np.int64], positions: Array, baseline: float) -> list[Problem]:

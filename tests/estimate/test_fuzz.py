@@ -1,0 +1,70 @@
+"""Any recording and any settings give an estimate of the agreed form, or one of our errors."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+import scenetruth as st
+from scenetruth.recording import KIND_NONE, check_dataset
+
+dtypes = some.sampled_from([np.uint8, np.uint16, np.int16, np.int32, np.float32, np.float64, ">u2", ">f4", bool])
+shapes = some.tuples(some.integers(1, 7), some.integers(1, 11), some.integers(1, 40), some.integers(1, 60))
+fills = some.sampled_from(["noise", "constant", "huge", "nan", "inf", "one spike"])
+settings_of_all_kinds = some.fixed_dictionaries(
+    {},
+    optional={
+        "window_sigma_px": some.sampled_from([1e-9, 1.0, 6.0, 1e9, -1.0, float("nan"), "wide"]),
+        "window_taps_px": some.sampled_from([3, 5, 25, 4, -1, 2.5]),
+        "window_taps_frames": some.sampled_from([1, 3, 5, 0]),
+        "tau": some.sampled_from([0.0, 0.0012, 1e30, float("inf")]),
+        "working_point_px": some.sampled_from(["auto", 0, 3, -2, 1000, 10**12, "x", 1.5]),
+        "divergence": some.sampled_from(["paper", "consistent", "other"]),
+        "unknown": some.just(1),
+    },
+)
+
+
+def fill(shape: tuple[int, ...], dtype: Any, kind: str, seed: int) -> Any:
+    generator = np.random.default_rng(seed)
+    values = generator.uniform(0, 100, shape)
+    if kind == "constant":
+        values[:] = 7
+    with np.errstate(all="ignore"):
+        images = values.astype(dtype)
+    if images.dtype.kind == "f" and kind in ("nan", "inf", "huge"):
+        images.flat[0] = {"nan": np.nan, "inf": np.inf, "huge": np.finfo(images.dtype).max}[kind]
+    elif kind == "one spike":
+        images.flat[0] = 1
+    return images
+
+
+@settings(max_examples=150, deadline=None)
+@given(shape=shapes, dtype=dtypes, kind=fills, seed=some.integers(0, 99), chosen=settings_of_all_kinds)
+def test_an_estimate_or_an_error_of_ours(
+    shape: tuple[int, int, int, int], dtype: Any, kind: str, seed: int, chosen: dict[str, Any]
+) -> None:
+    with contextlib.suppress(st.EstimateError, st.RecordingError):
+        recording = st.make_recording(fill(shape, dtype, kind, seed), 500.0, 5.0)
+        estimate = st.estimate(recording, **chosen)
+        check_dataset(estimate, "estimate")
+        known = estimate["kind"].values != KIND_NONE
+        for name in ("depth", "disparity"):
+            assert (np.isfinite(estimate[name].values) == known).all()
+        assert (estimate["depth"].values[known] > 0).all()
+        assert ((estimate["confidence"].values >= 0) & (estimate["confidence"].values <= 1)).all()
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    shape=some.tuples(some.just(5), some.just(9), some.integers(29, 40), some.integers(29, 60)),
+    seed=some.integers(0, 99),
+)
+def test_constant_images_of_any_size_give_nothing(shape: tuple[int, int, int, int], seed: int) -> None:
+    level = np.random.default_rng(seed).random()
+    estimate = st.estimate(st.make_recording(np.full(shape, level), 500.0, 5.0))
+    assert (estimate["kind"] == KIND_NONE).all()
