@@ -384,6 +384,11 @@ def _image_problems(dataset: xr.Dataset) -> list[Problem]:
         problems.append(Problem("attrs.full_scale", "must be a positive number", full_scale))
     if "image" not in dataset:
         return problems
+    problems += [
+        Problem(name, "is missing; the images need this coordinate", sorted(map(str, dataset.coords)))
+        for name in ("s", "t", "stage_x_mm")
+        if name not in dataset.coords
+    ]
     image = dataset["image"]
     if image.dtype.kind not in "uif":
         problems.append(Problem("image", "must hold real numbers", str(image.dtype)))

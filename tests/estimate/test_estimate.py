@@ -79,6 +79,12 @@ def test_missing_intrinsics() -> None:
         st.estimate(broken)
 
 
+@pytest.mark.parametrize("name", ["s", "t", "stage_x_mm"])
+def test_missing_coordinates(name: str) -> None:
+    with pytest.raises(st.RecordingError, match=f"{name}: is missing; the images need this coordinate"):
+        st.estimate(recording().drop_vars(name))
+
+
 def test_wrong_order_of_dimensions() -> None:
     with pytest.raises(st.RecordingError, match="image: must have the dimensions"):
         st.estimate(recording().transpose("t", "s", "y", "x"))
