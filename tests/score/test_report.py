@@ -50,7 +50,7 @@ class Reader(HTMLParser):
 
 @pytest.fixture(scope="module")
 def page(case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    recording = case.recording.assign_attrs(scene=json.dumps({"name": "a wedge", "note": "</pre><script>"}))
+    recording = case.recording.assign_attrs(scene=json.dumps({"description": "a wedge", "note": "</pre><script>"}))
     result = score(case.estimate, case.truth, metadata=METADATA)
     return write_report(recording, case.estimate, case.truth, result, tmp_path_factory.mktemp("report") / "run")
 

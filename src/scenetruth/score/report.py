@@ -87,7 +87,7 @@ def _render(recording: xr.Dataset, estimate: xr.Dataset, score: Score, figures: 
     scene = scene_of(recording)
     margin = score.metadata.get("margin_px", 20.0)
     return environment.get_template(_TEMPLATE).render(
-        name=(scene or {}).get("name"),
+        name=(scene or {}).get("description"),
         notices=list(_notices(score.metadata)),
         headlines=[_headline(score, *entry) for entry in _HEADLINES],
         regions=[(region, list(_rows(score.regions[region]))) for region in REGIONS],

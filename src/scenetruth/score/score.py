@@ -144,12 +144,6 @@ def score(
     ------
     ScoreError
         If the two cannot be compared, or the margin or the metadata are not acceptable; lists what is wrong.
-
-    Examples
-    --------
-    >>> result = score(estimate, truth)  # doctest: +SKIP
-    >>> result.regions["interior"]["depth"]["rms"]  # doctest: +SKIP
-    0.0831
     """
     estimate, truth = align(estimate, truth)
     masks = region_masks(truth["depth"].values, truth["mixed"].values.astype(bool), margin_px)
