@@ -18,7 +18,8 @@ _XX, _XY, _YY, _XS, _YS, _XT, _YT, _SS, _ST, _TT, _XE, _YE, _SE, _TE, _EE = rang
 _ROWS = np.array([0, 0, 1, 0, 1, 2, 0, 1, 2, 0, 1, 2, 3, 3, 4])
 _COLUMNS = np.array([0, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 3, 4, 4])
 
-_jit = numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+# No fast mathematics: with fused operations, results would depend on what the compiler happened to inline.
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_jit
@@ -302,7 +303,7 @@ def _solve_row(entries: Any, tau: float, out: Any, above: Any) -> None:
             above[start + n] = _solve_pixel(a, v, n, tau, out[start + n])
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, fastmath={"contract"}, error_model="numpy")
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def estimate_tiles(
     images: NDArray[Any],
     camera: int,
