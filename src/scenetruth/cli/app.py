@@ -347,20 +347,16 @@ def _report(
     *,
     overwrite: bool = False,
 ) -> None:
+    from tempfile import TemporaryDirectory
+
     from scenetruth.score import write_report
     from scenetruth.storage import write_aside
 
-    with write_aside(folder / ".report", overwrite=True) as aside:
-        write_report(recording, estimated, exact, scored, aside, progress=report)
+    with TemporaryDirectory(prefix=".report-", dir=folder) as made:
+        write_report(recording, estimated, exact, scored, Path(made), progress=report)
         for name in ("figures", "report.html"):
             with write_aside(folder / name, overwrite=overwrite) as place:
-                (aside / name).rename(place)
-    _remove_empty(folder / ".report")
-
-
-def _remove_empty(folder: Path) -> None:
-    if folder.is_dir():
-        folder.rmdir()
+                Path(made, name).rename(place)
 
 
 def _print_score(scored: Score) -> None:
