@@ -61,6 +61,8 @@ _SURFACE = {
     "flow": Variable(("image_component", *_MAP), "px/frame", "optical flow (dx/dt, dy/dt) in the camera's image"),
 }
 
+_KINDS = {"flag_values": [KIND_NONE, KIND_NORMAL, KIND_FULL], "flag_meanings": "none normal full"}
+
 VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     "recording": {
         "image": Variable(("s", *_MAP), "1", "image: linear radiance, or digital numbers of the sensor"),
@@ -74,13 +76,20 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     },
     "estimate": {
         **_SURFACE,
-        "kind": Variable(
-            _MAP,
-            "1",
-            "what could be estimated",
-            {"flag_values": [KIND_NONE, KIND_NORMAL, KIND_FULL], "flag_meanings": "none normal full"},
+        "divergence": Variable(_MAP, "1/frame", "divergence u_z = -U_Z / Z of the optical flow"),
+        "kind": Variable(_MAP, "1", "what could be estimated: the lesser of disparity and motion", _KINDS),
+        "kind_disparity": Variable(_MAP, "1", "what could be estimated of disparity and depth", _KINDS),
+        "kind_motion": Variable(_MAP, "1", "what could be estimated of flow and divergence", _KINDS),
+        "model_violation": Variable(_MAP, "1", "images contradict one surface in one motion: occlusion, motion edge"),
+        "depth_std": Variable(_MAP, "mm", "standard deviation of depth that follows from the images' noise"),
+        "velocity_std": Variable(
+            ("component", *_MAP), "mm/frame", "standard deviation of velocity that follows from the images' noise"
+        ),
+        "disparity_std": Variable(
+            _MAP, "px/step", "standard deviation of disparity that follows from the images' noise"
         ),
         "confidence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),
+        "working_point": Variable(_MAP, "px/step", "integer disparity at which the images were registered"),
         "eigenvalues": Variable(("rank", *_MAP), "1", "eigenvalues l1 >= ... >= l5 of the structure tensor"),
     },
 }
@@ -171,7 +180,8 @@ def label(
     kind
         ``"recording"``, ``"truth"`` or ``"estimate"``: which table of `VARIABLES` holds.
     arrays
-        The arrays by name. An array with one dimension more than its table says has ``s`` before ``t``.
+        The arrays by name. An array with one dimension more than its table says has ``s`` before ``t``; an image then
+        has ``channel`` behind ``x``.
     intrinsics
         Focal length, principal point, baseline, frame interval.
     t, s
@@ -191,7 +201,9 @@ def label(
         entry = VARIABLES[kind][name]
         values = np.asarray(array)
         dims = entry.dims
-        if values.ndim == len(dims) + 1:
+        if values.ndim == len(dims) + 1 and kind == "recording":
+            dims = (*dims, "channel")
+        elif values.ndim == len(dims) + 1:
             at = dims.index("t")
             dims = (*dims[:at], "s", *dims[at:])
         variables[name] = xr.Variable(
@@ -247,7 +259,8 @@ def make_recording(
     Parameters
     ----------
     images
-        Grey values, shape (s, t, y, x); integers are digital numbers, floats linear radiance.
+        Grey values, shape (s, t, y, x), or colours, (s, t, y, x, channel); integers are digital numbers, floats linear
+        radiance.
     focal_length_px
         f, in pixels.
     baseline_mm
@@ -267,7 +280,7 @@ def make_recording(
     Returns
     -------
     xarray.Dataset
-        ``image`` (s, t, y, x) with coordinates, units and intrinsics.
+        ``image`` (s, t, y, x[, channel]) with coordinates, units and intrinsics.
 
     Raises
     ------
@@ -283,10 +296,10 @@ def make_recording(
     [31.5, 15.5]
     """
     values = np.asarray(images)
-    if values.ndim != 4 or 0 in values.shape:
-        problem = Problem("images", "must be a non-empty array with the dimensions (s, t, y, x)", values.shape)
-        raise RecordingError([problem])
-    count_s, count_t, height, width = values.shape
+    if values.ndim not in (4, 5) or 0 in values.shape:
+        message = "must be a non-empty array with the dimensions (s, t, y, x), or (s, t, y, x, channel)"
+        raise RecordingError([Problem("images", message, values.shape)])
+    count_s, count_t, height, width = values.shape[:4]
     centre = ((width - 1) / 2, (height - 1) / 2)
     if full_scale is None:
         full_scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
@@ -313,7 +326,7 @@ def image_to_grey(recording: xr.Dataset) -> NDArray[np.float32]:
     Returns
     -------
     numpy.ndarray
-        float32, shape (s, t, y, x).
+        float32, shape (s, t, y, x[, channel]).
     """
     scale = np.float32(2.0 / float(recording.attrs["full_scale"]))
     grey: NDArray[np.float32] = recording["image"].values.astype(np.float32)
@@ -354,6 +367,8 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         if name not in dataset:
             continue
         dims = tuple(map(str, dataset[name].dims))
+        if kind == "recording" and dims == (*entry.dims, "channel"):
+            continue
         if tuple(dim for dim in dims if dim != "s" or kind == "recording") != entry.dims:
             problems.append(Problem(name, f"must have the dimensions {entry.dims}", dims))
     return problems
@@ -367,7 +382,7 @@ def _intrinsics_problems(dataset: xr.Dataset) -> list[Problem]:
             problems.append(Problem(f"attrs.{name}", "must be a finite number", value))
         elif positive and float(value or 0) <= 0:
             problems.append(Problem(f"attrs.{name}", "must be positive", value))
-        elif value == 0:
+        elif value == 0 and dataset.sizes.get("s", 2) > 1:
             problems.append(
                 Problem(f"attrs.{name}", "must not be zero: depth cannot be seen without a baseline", value)
             )

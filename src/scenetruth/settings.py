@@ -24,13 +24,24 @@ class EstimateSettings(FrozenModel):
     """Standard deviation of the Gaussian window B in t, in frames."""
     window_taps_frames: Annotated[int, Field(ge=1)] = 5
     """Length of that window in t, odd."""
-    tau: NonNegative = 0.0012
-    """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1]."""
+    tau: NonNegative | Literal["auto"] = 0.0012
+    """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1];
+    ``auto`` puts it just above what the images' noise makes."""
+    noise_sigma: Positive | Literal["auto"] = "auto"
+    """Standard deviation σ_n of the images' noise, for grey values in [-1, 1], from which error bars follow; ``auto``
+    takes it from what the model leaves unexplained around each pixel."""
     divergence: Literal["consistent", "paper"] = "consistent"
     """How the divergence term x g_x + y g_y is made: ``paper`` multiplies filtered gradients by coordinates,
     ``consistent`` filters the products with each camera's own coordinates, which takes a bias from U_Z."""
-    working_point_px: int | Literal["auto"] = "auto"
-    """Integer disparity by which images are registered, px per step of s; ``auto`` finds it from the images."""
+    working_point_px: int | Literal["auto", "per_pixel"] = "per_pixel"
+    """Integer disparity by which images are registered, px per step of s; ``auto`` finds the one that suits most of the
+    image, ``per_pixel`` the one that suits each pixel, both from the images alone."""
+    flow_working_point_px: tuple[int, int] | Literal["auto"] = "auto"
+    """Integer flow (x, y) by which frames are registered, px per frame; ``auto`` finds from the images whether most of
+    them moves by a pixel or more, and lets each pixel choose between that and rest."""
+    pyramid_levels: Annotated[int, Field(ge=0, le=8)] = 0
+    """How often to halve the images for a coarse estimate, from which the finer one takes the working points of every
+    pixel that are not given; doubles the range of flows each time."""
 
     @field_validator("window_taps_px", "window_taps_frames")
     @classmethod

@@ -9,7 +9,7 @@ import matplotlib
 import pytest
 
 from scenetruth.score import FigureInfo, draw_all, score
-from tests.score.synthetic import Case, make_case
+from tests.score.synthetic import Case, make_case, with_error_bars
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,15 @@ def case() -> Case:
 
 
 @pytest.fixture(scope="session")
-def drawn(case: Case, tmp_path_factory: pytest.TempPathFactory) -> Drawn:
+def full_case(case: Case) -> Case:
+    return with_error_bars(case)
+
+
+@pytest.fixture(scope="session")
+def drawn(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Drawn:
     folder = tmp_path_factory.mktemp("figures") / "new"
     calls: list[tuple[str, int, int]] = []
     before = dict(matplotlib.rcParams)
-    result = score(case.estimate, case.truth)
+    case, result = full_case, score(full_case.estimate, full_case.truth)
     figures = draw_all(case.recording, case.estimate, case.truth, result, folder, lambda *call: calls.append(call))
     return Drawn(folder, figures, calls, dict(matplotlib.rcParams) == before)

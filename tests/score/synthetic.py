@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from scenetruth.recording import KIND_FULL, KIND_NONE, KIND_NORMAL, Intrinsics, label, make_recording
+from scenetruth.recording import KIND_FULL, KIND_NONE, KIND_NORMAL, Intrinsics, intrinsics_of, label, make_recording
 
 BASELINE_MM = 5.0
 
@@ -75,6 +75,57 @@ def make_case(
     image[~np.isfinite(depth[len(frames) // 2])] = 20
     images = np.broadcast_to(np.clip(image, 0, 255).astype(np.uint8), (3, 3, height, width))
     return Case(make_recording(images, focal_length_px, BASELINE_MM), estimate, truth)
+
+
+def with_error_bars(case: Case, seed: int = 2) -> Case:
+    """Return a case whose estimate says all that it can, with normal errors of just the standard deviations it states.
+
+    Errors of different pixels and quantities are independent; standard deviations vary over the image by about four.
+    """
+    rng = np.random.default_rng(seed)
+    truth, kind = case.truth, case.estimate["kind"].values
+    shape = kind.shape
+    wider = np.exp(0.35 * _noise(rng, shape))
+    scales = {
+        "depth": 0.1 * wider,
+        "disparity": 0.004 * wider,
+        "velocity": np.array([0.002, 0.003, 0.05])[:, None, None, None] * wider,
+    }
+    arrays: dict[str, NDArray[np.generic]] = {}
+    for name, std in scales.items():
+        errors = std * rng.standard_normal(std.shape)
+        arrays[name] = np.where(kind == KIND_NONE, np.nan, truth[name].values + errors)
+        arrays[f"{name}_std"] = np.where(kind == KIND_NONE, np.nan, std)
+    # Disparity is known at more pixels than motion: x is enough for it.
+    arrays["kind_disparity"] = np.where(kind == KIND_NORMAL, KIND_FULL, kind).astype(np.uint8)
+    arrays["kind_disparity"][..., ::7] = KIND_NONE
+    arrays["kind_motion"] = kind
+    arrays["kind"] = np.minimum(kind, arrays["kind_disparity"])
+    arrays["model_violation"] = truth["mixed"].values & (kind != KIND_NONE)
+    arrays |= {name: case.estimate[name].values for name in ("flow", "confidence")}
+    estimate = label("estimate", arrays, intrinsics_of(case.estimate), t=case.estimate["t"].values)
+    return Case(case.recording, estimate, truth)
+
+
+def of_one_camera(case: Case) -> Case:
+    """Return a case whose estimate knows nothing of depth, hence of velocity either."""
+    return _without(case, ("depth", "disparity", "velocity"), "kind_disparity")
+
+
+def of_one_frame(case: Case) -> Case:
+    """Return a case whose estimate knows nothing of motion."""
+    return _without(case, ("flow", "velocity"), "kind_motion")
+
+
+def _without(case: Case, names: tuple[str, ...], kind: str) -> Case:
+    unknown = {
+        name: np.nan * case.estimate[name]
+        for name in (*names, *(f"{name}_std" for name in names))
+        if name in case.estimate
+    }
+    other = {"kind_disparity", "kind_motion"} - {kind}
+    kinds = {kind: 0 * case.estimate[kind], "kind": case.estimate[other.pop()]}
+    return Case(case.recording, case.estimate.assign({**unknown, **kinds}), case.truth)
 
 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:

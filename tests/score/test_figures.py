@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.typing import NDArray
 from PIL import Image
 
-from scenetruth.recording import KIND_NONE
+from scenetruth.recording import KIND_FULL, KIND_NONE
 from scenetruth.score import draw_all, score
 from scenetruth.score.figures import _mesh
 from scenetruth.score.figures._views import views_of
 from scenetruth.score.figures.arrows import arrow_factor
 from scenetruth.score.figures.confidence import draw_confidence
+from scenetruth.score.figures.error_bars import draw_error_bars
 from scenetruth.score.figures.image import draw_image
 from scenetruth.score.figures.velocity import pick_row
 from tests.score.conftest import Drawn
-from tests.score.synthetic import Case, make_case
+from tests.score.synthetic import Case, make_case, of_one_camera, of_one_frame, with_error_bars
 
 FILES = [
     "image.png",
@@ -30,8 +33,16 @@ FILES = [
     "velocity_arrows.png",
     "depth.png",
     "error_histograms.png",
+    "error_bars.png",
     "confidence.png",
 ]
+OF_DEPTH = {"surface.png", "depth.png"}
+OF_VELOCITY = {"velocity_z.png", "velocity_z_row.png", "velocity_arrows.png"}
+OF_ERROR_BARS = {"error_bars.png"}
+
+
+def files_without(*left_out: set[str]) -> list[str]:
+    return [file for file in FILES if file not in set().union(*left_out)]
 
 
 def pixels(file: Path) -> NDArray[np.uint8]:
@@ -60,7 +71,7 @@ def test_figure_shows_something(drawn: Drawn, file: str) -> None:
 
 
 def test_progress_counts_the_figures(drawn: Drawn) -> None:
-    assert drawn.calls == [("report", done, 8) for done in range(9)]
+    assert drawn.calls == [("report", done, 9) for done in range(10)]
 
 
 def test_users_settings_are_left_alone(drawn: Drawn) -> None:
@@ -77,8 +88,21 @@ def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
         "perfect": lambda: case.truth,
     }[what]()
     figures = draw_all(case.recording, estimate, case.truth, score(estimate, case.truth), tmp_path)
-    # The truth has neither confidence nor kind.
-    assert [figure.file for figure in figures] == (FILES[:-1] if what == "perfect" else FILES)
+    # The estimate of this case has no error bars, and the truth has neither confidence nor kind.
+    left_out = {"nothing": (OF_DEPTH, OF_VELOCITY), "one pixel": (), "perfect": ({"confidence.png"},)}[what]
+    assert [figure.file for figure in figures] == files_without(OF_ERROR_BARS, *left_out)
+
+
+@pytest.mark.parametrize(
+    ("reduce", "left_out"), [(of_one_camera, (OF_DEPTH, OF_VELOCITY, OF_ERROR_BARS)), (of_one_frame, (OF_VELOCITY,))]
+)
+def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
+    reduce: Callable[[Case], Case], left_out: tuple[set[str], ...], tmp_path: Path
+) -> None:
+    case = reduce(with_error_bars(make_case(48, 36, 380.0)))
+    result = score(case.estimate, case.truth, margin_px=3)
+    figures = draw_all(case.recording, case.estimate, case.truth, result, tmp_path)
+    assert [figure.file for figure in figures] == files_without(*left_out)
 
 
 @pytest.mark.parametrize(("missing", "title"), [("kind", "Confidence of"), ("confidence", "Kind of")])
@@ -87,6 +111,64 @@ def test_what_the_estimator_does_not_say_is_left_out(case: Case, missing: str, t
     assert figure is not None
     assert figure.title.startswith(title)
     assert f"The {missing}" not in figure.caption
+
+
+@pytest.mark.parametrize(
+    ("missing", "title"),
+    [
+        ((), "Confidence, kind and model violation of"),
+        (("confidence", "model_violation"), "Kind of"),
+        (("confidence", "kind", "kind_disparity"), "Kind and model violation of"),
+        (("confidence", "kind", "kind_disparity", "kind_motion"), "Model violation of"),
+    ],
+)
+def test_kinds_and_model_violation_are_shown(
+    full_case: Case, missing: tuple[str, ...], title: str, tmp_path: Path
+) -> None:
+    views = views_of(full_case.recording, full_case.estimate.drop_vars(missing), full_case.truth)
+    figure = draw_confidence(views, tmp_path)
+    assert figure is not None
+    assert figure.title.startswith(title)
+    colours = {tuple(colour) for colour in np.unique(pixels(tmp_path / figure.file).reshape(-1, 3), axis=0).tolist()}
+    assert ((0x00, 0x72, 0xB2) in colours) == ("kind_motion" not in missing)
+    assert ((0xB0, 0x00, 0x6D) in colours) == ("model_violation" not in missing)
+
+
+def test_shares_of_both_kinds_are_told(full_case: Case, tmp_path: Path) -> None:
+    figure = draw_confidence(views_of(full_case.recording, full_case.estimate, full_case.truth), tmp_path)
+    assert figure is not None
+    for name in ("disparity", "motion"):
+        share = 100 * float((full_case.estimate[f"kind_{name}"] == KIND_FULL).mean())
+        assert f"kind of {name}, full {share:.1f} %" in figure.caption
+
+
+@pytest.mark.parametrize(
+    ("missing", "title"),
+    [
+        ((), "Error bars of depth and velocity"),
+        (("depth_std",), "Error bars of velocity"),
+        (("velocity_std",), "Error bars of depth"),
+        (("depth_std", "velocity_std"), None),
+    ],
+)
+def test_error_bars_are_shown_where_there_are_any(
+    full_case: Case, missing: tuple[str, ...], title: str | None, tmp_path: Path
+) -> None:
+    assert error_bars_title(full_case, full_case.estimate.drop_vars(missing), tmp_path) == title
+
+
+@pytest.mark.parametrize("value", [0.0, 0.1, np.nan])
+def test_odd_error_bars_are_drawn(full_case: Case, value: float, tmp_path: Path) -> None:
+    estimate = full_case.estimate.drop_vars("velocity_std")
+    estimate = estimate.assign(depth_std=xr.full_like(estimate["depth_std"], value))
+    assert error_bars_title(full_case, estimate, tmp_path) == ("Error bars of depth" if value > 0 else None)
+
+
+def error_bars_title(case: Case, estimate: xr.Dataset, folder: Path) -> str | None:
+    views = views_of(case.recording, estimate, case.truth)
+    figure = draw_error_bars(views, estimate, case.truth, score(estimate, case.truth), folder)
+    assert (folder / "error_bars.png").is_file() == (figure is not None)
+    return None if figure is None else figure.title
 
 
 def test_frame_zero_is_shown_else_the_middle_one() -> None:
@@ -153,6 +235,17 @@ def test_recording_of_floats_is_drawn(case: Case, tmp_path: Path) -> None:
     recording = case.recording.assign(image=case.recording["image"].astype(np.float32) / 255)
     draw_image(views_of(recording, case.estimate, case.truth), tmp_path)
     assert (tmp_path / "image.png").is_file()
+
+
+def test_recording_of_colours_is_drawn_in_grey(tmp_path: Path) -> None:
+    case = make_case(48, 36, 380.0)
+    image = case.recording["image"]
+    colours = case.recording.assign(
+        image=xr.concat([image, image // 2, image * 0], dim="channel").transpose(..., "x", "channel")
+    )
+    views = views_of(colours, case.estimate, case.truth)
+    np.testing.assert_allclose(views.image, 0.5 * image.sel(s=0, t=0), atol=0.5)
+    draw_all(colours, case.estimate, case.truth, score(case.estimate, case.truth), tmp_path)
 
 
 def test_importing_the_room_loads_no_heavy_library() -> None:

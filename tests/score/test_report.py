@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from scenetruth.score import QUANTITIES, score, write_report
+from scenetruth.score._format import format_number, format_percent
 from tests.score.conftest import Drawn
 from tests.score.synthetic import Case, make_case
 
@@ -49,7 +50,8 @@ class Reader(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page(case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    case = full_case
     recording = case.recording.assign_attrs(scene=json.dumps({"description": "a wedge", "note": "</pre><script>"}))
     result = score(case.estimate, case.truth, metadata=METADATA)
     return write_report(recording, case.estimate, case.truth, result, tmp_path_factory.mktemp("report") / "run")
@@ -67,7 +69,7 @@ def reader(page: Path) -> Reader:
 def test_report_and_figures_are_in_the_folder(page: Path) -> None:
     assert page.name == "report.html"
     assert sorted(path.name for path in page.parent.iterdir()) == ["figures", "report.html"]
-    assert len(list((page.parent / "figures").glob("*.png"))) == 8
+    assert len(list((page.parent / "figures").glob("*.png"))) == 9
 
 
 def test_same_input_draws_the_same_bytes(page: Path, drawn: Drawn) -> None:
@@ -84,12 +86,12 @@ def test_page_needs_nothing_from_outside(page: Path, reader: Reader) -> None:
 
 def test_figures_are_inside(page: Path, reader: Reader) -> None:
     sources = [value for tag, name, value in reader.attributes if (tag, name) == ("img", "src")]
-    assert len(sources) == 8
+    assert len(sources) == 9
     decoded = {base64.b64decode(str(source).removeprefix("data:image/png;base64,")) for source in sources}
     assert decoded == {path.read_bytes() for path in (page.parent / "figures").iterdir()}
     text = " ".join(reader.text)
     titles = [str(value) for tag, name, value in reader.attributes if (tag, name) == ("img", "alt")]
-    assert len(titles) == 8
+    assert len(titles) == 9
     assert all(title in text for title in titles)
 
 
@@ -97,6 +99,13 @@ def test_every_quantity_is_in_the_tables_of_both_regions(reader: Reader) -> None
     for entry in QUANTITIES.values():
         assert reader.text.count(entry.title) == 2
     assert reader.text.count("px/step") >= 2
+
+
+def test_error_bars_are_in_the_tables_of_both_regions(full_case: Case, reader: Reader) -> None:
+    assert reader.text.count("error bars") == reader.text.count("calibration") - 1 == 2
+    for values in score(full_case.estimate, full_case.truth).regions.values():
+        assert format_number(values["depth"]["calibration"]) in reader.text
+        assert format_percent(values["depth"]["within_2_std"]) in reader.text
 
 
 def test_origin_and_warnings_are_told_and_quoted(page: Path, reader: Reader) -> None:

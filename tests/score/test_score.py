@@ -7,6 +7,7 @@ import io
 import json
 import math
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,11 @@ from scenetruth.errors import ScoreError
 from scenetruth.recording import KIND_FULL
 from scenetruth.score import QUANTITIES, Score, score
 from scenetruth.score.statistics import RATES, STATISTICS
-from tests.score.synthetic import Case, make_case
+from tests.score.synthetic import Case, make_case, of_one_camera, of_one_frame
 
 NAMES = (*QUANTITIES, "velocity_endpoint", "outliers")
+BARRED = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z")
+VELOCITY = ("velocity_x", "velocity_y", "velocity_z", "velocity_endpoint")
 
 
 def strict(text: str) -> dict[str, object]:
@@ -63,6 +66,80 @@ def test_numbers_are_those_of_the_arrays(case: Case) -> None:
     assert result["all"]["velocity_endpoint"]["rms"] == pytest.approx(np.sqrt((delta**2).sum(axis=0).mean()))
     assert result["all"]["velocity_z"]["rms"] == pytest.approx(np.sqrt((delta[2] ** 2).mean()))
     assert result["interior"]["depth"]["rms"] < result["all"]["depth"]["rms"]  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("region", ["all", "interior"])
+def test_right_error_bars_are_calibrated(full_case: Case, region: str) -> None:
+    result = score(full_case.estimate, full_case.truth).regions[region]
+    for name in BARRED:
+        count = float(result[name]["count"] or 0)
+        assert count > 500
+        # Five standard deviations of what so many normal errors give.
+        assert result[name]["calibration"] == pytest.approx(1, abs=5 / math.sqrt(2 * count))
+        assert result[name]["within_2_std"] == pytest.approx(0.9545, abs=5 * math.sqrt(0.9545 * 0.0455 / count))
+
+
+def test_calibration_scales_with_the_error_bars(full_case: Case) -> None:
+    right = score(full_case.estimate, full_case.truth)
+    stated = {f"{name}_std": full_case.estimate[f"{name}_std"] / 2 for name in ("depth", "disparity", "velocity")}
+    bold = score(full_case.estimate.assign(stated), full_case.truth)
+    for region in ("all", "interior"):
+        for name in BARRED:
+            here, there = bold.regions[region][name], right.regions[region][name]
+            assert here["calibration"] == 2 * float(there["calibration"] or 0)
+            assert float(here["within_2_std"] or 0) < 0.75
+            assert (here["rms"], here["density"]) == (there["rms"], there["density"])
+
+
+def test_quantities_without_error_bars_have_no_calibration(full_case: Case) -> None:
+    everything = score(full_case.estimate, full_case.truth)
+    partly = score(full_case.estimate.drop_vars(["depth_std", "velocity_std"]), full_case.truth)
+    for region, quantities in partly.regions.items():
+        for name in NAMES[:-1]:
+            undefined = quantities[name]["calibration"] is None and quantities[name]["within_2_std"] is None
+            assert undefined == (name != "disparity")
+            assert quantities[name]["rms"] == everything.regions[region][name]["rms"]
+    assert "calibration" not in partly.regions["all"]["outliers"]
+    strict(partly.to_json())
+    frame = partly.to_frame()
+    assert frame["calibration"].notna().sum() == 2
+    assert frame.loc[("all", "disparity"), "calibration"] == partly.regions["all"]["disparity"]["calibration"]
+
+
+def test_every_quantity_counts_where_its_own_kind_is_full(full_case: Case) -> None:
+    estimate = full_case.estimate
+    result = score(estimate, full_case.truth).regions["all"]
+    seen = np.isfinite(full_case.truth["depth"].values)
+    disparity, motion = (seen & (estimate[f"kind_{name}"].values == KIND_FULL) for name in ("disparity", "motion"))
+    both = disparity & motion
+    expected = {"depth": disparity, "disparity": disparity, "flow_x": motion, "flow_y": motion}
+    for name in NAMES:
+        mask = expected.get(name, both)
+        assert result[name]["count"] == mask.sum(), name
+        if name != "outliers":
+            assert result[name]["density"] == pytest.approx(mask.sum() / seen.sum())
+    assert len({int(mask.sum()) for mask in (disparity, motion, both)}) == 3
+
+
+@pytest.mark.parametrize(
+    ("reduce", "unknown"),
+    [(of_one_camera, {"depth", "disparity", *VELOCITY}), (of_one_frame, {"flow_x", "flow_y", *VELOCITY})],
+)
+def test_one_camera_or_one_frame_knows_nothing_of_some(
+    full_case: Case, reduce: Callable[[Case], Case], unknown: set[str]
+) -> None:
+    result = score(reduce(full_case).estimate, full_case.truth)
+    for region, quantities in score(full_case.estimate, full_case.truth).regions.items():
+        for name in NAMES[:-1]:
+            values = result.regions[region][name]
+            if name in unknown:
+                assert values == {**dict.fromkeys(STATISTICS, None), "density": 0.0, "count": 0}
+            else:
+                assert values == quantities[name]
+        assert result.regions[region]["outliers"] == {**dict.fromkeys(RATES, None), "count": 0}
+    strict(result.to_json())
+    assert Score.from_json(result.to_json()) == result
+    assert (result.to_frame().loc["all"].loc[sorted(unknown), "density"] == 0).all()
 
 
 def test_estimate_without_kind_counts_wherever_it_is_finite(case: Case) -> None:

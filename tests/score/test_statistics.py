@@ -19,6 +19,7 @@ from scenetruth.score.statistics import (
     endpoint_statistics,
     error_statistics,
     outlier_rates,
+    standardised,
 )
 
 Map = NDArray[np.float64]
@@ -29,6 +30,11 @@ values = some.one_of(some.floats(-1e6, 1e6, width=32), some.just(math.nan), some
 maps = arrays.arrays(np.float64, SIZE, elements=values)
 vectors = arrays.arrays(np.float64, (3, SIZE), elements=values)
 finite_maps = arrays.arrays(np.float64, SIZE, elements=some.floats(-1e3, 1e3, width=32))
+deviations = arrays.arrays(
+    np.float64,
+    SIZE,
+    elements=some.one_of(some.floats(2**-10, 1e3, width=32), some.sampled_from([0.0, -1.0, math.nan, math.inf])),
+)
 masks = arrays.arrays(bool, SIZE)
 EVERYWHERE = np.ones(SIZE, dtype=bool)
 
@@ -41,7 +47,9 @@ def percentile(sorted_values: list[float], share: float) -> float:
     return sorted_values[below] + (place - below) * (sorted_values[above] - sorted_values[below])
 
 
-def plain_statistics(errors: list[float], magnitudes: list[float], known: int) -> Statistics:
+def plain_statistics(
+    errors: list[float], magnitudes: list[float], known: int, ratios: list[float] | None = None
+) -> Statistics:
     """Compute the statistics from lists, by their definitions."""
     if not errors:
         return {**dict.fromkeys(STATISTICS, None), "density": 0.0 if known else None, "count": 0}
@@ -54,6 +62,8 @@ def plain_statistics(errors: list[float], magnitudes: list[float], known: int) -
         "median_abs": statistics.median(size),
         "p95_abs": percentile(size, 0.95),
         "relative_rms": rms / reference if reference else None,
+        "calibration": math.sqrt(math.fsum(ratio**2 for ratio in ratios) / len(ratios)) if ratios else None,
+        "within_2_std": sum(abs(ratio) <= 2 for ratio in ratios) / len(ratios) if ratios else None,
         "density": len(errors) / known,
         "count": len(errors),
     }
@@ -70,13 +80,19 @@ def assert_same(result: Statistics, expected: Statistics, scale: float) -> None:
             assert value == pytest.approx(other, rel=1e-9, abs=1e-12 * scale), name
 
 
-@given(maps, maps, masks, masks)
-def test_scalar_statistics_are_those_of_their_definitions(estimate: Map, truth: Map, region: Mask, full: Mask) -> None:
+@given(maps, maps, masks, masks, deviations)
+def test_scalar_statistics_are_those_of_their_definitions(
+    estimate: Map, truth: Map, region: Mask, full: Mask, std: Map
+) -> None:
     known = [i for i in range(SIZE) if region[i] and math.isfinite(truth[i])]
     scored = [i for i in known if full[i] and math.isfinite(estimate[i])]
     errors = [float(estimate[i]) - float(truth[i]) for i in scored]
-    expected = plain_statistics(errors, [float(truth[i]) for i in scored], len(known))
-    assert_same(error_statistics(estimate, truth, region, full), expected, 1e6)
+    barred = [(error, float(std[i])) for error, i in zip(errors, scored, strict=True) if 0 < std[i] < math.inf]
+    ratios = [error / deviation for error, deviation in barred]
+    expected = plain_statistics(errors, [float(truth[i]) for i in scored], len(known), ratios)
+    assert_same(error_statistics(estimate, truth, region, full, std), expected, 1e6)
+    plain = expected | {"calibration": None, "within_2_std": None}
+    assert_same(error_statistics(estimate, truth, region, full), plain, 1e6)
 
 
 @given(vectors, vectors, masks, masks)
@@ -126,6 +142,38 @@ def test_estimate_without_value_is_a_pixel_less(estimate: Map, truth: Map, missi
     assert by_value["density"] == (SIZE - int(missing.sum())) / SIZE
 
 
+@pytest.mark.parametrize("factor", [0.25, 1.0, 2.0])
+def test_normal_errors_with_known_error_bars(factor: float) -> None:
+    count = 20_000
+    rng = np.random.default_rng(5)
+    std = rng.uniform(0.1, 10, count)
+    truth = rng.uniform(600, 700, count)
+    estimate = truth + std * rng.standard_normal(count)
+    right = error_statistics(estimate, truth, np.ones(count, dtype=bool), std=std)
+    # Five standard deviations of the rms of so many normal numbers, and of the share of so many trials.
+    assert right["calibration"] == pytest.approx(1, abs=5 / math.sqrt(2 * count))
+    assert right["within_2_std"] == pytest.approx(0.9545, abs=5 * math.sqrt(0.9545 * 0.0455 / count))
+    scaled = error_statistics(estimate, truth, np.ones(count, dtype=bool), std=factor * std)
+    assert scaled["calibration"] == pytest.approx(float(right["calibration"] or 0) / factor, rel=1e-12)
+    share = math.erf(2 * factor / math.sqrt(2))
+    assert scaled["within_2_std"] == pytest.approx(share, abs=5 * math.sqrt(share * (1 - share) / count) + 1e-3)
+    others = [name for name in STATISTICS if name not in ("calibration", "within_2_std")]
+    assert [scaled[name] for name in others] == [right[name] for name in others]
+
+
+def test_error_of_exactly_two_standard_deviations_is_within() -> None:
+    truth, error = np.zeros(4), np.array([1.0, -1.0, 1.25, 0.0])
+    result = error_statistics(truth + error, truth, np.ones(4, dtype=bool), std=np.full(4, 0.5))
+    assert result["within_2_std"] == 0.75
+
+
+def test_pixels_without_error_bars_count_for_all_else() -> None:
+    truth, error = np.zeros(4), np.array([1.0, 7.0, 7.0, 7.0])
+    result = error_statistics(truth + error, truth, np.ones(4, dtype=bool), std=np.array([0.5, 0.0, np.nan, np.inf]))
+    assert (result["calibration"], result["within_2_std"], result["count"]) == (2.0, 1.0, 4)
+    assert standardised(error, np.array([0.5, 0.0, np.nan, np.inf])).tolist() == [2.0]
+
+
 def test_truth_of_zero_has_no_relative_error() -> None:
     result = error_statistics(np.ones(3), np.zeros(3), np.ones(3, dtype=bool))
     assert result["relative_rms"] is None
@@ -143,8 +191,11 @@ def test_diverged_estimate_overflows_nothing() -> None:
     everywhere = np.ones(2, dtype=bool)
     far = error_statistics(np.full(2, 1e300), np.ones(2), everywhere)
     assert far["rms"] == pytest.approx(1e300)
-    further = error_statistics(np.full(2, 1.7e308), np.full(2, -1.7e308), everywhere)
+    further = error_statistics(np.full(2, 1.7e308), np.full(2, -1.7e308), everywhere, std=np.ones(2))
     assert further["rms"] is None
+    assert (further["calibration"], further["within_2_std"]) == (None, 0.0)
+    tiny = error_statistics(np.full(2, 1e300), np.ones(2), everywhere, std=np.full(2, 1e-300))
+    assert (tiny["calibration"], tiny["within_2_std"]) == (None, 0.0)
     assert endpoint_statistics(np.full((3, 2), 1.7e308), np.ones((3, 2)), everywhere)["rms"] is None
 
 

@@ -104,7 +104,7 @@ def run(
 ) -> None:
     """Render a scene, estimate, score and report, in one go."""
     from scenetruth.cli.console import reporting
-    from scenetruth.estimate.structure_tensor import requirements
+    from scenetruth.estimate.rig import requirements
     from scenetruth.storage import write_aside
 
     spec = _load(scene, overrides)

@@ -16,7 +16,7 @@ __all__ = ["print_check"]
 
 def print_check(scene: Scene, file: Path) -> None:
     """Validate a scene down to its meshes and textures, and print what will be made from it."""
-    from scenetruth.estimate.structure_tensor import requirements
+    from scenetruth.estimate.rig import requirements
     from scenetruth.raycast import Topology
     from scenetruth.scene.check import describe_scene
     from scenetruth.scene.world import build_world

@@ -13,7 +13,7 @@ from scenetruth.settings import EstimateSettings
 if TYPE_CHECKING:
     import xarray as xr
 
-    from scenetruth.estimate.structure_tensor import Progress
+    from scenetruth.estimate.run import Progress
 
 __all__ = ["estimate", "estimate_settings"]
 

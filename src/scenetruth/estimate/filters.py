@@ -1,31 +1,194 @@
-"""The paper's separable filters and window (section 4)."""
+"""Separable filters: matching pairs of a derivative and a smoothing, and the window of the structure tensor."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
+from typing import Any
 
-__all__ = ["DERIVATIVE", "DERIVATIVE_MOMENT", "SMOOTHING", "gaussian_window", "transfer"]
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "DERIVATIVE",
+    "DERIVATIVE_MOMENT",
+    "PAPER",
+    "SMOOTHING",
+    "FilterPair",
+    "compact_pair",
+    "gaussian_window",
+    "least_squares_pair",
+    "pair_for",
+    "single",
+    "transfer",
+]
+
+Array = NDArray[np.float64]
 
 DERIVATIVE = np.array([0.0838, 0.3324, 0.0, -0.3324, -0.0838])
-"""D, the derivative as a convolution kernel."""
+"""D of the paper (section 4), the derivative as a convolution kernel."""
 
 DERIVATIVE_MOMENT = -np.arange(-2, 3) * DERIVATIVE
 """M with M_m = -m D_m: D * (x g) = x (D * g) + M * g, what filtering x g adds to x times the filtered g."""
 
 SMOOTHING = np.array([0.0234, 0.2416, 0.4700, 0.2416, 0.0234])
-"""S, the smoothing in every direction in which the derivative is not taken."""
+"""S of the paper, the smoothing in every direction in which the derivative is not taken."""
+
+# Design of the least-squares pairs: up to which wave number, in radian per mean gap, the two filters have to match (a
+# registered image moves less than one pixel per step, a texture has at least six pixels per period), and how much noise
+# counts against it.
+_BAND, _NOISE_WEIGHT = 1.0, 1e-3
 
 
-def gaussian_window(sigma: float, taps: int) -> NDArray[np.float64]:
+@dataclass(frozen=True, eq=False)
+class FilterPair:
+    """A derivative and a smoothing along one axis that match: D g = S ∂g for every slowly varying g.
+
+    Both are sums of samples, out = Σ_i weight_i g(node_i); the estimate belongs to the node 0.
+    """
+
+    name: str
+    """What to call the pair, with its source."""
+    nodes: Array
+    """Where the samples stand, in steps of the axis, counted from where the estimate belongs."""
+    smoothing: Array
+    """Weights of S; they add up to 1."""
+    derivative: Array
+    """Weights of D; a ramp has its slope."""
+
+    @property
+    def noise_ratio(self) -> float:
+        """Power of white noise in the derivative over that in the smoothed signal, (ΣD²) / (ΣS²)."""
+        return float(np.sum(self.derivative**2) / np.sum(self.smoothing**2))
+
+    def transfer(self, wave_number: float | Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the transfer functions of D and S at a wave number in radian per step.
+
+        Matching filters have D̂(w) = i w Ŝ(w).
+        """
+        phase = np.exp(1j * np.multiply.outer(np.asarray(wave_number, dtype=np.float64), self.nodes))
+        return np.asarray(phase @ self.derivative), np.asarray(phase @ self.smoothing)
+
+
+def _equidistant(name: str, smoothing: ArrayLike, derivative: ArrayLike) -> FilterPair:
+    """Make a pair at unit distance, scaled so that a constant keeps its value and a ramp has its slope."""
+    s, d = np.asarray(smoothing, dtype=np.float64), np.asarray(derivative, dtype=np.float64)
+    nodes = np.arange(len(s), dtype=np.float64) - (len(s) - 1) / 2
+    return FilterPair(name, nodes, s / s.sum(), d / (d @ nodes))
+
+
+def compact_pair(nodes: ArrayLike) -> FilterPair:
+    """Return the pair that matches to the highest order that its nodes allow.
+
+    Σ_i d_i f(s_i) = Σ_i a_i f'(s_i) for every polynomial f of degree 2 n - 2: the divided difference of f over all
+    nodes taken twice vanishes, and gives a_i ~ Π_j (s_i - s_j)⁻² and d_i = 2 a_i Σ_j 1 / (s_i - s_j), j ≠ i. Two nodes
+    give the trapezium rule, three Simpson's rule, Collatz's and Lele's compact scheme of fourth order (S. K. Lele,
+    J. Comput. Phys. 103, 1992), four the one of sixth order between two samples.
+
+    Parameters
+    ----------
+    nodes
+        At least two different positions; the estimate belongs to 0.
+    """
+    s = np.asarray(nodes, dtype=np.float64)
+    differences = s[:, None] - s[None, :]
+    np.fill_diagonal(differences, 1.0)
+    smoothing = 1 / np.prod(differences, axis=1) ** 2
+    smoothing = np.asarray(smoothing / smoothing.sum(), dtype=np.float64)
+    inverse = 1 / differences
+    np.fill_diagonal(inverse, 0.0)
+    derivative = 2 * smoothing * inverse.sum(axis=1)
+    return FilterPair("compact scheme (Lele 1992)", s, smoothing, derivative)
+
+
+def least_squares_pair(nodes: ArrayLike, band: float = _BAND, noise_weight: float = _NOISE_WEIGHT) -> FilterPair:
+    """Return the pair that matches best in the least-squares sense, for samples at any positions.
+
+    Minimises the mean of |D̂(w) - i w Ŝ(w)|² over 0 <= w <= ``band`` plus ``noise_weight``² (Σ d² + Σ a²), so that D g =
+    S ∂g and noise is averaged over all samples. A constant keeps its value, a ramp has its slope, and the smoothed
+    signal stands at 0.
+
+    Parameters
+    ----------
+    nodes
+        At least three different positions with 0 inside, in steps; the estimate belongs to 0.
+    band
+        Largest wave number that has to match, in radian per mean gap between nodes.
+    noise_weight
+        What noise counts.
+    """
+    s = np.asarray(nodes, dtype=np.float64)
+    gap = (s.max() - s.min()) / (len(s) - 1)
+    u = s / gap
+    points, weights = np.polynomial.legendre.leggauss(40)
+    w = band * (points + 1) / 2
+    phase = np.exp(1j * np.outer(w, u))
+    misfit = np.hstack([-1j * w[:, None] * phase, phase]) * np.sqrt(weights / 2)[:, None]
+    equations = np.vstack([misfit.real, misfit.imag, noise_weight * np.eye(2 * len(u))])
+    one, none = np.ones_like(u), np.zeros_like(u)
+    conditions = np.array([[*one, *none], [*u, *none], [*none, *one], [*none, *u]])
+    start = np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 1.0]), rcond=None)[0]
+    free = np.linalg.svd(conditions)[2][np.linalg.matrix_rank(conditions) :].T
+    solution = start + free @ np.linalg.lstsq(equations @ free, -equations @ start, rcond=None)[0]
+    smoothing, derivative = solution[: len(u)], solution[len(u) :] / gap
+    return FilterPair("least squares", s, smoothing, derivative)
+
+
+PAPER = _equidistant("Scharr 5 taps (Scharr and Kuesters 2002)", SMOOTHING, DERIVATIVE[::-1])
+"""The paper's pair as sums of samples."""
+
+_FARID = "Farid and Simoncelli {} taps (IEEE Trans. Image Process. 13, 2004)"
+_NAMED = {
+    2: compact_pair([-0.5, 0.5]),
+    3: compact_pair([-1, 0, 1]),
+    4: compact_pair([-1.5, -0.5, 0.5, 1.5]),
+    5: PAPER,
+    7: _equidistant(
+        _FARID.format(7),
+        [0.004711, 0.069321, 0.245410, 0.361117, 0.245410, 0.069321, 0.004711],
+        [-0.018708, -0.125376, -0.193091, 0.0, 0.193091, 0.125376, 0.018708],
+    ),
+    9: _equidistant(
+        _FARID.format(9),
+        [0.000721, 0.015486, 0.090341, 0.234494, 0.317916, 0.234494, 0.090341, 0.015486, 0.000721],
+        [-0.003059, -0.035187, -0.118739, -0.143928, 0.0, 0.143928, 0.118739, 0.035187, 0.003059],
+    ),
+}
+
+
+def single() -> FilterPair:
+    """Return the pair of an axis with one sample: nothing can be derived along it."""
+    return FilterPair("one sample", np.zeros(1), np.ones(1), np.zeros(1))
+
+
+def pair_for(nodes: ArrayLike) -> FilterPair:
+    """Return the pair for samples at given positions, in steps from where the estimate belongs.
+
+    Equidistant samples around 0 take the named pair of their number (2, 3, 4, 5, 7, 9), all others the least-squares
+    pair.
+    """
+    s = np.asarray(nodes, dtype=np.float64)
+    count = len(s)
+    if count == 1:
+        return single()
+    gap = (s[-1] - s[0]) / (count - 1)
+    even = gap * (np.arange(count) - (count - 1) / 2)
+    if count in _NAMED and np.allclose(s, even, rtol=0, atol=1e-9 * abs(gap)):
+        named = _NAMED[count]
+        return FilterPair(named.name, s, named.smoothing, named.derivative / gap)
+    if count == 2:
+        return compact_pair(s)
+    return least_squares_pair(s)
+
+
+def gaussian_window(sigma: float, taps: int) -> Array:
     """Return a Gaussian sampled at ``taps`` (odd) points around its centre, with the sum 1."""
     offsets = np.arange(taps) - taps // 2
     weights = np.exp(-(offsets**2) / (2 * sigma**2))
     return np.asarray(weights / weights.sum())
 
 
-def transfer(wave_number: float | NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the transfer functions (D̂, Ŝ) of the two filters at a wave number in radian per sample.
+def transfer(wave_number: float | NDArray[Any]) -> tuple[Array, Array]:
+    """Return the transfer functions (D̂, Ŝ) of the paper's two filters at a wave number in radian per sample.
 
     The derivative filter multiplies exp(i w n) by i D̂(w), D̂(w) = 2 Σ d_j sin jw; the smoothing filter multiplies it by
     Ŝ(w) = s_0 + 2 Σ s_j cos jw. A pattern cos(k x) that moves by u per step is estimated to move by

@@ -9,9 +9,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.recording import KIND_FULL
+from scenetruth.recording import KIND_FULL, VARIABLES
 
-__all__ = ["ENDPOINT", "OUTLIERS", "QUANTITIES", "Quantity", "full_pixels", "read_quantity", "units_of"]
+__all__ = [
+    "ENDPOINT",
+    "OUTLIERS",
+    "QUANTITIES",
+    "Quantity",
+    "full_pixels",
+    "read_quantity",
+    "read_std",
+    "units_of",
+]
 
 Map = NDArray[np.float64]
 
@@ -58,6 +67,14 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 """The scalar quantities by name, in the order in which they are reported."""
 
+_KINDS = {
+    "depth": ("kind_disparity",),
+    "disparity": ("kind_disparity",),
+    "flow": ("kind_motion",),
+    "velocity": ("kind_disparity", "kind_motion"),
+}
+"""What must be full for a variable to be known: a velocity needs both the flow and the depth."""
+
 
 def units_of(name: str) -> str:
     """Return the units of a scored quantity's errors, in plain text; ``"1"`` for rates."""
@@ -82,21 +99,60 @@ def read_quantity(dataset: xr.Dataset, name: str) -> Map:
         float64, shape (t, y, x), in the quantity's units; NaN where there is none.
     """
     entry = QUANTITIES[name]
-    array = dataset[entry.variable]
-    if entry.component is not None:
-        array = array[entry.component]
-    values: Map = np.asarray(array.values, dtype=np.float64)
-    return values
+    return _read(dataset, entry.variable, entry.component)
 
 
-def full_pixels(estimate: xr.Dataset) -> NDArray[np.bool_]:
-    """Return where an estimate claims to know everything: ``kind`` is full, or there is no ``kind``.
+def read_std(estimate: xr.Dataset, name: str) -> Map | None:
+    """Read the standard deviation that an estimate states for one scalar quantity.
+
+    Parameters
+    ----------
+    estimate
+        An estimate.
+    name
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        float64, shape (t, y, x), in the quantity's units, NaN where there is none; None where the estimate has no
+        standard deviation of this quantity.
+    """
+    entry = QUANTITIES[name]
+    variable = f"{entry.variable}_std"
+    # Only the agreed variables have been checked to have the quantity's dimensions.
+    if variable not in estimate or variable not in VARIABLES["estimate"]:
+        return None
+    return _read(estimate, variable, entry.component)
+
+
+def full_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
+    """Return where an estimate claims to know a variable.
+
+    That is where ``kind_disparity`` is full for depth and disparity, where ``kind_motion`` is full for flow, and where
+    both are for velocity. ``kind`` stands in for either that the estimate lacks; without any, it is everywhere.
+
+    Parameters
+    ----------
+    estimate
+        An estimate.
+    variable
+        ``"depth"``, ``"disparity"``, ``"flow"`` or ``"velocity"``.
 
     Returns
     -------
     numpy.ndarray
         bool, shape (t, y, x).
     """
-    if "kind" in estimate:
-        return np.asarray(estimate["kind"].values == KIND_FULL)
-    return np.ones(estimate["depth"].shape, dtype=bool)
+    full = np.ones(estimate["depth"].shape, dtype=bool)
+    for name in {kind if kind in estimate else "kind" for kind in _KINDS[variable]} & set(estimate):
+        full &= estimate[name].values == KIND_FULL
+    return full
+
+
+def _read(dataset: xr.Dataset, variable: str, component: int | None) -> Map:
+    array = dataset[variable]
+    if component is not None:
+        array = array[component]
+    values: Map = np.asarray(array.values, dtype=np.float64)
+    return values

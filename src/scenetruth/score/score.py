@@ -38,7 +38,8 @@ class Score:
     ----------
     regions
         Region to quantity to statistic to value; None where a value is undefined. Errors are estimate minus truth, in
-        the units of the quantity; ``density``, ``relative_rms`` and rates are fractions.
+        the units of the quantity; ``density``, ``relative_rms``, ``within_2_std`` and rates are fractions, and
+        ``calibration`` is a ratio.
     metadata
         What the score was made from, as plain JSON values.
     """
@@ -120,9 +121,15 @@ def score(
     In each of the regions ``all`` and ``interior`` (see `region_masks`), the errors e = estimate - truth of depth,
     disparity, the three components of velocity and the two of optical flow are summed up over all frames of the
     estimate as bias, rms, median and 95th percentile of abs(e), relative rms, density and count (see
-    `error_statistics`). ``velocity_endpoint`` does the same for ‖U_estimate - U_truth‖ (`endpoint_statistics`), and
-    ``outliers`` has the shares of gross errors (`outlier_rates`). A pixel counts where truth and estimate are finite
-    and the estimate's ``kind``, if it has one, is full.
+    `error_statistics`). Where the estimate states standard deviations (``depth_std``, ``disparity_std``,
+    ``velocity_std``), ``calibration`` and ``within_2_std`` tell whether the errors are as large as they say.
+    ``velocity_endpoint`` does the same for ‖U_estimate - U_truth‖ (`endpoint_statistics`), and ``outliers`` has the
+    shares of gross errors (`outlier_rates`).
+
+    A pixel counts where truth and estimate are finite and the estimate claims to know the quantity: ``kind_disparity``
+    is full for depth and disparity, ``kind_motion`` for optical flow, both for velocity and outliers (see
+    `full_pixels`). The density is the share of the pixels with a finite truth that count; it is 0 for what an estimate
+    of one camera or one frame cannot know.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.score.quantities import ENDPOINT, OUTLIERS, QUANTITIES, full_pixels, read_quantity
+from scenetruth.score.quantities import ENDPOINT, OUTLIERS, QUANTITIES, full_pixels, read_quantity, read_std
 
 __all__ = [
     "OUTLIER_FRACTION",
@@ -20,6 +20,7 @@ __all__ = [
     "error_statistics",
     "outlier_rates",
     "region_statistics",
+    "standardised",
 ]
 
 Map = NDArray[np.float64]
@@ -27,7 +28,17 @@ Mask = NDArray[np.bool_]
 Statistics = dict[str, float | int | None]
 """Values by name, ready for JSON: floats, the integer ``count``, and None where there is nothing to tell."""
 
-STATISTICS = ("bias", "rms", "median_abs", "p95_abs", "relative_rms", "density", "count")
+STATISTICS = (
+    "bias",
+    "rms",
+    "median_abs",
+    "p95_abs",
+    "relative_rms",
+    "calibration",
+    "within_2_std",
+    "density",
+    "count",
+)
 """The statistics of an error, in the order in which they are reported."""
 
 RATES = ("disparity_rate", "flow_rate", "scene_flow_rate", "count")
@@ -39,8 +50,13 @@ OUTLIER_PX = 3.0
 OUTLIER_FRACTION = 0.05
 """... and above this fraction of the true value's magnitude."""
 
+_diverged = np.errstate(over="ignore", invalid="ignore")
+"""An estimate may diverge up to the largest floats; what overflows then becomes None."""
 
-def error_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None = None) -> Statistics:
+
+def error_statistics(
+    estimate: Map, truth: Map, region: Mask, full: Mask | None = None, std: Map | None = None
+) -> Statistics:
     """Return the statistics of the errors of a scalar quantity in one region.
 
     A pixel of the region is scored where the truth is finite, the estimate is finite, and ``full`` holds. Over the n
@@ -50,6 +66,9 @@ def error_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None 
     - ``rms`` = (Σ e_i² / n)^½,
     - ``median_abs`` and ``p95_abs``, the median and the 95th percentile of abs(e_i), interpolated linearly,
     - ``relative_rms`` = ``rms`` / (Σ truth_i² / n)^½, None where the truth vanishes throughout,
+    - ``calibration`` = (Σ (e_i / std_i)² / m)^½ over the m of them whose standard deviation is finite and positive:
+      1 if the error bars are right, above 1 if they are too small (overconfident),
+    - ``within_2_std``, the share of those m with abs(e_i) ≤ 2 std_i: 0.954 of normal errors with the right error bars,
     - ``density`` = n / the number of pixels of the region with a finite truth,
     - ``count`` = n.
 
@@ -60,13 +79,16 @@ def error_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None 
     region
         Where to look, same shape.
     full
-        Where the estimate claims to know everything, same shape; everywhere if not given.
+        Where the estimate claims to know the quantity, same shape; everywhere if not given.
+    std
+        The standard deviation that the estimate states, same shape and units.
 
     Returns
     -------
     dict
         By the names of `STATISTICS`. With no scored pixel, everything is None but ``count`` = 0 and ``density`` = 0;
-        with no true pixel either, the density is None as well.
+        with no true pixel either, the density is None as well. Without any usable standard deviation, ``calibration``
+        and ``within_2_std`` are None.
 
     Examples
     --------
@@ -79,14 +101,16 @@ def error_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None 
     if full is not None:
         scored &= full
     expected = truth[scored]
-    return _summary(_difference(estimate[scored], expected), expected, int(known.sum()))
+    error = _difference(estimate[scored], expected)
+    return _summary(error, expected, int(known.sum()), None if std is None else std[scored])
 
 
 def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None = None) -> Statistics:
     """Return the statistics of the Euclidean distance between two vector maps in one region.
 
     As `error_statistics`, with e_i = ‖estimate_i - truth_i‖ ≥ 0 (so ``bias`` is the mean distance) and with the
-    rms of ‖truth_i‖ as the reference of ``relative_rms``. All components must be finite at a scored pixel.
+    rms of ‖truth_i‖ as the reference of ``relative_rms``. All components must be finite at a scored pixel. A distance
+    has no standard deviation, so that ``calibration`` and ``within_2_std`` are None.
 
     Parameters
     ----------
@@ -150,6 +174,30 @@ def outlier_rates(
     }
 
 
+@_diverged
+def standardised(error: Map, std: Map) -> Map:
+    """Return errors in units of their standard deviation.
+
+    Parameters
+    ----------
+    error, std
+        Errors and their standard deviations, of the same shape and in the same units.
+
+    Returns
+    -------
+    numpy.ndarray
+        error / std, a plain number, of those with a finite, positive standard deviation; shape (m,).
+
+    Examples
+    --------
+    >>> standardised(np.array([3.0, 1.0, 1.0]), np.array([2.0, 0.0, np.nan])).tolist()
+    [1.5]
+    """
+    usable = np.isfinite(std) & (std > 0)
+    ratio: Map = error[usable] / std[usable]
+    return ratio
+
+
 def region_statistics(estimate: xr.Dataset, truth: xr.Dataset, region: Mask) -> dict[str, Statistics]:
     """Return the statistics of every quantity in one region.
 
@@ -165,12 +213,16 @@ def region_statistics(estimate: xr.Dataset, truth: xr.Dataset, region: Mask) -> 
     dict
         The quantity's name (the keys of `QUANTITIES`, ``velocity_endpoint``, ``outliers``) to its statistics.
     """
-    full = full_pixels(estimate)
+    full = {entry.variable: full_pixels(estimate, entry.variable) for entry in QUANTITIES.values()}
     pairs = {name: (read_quantity(estimate, name), read_quantity(truth, name)) for name in QUANTITIES}
-    result = {name: error_statistics(*pair, region, full) for name, pair in pairs.items()}
+    result = {
+        name: error_statistics(*pairs[name], region, full[entry.variable], read_std(estimate, name))
+        for name, entry in QUANTITIES.items()
+    }
     velocity = _stack(pairs, ("velocity_x", "velocity_y", "velocity_z"))
-    result[ENDPOINT] = endpoint_statistics(*velocity, region, full)
-    result[OUTLIERS] = outlier_rates(pairs["disparity"], _stack(pairs, ("flow_x", "flow_y")), region, full)
+    result[ENDPOINT] = endpoint_statistics(*velocity, region, full["velocity"])
+    both = full["disparity"] & full["flow"]
+    result[OUTLIERS] = outlier_rates(pairs["disparity"], _stack(pairs, ("flow_x", "flow_y")), region, both)
     return result
 
 
@@ -178,12 +230,8 @@ def _stack(pairs: dict[str, tuple[Map, Map]], names: tuple[str, ...]) -> tuple[M
     return np.stack([pairs[name][0] for name in names]), np.stack([pairs[name][1] for name in names])
 
 
-_diverged = np.errstate(over="ignore", invalid="ignore")
-"""An estimate may diverge up to the largest floats; what overflows then becomes None."""
-
-
 @_diverged
-def _summary(error: Map, expected: Map, known: int) -> Statistics:
+def _summary(error: Map, expected: Map, known: int, std: Map | None = None) -> Statistics:
     count = error.size
     if count == 0:
         return dict.fromkeys(STATISTICS, None) | {"density": 0.0 if known else None, "count": 0}
@@ -197,7 +245,15 @@ def _summary(error: Map, expected: Map, known: int) -> Statistics:
         "p95_abs": _finite_or_none(float(p95)),
         "relative_rms": _finite_or_none(rms / reference) if reference else None,
     }
-    return values | {"density": count / known, "count": count}
+    return values | _error_bars(error, std) | {"density": count / known, "count": count}
+
+
+@_diverged
+def _error_bars(error: Map, std: Map | None) -> Statistics:
+    ratio = standardised(error, std) if std is not None else error[:0]
+    if ratio.size == 0:
+        return {"calibration": None, "within_2_std": None}
+    return {"calibration": _finite_or_none(_rms(ratio)), "within_2_std": float(np.mean(np.abs(ratio) <= 2))}
 
 
 def _rms(values: Map) -> float:

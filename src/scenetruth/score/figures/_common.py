@@ -119,9 +119,12 @@ def show_map(axes: Any, values: Map, **options: Any) -> Any:
 
 def colorbar(figure: Any, drawn: Any, axes: Any, label: str, **options: Any) -> Any:
     """Add a thin colour bar as high as the axes."""
+    from matplotlib.ticker import ScalarFormatter
+
     bar = figure.colorbar(drawn, cax=axes.inset_axes((1.025, 0.0, 0.035, 1.0)), label=label, **options)
     bar.outline.set_linewidth(0.6)
-    bar.ax.ticklabel_format(useOffset=False)
+    if isinstance(bar.formatter, ScalarFormatter):
+        bar.ax.ticklabel_format(useOffset=False)
     return bar
 
 

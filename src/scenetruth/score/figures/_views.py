@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from scenetruth.recording import KIND_NONE, Intrinsics, intrinsics_of
 from scenetruth.score.alignment import align, check_recording
-from scenetruth.score.quantities import QUANTITIES, full_pixels, read_quantity
+from scenetruth.score.quantities import QUANTITIES, full_pixels, read_quantity, read_std
 
 __all__ = ["Views", "views_of"]
 
@@ -27,15 +28,20 @@ class Views:
     frame
         The estimate's frame t.
     image, image_frame, image_is_digital
-        The reference camera's image, its frame, and whether it holds digital numbers (else linear radiance).
+        The reference camera's image, of colours the mean; its frame, and whether it holds digital numbers (else
+        linear radiance).
     intrinsics
         Of the estimate.
     estimate, truth
-        Maps by the names of `QUANTITIES`; the estimate is NaN wherever its kind is not full.
+        Maps by the names of `QUANTITIES`; the estimate is NaN wherever its kind is not full (see `full_pixels`).
     mixed
         The truth's mixed pixels.
-    kind, confidence
+    depth_std
+        Standard deviation that the estimate states for its depth, in mm, NaN as the depth; or None.
+    confidence, model_violation
         Of the estimate, or None.
+    kinds
+        Those of ``kind``, ``kind_disparity`` and ``kind_motion`` that the estimate has, by their names.
     """
 
     frame: int
@@ -46,8 +52,14 @@ class Views:
     estimate: dict[str, Map]
     truth: dict[str, Map]
     mixed: Mask
-    kind: NDArray[np.int64] | None
+    depth_std: Map | None
     confidence: Map | None
+    model_violation: Mask | None
+    kinds: dict[str, NDArray[np.int64]]
+
+    def knows(self, name: str) -> bool:
+        """Return whether the estimate of a quantity, a key of `QUANTITIES`, has any value."""
+        return bool(np.isfinite(self.estimate[name]).any())
 
     def surface_points(self) -> Map:
         """Return the estimated surface (X, Y, Z) in mm, shape (y, x, 3), NaN where there is none."""
@@ -76,16 +88,32 @@ def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset) -> 
     at = frames.index(0) if 0 in frames else len(frames) // 2
     image_frame = frames[at] if frames[at] in recording["t"].values else 0
     image = recording["image"].sel(s=0, t=image_frame)
-    full = full_pixels(estimate)[at]
+    grey = image.mean("channel") if "channel" in image.dims else image
+    full = {entry.variable: full_pixels(estimate, entry.variable)[at] for entry in QUANTITIES.values()}
+    depth_std = read_std(estimate, "depth")
     return Views(
         frame=frames[at],
-        image=image.values.astype(np.float64),
+        image=grey.values.astype(np.float64),
         image_frame=image_frame,
         image_is_digital=image.dtype.kind in "ui",
         intrinsics=intrinsics_of(estimate),
-        estimate={name: np.where(full, read_quantity(estimate, name)[at], np.nan) for name in QUANTITIES},
+        estimate={
+            name: np.where(full[entry.variable], read_quantity(estimate, name)[at], np.nan)
+            for name, entry in QUANTITIES.items()
+        },
         truth={name: read_quantity(truth, name)[at] for name in QUANTITIES},
         mixed=truth["mixed"].values[at].astype(bool),
-        kind=np.nan_to_num(estimate["kind"].values[at], nan=KIND_NONE).astype(np.int64) if "kind" in estimate else None,
+        depth_std=None if depth_std is None else np.where(full["depth"], depth_std[at], np.nan),
         confidence=estimate["confidence"].values[at].astype(np.float64) if "confidence" in estimate else None,
+        model_violation=_flags(estimate["model_violation"].values[at]) if "model_violation" in estimate else None,
+        kinds={
+            name: np.nan_to_num(estimate[name].values[at], nan=KIND_NONE).astype(np.int64)
+            for name in ("kind", "kind_disparity", "kind_motion")
+            if name in estimate
+        },
     )
+
+
+def _flags(values: NDArray[Any]) -> Mask:
+    """Return flags that may have been read as numbers, NaN where there is none."""
+    return np.asarray(np.nan_to_num(values).astype(bool))

@@ -12,6 +12,7 @@ from scenetruth.score.figures._views import views_of
 from scenetruth.score.figures.arrows import draw_velocity_arrows
 from scenetruth.score.figures.confidence import draw_confidence
 from scenetruth.score.figures.depth import draw_depth
+from scenetruth.score.figures.error_bars import draw_error_bars
 from scenetruth.score.figures.histograms import draw_error_histograms
 from scenetruth.score.figures.image import draw_image
 from scenetruth.score.figures.surface import draw_surface
@@ -32,7 +33,7 @@ def draw_all(
     """Draw every figure of a scored estimate.
 
     All but the histograms show one frame, t = 0 or, where the estimate lacks it, its middle one; and of the estimate
-    only what is full.
+    only what is full (see `full_pixels`).
 
     Parameters
     ----------
@@ -50,8 +51,10 @@ def draw_all(
     Returns
     -------
     list of FigureInfo
-        File names inside the folder, titles and captions, in reading order. ``confidence.png`` is left out for an
-        estimate that has neither ``confidence`` nor ``kind``.
+        File names inside the folder, titles and captions, in reading order. The figures of depth and of velocity are
+        left out where none is known, as by one camera or one frame, ``error_bars.png`` for an estimate without
+        standard deviations of either, and ``confidence.png`` for one that has neither ``confidence`` nor kinds nor
+        ``model_violation``.
 
     Raises
     ------
@@ -61,16 +64,19 @@ def draw_all(
     target = Path(folder)
     views = views_of(recording, estimate, truth)
     target.mkdir(parents=True, exist_ok=True)
-    steps: tuple[Callable[[], FigureInfo | None], ...] = (
-        lambda: draw_image(views, target),
-        lambda: draw_surface(views, target),
-        lambda: draw_velocity_z(views, target),
-        lambda: draw_velocity_z_row(views, target),
-        lambda: draw_velocity_arrows(views, target),
-        lambda: draw_depth(views, target),
-        lambda: draw_error_histograms(estimate, truth, score, target),
-        lambda: draw_confidence(views, target),
+    depth, velocity = views.knows("depth"), views.knows("velocity_z")
+    plan: tuple[tuple[bool, Callable[[], FigureInfo | None]], ...] = (
+        (True, lambda: draw_image(views, target)),
+        (depth, lambda: draw_surface(views, target)),
+        (velocity, lambda: draw_velocity_z(views, target)),
+        (velocity, lambda: draw_velocity_z_row(views, target)),
+        (velocity, lambda: draw_velocity_arrows(views, target)),
+        (depth, lambda: draw_depth(views, target)),
+        (True, lambda: draw_error_histograms(estimate, truth, score, target)),
+        (True, lambda: draw_error_bars(views, estimate, truth, score, target)),
+        (True, lambda: draw_confidence(views, target)),
     )
+    steps = [draw for wanted, draw in plan if wanted]
     figures: list[FigureInfo] = []
     for done, draw in enumerate(steps):
         if progress is not None:

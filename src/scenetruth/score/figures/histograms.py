@@ -35,7 +35,8 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
     estimate, truth = align(estimate, truth)
     margin = float(score.metadata.get("margin_px", 20.0))
     masks = region_masks(truth["depth"].values, truth["mixed"].values.astype(bool), margin)
-    full = full_pixels(estimate)
+    full = {name: full_pixels(estimate, entry.variable) for name, entry in QUANTITIES.items()}
+    full[ENDPOINT] = full_pixels(estimate, "velocity")
     errors = {name: read_quantity(estimate, name) - read_quantity(truth, name) for name in QUANTITIES}
     errors[ENDPOINT] = np.sqrt(sum(errors[f"velocity_{axis}"] ** 2 for axis in "xyz"))
 
@@ -44,7 +45,7 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
     figure.subplots_adjust(left=0.055, right=0.985, bottom=0.085, top=0.95, wspace=0.2, hspace=0.38)
     panels = figure.subplots(2, 4)
     for axes, (name, error) in zip(panels.flat, errors.items(), strict=True):
-        usable = full & np.isfinite(error)
+        usable = full[name] & np.isfinite(error)
         samples = {region: error[mask & usable] for region, mask in masks.items()}
         _draw_panel(axes, name, samples, score)
     for axes in panels[:, 0]:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
-from scenetruth.estimate.working_point import find_working_point
+from scenetruth.estimate.registration import find_working_point
 
 
 def shifted_noise(disparity: int, seed: int, width: int = 160) -> NDArray[np.float32]:

@@ -1,0 +1,84 @@
+"""Kernel that sweeps through integer disparities and tells how well the images agree at each of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["STEP", "matching_costs"]
+
+STEP = 4
+"""Distance of the grid points at which images are compared, in px."""
+
+# Half the edge of the square over which differences are summed up, in grid points of STEP px.
+_HALF = 2
+
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_jit
+def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: Any) -> None:
+    """Sum up, for blocks of STEP pixels of a row, the squared differences of neighbouring cameras' images."""
+    width = images.shape[3]
+    out[:] = 0.0
+    for channel in range(images.shape[0]):
+        for s in range(images.shape[1] - 1):
+            a, b = images[channel, s, y], images[channel, s + 1, y]
+            for block in range(out.shape[0]):
+                total = np.float32(0.0)
+                for x in range(block * STEP, min((block + 1) * STEP, width)):
+                    one = min(max(x + first[s], 0), width - 1)
+                    two = min(max(x + second[s], 0), width - 1)
+                    difference = a[one] - b[two]
+                    total += difference * difference
+                out[block] += total * weights[s]
+
+
+@_jit
+def _smooth(costs: Any, scratch: Any) -> None:
+    """Sum costs over a square, in place; outside the image they repeat."""
+    rows, columns = costs.shape
+    for y in range(rows):
+        for x in range(columns):
+            total = np.float32(0.0)
+            for k in range(-_HALF, _HALF + 1):
+                total += costs[y, min(max(x + k, 0), columns - 1)]
+            scratch[y, x] = total
+    for y in range(rows):
+        for x in range(columns):
+            costs[y, x] = 0.0
+        for k in range(-_HALF, _HALF + 1):
+            source = scratch[min(max(y + k, 0), rows - 1)]
+            for x in range(columns):
+                costs[y, x] += source[x]
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+def matching_costs(
+    images: NDArray[np.float32],
+    offsets: NDArray[np.int64],
+    weights: NDArray[np.float32],
+    costs: NDArray[np.float32],
+) -> None:
+    """Sum up the squared differences of neighbouring cameras' images around every grid point.
+
+    Parameters
+    ----------
+    images
+        Images of one frame, shape (channel, s, y, x).
+    offsets
+        By how many columns each image is read to the right, for every registration; shape (n, s).
+    weights
+        What each pair of neighbouring cameras counts, shape (s - 1,).
+    costs
+        Output, shape (n, y / STEP, x / STEP), rounded up.
+    """
+    for n in numba.prange(offsets.shape[0]):
+        for y in range(costs.shape[1]):
+            _row_costs(
+                images, offsets[n, :-1], offsets[n, 1:], weights, min(y * STEP, images.shape[2] - 1), costs[n, y]
+            )
+        _smooth(costs[n], np.empty_like(costs[n]))

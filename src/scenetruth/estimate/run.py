@@ -1,0 +1,229 @@
+"""Running the kernels over registrations, bands of rows and frames, in bounded scratch memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimate.carry import carry_to_reference
+from scenetruth.estimate.filters import DERIVATIVE_MOMENT, PAPER, gaussian_window
+from scenetruth.estimate.registration import Registration
+from scenetruth.estimate.shift import registered
+from scenetruth.estimate.task import Task, columns_of_s, common_area
+from scenetruth.estimate.tiling import tiles_of
+from scenetruth.estimate.uncertainty import STRIDE, texture_transfer
+
+__all__ = ["Maps", "Progress", "Scratch", "run", "run_kernel"]
+
+Progress = Callable[[str, int, int], None]
+Array = NDArray[np.float64]
+
+# What is kept for a pixel between the kernels, and how much of that at a time.
+_BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 192e6, 128
+_FOUND = 14
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """The estimate, as plain arrays (see `to_world`)."""
+
+    floats: Array
+    singles: NDArray[np.float32]
+    flags: NDArray[np.uint8]
+    eigenvalues: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Scratch:
+    """What the kernels leave for a band of rows, see `estimate_tiles`."""
+
+    best: NDArray[np.float32]
+    found: NDArray[np.float32]
+    solved: Array
+    kinds: NDArray[np.uint8]
+    choice: NDArray[np.int16]
+
+    @classmethod
+    def empty(cls, frames: int, rows: int, columns: int) -> Scratch:
+        """Return scratch in which no registration has been tried."""
+        shape = (frames, rows, columns)
+        return cls(
+            best=np.full((2, *shape), np.inf, dtype=np.float32),
+            found=np.empty((_FOUND, *shape), dtype=np.float32),
+            solved=np.full((5, *shape), np.nan),
+            kinds=np.empty((3, *shape), dtype=np.uint8),
+            choice=np.full(shape, -1, dtype=np.int16),
+        )
+
+
+def run_kernel(
+    task: Task,
+    registration: Registration,
+    tiles: NDArray[np.int64],
+    scratch: Scratch,
+    first_row: int,
+    candidate: int,
+    images: NDArray[Any] | None,
+    weight_t: float,
+) -> None:
+    """Estimate the frames of a task in some tiles at one registration."""
+    from scenetruth.estimate.tensor_kernels import estimate_tiles
+
+    if len(tiles) == 0:
+        return
+    rig, settings = task.rig, task.settings
+    # The divergence term counts x from each camera's own principal point.
+    own = -registration.disparity * (rig.positions - rig.centre_s)
+    over_s = np.array([task.over_s.smoothing, task.over_s.derivative, own * task.over_s.smoothing])
+    over_xy = np.array([PAPER.smoothing, PAPER.derivative, DERIVATIVE_MOMENT[::-1]])
+    over_xy = np.vstack([over_xy, over_xy[2] - 2 * over_xy[0]])
+    window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
+    local = np.arange(len(window)) - len(window) // 2
+    still = registration.flow == (0, 0)
+    # Frames slide through the window; frames that are registered in t stand elsewhere for every estimate.
+    groups = [task.outputs] if still else [task.outputs[n : n + 1] for n in range(len(task.outputs))]
+    for index, group in enumerate(groups):
+        first = int(group[0]) - rig.before
+        estimate_tiles(
+            task.images if images is None else images,
+            (first, first + rig.frames + len(group) - 1, index),
+            columns_of_s(rig, registration.disparity),
+            np.array(registration.flow, dtype=np.int64),
+            (rig.frames - 1) / 2,
+            tiles,
+            first_row,
+            over_s.astype(np.float32),
+            np.array([task.over_t.smoothing, task.over_t.derivative], dtype=np.float32),
+            over_xy.astype(np.float32),
+            rig.window_t.astype(np.float32),
+            np.array([window, window * local, window * local**2, 2 * window * local], dtype=np.float32),
+            settings.divergence == "consistent",
+            np.array([weight_t, float(settings.tau), task.noise.moment_ratio, window @ local**2]),
+            scratch.best,
+            scratch.found,
+            scratch.solved,
+            scratch.kinds,
+            scratch.choice,
+            candidate,
+        )
+
+
+def run(task: Task, registrations: Sequence[Registration], progress: Progress | None) -> Maps:
+    """Estimate all frames, a band of rows and some frames at a time, so that scratch memory stays bounded."""
+    import numba
+
+    height, width = task.images.shape[-2:]
+    frames = len(task.outputs)
+    shape = (frames, height, width)
+    maps = Maps(
+        floats=np.full((10, *shape), np.nan),
+        singles=np.full((7, *shape), np.nan, dtype=np.float32),
+        flags=np.zeros((4, *shape), dtype=np.uint8),
+        eigenvalues=np.full((5, *shape), np.nan, dtype=np.float32),
+    )
+    at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
+    group = max(1, min(frames, at_a_time // _BAND_ROWS))
+    rows = max(_BAND_ROWS, at_a_time // group)
+    bands = [
+        (first, min(first + group, frames), top, min(top + rows, height))
+        for first in range(0, frames, group)
+        for top in range(0, height, rows)
+    ]
+    areas = [common_area(task, item) for item in registrations]
+    prepared = [registered(task, item.disparity) for item in registrations[:1]] if len(registrations) == 1 else None
+    steps = len(bands) * len(registrations)
+    # Where registrations differ in flow, what they leave to move along t counts too.
+    weight_t = float(len({item.flow for item in registrations}) > 1)
+    if progress is not None:
+        progress("estimate", 0, steps)
+    for done, (first, last, top, bottom) in enumerate(bands):
+        part = replace(task, outputs=task.outputs[first:last])
+        scratch = Scratch.empty(last - first, bottom - top, width)
+        for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
+            inside = (max(area[0], top), min(area[1], bottom), area[2], area[3])
+            tiles = tiles_of(inside, item.cells, numba.get_num_threads())
+            images = prepared[0] if prepared else registered(task, item.disparity)
+            run_kernel(part, item, tiles, scratch, top, number, images, weight_t)
+            if progress is not None:
+                progress("estimate", done * len(registrations) + number + 1, steps)
+        for index in range(last - first):
+            _to_world(part, registrations, scratch, maps, index, first + index, top, bottom)
+        maps.eigenvalues[:, first:last, top:bottom] = np.where(
+            scratch.choice >= 0, scratch.found[:5], np.float32(np.nan)
+        )
+    if task.rig.centre_s != 0 or task.rig.centre_t != 0:
+        for index in range(frames):
+            _carry(maps, index)
+    return maps
+
+
+def _to_world(
+    task: Task,
+    registrations: Sequence[Registration],
+    scratch: Scratch,
+    maps: Maps,
+    index: int,
+    frame: int,
+    top: int,
+    bottom: int,
+) -> None:
+    from scenetruth.estimate.world_kernels import to_world
+
+    rig, intrinsics, model = task.rig, task.intrinsics, task.noise
+    camera = int(np.argmin(np.abs(rig.positions)))
+    # A few rows more than the band, for the window over the texture.
+    border = 2 * STRIDE * (task.settings.window_taps_px // STRIDE + 1)
+    start = max(top - border, 0) // STRIDE * STRIDE
+    image = task.images[:, camera, task.outputs[index], start : bottom + border].astype(np.float32)
+    texture = texture_transfer(image, task.settings)[:, (top - start) // STRIDE :]
+    sigma = task.settings.noise_sigma
+    to_world(
+        (intrinsics.focal_length_px, *intrinsics.principal_point_px, intrinsics.baseline_mm),
+        (rig.centre_s, rig.centre_t),
+        task.scales,
+        (rig.sees_depth, rig.sees_motion),
+        np.array([(item.disparity, *item.flow) for item in registrations], dtype=np.float64),
+        top,
+        scratch.kinds[:, index],
+        scratch.solved[:, index],
+        scratch.found[:, index],
+        scratch.choice[index],
+        (
+            np.nan if sigma == "auto" else float(sigma) ** 2,
+            *model.residual_s,
+            *model.residual_t,
+            model.window,
+            model.motion_s,
+        ),
+        np.array([model.phases, model.disparity_s, model.disparity_t, model.motion_t]),
+        texture,
+        STRIDE,
+        maps.floats[:, frame, top:bottom],
+        maps.singles[:, frame, top:bottom],
+        maps.flags[:, frame, top:bottom],
+    )
+
+
+def _carry(maps: Maps, index: int) -> None:
+    moved = maps.floats[8:, index]
+    singles = maps.singles[:, index]
+    together = np.concatenate([maps.floats[:8, index], singles[:6], maps.eigenvalues[:, index]])
+    flags = np.concatenate([maps.flags[:, index].astype(np.int64), np.nan_to_num(singles[6:]).astype(np.int64)])
+    carried, kinds = carry_to_reference(moved, together, flags)
+    maps.floats[:8, index] = carried[:8]
+    singles[:6] = carried[8:14]
+    singles[5] = np.nan_to_num(singles[5])
+    maps.eigenvalues[:, index] = carried[14:]
+    maps.flags[:, index] = kinds[:4]
+    # What is interpolated from pixels of which not all had a value has none; its kind says so.
+    for flag, value in ((1, maps.floats[4, index]), (2, maps.floats[7, index])):
+        maps.flags[flag, index][~np.isfinite(value)] = 0
+    if np.isfinite(maps.floats[0, index]).any() and np.isfinite(maps.floats[7, index]).any():
+        maps.flags[0, index] = np.minimum(maps.flags[1, index], maps.flags[2, index])
+    else:
+        maps.flags[0, index] = np.maximum(maps.flags[1, index], maps.flags[2, index])
+    singles[6] = np.where(maps.flags[0, index] > 0, kinds[4], np.nan)
