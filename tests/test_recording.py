@@ -43,7 +43,7 @@ def test_grey_values_of_the_paper(images: Any, expected: list[float]) -> None:
         ({"images": np.zeros((1, 1, 2, 2), dtype=complex)}, "image: must hold real numbers"),
         ({"focal_length_px": -1.0}, "attrs.focal_length_px: must be positive"),
         ({"focal_length_px": float("nan")}, "attrs.focal_length_px: must be a finite number"),
-        ({"baseline_mm": 0.0}, "attrs.baseline_mm: must not be zero"),
+        ({"baseline_mm": 0.0, "images": np.zeros((2, 1, 2, 2))}, "attrs.baseline_mm: must not be zero"),
         ({"frame_interval_s": 0.0}, "attrs.frame_interval_s: must be positive"),
         ({"principal_point_px": (1.0, float("inf"))}, "attrs.principal_point_px: must be two finite numbers"),
         ({"full_scale": 0.0}, "attrs.full_scale: must be a positive number"),
@@ -59,7 +59,7 @@ def test_bad_recordings(changes: dict[str, Any], message: str) -> None:
 
 def test_all_problems_are_reported_at_once() -> None:
     with pytest.raises(st.RecordingError) as caught:
-        st.make_recording(np.zeros((1, 1, 2, 2)), -1.0, 0.0, frame_interval_s=-1.0)
+        st.make_recording(np.zeros((2, 1, 2, 2)), -1.0, 0.0, frame_interval_s=-1.0)
     assert len(caught.value.problems) == 3
 
 

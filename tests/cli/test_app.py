@@ -72,7 +72,17 @@ def test_score_files_agree_and_have_the_stated_keys(finished: Path) -> None:
     for region in ("all", "interior"):
         assert quantities <= set(content[region])
         for quantity in quantities:
-            statistics = {"bias", "rms", "median_abs", "p95_abs", "relative_rms", "density", "count"}
+            statistics = {
+                "bias",
+                "rms",
+                "median_abs",
+                "p95_abs",
+                "relative_rms",
+                "calibration",
+                "within_2_std",
+                "density",
+                "count",
+            }
             assert set(content[region][quantity]) == statistics
     assert {"versions", "scene_hash", "seed", "timings_s"} <= set(content["metadata"])
     with (finished / "score.csv").open() as file:
@@ -135,11 +145,14 @@ def test_truth_of_all_cameras_is_scored_at_the_reference(scene_file: Path, tmp_p
     assert st.load(folder / "truth.zarr")["depth"].sizes["s"] == 5
 
 
-def test_too_few_frames_are_found_before_work_starts(scene_file: Path, tmp_path: Path) -> None:
-    done = scenetruth("run", scene_file, "-o", tmp_path / "x", "--set", "frames.count=3", "--set", "stage.positions=2")
+def test_what_shows_nothing_is_found_before_work_starts(scene_file: Path, tmp_path: Path) -> None:
+    size = ("--set", "camera.width=20")
+    done = scenetruth(
+        "run", scene_file, "-o", tmp_path / "x", "--set", "frames.count=1", "--set", "stage.positions=1", *size
+    )
     assert done.returncode == 2
-    assert "frames.count: too few frames" in done.stderr
-    assert "stage.positions: too few cameras" in done.stderr
+    assert "stage.positions: one image shows neither depth nor motion" in done.stderr
+    assert "camera.width: too small" in done.stderr
     assert names(tmp_path) == set()
 
 

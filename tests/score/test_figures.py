@@ -21,7 +21,7 @@ from scenetruth.score.figures.arrows import arrow_factor
 from scenetruth.score.figures.confidence import draw_confidence
 from scenetruth.score.figures.error_bars import draw_error_bars
 from scenetruth.score.figures.image import draw_image
-from scenetruth.score.figures.velocity import pick_row
+from scenetruth.score.figures.velocity import draw_velocity_z, pick_row
 from tests.score.conftest import Drawn
 from tests.score.synthetic import Case, make_case, of_one_camera, of_one_frame, with_error_bars
 
@@ -68,6 +68,16 @@ def test_figure_shows_something(drawn: Drawn, file: str) -> None:
     assert not inked[[0, -1]].any()
     assert not inked[:, [0, -1]].any()
     assert 0.03 < inked.mean() < 0.97
+
+
+def test_tall_images_leave_room_for_the_labels(tmp_path: Path) -> None:
+    case = with_error_bars(make_case(80, 160))
+    views = views_of(case.recording, case.estimate, case.truth)
+    for draw in (draw_velocity_z, draw_confidence):
+        figure = draw(views, tmp_path)
+        assert figure is not None
+        inked = (pixels(tmp_path / figure.file) != 255).any(axis=2)
+        assert not inked[:, [0, -1]].any()
 
 
 def test_progress_counts_the_figures(drawn: Drawn) -> None:

@@ -365,7 +365,7 @@ def _print_score(scored: Score) -> None:
 
     from scenetruth.score import units_of
 
-    statistics = ("bias", "rms", "median_abs", "p95_abs", "relative_rms", "density")
+    statistics = ("bias", "rms", "median_abs", "p95_abs", "relative_rms", "calibration", "within_2_std", "density")
     console = Console()
     if not console.is_terminal:
         console = Console(width=120)

@@ -54,10 +54,15 @@ class Scratch:
         return cls(
             best=np.full((2, *shape), np.inf, dtype=np.float32),
             found=np.empty((_FOUND, *shape), dtype=np.float32),
-            solved=np.full((5, *shape), np.nan),
+            solved=np.empty((5, *shape)),
             kinds=np.empty((3, *shape), dtype=np.uint8),
             choice=np.full(shape, -1, dtype=np.int16),
         )
+
+    def clear(self) -> None:
+        """Forget what has been tried."""
+        self.best.fill(np.inf)
+        self.choice.fill(-1)
 
 
 def run_kernel(
@@ -120,10 +125,10 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     frames = len(task.outputs)
     shape = (frames, height, width)
     maps = Maps(
-        floats=np.full((10, *shape), np.nan),
-        singles=np.full((7, *shape), np.nan, dtype=np.float32),
-        flags=np.zeros((4, *shape), dtype=np.uint8),
-        eigenvalues=np.full((5, *shape), np.nan, dtype=np.float32),
+        floats=np.empty((10, *shape)),
+        singles=np.empty((7, *shape), dtype=np.float32),
+        flags=np.empty((4, *shape), dtype=np.uint8),
+        eigenvalues=np.empty((5, *shape), dtype=np.float32),
     )
     at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
     group = max(1, min(frames, at_a_time // _BAND_ROWS))
@@ -140,9 +145,13 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     weight_t = float(len({item.flow for item in registrations}) > 1)
     if progress is not None:
         progress("estimate", 0, steps)
+    scratch: Scratch | None = None
     for done, (first, last, top, bottom) in enumerate(bands):
         part = replace(task, outputs=task.outputs[first:last])
-        scratch = Scratch.empty(last - first, bottom - top, width)
+        if scratch is None or scratch.choice.shape[:2] != (last - first, bottom - top):
+            scratch = Scratch.empty(last - first, bottom - top, width)
+        else:
+            scratch.clear()
         for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
             inside = (max(area[0], top), min(area[1], bottom), area[2], area[3])
             tiles = tiles_of(inside, item.cells, numba.get_num_threads())
@@ -152,9 +161,6 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
                 progress("estimate", done * len(registrations) + number + 1, steps)
         for index in range(last - first):
             _to_world(part, registrations, scratch, maps, index, first + index, top, bottom)
-        maps.eigenvalues[:, first:last, top:bottom] = np.where(
-            scratch.choice >= 0, scratch.found[:5], np.float32(np.nan)
-        )
     if task.rig.centre_s != 0 or task.rig.centre_t != 0:
         for index in range(frames):
             _carry(maps, index)
@@ -205,6 +211,7 @@ def _to_world(
         maps.floats[:, frame, top:bottom],
         maps.singles[:, frame, top:bottom],
         maps.flags[:, frame, top:bottom],
+        maps.eigenvalues[:, frame, top:bottom],
     )
 
 

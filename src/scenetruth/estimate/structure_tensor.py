@@ -57,7 +57,11 @@ def estimate_structure_tensor(
         problems.append(Problem("stage_x_mm", message, recording["stage_x_mm"].values.tolist()))
     elif abs(positions[recording["s"].values == 0][0]) > 1e-6:
         problems.append(Problem("stage_x_mm", "must be 0 at s = 0", recording["stage_x_mm"].values.tolist()))
-    missing = sum(int((~np.isfinite(part)).sum()) for part in images[0]) if images.dtype.kind == "f" else 0
+    # A sum is finite if all is, unless it overflows; the count is exact.
+    if images.dtype.kind == "f" and not np.isfinite(images.sum()):
+        missing = sum(int((~np.isfinite(part)).sum()) for channel in images for part in channel)
+    else:
+        missing = 0
     if missing:
         problems.append(
             Problem("image", f"holds {missing} values that are not finite in float32; the filters would spread them")

@@ -223,158 +223,225 @@ def _window_row(rows: Any, kernels: Any, out: Any) -> None:
     _add_shifted(rows[9], w1, out[11])
 
 
+@numba.njit(inline="always", error_model="numpy")
+def _rotate(m: Any, pp: int, qq: int, pq: int, a: int, b: int, c: int, d: int, e: int, f: int, p: int, q: int) -> None:
+    """Rotate the axes p and q of many matrices; a and b, c and d, e and f hold (i, p) and (i, q) of the other i."""
+    for n in range(_LANES):
+        # The angle may be rough, cosine and sine may not: from single precision, two steps of Newton's method.
+        one, two, three = m[pp * _LANES + n], m[qq * _LANES + n], m[pq * _LANES + n]
+        twice, gap = np.float32(2.0 * three), np.float32(two - one)
+        root = abs(gap) + np.sqrt(gap * gap + twice * twice) + np.float32(1e-30)
+        tangent = np.float64(twice / root if gap >= 0.0 else -twice / root)
+        square = 1.0 + tangent * tangent
+        co = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
+        half = -0.5 * square
+        co *= fma(half, co * co, 1.5)
+        co *= fma(half, co * co, 1.5)
+        si = tangent * co
+        cc, ss, cs = co * co, si * si, co * si
+        m[pp * _LANES + n] = fma(cc, one, fma(ss, two, -2.0 * cs * three))
+        m[qq * _LANES + n] = fma(ss, one, fma(cc, two, 2.0 * cs * three))
+        m[pq * _LANES + n] = fma(cs, one - two, (cc - ss) * three)
+        one, two = m[a * _LANES + n], m[b * _LANES + n]
+        m[a * _LANES + n], m[b * _LANES + n] = fma(co, one, -(si * two)), fma(si, one, co * two)
+        one, two = m[c * _LANES + n], m[d * _LANES + n]
+        m[c * _LANES + n], m[d * _LANES + n] = fma(co, one, -(si * two)), fma(si, one, co * two)
+        one, two = m[e * _LANES + n], m[f * _LANES + n]
+        m[e * _LANES + n], m[f * _LANES + n] = fma(co, one, -(si * two)), fma(si, one, co * two)
+        for i in range(5):
+            one, two = m[(15 + 5 * i + p) * _LANES + n], m[(15 + 5 * i + q) * _LANES + n]
+            m[(15 + 5 * i + p) * _LANES + n] = fma(co, one, -(si * two))
+            m[(15 + 5 * i + q) * _LANES + n] = fma(si, one, co * two)
+
+
 @_jit
-def _diagonalise(a: Any, v: Any, c: Any, s: Any) -> None:
-    """Diagonalise many symmetric 5 x 5 matrices at once by cyclic Jacobi rotations; the last axis counts matrices."""
-    lanes = a.shape[2]
-    v[:] = 0.0
+def _diagonalise(m: Any) -> None:
+    """Diagonalise `_LANES` symmetric 5 x 5 matrices at once by cyclic Jacobi rotations.
+
+    ``m`` holds, each for all matrices, the 15 entries in the tensor's order and, from place 15 on, the eigenvectors as
+    columns, row by row. It is one array with all places known beforehand, so that the compiler sees that rotations of
+    different matrices do not touch each other.
+    """
+    for n in range(15 * _LANES, 40 * _LANES):
+        m[n] = 0.0
     for i in range(5):
-        for n in range(lanes):
-            v[i, i, n] = 1.0
+        for n in range(_LANES):
+            m[(15 + 6 * i) * _LANES + n] = 1.0
     for _ in range(_MOST_SWEEPS):
         worst = 0.0
-        for n in range(lanes):
+        for n in range(_LANES):
             outside, inside = 0.0, 0.0
-            for i in range(5):
-                inside += a[i, i, n] * a[i, i, n]
-                for j in range(i + 1, 5):
-                    outside += a[i, j, n] * a[i, j, n]
+            for entry in range(15):
+                square = m[entry * _LANES + n] * m[entry * _LANES + n]
+                if _ROWS[entry] == _COLUMNS[entry]:
+                    inside += square
+                else:
+                    outside += square
             worst = max(worst, outside / (inside + 1e-300))
         if worst <= _SMALL:
             break
-        for p in range(4):
-            for q in range(p + 1, 5):
-                for n in range(lanes):
-                    twice = 2.0 * a[p, q, n]
-                    gap = a[q, q, n] - a[p, p, n]
-                    root = abs(gap) + np.sqrt(gap * gap + twice * twice) + 1e-300
-                    tangent = twice / root if gap >= 0.0 else -twice / root
-                    c[n] = 1.0 / np.sqrt(1.0 + tangent * tangent)
-                    s[n] = tangent * c[n]
-                    a[p, p, n] -= tangent * a[p, q, n]
-                    a[q, q, n] += tangent * a[p, q, n]
-                    a[p, q, n] = 0.0
-                for i in range(5):
-                    if i not in (p, q):
-                        low, high = min(i, p), max(i, p)
-                        lower, upper = min(i, q), max(i, q)
-                        for n in range(lanes):
-                            one, two = a[low, high, n], a[lower, upper, n]
-                            a[low, high, n] = c[n] * one - s[n] * two
-                            a[lower, upper, n] = s[n] * one + c[n] * two
-                    for n in range(lanes):
-                        one, two = v[i, p, n], v[i, q, n]
-                        v[i, p, n] = c[n] * one - s[n] * two
-                        v[i, q, n] = s[n] * one + c[n] * two
+        _rotate(m, 0, 2, 1, 3, 4, 6, 7, 9, 10, 0, 1)
+        _rotate(m, 0, 5, 3, 1, 4, 6, 8, 9, 11, 0, 2)
+        _rotate(m, 0, 12, 6, 1, 7, 3, 8, 9, 13, 0, 3)
+        _rotate(m, 0, 14, 9, 1, 10, 3, 11, 6, 13, 0, 4)
+        _rotate(m, 2, 5, 4, 1, 3, 7, 8, 10, 11, 1, 2)
+        _rotate(m, 2, 12, 7, 1, 6, 4, 8, 10, 13, 1, 3)
+        _rotate(m, 2, 14, 10, 1, 9, 4, 11, 7, 13, 1, 4)
+        _rotate(m, 5, 12, 8, 3, 6, 4, 7, 11, 13, 2, 3)
+        _rotate(m, 5, 14, 11, 3, 9, 4, 10, 8, 13, 2, 4)
+        _rotate(m, 12, 14, 13, 6, 9, 7, 10, 8, 11, 3, 4)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _order(m: Any, one: int, two: int, p: int, q: int) -> None:
+    """Exchange the eigenvalues at two places and their vectors p and q where the second is the larger."""
+    for n in range(_LANES):
+        swap = m[two * _LANES + n] > m[one * _LANES + n]
+        a, b = m[one * _LANES + n], m[two * _LANES + n]
+        m[one * _LANES + n], m[two * _LANES + n] = b if swap else a, a if swap else b
+        for i in range(5):
+            a, b = m[(15 + 5 * i + p) * _LANES + n], m[(15 + 5 * i + q) * _LANES + n]
+            m[(15 + 5 * i + p) * _LANES + n] = b if swap else a
+            m[(15 + 5 * i + q) * _LANES + n] = a if swap else b
 
 
 @_jit
-def _covariance(j: Any, n: int, moment_ratio: float, found: Any) -> None:
+def _sort(m: Any) -> None:
+    """Put eigenvalues and vectors into descending order, by the shortest network for five."""
+    _order(m, 0, 14, 0, 4)
+    _order(m, 2, 12, 1, 3)
+    _order(m, 0, 5, 0, 2)
+    _order(m, 5, 14, 2, 4)
+    _order(m, 0, 2, 0, 1)
+    _order(m, 5, 12, 2, 3)
+    _order(m, 2, 14, 1, 4)
+    _order(m, 2, 5, 1, 2)
+    _order(m, 12, 14, 3, 4)
+
+
+@_jit
+def _misfit(r: Any, place: int, j: Any, axis: int, first: int) -> None:
+    """Put pᵀ J p into a place of r, for p = (p1, p2, p3) in its places from ``axis`` on and 1 for ds or dt."""
+    last = 12 if first == 6 else 14
+    for n in range(_LANES):
+        p1, p2, p3 = r[axis * _LANES + n], r[(axis + 1) * _LANES + n], r[(axis + 2) * _LANES + n]
+        r[place * _LANES + n] = (
+            p1 * (p1 * j[n] + 2.0 * (p2 * j[_LANES + n] + p3 * j[3 * _LANES + n] + j[first * _LANES + n]))
+            + p2 * (p2 * j[2 * _LANES + n] + 2.0 * (p3 * j[4 * _LANES + n] + j[(first + 1) * _LANES + n]))
+            + p3 * (p3 * j[5 * _LANES + n] + 2.0 * j[(first + 2) * _LANES + n])
+            + j[last * _LANES + n]
+        )
+
+
+@_jit
+def _covariances(j: Any, model: Any, r: Any) -> None:
     """Propagate white noise of unit power in the constraint to p: A⁻¹ B A⁻¹, the parts that the world needs.
 
     A is the tensor's block of g_x, g_y and the divergence term; B the same summed with the squared window, up to the
-    factor Σ w² that is left out: where a coordinate stands, the squared window is narrower by ``moment_ratio``.
+    factor Σ w² that is left out. Where a coordinate stands, the squared window is narrower.
     """
-    a11, a12, a13 = j[0, n], j[1, n], j[3, n]
-    a22, a23, a33 = j[2, n], j[4, n], j[5, n]
-    c11, c12, c13 = a22 * a33 - a23 * a23, a13 * a23 - a12 * a33, a12 * a23 - a13 * a22
-    c22, c23, c33 = a11 * a33 - a13 * a13, a12 * a13 - a11 * a23, a11 * a22 - a12 * a12
-    determinant = a11 * c11 + a12 * c12 + a13 * c13
-    if not determinant > 1e-12 * a11 * a22 * a33:
-        found[:] = np.nan
-        return
-    # B = A - (1 - r) C with C the rows and columns of the third entry; A⁻¹ B A⁻¹ = A⁻¹ - (1 - r) A⁻¹ C A⁻¹, and
-    # A⁻¹ C A⁻¹ = k e₃ᵀ + e₃ kᵀ - A₃₃ k kᵀ with k = A⁻¹ e₃.
-    k1, k2, k3 = c13 / determinant, c23 / determinant, c33 / determinant
-    less = 1.0 - moment_ratio
-    found[0] = c11 / determinant + less * a33 * k1 * k1
-    found[1] = c22 / determinant + less * a33 * k2 * k2
-    found[2] = k3 - less * (2.0 * k3 - a33 * k3 * k3)
-    found[3] = k1 - less * (k1 - a33 * k1 * k3)
-    found[4] = k2 - less * (k2 - a33 * k2 * k3)
+    for n in range(_LANES):
+        a11, a12, a22 = j[n], j[_LANES + n], j[2 * _LANES + n]
+        a13, a23, a33 = j[3 * _LANES + n], j[4 * _LANES + n], j[5 * _LANES + n]
+        c11, c12, c13 = a22 * a33 - a23 * a23, a13 * a23 - a12 * a33, a12 * a23 - a13 * a22
+        c22, c23, c33 = a11 * a33 - a13 * a13, a12 * a13 - a11 * a23, a11 * a22 - a12 * a12
+        determinant = a11 * c11 + a12 * c12 + a13 * c13
+        sound = determinant > 1e-12 * a11 * a22 * a33
+        inverse = 1.0 / (determinant if sound else np.nan)
+        # Of the divergence term's energy, the part that coordinates in the window make is the narrower one.
+        less = (1.0 - model[2]) * min(model[3] * (a11 + a22), a33) / (a33 + 1e-300)
+        # B = A - (1 - r) C with C the third row and column; with k = A⁻¹ e₃, A⁻¹ C A⁻¹ = k e₃ᵀ + e₃ kᵀ - A₃₃ k kᵀ.
+        k1, k2, k3 = c13 * inverse, c23 * inverse, c33 * inverse
+        r[18 * _LANES + n] = c11 * inverse + less * a33 * k1 * k1
+        r[19 * _LANES + n] = c22 * inverse + less * a33 * k2 * k2
+        r[20 * _LANES + n] = k3 - less * (2.0 * k3 - a33 * k3 * k3)
+        r[21 * _LANES + n] = k1 - less * (k1 - a33 * k1 * k3)
+        r[22 * _LANES + n] = k2 - less * (k2 - a33 * k2 * k3)
 
 
 @_jit
-def _misfit(j: Any, n: int, p1: float, p2: float, p3: float, axis: int) -> float:
-    """Return pᵀ J p for p = (p1, p2, p3) and 1 for ds (axis 3) or dt (axis 4)."""
-    first = 6 if axis == 3 else 9
-    return float(
-        p1 * (p1 * j[0, n] + 2.0 * (p2 * j[1, n] + p3 * j[3, n] + j[first, n]))
-        + p2 * (p2 * j[2, n] + 2.0 * (p3 * j[4, n] + j[first + 1, n]))
-        + p3 * (p3 * j[5, n] + 2.0 * j[first + 2, n])
-        + j[12 if axis == 3 else 14, n]
-    )
+def _solve_full(j: Any, m: Any, model: Any, r: Any) -> None:
+    """Solve all matrices as if everything were known about them: the paper's combinations of the two null vectors."""
+    weight_t, tau = model[0], model[1]
+    for n in range(_LANES):
+        a1, b1 = m[18 * _LANES + n], m[19 * _LANES + n]
+        a2, b2 = m[23 * _LANES + n], m[24 * _LANES + n]
+        a3, b3 = m[28 * _LANES + n], m[29 * _LANES + n]
+        a4, b4 = m[33 * _LANES + n], m[34 * _LANES + n]
+        a5, b5 = m[38 * _LANES + n], m[39 * _LANES + n]
+        cross = a4 * b5 - b4 * a5
+        inverse = 1.0 / (cross if abs(cross) > 1e-6 else np.nan)
+        # p_s = a b5 - b a5 has dt = 0, p_t = a b4 - b a4 has ds = 0.
+        r[23 * _LANES + n] = (a1 * b5 - b1 * a5) * inverse
+        r[24 * _LANES + n] = (a2 * b5 - b2 * a5) * inverse
+        r[25 * _LANES + n] = (a3 * b5 - b3 * a5) * inverse
+        r[6 * _LANES + n] = (b1 * a4 - a1 * b4) * inverse
+        r[7 * _LANES + n] = (b2 * a4 - a2 * b4) * inverse
+        r[8 * _LANES + n] = (b3 * a4 - a3 * b4) * inverse
+    for n in range(_LANES):
+        r[5 * _LANES + n] = r[23 * _LANES + n]
+        r[16 * _LANES + n] = np.sqrt(r[23 * _LANES + n] ** 2 + r[24 * _LANES + n] ** 2)
+        r[9 * _LANES + n] = m[n]
+        r[10 * _LANES + n] = m[2 * _LANES + n]
+        r[11 * _LANES + n] = m[5 * _LANES + n]
+        r[12 * _LANES + n] = m[12 * _LANES + n]
+        r[13 * _LANES + n] = m[14 * _LANES + n]
+    _misfit(r, 14, j, 23, 6)
+    _misfit(r, 17, j, 6, 9)
+    _covariances(j, model, r)
+    for n in range(_LANES):
+        j11, j12, j22 = j[n], j[_LANES + n], j[2 * _LANES + n]
+        r[n] = j[12 * _LANES + n] / (j11 + 1e-30) + weight_t * j[14 * _LANES + n] / (j11 + j22 + 1e-30)
+        uncertain = (max(r[17 * _LANES + n], 0.0) + weight_t * j[14 * _LANES + n]) * r[20 * _LANES + n]
+        r[_LANES + n] = uncertain if uncertain < 1e30 else 1e30
+        r[15 * _LANES + n] = r[18 * _LANES + n]
+        # Texture in every direction of the image, in one, or none.
+        mean, radius = 0.5 * (j11 + j22), np.sqrt(0.25 * (j11 - j22) ** 2 + j12 * j12)
+        directions = (1.0 if mean + radius > tau else 0.0) + (1.0 if mean - radius > tau else 0.0)
+        above = 0.0
+        for i in range(9, 14):
+            above += 1.0 if r[i * _LANES + n] > tau else 0.0
+        rank = min(above, directions + 1.0) if directions > 0.0 else 0.0
+        r[26 * _LANES + n] = rank
+        r[2 * _LANES + n] = 2.0 if j11 > tau else 0.0
+        r[3 * _LANES + n] = (2.0 if abs(r[6 * _LANES + n]) < 1e30 else 0.0) if rank > 2.0 else min(rank, 1.0)
+        r[4 * _LANES + n] = 1.0 if above > rank and directions > 0.0 else 0.0
 
 
 @_jit
-def _solve_pixel(j: Any, a: Any, v: Any, n: int, model: Any, order: Any, found: Any) -> None:
-    weight_t, tau, moment_ratio, moment = model[0], model[1], model[2], model[3]
-    j11, j12, j22 = j[0, n], j[1, n], j[2, n]
-    for i in range(5):
-        order[i] = i
-    for i in range(1, 5):
-        k = i
-        while k > 0 and a[order[k], order[k], n] > a[order[k - 1], order[k - 1], n]:
-            order[k], order[k - 1] = order[k - 1], order[k]
-            k -= 1
-    above = 0
-    for i in range(5):
-        found[9 + i] = a[order[i], order[i], n]
-        if found[9 + i] > tau:
-            above += 1
-    found[0] = j[12, n] / (j11 + 1e-30) + weight_t * j[14, n] / (j11 + j22 + 1e-30)
-    found[1] = 1e30
-    # Texture in every direction of the image, in one, or none.
-    mean, radius = 0.5 * (j11 + j22), np.sqrt(0.25 * (j11 - j22) ** 2 + j12 * j12)
-    directions = int(mean + radius > tau) + int(mean - radius > tau)
-    rank = min(above, directions + 1) if directions > 0 else 0
-    found[2] = 2.0 if j11 > tau else 0.0
-    found[3] = 2.0 if rank == 3 else float(min(rank, 1))
-    found[4] = 1.0 if above > rank and directions > 0 else 0.0
-    # Disparity where not all is known: the smallest eigenvector of the block of g_x and g_s, p_s = (v_x, 0, 0, 1, 0).
-    b, c = j[6, n], j[12, n]
+def _solve_part(j: Any, m: Any, n: int, r: Any) -> None:
+    """Solve one matrix of which not everything is known, over what `_solve_full` found.
+
+    Disparity is the smallest eigenvector of the block of g_x and g_s, for p_s = (v_x, 0, 0, 1, 0). Motion is the vector
+    of least norm with ds = 0 and dt = 1 in the null space: with P the projector on it and A the block of its rows and
+    columns 4 and 5, the second column of P[:, 4:5] A⁻¹, which in two dimensions is the paper's p_t.
+    """
+    rank = int(r[26 * _LANES + n])
+    j11, b, c = j[n], j[6 * _LANES + n], j[12 * _LANES + n]
     root = np.sqrt((j11 - c) ** 2 + 4.0 * b * b)
-    found[5] = -2.0 * b / (j11 - c + root) if j11 >= c and root > 0.0 else np.nan
-    found[14] = 0.5 * (j11 + c - root)
-    found[15] = 1.0 / (j11 + 1e-300)
-    found[16:] = np.nan
-    # With P the projector on the null space and A the block of its rows and columns 4 and 5, the columns of P[:, 4:5]
-    # A⁻¹ are the vectors of least norm with ds = 1, dt = 0 and with ds = 0, dt = 1; in two dimensions these are the
-    # paper's combinations a b5 - b a5 and a b4 - b a4, scaled.
+    r[5 * _LANES + n] = -2.0 * b / (j11 - c + root) if j11 >= c and root > 0.0 else np.nan
+    r[14 * _LANES + n] = 0.5 * (j11 + c - root)
+    r[15 * _LANES + n] = 1.0 / (j11 + 1e-300)
+    r[_LANES + n] = 1e30
+    for k in range(16, 23):
+        r[k * _LANES + n] = np.nan
     p33, p34, p44 = 1.0, 0.0, 1.0
     for i in range(rank):
-        ds, dt = v[3, order[i], n], v[4, order[i], n]
+        ds, dt = m[(30 + i) * _LANES + n], m[(35 + i) * _LANES + n]
         p33 -= ds * ds
         p34 -= ds * dt
         p44 -= dt * dt
     determinant = p33 * p44 - p34 * p34
     if determinant <= 1e-12:
-        found[3] = 0.0
-        found[6:9] = np.nan
-        return
-    along_s1, along_s2, along_s3 = 0.0, 0.0, 0.0
+        r[3 * _LANES + n] = 0.0
     for k in range(3):
         towards_s, towards_t = 0.0, 0.0
         for i in range(rank):
-            entry = v[k, order[i], n]
-            towards_s -= entry * v[3, order[i], n]
-            towards_t -= entry * v[4, order[i], n]
-        found[6 + k] = (towards_t * p33 - towards_s * p34) / determinant
-        along_s1, along_s2, along_s3 = along_s2, along_s3, (towards_s * p44 - towards_t * p34) / determinant
-    if rank < 3:
-        return
-    found[5] = along_s1
-    found[14] = _misfit(j, n, along_s1, along_s2, along_s3, 3)
-    found[16] = np.sqrt(along_s1 * along_s1 + along_s2 * along_s2)
-    found[17] = _misfit(j, n, found[6], found[7], found[8], 4)
-    # Of the divergence term's energy, what coordinates in the window make is narrower in the squared window.
-    inside = min(moment * (j11 + j22), j[5, n])
-    ratio = 1.0 - (1.0 - moment_ratio) * inside / (j[5, n] + 1e-300)
-    _covariance(j, n, ratio, found[18:23])
-    found[15] = found[18]
-    found[1] = (max(found[17], 0.0) + weight_t * j[14, n]) * found[20]
-    if not np.isfinite(found[1]):
-        found[1] = 1e30
+            entry = m[(15 + 5 * k + i) * _LANES + n]
+            towards_s -= entry * m[(30 + i) * _LANES + n]
+            towards_t -= entry * m[(35 + i) * _LANES + n]
+        moved = (towards_t * p33 - towards_s * p34) / determinant
+        r[(6 + k) * _LANES + n] = moved if determinant > 1e-12 else np.nan
 
 
 @_jit
@@ -390,26 +457,28 @@ def _solve_row(entries: Any, model: Any, found: Any) -> None:
         What motion along t counts beside that along s in the choice between registrations; τ; how much narrower the
         squared window is in ξ²; Σ w ξ².
     found
-        Output, shape (x, 23): what is left to move, (v_x² and perhaps u_x² + u_y², in the mean); how uncertain u_z is;
+        Output, shape (23, x): what is left to move, (v_x² and perhaps u_x² + u_y², in the mean); how uncertain u_z is;
         kind of disparity, kind of motion, model violation; v_x, u_x + x0 u_z, u_y + y0 u_z, u_z; λ1 to λ5; p_sᵀ J p_s,
         variance of v_x for unit noise in the constraint, length of the image's part of p_s; p_tᵀ J p_t, variances of
         the three components of motion and covariances of the first two with the third for unit noise.
     """
-    j = np.zeros((15, _LANES))
-    a, v = np.zeros((5, 5, _LANES)), np.empty((5, 5, _LANES))
-    c, s = np.empty(_LANES), np.empty(_LANES)
-    order = np.arange(5)
+    j, m, r = np.zeros(15 * _LANES), np.empty(40 * _LANES), np.empty((_FOUND + 4) * _LANES)
     count = entries.shape[1]
     for start in range(0, count, _LANES):
         used = min(_LANES, count - start)
         for entry in range(15):
-            i, k = _ROWS[entry], _COLUMNS[entry]
             for n in range(used):
-                j[entry, n] = entries[entry, start + n]
-                a[i, k, n] = j[entry, n]
-        _diagonalise(a, v, c, s)
+                j[entry * _LANES + n] = entries[entry, start + n]
+        m[: 15 * _LANES] = j
+        _diagonalise(m)
+        _sort(m)
+        _solve_full(j, m, model, r)
         for n in range(used):
-            _solve_pixel(j, a, v, n, model, order, found[start + n])
+            if r[26 * _LANES + n] < 3.0:
+                _solve_part(j, m, n, r)
+        for k in range(_FOUND):
+            for n in range(used):
+                found[k, start + n] = r[k * _LANES + n]
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
@@ -496,7 +565,7 @@ def estimate_tiles(
         products = np.empty((15, rows_d, columns_d), dtype=np.float32)
         gathered = np.empty((15, columns_d), dtype=np.float32)
         entries = np.empty((15, columns), dtype=np.float32)
-        results = np.empty((columns, _FOUND))
+        results = np.empty((_FOUND, columns))
         for t in range(frames[0], frames[1]):
             done = t - frames[0]
             slot = done % taps_t
@@ -539,18 +608,18 @@ def estimate_tiles(
                 row = tiles[n, 0] - first_row + y
                 for x in range(columns):
                     column = tiles[n, 2] + x
-                    to_move, uncertain = np.float32(results[x, 0]), np.float32(results[x, 1])
+                    to_move, uncertain = np.float32(results[0, x]), np.float32(results[1, x])
                     if to_move < best[0, out, row, column]:
                         best[0, out, row, column] = to_move
                         choice[out, row, column] = candidate
                         for k in range(3):
-                            kinds[k, out, row, column] = np.uint8(results[x, 2 + k])
+                            kinds[k, out, row, column] = np.uint8(results[2 + k, x])
                         for k in range(4):
-                            solved[k, out, row, column] = results[x, 5 + k]
+                            solved[k, out, row, column] = results[5 + k, x]
                         for k in range(8):
-                            found[k, out, row, column] = results[x, 9 + k]
+                            found[k, out, row, column] = results[9 + k, x]
                     if uncertain < best[1, out, row, column]:
                         best[1, out, row, column] = uncertain
-                        solved[4, out, row, column] = results[x, 8]
+                        solved[4, out, row, column] = results[8, x]
                         for k in range(6):
-                            found[8 + k, out, row, column] = results[x, 17 + k]
+                            found[8 + k, out, row, column] = results[17 + k, x]

@@ -14,8 +14,9 @@ __all__ = ["Rectangle", "tiles_of"]
 Rectangle = tuple[int, int, int, int]
 """First and last + 1 row, then column."""
 
-# A tile with its border needs about 20 MB of scratch.
-_ROWS, _COLUMNS = 128, 512
+# A tile's rows share their border's work; all threads' tiles together may need 256 MB of scratch.
+_ROWS, _COLUMNS = 256, 512
+_ROWS_OF_ALL_THREADS, _BORDER = 1900, 28
 # Tiles of scattered cells are lower, to follow their outline; nearer runs than a window's border are joined.
 _LOW_ROWS, _JOIN = 4 * CELL, 32
 
@@ -37,7 +38,8 @@ def tiles_of(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> 
         return np.empty((0, 4), dtype=np.int64)
     tiles: list[Rectangle] = []
     if cells is None:
-        row_edges = _edges(top, bottom, max(2 * threads, -(-(bottom - top) // _ROWS)))
+        most = min(max(_ROWS_OF_ALL_THREADS // threads - _BORDER, 32), _ROWS)
+        row_edges = _edges(top, bottom, max(threads, -(-(bottom - top) // most)))
         column_edges = _edges(left, right, -(-(right - left) // _COLUMNS))
         tiles = [(*rows, *columns) for rows in pairwise(row_edges) for columns in pairwise(column_edges)]
     else:

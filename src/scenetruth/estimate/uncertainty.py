@@ -79,7 +79,7 @@ def noise_model(
     )
 
 
-def _moment_ratio(window: Array, offsets: Array) -> float:
+def _moment_ratio(window: Array, offsets: NDArray[Any]) -> float:
     spread = float(window @ offsets**2)
     return float((window**2 @ offsets**2) / _power(window) / spread) if spread > 0 else 1.0
 

@@ -44,6 +44,7 @@ def to_world(
     floats: Any,
     singles: Any,
     flags: Any,
+    eigenvalues: Any,
 ) -> None:
     """Go back to the world (paper, end of section 3), pixel by pixel.
 
@@ -77,6 +78,8 @@ def to_world(
         Output, float32, shape (7, y, x): standard deviations of depth, velocity, disparity; confidence; working point.
     flags
         Output, shape (4, y, x): kind of all, of disparity, of motion, and model violation.
+    eigenvalues
+        Output, float32, shape (5, y, x): λ1 to λ5.
     """
     focal, c_x, c_y, baseline = camera
     centre_s, centre_t = centre
@@ -93,6 +96,8 @@ def to_world(
             singles[5, y, x] = 0.0
             for k in range(4):
                 flags[k, y, x] = 0
+            for k in range(5):
+                eigenvalues[k, y, x] = found[k, y, x] if choice[y, x] >= 0 else np.nan
             if choice[y, x] < 0:
                 continue
             whole = registrations[choice[y, x]]

@@ -100,6 +100,11 @@ def map_height(values: Map, width: float, extra: float) -> float:
 
 def save(figure: Any, path: Path) -> None:
     """Write a figure as PNG, the same bytes for the same drawing."""
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        # Axes that keep a map's shape move when they are laid out, and their labels with them: once is not enough.
+        layout.execute(figure)
+        layout.execute(figure)
     # Compression costs more time than drawing at the default level.
     figure.savefig(path, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
 
