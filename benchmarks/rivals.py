@@ -91,12 +91,21 @@ def compare(recording: xr.Dataset, truth: xr.Dataset) -> list[tuple[str, str, st
         found, seconds = timed(lambda method=method: method(left, later))
         distance = np.hypot(*(found - now["flow"].values))
         rows.append((name, "2", "", *_error(distance, interior), _time(seconds)))
-    for divergence in ("consistent", "paper"):
-        maps, seconds = timed(lambda divergence=divergence: st.estimate(recording, divergence=divergence).sel(t=0))
+    variants: dict[str, dict[str, Any]] = {
+        "one working point": {"working_point_px": 37, "flow_working_point_px": (0, 0)},
+        "one working point, paper": {
+            "working_point_px": 37,
+            "flow_working_point_px": (0, 0),
+            "divergence": "paper",
+        },
+        "working point per pixel": {},
+    }
+    for name, settings in variants.items():
+        maps, seconds = timed(lambda settings=settings: st.estimate(recording, **settings).sel(t=0))
         inside = interior & (maps["kind"].values == 2)
         distance = np.hypot(*(maps["flow"] - now["flow"]).values)
         errors = (*_error((maps["disparity"] - now["disparity"]).values, inside), *_error(distance, inside))
-        rows.append((f"4D structure tensor, {divergence}", "45", *errors, _time(seconds)))
+        rows.append((f"4D structure tensor, {name}", "45", *errors, _time(seconds)))
     return rows
 
 

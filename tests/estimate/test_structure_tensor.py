@@ -175,10 +175,10 @@ def test_translation_follows_the_exact_law_of_the_filters(wavelength: int, u_x: 
     (d_step, s_step) = transfer(k * 0.1)
     law_s = d_step * s_k / (d_k * s_step * 0.1)
     assert (kind == KIND_FULL).all()
-    # U_X = u_x Z / f takes the law of t over that of s; the products of cosines leave cross terms below 1e-6.
+    # U_X = u_x Z / f takes the law of t over that of s; images in float32 leave 5e-7.
     measured = np.median(velocity[0] / u_x * (100 / depth))
-    assert measured == pytest.approx(law, abs=2e-6)
-    assert np.median(100 / depth) == pytest.approx(law_s, abs=2e-6)
+    assert measured == pytest.approx(law, abs=1e-6)
+    assert np.median(100 / depth) == pytest.approx(law_s, abs=1e-6)
     # The paper's figure 2a: below 0.03 %.
     assert np.abs(law - 1) < 3.1e-4
     assert np.median(np.abs(velocity[0] / u_x * (100 / depth) - 1)) <= 3.1e-4
@@ -213,10 +213,13 @@ def test_velocity_in_depth_stays_within_the_papers_bound(wavelength: int, u_z: f
     assert np.median(np.concatenate(errors)) <= 0.03
 
 
+PHASES = [tuple(np.random.default_rng(seed).uniform(0, 360, 2)) for seed in range(8)]
+
+
 @pytest.mark.parametrize("wavelength", [4, 8, 16, 32])
 def test_consistent_divergence_removes_the_bias_of_velocity_in_depth(wavelength: int) -> None:
     errors = []
-    for u_z, phase in itertools.product((0.01, 0.1), ((0.0, 0.0), (110.0, 40.0), (45.0, 200.0), (300.0, 77.0))):
+    for u_z, phase in itertools.product((0.01, 0.1), PHASES):
         _, velocity, _ = estimate_plaid(wavelength, (0.0, 0.0, u_z), "consistent", phase_deg=phase)
         errors.append(np.abs(velocity[2] / u_z - 1).ravel())
     # An independent implementation: 0.002 % in the median, 0.008 % at most; the paper's own term: 0.2 % to 2 %.

@@ -365,18 +365,27 @@ def _print_score(scored: Score) -> None:
 
     from scenetruth.score import units_of
 
-    statistics = ("bias", "rms", "median_abs", "p95_abs", "relative_rms", "calibration", "within_2_std", "density")
+    headings = {
+        "bias": "bias",
+        "rms": "rms",
+        "median_abs": "median",
+        "p95_abs": "95 %",
+        "relative_rms": "rms, rel.",
+        "calibration": "err/std",
+        "within_2_std": "in 2 std",
+        "density": "density",
+    }
     console = Console()
     if not console.is_terminal:
         console = Console(width=120)
     table = Table(title="region interior", title_justify="left")
     table.add_column("quantity")
     table.add_column("unit")
-    for name in statistics:
+    for name in headings.values():
         table.add_column(name, justify="right")
     for quantity, values in scored.regions["interior"].items():
         if quantity == "outliers":
             continue
-        cells = [values.get(name) for name in statistics]
-        table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.4g}" for value in cells))
+        cells = [values.get(name) for name in headings]
+        table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
     console.print(table)

@@ -72,7 +72,7 @@ def measure(condition: Condition, divergence: Literal["paper", "consistent"], ru
             noise_std=condition.noise_std,
             generator=generator,
         )
-        maps = estimate(recording, working_point_px=0, divergence=divergence)
+        maps = estimate(recording, working_point_px=0, flow_working_point_px=(0, 0), divergence=divergence)
         centre = {"t": 0, "y": recording.sizes["y"] // 2, "x": recording.sizes["x"] // 2}
         pixel = maps.isel(centre)
         if int(pixel["kind"]) != KIND_FULL:
