@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
+
+from scenetruth.estimate.threads import bands, in_threads
 
 __all__ = [
     "CELL",
@@ -167,7 +170,7 @@ def _sweep(
     # Far cameras move more: their differences count by the inverse square of the distance.
     weights = (1 / np.diff(positions) ** 2).astype(np.float32)
     costs = np.empty((len(disparities), -(-height // STEP), -(-width // STEP)), dtype=np.float32)
-    matching_costs(images, offsets, weights, costs)
+    in_threads(partial(matching_costs, images, offsets, weights, costs), bands(len(disparities)))
     best = np.zeros(costs.shape[1:], dtype=np.int64)
     least = costs[0].copy()
     for index in range(1, len(disparities)):

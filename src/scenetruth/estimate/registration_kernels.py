@@ -56,12 +56,13 @@ def _smooth(costs: Any, scratch: Any) -> None:
                 costs[y, x] += source[x]
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@_jit
 def matching_costs(
     images: NDArray[np.float32],
     offsets: NDArray[np.int64],
     weights: NDArray[np.float32],
     costs: NDArray[np.float32],
+    some: tuple[int, int],
 ) -> None:
     """Sum up the squared differences of neighbouring cameras' images around every grid point.
 
@@ -75,8 +76,10 @@ def matching_costs(
         What each pair of neighbouring cameras counts, shape (s - 1,).
     costs
         Output, shape (n, y / STEP, x / STEP), rounded up.
+    some
+        First and last + 1 of the registrations to do.
     """
-    for n in numba.prange(offsets.shape[0]):
+    for n in range(some[0], some[1]):
         for y in range(costs.shape[1]):
             _row_costs(
                 images, offsets[n, :-1], offsets[n, 1:], weights, min(y * STEP, images.shape[2] - 1), costs[n, y]

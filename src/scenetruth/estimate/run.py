@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from scenetruth.estimate.filters import DERIVATIVE_MOMENT, PAPER, gaussian_windo
 from scenetruth.estimate.registration import Registration
 from scenetruth.estimate.shift import registered
 from scenetruth.estimate.task import Task, columns_of_s, common_area
+from scenetruth.estimate.threads import bands, in_threads, thread_count
 from scenetruth.estimate.tiling import tiles_of
 from scenetruth.estimate.uncertainty import STRIDE, texture_transfer
 
@@ -76,7 +78,7 @@ def run_kernel(
     weight_t: float,
 ) -> None:
     """Estimate the frames of a task in some tiles at one registration."""
-    from scenetruth.estimate.tensor_kernels import estimate_tiles
+    from scenetruth.estimate.tensor_kernels import estimate_tile
 
     if len(tiles) == 0:
         return
@@ -93,13 +95,12 @@ def run_kernel(
     groups = [task.outputs] if still else [task.outputs[n : n + 1] for n in range(len(task.outputs))]
     for index, group in enumerate(groups):
         first = int(group[0]) - rig.before
-        estimate_tiles(
+        arguments = (
             task.images if images is None else images,
             (first, first + rig.frames + len(group) - 1, index),
             columns_of_s(rig, registration.disparity),
             np.array(registration.flow, dtype=np.int64),
             (rig.frames - 1) / 2,
-            tiles,
             first_row,
             over_s.astype(np.float32),
             np.array([task.over_t.smoothing, task.over_t.derivative], dtype=np.float32),
@@ -115,12 +116,11 @@ def run_kernel(
             scratch.choice,
             candidate,
         )
+        in_threads(partial(estimate_tile, *arguments), tiles)
 
 
 def run(task: Task, registrations: Sequence[Registration], progress: Progress | None) -> Maps:
     """Estimate all frames, a band of rows and some frames at a time, so that scratch memory stays bounded."""
-    import numba
-
     height, width = task.images.shape[-2:]
     frames = len(task.outputs)
     shape = (frames, height, width)
@@ -132,7 +132,7 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     )
     at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
     group = max(1, min(frames, at_a_time // _BAND_ROWS))
-    rows = max(_BAND_ROWS, at_a_time // group)
+    rows = max(_BAND_ROWS, at_a_time // group // STRIDE * STRIDE)
     bands = [
         (first, min(first + group, frames), top, min(top + rows, height))
         for first in range(0, frames, group)
@@ -154,7 +154,7 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
             scratch.clear()
         for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
             inside = (max(area[0], top), min(area[1], bottom), area[2], area[3])
-            tiles = tiles_of(inside, item.cells, numba.get_num_threads())
+            tiles = tiles_of(inside, item.cells, thread_count())
             images = prepared[0] if prepared else registered(task, item.disparity)
             run_kernel(part, item, tiles, scratch, top, number, images, weight_t)
             if progress is not None:
@@ -187,12 +187,14 @@ def _to_world(
     image = task.images[:, camera, task.outputs[index], start : bottom + border].astype(np.float32)
     texture = texture_transfer(image, task.settings)[:, (top - start) // STRIDE :]
     sigma = task.settings.noise_sigma
-    to_world(
+    points = np.array([(item.disparity, *item.flow) for item in registrations], dtype=np.float64)
+    arguments = (
         (intrinsics.focal_length_px, *intrinsics.principal_point_px, intrinsics.baseline_mm),
         (rig.centre_s, rig.centre_t),
         task.scales,
         (rig.sees_depth, rig.sees_motion),
-        np.array([(item.disparity, *item.flow) for item in registrations], dtype=np.float64),
+        points,
+        tuple(bool(np.ptp(points[:, k]) > 0) for k in range(3)),
         top,
         scratch.kinds[:, index],
         scratch.solved[:, index],
@@ -213,6 +215,7 @@ def _to_world(
         maps.flags[:, frame, top:bottom],
         maps.eigenvalues[:, frame, top:bottom],
     )
+    in_threads(partial(to_world, *arguments), bands(bottom - top))
 
 
 def _carry(maps: Maps, index: int) -> None:

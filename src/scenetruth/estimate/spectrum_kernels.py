@@ -43,13 +43,14 @@ def _add_energy(values: Any, margin: int, stride: int, out: Any) -> None:
             out[(x - margin) // stride] += values[y, x] * values[y, x]
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@_jit
 def gradient_energies(
     image: NDArray[np.float32],
     smoothing: NDArray[np.float32],
     derivative: NDArray[np.float32],
     stride: int,
     energies: NDArray[np.float32],
+    blocks: tuple[int, int],
 ) -> None:
     """Add up g_x², g_y², (S g_x)², (S g_y)², (D_x S_y g_x)² and (D_y S_x g_y)² in blocks.
 
@@ -63,11 +64,13 @@ def gradient_energies(
         Edge of the blocks in px.
     energies
         Output, added to, shape (6, Y, X); Y and X blocks cover the image without its border.
+    blocks
+        First and last + 1 of the rows of blocks to do.
     """
     taps = smoothing.shape[0]
     reach = taps // 2
     width = image.shape[1] - 4 * reach
-    for block in numba.prange(energies.shape[1]):
+    for block in range(blocks[0], blocks[1]):
         first = block * stride
         rows = min(stride, image.shape[0] - 4 * reach - first)
         part = image[first : first + rows + 4 * reach]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimate.fused import fma
 
-__all__ = ["estimate_tiles"]
+__all__ = ["estimate_tile"]
 
 # How many numbers `_solve_row` finds for a pixel.
 _FOUND = 23
@@ -223,7 +223,7 @@ def _window_row(rows: Any, kernels: Any, out: Any) -> None:
     _add_shifted(rows[9], w1, out[11])
 
 
-@numba.njit(inline="always", error_model="numpy")
+@numba.njit(forceinline=True, error_model="numpy")
 def _rotate(m: Any, pp: int, qq: int, pq: int, a: int, b: int, c: int, d: int, e: int, f: int, p: int, q: int) -> None:
     """Rotate the axes p and q of many matrices; a and b, c and d, e and f hold (i, p) and (i, q) of the other i."""
     for n in range(_LANES):
@@ -292,7 +292,7 @@ def _diagonalise(m: Any) -> None:
         _rotate(m, 12, 14, 13, 6, 9, 7, 10, 8, 11, 3, 4)
 
 
-@numba.njit(inline="always", error_model="numpy")
+@numba.njit(forceinline=True, error_model="numpy")
 def _order(m: Any, one: int, two: int, p: int, q: int) -> None:
     """Exchange the eigenvalues at two places and their vectors p and q where the second is the larger."""
     for n in range(_LANES):
@@ -469,7 +469,8 @@ def _solve_row(entries: Any, model: Any, found: Any) -> None:
         for entry in range(15):
             for n in range(used):
                 j[entry * _LANES + n] = entries[entry, start + n]
-        m[: 15 * _LANES] = j
+        for k in range(15 * _LANES):
+            m[k] = j[k]
         _diagonalise(m)
         _sort(m)
         _solve_full(j, m, model, r)
@@ -481,14 +482,13 @@ def _solve_row(entries: Any, model: Any, found: Any) -> None:
                 found[k, start + n] = r[k * _LANES + n]
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def estimate_tiles(
+@_jit
+def estimate_tile(
     images: NDArray[Any],
     frames: tuple[int, int, int],
     columns_of_s: NDArray[np.int64],
     step: NDArray[np.int64],
     centre_t: float,
-    tiles: NDArray[np.int64],
     first_row: int,
     over_s: NDArray[np.float32],
     over_t: NDArray[np.float32],
@@ -503,8 +503,9 @@ def estimate_tiles(
     kinds: NDArray[np.uint8],
     choice: NDArray[np.int16],
     candidate: int,
+    tile: NDArray[np.int64],
 ) -> None:
-    """Estimate frames at one registration in tiles, each by one thread, so that scratch depends on the tiles alone.
+    """Estimate frames at one registration in one tile; it takes one thread, and scratch for the tile alone.
 
     Disparity and flow are written only where this registration leaves less to move than the best one so far, since
     filters are most exact for small displacements; divergence only where its error bar is smaller, since with some
@@ -522,8 +523,6 @@ def estimate_tiles(
         By how many columns and rows a frame is read further than the one before.
     centre_t
         How many frames after the first of ``frames`` the first estimate stands; may be half of one.
-    tiles
-        First and last + 1 row, then column, of the output of every tile; shape (n, 4).
     first_row
         Row of the image at which the outputs begin.
     over_s
@@ -546,80 +545,79 @@ def estimate_tiles(
         leaves least to move, whose number ``choice`` keeps.
     candidate
         Number of this registration.
+    tile
+        First and last + 1 row, then column, of the tile's output; shape (4,).
     """
     taps_t, taps, frames_in_window, window = over_t.shape[1], over_xy.shape[1], window_t.shape[0], window_xy.shape[1]
     channels, cameras = images.shape[0], images.shape[1]
     reach = taps // 2 + window // 2
     speed = step.astype(np.float32)
-    for n in numba.prange(tiles.shape[0]):
-        rows, columns = tiles[n, 1] - tiles[n, 0], tiles[n, 3] - tiles[n, 2]
-        top, left = tiles[n, 0] - reach, tiles[n, 2] - reach
-        rows_in, columns_in = rows + 2 * reach, columns + 2 * reach
-        rows_d, columns_d = rows_in - taps + 1, columns_in - taps + 1
-        values = np.empty((cameras, columns_in), dtype=np.float32)
-        ring = np.empty((channels, taps_t, 3, rows_in, columns_in), dtype=np.float32)
-        times = np.zeros(taps_t, dtype=np.float32)
-        rows_t = np.empty((5, columns_in), dtype=np.float32)
-        scratch = np.empty((6, rows_in, columns_d), dtype=np.float32)
-        derivatives = np.empty((channels, frames_in_window, 5, rows_d, columns_d), dtype=np.float32)
-        products = np.empty((15, rows_d, columns_d), dtype=np.float32)
-        gathered = np.empty((15, columns_d), dtype=np.float32)
-        entries = np.empty((15, columns), dtype=np.float32)
-        results = np.empty((_FOUND, columns))
-        for t in range(frames[0], frames[1]):
-            done = t - frames[0]
-            slot = done % taps_t
-            times[slot] = done - centre_t
-            ahead = done - int(np.floor(centre_t))
-            for channel in range(channels):
-                _reduce_cameras(
-                    images,
-                    channel,
-                    t,
-                    top + ahead * step[1],
-                    left + ahead * step[0],
-                    columns_of_s,
-                    over_s,
-                    values,
-                    ring[channel, slot],
-                )
-            if done < taps_t - 1:
-                continue
-            made = (done - taps_t + 1) % frames_in_window
-            oldest = (slot + 1) % taps_t
-            for channel in range(channels):
-                _derive(
-                    ring[channel], times, oldest, over_t, speed, over_xy, rows_t, scratch, derivatives[channel, made]
-                )
-            out = done - (taps_t - 1) - (frames_in_window - 1)
-            if out < 0:
-                continue
-            out += frames[2]
-            for y in range(rows_d):
-                products[:, y] = 0.0
-                for m in range(frames_in_window):
-                    at = (made + 1 + m) % frames_in_window
-                    for channel in range(channels):
-                        _accumulate_products(derivatives[channel, at], window_t[m], with_correction, y, products[:, y])
-            for y in range(rows):
-                _window_columns(products, y, window_xy, with_correction, gathered)
-                _window_row(gathered, window_xy, entries)
-                _solve_row(entries, model, results)
-                row = tiles[n, 0] - first_row + y
-                for x in range(columns):
-                    column = tiles[n, 2] + x
-                    to_move, uncertain = np.float32(results[0, x]), np.float32(results[1, x])
-                    if to_move < best[0, out, row, column]:
-                        best[0, out, row, column] = to_move
-                        choice[out, row, column] = candidate
-                        for k in range(3):
-                            kinds[k, out, row, column] = np.uint8(results[2 + k, x])
-                        for k in range(4):
-                            solved[k, out, row, column] = results[5 + k, x]
-                        for k in range(8):
-                            found[k, out, row, column] = results[9 + k, x]
-                    if uncertain < best[1, out, row, column]:
-                        best[1, out, row, column] = uncertain
-                        solved[4, out, row, column] = results[8, x]
-                        for k in range(6):
-                            found[8 + k, out, row, column] = results[17 + k, x]
+    rows, columns = tile[1] - tile[0], tile[3] - tile[2]
+    top, left = tile[0] - reach, tile[2] - reach
+    rows_in, columns_in = rows + 2 * reach, columns + 2 * reach
+    rows_d, columns_d = rows_in - taps + 1, columns_in - taps + 1
+    values = np.empty((cameras, columns_in), dtype=np.float32)
+    ring = np.empty((channels, taps_t, 3, rows_in, columns_in), dtype=np.float32)
+    times = np.zeros(taps_t, dtype=np.float32)
+    rows_t = np.empty((5, columns_in), dtype=np.float32)
+    scratch = np.empty((6, rows_in, columns_d), dtype=np.float32)
+    derivatives = np.empty((channels, frames_in_window, 5, rows_d, columns_d), dtype=np.float32)
+    products = np.empty((15, rows_d, columns_d), dtype=np.float32)
+    gathered = np.empty((15, columns_d), dtype=np.float32)
+    entries = np.empty((15, columns), dtype=np.float32)
+    results = np.empty((_FOUND, columns))
+    for t in range(frames[0], frames[1]):
+        done = t - frames[0]
+        slot = done % taps_t
+        times[slot] = done - centre_t
+        ahead = done - int(np.floor(centre_t))
+        for channel in range(channels):
+            _reduce_cameras(
+                images,
+                channel,
+                t,
+                top + ahead * step[1],
+                left + ahead * step[0],
+                columns_of_s,
+                over_s,
+                values,
+                ring[channel, slot],
+            )
+        if done < taps_t - 1:
+            continue
+        made = (done - taps_t + 1) % frames_in_window
+        oldest = (slot + 1) % taps_t
+        for channel in range(channels):
+            _derive(ring[channel], times, oldest, over_t, speed, over_xy, rows_t, scratch, derivatives[channel, made])
+        out = done - (taps_t - 1) - (frames_in_window - 1)
+        if out < 0:
+            continue
+        out += frames[2]
+        for y in range(rows_d):
+            products[:, y] = 0.0
+            for m in range(frames_in_window):
+                at = (made + 1 + m) % frames_in_window
+                for channel in range(channels):
+                    _accumulate_products(derivatives[channel, at], window_t[m], with_correction, y, products[:, y])
+        for y in range(rows):
+            _window_columns(products, y, window_xy, with_correction, gathered)
+            _window_row(gathered, window_xy, entries)
+            _solve_row(entries, model, results)
+            row = tile[0] - first_row + y
+            for x in range(columns):
+                column = tile[2] + x
+                to_move, uncertain = np.float32(results[0, x]), np.float32(results[1, x])
+                if to_move < best[0, out, row, column]:
+                    best[0, out, row, column] = to_move
+                    choice[out, row, column] = candidate
+                    for k in range(3):
+                        kinds[k, out, row, column] = np.uint8(results[2 + k, x])
+                    for k in range(4):
+                        solved[k, out, row, column] = results[5 + k, x]
+                    for k in range(8):
+                        found[k, out, row, column] = results[9 + k, x]
+                if uncertain < best[1, out, row, column]:
+                    best[1, out, row, column] = uncertain
+                    solved[4, out, row, column] = results[8, x]
+                    for k in range(6):
+                        found[8 + k, out, row, column] = results[17 + k, x]

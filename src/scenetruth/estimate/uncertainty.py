@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.ndimage import correlate1d
 
 from scenetruth.estimate.filters import PAPER, FilterPair, gaussian_window
 from scenetruth.estimate.rig import REACH, Rig
+from scenetruth.estimate.threads import bands, in_threads
 from scenetruth.settings import EstimateSettings
 
 __all__ = ["STRIDE", "NoiseModel", "noise_model", "texture_transfer"]
@@ -131,7 +133,8 @@ def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> 
     total = np.zeros((6, *blocks), dtype=np.float32)
     filters = [weights.astype(np.float32) for weights in (PAPER.smoothing, PAPER.derivative)]
     for channel in image:
-        gradient_energies(np.pad(channel, 2 * REACH, mode="edge"), *filters, STRIDE, total)
+        padded = np.pad(channel, 2 * REACH, mode="edge")
+        in_threads(partial(gradient_energies, padded, *filters, STRIDE, total), bands(blocks[0]))
     taps = 2 * int(np.ceil(settings.window_taps_px / (2 * STRIDE))) + 1
     window = gaussian_window(max(settings.window_sigma_px / STRIDE, 0.3), taps).astype(np.float32)
     for axis in (1, 2):
@@ -141,25 +144,32 @@ def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> 
     wide_x = energies["dx"] / (energies["sx"] + tiny)
     wide_y = energies["dy"] / (energies["sy"] + tiny)
     # The window is not infinitely wide: noise passes in a band around the texture's wave number.
-    wider = _curvature(wide_x, settings) + _curvature(wide_y, settings)
+    plain, tilted = _band_factors(settings)
+    k_x, k_y = np.sqrt(wide_x), np.sqrt(wide_y)
+    wider = np.interp(k_x, _PHASES, plain) * np.interp(k_y, _PHASES, plain)
+    coordinates = np.interp(k_x, _PHASES, tilted / plain) + np.interp(k_y, _PHASES, tilted / plain)
     return np.stack(
         [
-            energies["sx"] / (energies["x"] + tiny) * (1 + wider),
-            (energies["sx"] + energies["sy"]) / (energies["x"] + energies["y"] + tiny) * (1 + wider),
+            energies["sx"] / (energies["x"] + tiny) * wider,
+            (energies["sx"] + energies["sy"]) / (energies["x"] + energies["y"] + tiny) * wider,
             wide_x,
             wide_y,
-            1 + wider,
+            coordinates / 2,
         ]
+    ).astype(np.float32)
+
+
+def _band_factors(settings: EstimateSettings) -> tuple[Array, Array]:
+    """Return the mean of Ŝ² in the band of the window over Ŝ² in its middle, for every wave number.
+
+    The second is for the window times a coordinate. A window that is cut off has side lobes, which reach far.
+    """
+    window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
+    local = window * (np.arange(len(window)) - len(window) // 2)
+    weights = np.broadcast_to(PAPER.smoothing, (len(_PHASES), len(PAPER.smoothing)))
+    middle = np.abs(PAPER.transfer(_PHASES)[1]) ** 2
+    plain, tilted = (
+        np.minimum(_spread(weights, part) / (_power(part) * middle), 10.0)
+        for part in (window, local if np.any(local) else window)
     )
-
-
-def _curvature(squared_wave_number: NDArray[np.float32], settings: EstimateSettings) -> NDArray[np.float32]:
-    """Return by which part the mean of Ŝ² over the squared window's band exceeds its value in the middle."""
-    k = np.sqrt(np.minimum(squared_wave_number, np.float32(4.0)))
-    nodes = PAPER.nodes[:, None, None].astype(np.float32)
-    weights = PAPER.smoothing[:, None, None].astype(np.float32)
-    value = np.sum(weights * np.cos(k * nodes), axis=0)
-    slope = -np.sum(weights * nodes * np.sin(k * nodes), axis=0)
-    second = -np.sum(weights * nodes**2 * np.cos(k * nodes), axis=0)
-    variance = np.float32(1 / (2 * max(settings.window_sigma_px, 1.0) ** 2))
-    return np.asarray(np.clip((slope**2 + value * second) / value**2 * variance, -0.2, 0.2), dtype=np.float32)
+    return plain, tilted

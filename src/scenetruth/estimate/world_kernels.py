@@ -25,13 +25,14 @@ def _look_up(phase: float, phases: Any, table: Any) -> float:
     return float((1.0 - part) * table[index] + part * table[index + 1])
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@_jit
 def to_world(
     camera: tuple[float, float, float, float],
     centre: tuple[float, float],
     scales: tuple[float, float],
     sees: tuple[bool, bool],
     registrations: Any,
+    several: tuple[bool, bool, bool],
     first_row: int,
     kinds: Any,
     solved: Any,
@@ -45,6 +46,7 @@ def to_world(
     singles: Any,
     flags: Any,
     eigenvalues: Any,
+    rows: tuple[int, int],
 ) -> None:
     """Go back to the world (paper, end of section 3), pixel by pixel.
 
@@ -60,6 +62,8 @@ def to_world(
         Whether there is disparity, and motion.
     registrations
         Disparity, flow along x, flow along y of every working point, shape (n, 3).
+    several
+        Which of these three are not the same for all working points.
     first_row
         Row of the image at which the arrays of this call begin.
     kinds, solved, found, choice
@@ -70,7 +74,7 @@ def to_world(
     tables
         φ, and noise of the constraint over it, shape (4, n): φ; disparity along s, along t; motion along t.
     texture, stride
-        What `texture_transfer` found, shape (5, Y, X), and the distance of its points.
+        What `texture_transfer` found from ``first_row`` on, shape (5, Y, X), and the distance of its points.
     floats
         Output, float64, shape (10, y, x): depth, velocity, disparity, flow, divergence, and by how much the reference
         sees the point further right and down.
@@ -80,14 +84,15 @@ def to_world(
         Output, shape (4, y, x): kind of all, of disparity, of motion, and model violation.
     eigenvalues
         Output, float32, shape (5, y, x): λ1 to λ5.
+    rows
+        First and last + 1 of the rows to do.
     """
     focal, c_x, c_y, baseline = camera
     centre_s, centre_t = centre
     scale_s, scale_t = scales
     phases = tables[0]
-    several = np.array([len(np.unique(registrations[:, k])) > 1 for k in range(3)])
-    for y in numba.prange(choice.shape[0]):
-        texture_row = (first_row + y) // stride
+    for y in range(rows[0], rows[1]):
+        texture_row = y // stride
         for x in range(choice.shape[1]):
             for k in range(10):
                 floats[k, y, x] = np.nan
@@ -169,7 +174,7 @@ def to_world(
             if not np.isfinite(power):
                 from_t = max(found[8, y, x], 0.0) / (noise[3] + noise[4] * (p1 * p1 + p2 * p2))
             passed = from_t * r_all * noise[5] * noise[6] * _look_up(turn_t, phases, tables[3]) / (scale_t * scale_t)
-            c11, c22, c33 = found[9, y, x], found[10, y, x], max(wider, 1.0) * found[11, y, x]
+            c11, c22, c33 = found[9, y, x], found[10, y, x], wider * found[11, y, x]
             c13, c23 = found[12, y, x], found[13, y, x]
             y_first = first_row + y - c_y + whole[2] * centre_t
             across = passed * (c11 - 2.0 * first_x * c13 + first_x * first_x * c33)

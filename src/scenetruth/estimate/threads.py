@@ -1,0 +1,49 @@
+"""Sharing work among threads, for kernels that release the interpreter's lock.
+
+numba's own parallel loops compile for seconds longer, and share tiles of unequal cost out beforehand.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+__all__ = ["bands", "in_threads", "thread_count"]
+
+
+def thread_count() -> int:
+    """Return how many threads may work, numba's number (NUMBA_NUM_THREADS, or all processors)."""
+    import numba
+
+    return int(numba.get_num_threads())
+
+
+def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
+    """Do all jobs, each in one of the threads; an exception of any is raised."""
+    several = list(jobs)
+    if len(several) <= 1 or thread_count() == 1:
+        for job in several:
+            work(job)
+        return
+    for _ in _pool(thread_count()).map(work, several):
+        pass
+
+
+@cache
+def _pool(count: int) -> ThreadPoolExecutor:
+    """Return threads that stay: their memory is warm when the next work comes."""
+    return ThreadPoolExecutor(count, thread_name_prefix="scenetruth")
+
+
+# A forked process has none of its parent's threads.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+def bands(count: int) -> list[tuple[int, int]]:
+    """Return first and last + 1 of as many runs of rows as threads."""
+    parts = max(min(thread_count(), count), 1)
+    return [(count * n // parts, count * (n + 1) // parts) for n in range(parts)]
