@@ -33,7 +33,8 @@ _FOUND = 14
 class Maps:
     """The estimate, as plain arrays (see `to_world`)."""
 
-    floats: Array
+    floats: NDArray[np.float32]
+    moved: NDArray[np.float32]
     singles: NDArray[np.float32]
     flags: NDArray[np.uint8]
     eigenvalues: NDArray[np.float32]
@@ -124,8 +125,10 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     height, width = task.images.shape[-2:]
     frames = len(task.outputs)
     shape = (frames, height, width)
+    elsewhere = task.rig.centre_s != 0 or task.rig.centre_t != 0
     maps = Maps(
-        floats=np.empty((10, *shape)),
+        floats=np.empty((8, *shape), dtype=np.float32),
+        moved=np.empty((2, *shape) if elsewhere else (2, 1, 0, 0), dtype=np.float32),
         singles=np.empty((7, *shape), dtype=np.float32),
         flags=np.empty((4, *shape), dtype=np.uint8),
         eigenvalues=np.empty((5, *shape), dtype=np.float32),
@@ -161,7 +164,7 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
                 progress("estimate", done * len(registrations) + number + 1, steps)
         for index in range(last - first):
             _to_world(part, registrations, scratch, maps, index, first + index, top, bottom)
-    if task.rig.centre_s != 0 or task.rig.centre_t != 0:
+    if elsewhere:
         for index in range(frames):
             _carry(maps, index)
     return maps
@@ -211,6 +214,7 @@ def _to_world(
         texture,
         STRIDE,
         maps.floats[:, frame, top:bottom],
+        maps.moved[:, frame if maps.moved.size else 0, top:bottom],
         maps.singles[:, frame, top:bottom],
         maps.flags[:, frame, top:bottom],
         maps.eigenvalues[:, frame, top:bottom],
@@ -219,12 +223,12 @@ def _to_world(
 
 
 def _carry(maps: Maps, index: int) -> None:
-    moved = maps.floats[8:, index]
+    moved = maps.moved[:, index].astype(np.float64)
     singles = maps.singles[:, index]
-    together = np.concatenate([maps.floats[:8, index], singles[:6], maps.eigenvalues[:, index]])
+    together = np.concatenate([maps.floats[:, index], singles[:6], maps.eigenvalues[:, index]])
     flags = np.concatenate([maps.flags[:, index].astype(np.int64), np.nan_to_num(singles[6:]).astype(np.int64)])
     carried, kinds = carry_to_reference(moved, together, flags)
-    maps.floats[:8, index] = carried[:8]
+    maps.floats[:, index] = carried[:8]
     singles[:6] = carried[8:14]
     singles[5] = np.nan_to_num(singles[5])
     maps.eigenvalues[:, index] = carried[14:]

@@ -43,6 +43,7 @@ def to_world(
     texture: Any,
     stride: int,
     floats: Any,
+    moved: Any,
     singles: Any,
     flags: Any,
     eigenvalues: Any,
@@ -76,8 +77,10 @@ def to_world(
     texture, stride
         What `texture_transfer` found from ``first_row`` on, shape (5, Y, X), and the distance of its points.
     floats
-        Output, float64, shape (10, y, x): depth, velocity, disparity, flow, divergence, and by how much the reference
-        sees the point further right and down.
+        Output, float32, shape (8, y, x): depth, velocity, disparity, flow, divergence.
+    moved
+        Output, float32, shape (2, y, x), written if the estimates belong elsewhere: by how much the reference sees the
+        point further right and down.
     singles
         Output, float32, shape (7, y, x): standard deviations of depth, velocity, disparity; confidence; working point.
     flags
@@ -91,11 +94,14 @@ def to_world(
     centre_s, centre_t = centre
     scale_s, scale_t = scales
     phases = tables[0]
+    elsewhere = centre_s != 0.0 or centre_t != 0.0
     for y in range(rows[0], rows[1]):
         texture_row = y // stride
         for x in range(choice.shape[1]):
-            for k in range(10):
+            for k in range(8):
                 floats[k, y, x] = np.nan
+            if elsewhere:
+                moved[0, y, x] = moved[1, y, x] = np.nan
             for k in range(7):
                 singles[k, y, x] = np.nan
             singles[5, y, x] = 0.0
@@ -135,14 +141,14 @@ def to_world(
             u_x, u_y = flow_x - x_0 * u_z, flow_y - y_0 * u_z
             if kind_t == _NONE:
                 u_x = u_y = u_z = 0.0
-            if centre_s != 0.0 or centre_t != 0.0:
+            if elsewhere:
                 closer = 1.0 + u_z * centre_t
                 seen = x_0 + (disparity * centre_s if centre_s != 0.0 else 0.0)
                 x_0, y_0 = (seen - u_x * centre_t) / closer, (y_0 - u_y * centre_t) / closer
                 disparity, depth = disparity / closer, depth * closer
                 u_x, u_y, u_z = u_x / closer, u_y / closer, u_z / closer
-                floats[8, y, x] = x_0 + c_x - x
-                floats[9, y, x] = y_0 + c_y - (first_row + y)
+                moved[0, y, x] = x_0 + c_x - x
+                moved[1, y, x] = y_0 + c_y - (first_row + y)
 
             power = noise[0]
             r_x, r_all, k_x, k_y, wider = texture[:, texture_row, x // stride]
