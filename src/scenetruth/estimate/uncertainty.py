@@ -140,6 +140,12 @@ def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> 
     for axis in (1, 2):
         total = correlate1d(total, window, axis=axis, mode="nearest")
     energies = dict(zip(("x", "y", "sx", "sy", "dx", "dy"), total, strict=True))
+    # Squares of values near the end of the type's range are infinite: such images have no error bars.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _ratios(energies, settings)
+
+
+def _ratios(energies: dict[str, NDArray[np.float32]], settings: EstimateSettings) -> NDArray[np.float32]:
     tiny = np.float32(1e-20)
     wide_x = energies["dx"] / (energies["sx"] + tiny)
     wide_y = energies["dy"] / (energies["sy"] + tiny)
