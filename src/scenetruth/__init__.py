@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from scenetruth.camera import two_point_correction
     from scenetruth.errors import (
         BackendUnavailableError,
         EstimateError,
@@ -52,6 +53,7 @@ __all__ = [
     "scene_from_plain",
     "score",
     "simulate",
+    "two_point_correction",
 ]
 
 _HOMES = {
@@ -65,6 +67,7 @@ _HOMES = {
     "score": "score",
     "load": "storage",
     "save": "storage",
+    "two_point_correction": "camera",
 }
 
 

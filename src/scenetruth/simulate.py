@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera, Sensor
+from scenetruth.camera import Camera
 from scenetruth.raycast import Topology
 from scenetruth.recording import VARIABLES, Intrinsics, label, make_recording
 from scenetruth.render import choose_renderer
@@ -124,7 +124,10 @@ def scene_hash(scene: Scene) -> str:
 
 def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset:
     stage, frames, camera = scene.stage, scene.frames, scene.camera
-    sensor = None if scene.sensor == "ideal" else scene.sensor
+    sensor = None if isinstance(scene.sensor, str) else scene.sensor
+    pattern = None
+    if sensor is not None:
+        pattern = sensor.fixed_pattern((camera.height, camera.width), generator_for(scene.seed, "sensor", "pattern"))
     shape = (stage.positions, frames.count, camera.height, camera.width)
     images: NDArray[Any] = np.empty(shape, dtype=np.float32 if sensor is None else sensor.dtype)
     total, done = stage.positions * frames.count, 0
@@ -135,7 +138,11 @@ def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset
                 if progress is not None:
                     progress("render", done, total)
                 radiance = renderer.render(float(t), stage.baseline_mm * s)
-                images[m, n] = radiance if sensor is None else _sensed(sensor, radiance, scene.seed, s, t)
+                if sensor is None:
+                    images[m, n] = radiance
+                else:
+                    noise = generator_for(scene.seed, "sensor", s, t)
+                    images[m, n] = sensor.sense(radiance, noise, pattern)
                 done += 1
     if progress is not None:
         progress("render", total, total)
@@ -153,10 +160,6 @@ def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset
             "render_fallback_reason": choice.fallback_reason,
         },
     )
-
-
-def _sensed(sensor: Sensor, radiance: NDArray[np.float32], seed: int, s: int, t: int) -> NDArray[Any]:
-    return sensor.sense(radiance, generator_for(seed, "sensor", s, t))
 
 
 def _intrinsics(scene: Scene) -> Intrinsics:

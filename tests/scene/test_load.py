@@ -57,7 +57,7 @@ def test_yaml_and_python_are_equal(tmp_path: Path) -> None:
         ("objects.0.texture.wavelength_mm=[4, 1]", r"wavelength_mm: must be \(shortest, longest\)"),
         ("objects.0.texture.mean=0.9", r"mean ± 3 rms_contrast mean must stay within \[0, 1\]"),
         ("objects.0.pose.rotations.0.axis=[0, 0, 0]", r"axis: must not be the zero vector"),
-        ("sensor=idal", r"sensor: must be 'ideal' or a mapping of bit_depth, noise_std.*\(got 'idal'\)"),
+        ("sensor=idal", r"sensor: must be 'ideal', or a mapping of kind gaussian.*\(got 'idal'\)"),
         ("sensor.noise_std=-0.1", r"sensor\.noise_std: .*greater than or equal to 0"),
         ("render.backend=povray", r"render\.backend: .*'pyrender'.*'povray'"),
         ("estimate.window_taps_px=24", r"estimate\.window_taps_px: must be odd"),

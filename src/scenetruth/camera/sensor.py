@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,26 @@ from pydantic import Field
 
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
-__all__ = ["Sensor"]
+__all__ = ["FixedPattern", "Sensor"]
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPattern:
+    """What distinguishes the pixels of one sensor from each other, the same in all its images; arrays (y, x)."""
+
+    offset_e: NDArray[np.float64]
+    """Dark offset in electrons."""
+    response: NDArray[np.float64]
+    """Sensitivity, 1 in the mean, times the transmission of a colour filter."""
+    dark_e: NDArray[np.float64]
+    """Mean number of electrons that the dark current collects."""
 
 
 class Sensor(FrozenModel):
     """A sensor with Gaussian noise and digitisation."""
 
+    kind: Literal["gaussian"] = "gaussian"
+    """Tells this sensor from others; may be left out."""
     noise_std: NonNegative = 0.0
     """Standard deviation of the temporal Gaussian noise, as a fraction of full scale."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] | None = 8
@@ -35,7 +50,12 @@ class Sensor(FrozenModel):
             return np.dtype(np.float32)
         return np.dtype(np.uint8) if self.bit_depth <= 8 else np.dtype(np.uint16)
 
-    def sense(self, radiance: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.generic]:
+    def fixed_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> None:
+        """Return None: all pixels are alike."""
+
+    def sense(
+        self, radiance: NDArray[np.float32], generator: np.random.Generator, pattern: FixedPattern | None = None
+    ) -> NDArray[np.generic]:
         """Turn one linear image into what the camera delivers.
 
         Parameters
@@ -44,6 +64,8 @@ class Sensor(FrozenModel):
             Linear image, any shape.
         generator
             Source of the noise: one of its own for every image, so that no two images share noise.
+        pattern
+            Not used: this sensor has none.
 
         Returns
         -------

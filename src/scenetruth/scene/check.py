@@ -123,7 +123,7 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
     mean = float(disparity.mean())
     images = scene.stage.positions * scene.frames.count
     pixels = scene.camera.width * scene.camera.height
-    sample = 4 if scene.sensor == "ideal" else scene.sensor.dtype.itemsize
+    sample = 4 if isinstance(scene.sensor, str) else scene.sensor.dtype.itemsize
     messages = list(_texture_warnings(reports))
     span = (float(disparity.min() - round(mean)), float(disparity.max() - round(mean)))
     if max(map(abs, span)) > 2:

@@ -138,7 +138,7 @@ def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Probl
         elif entry["type"] == "missing":
             message, value = "is missing", None
         elif path == "sensor":
-            message = "must be 'ideal' or a mapping of bit_depth, noise_std, full_scale_radiance"
+            message = "must be 'ideal', or a mapping of kind gaussian (the default) or emva1288 with its fields"
         message = message[:1].lower() + message[1:]
         found.setdefault((path, message), (entry["type"], Problem(path, message, value)))
     paths = [problem.path for _, problem in found.values()]
@@ -165,7 +165,15 @@ def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int]) -> str:
 
 
 def _is_union_member(key: str) -> bool:
-    return key.startswith(("literal[", "function-")) or key in ("Sensor", "int", "float", "str", "constrained-int")
+    return key.startswith(("literal[", "function-")) or key in (
+        "ideal",
+        "gaussian",
+        "emva1288",
+        "int",
+        "float",
+        "str",
+        "constrained-int",
+    )
 
 
 def _suggestion(key: str) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from scenetruth.camera import Camera, Frames, Sensor, Stage
+from scenetruth.camera import Camera, EmvaSensor, Frames, Sensor, Stage
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
 from scenetruth.settings import EstimateSettings, ScoreSettings
 
@@ -239,6 +239,14 @@ class RenderSettings(FrozenModel):
     """n: every pixel is the mean of n x n samples."""
 
 
+def _sensor_kind(value: object) -> str:
+    """Tell sensors apart; the plain one need not say its kind."""
+    if isinstance(value, str):
+        return "ideal"
+    kind = value.get("kind", "gaussian") if isinstance(value, dict) else getattr(value, "kind", "gaussian")
+    return str(kind)
+
+
 class Scene(FrozenModel):
     """Everything that a recording and its truth are made from."""
 
@@ -254,7 +262,12 @@ class Scene(FrozenModel):
     """What stands before it."""
     background: Radiance = 0.0
     """Radiance where no object is seen."""
-    sensor: Literal["ideal"] | Sensor = "ideal"
+    sensor: Annotated[
+        Annotated[Literal["ideal"], Tag("ideal")]
+        | Annotated[Sensor, Tag("gaussian")]
+        | Annotated[EmvaSensor, Tag("emva1288")],
+        Discriminator(_sensor_kind),
+    ] = "ideal"
     """The sensor; ``ideal`` delivers the linear images themselves."""
     render: RenderSettings = RenderSettings()
     """Backend and sampling of the images."""

@@ -1,0 +1,147 @@
+"""The sensor of the EMVA standard 1288: from photons through electrons to digital numbers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationInfo, field_validator
+
+from scenetruth.camera.sensor import FixedPattern
+from scenetruth.model import FrozenModel, NonNegative, Positive
+
+__all__ = ["EmvaSensor"]
+
+Share = Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+
+# Which of red, green and blue each pixel of a 2 x 2 block sees.
+_BAYER = {"rggb": ((0, 1), (1, 2)), "grbg": ((1, 0), (2, 1)), "gbrg": ((1, 2), (0, 1)), "bggr": ((2, 1), (1, 0))}
+
+
+class EmvaSensor(FrozenModel):
+    """A linear sensor described in the quantities of EMVA 1288.
+
+    A pixel collects electrons with the mean η μ_p (1 + PRNU x) + dark current, Poisson distributed, up to its full
+    well; the readout adds the offset DSNU y and noise of σ_d electrons; digital numbers are K electrons + black level,
+    rounded and saturated. x and y are standard normal numbers that a pixel keeps over the whole recording.
+    """
+
+    kind: Literal["emva1288"]
+    """Tells this sensor from the plain one."""
+    photon_rate_per_s: Positive
+    """Photons that a pixel receives in a second where the radiance is 1."""
+    exposure_time_s: Positive
+    """Time over which it collects them."""
+    quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
+    """η, electrons per photon."""
+    full_well_e: Positive
+    """Electrons that a pixel can hold."""
+    gain_dn_per_e: Positive
+    """Overall system gain K, digital numbers per electron."""
+    bit_depth: Annotated[int, Field(ge=1, le=16)]
+    """Bits of a digital number."""
+    black_level_dn: NonNegative = 0.0
+    """Digital number of a pixel without electrons."""
+    temporal_dark_noise_e: NonNegative = 0.0
+    """σ_d, standard deviation of the readout noise in electrons, without the shot noise of the dark current."""
+    dark_current_e_per_s: NonNegative = 0.0
+    """Electrons that a pixel collects in a second without light."""
+    dsnu_e: NonNegative = 0.0
+    """DSNU_1288, standard deviation of the pixels' dark offsets in electrons."""
+    prnu: Share = 0.0
+    """PRNU_1288, standard deviation of the pixels' sensitivities, relative to their mean."""
+    hot_pixel_share: Share = 0.0
+    """Share of pixels with ``hot_pixel_current_e_per_s``."""
+    hot_pixel_current_e_per_s: NonNegative = 0.0
+    """Dark current of hot pixels."""
+    gamma: Positive = 1.0
+    """Digital numbers are full scale (linear / full scale)^gamma; 1 is linear, as the standard demands."""
+    bayer: Literal["rggb", "grbg", "gbrg", "bggr"] | None = None
+    """Colour filters on 2 x 2 pixels, row by row from the upper left; null for none."""
+    bayer_response: tuple[Positive, Positive, Positive] = (0.7, 1.0, 0.6)
+    """What red, green and blue filters let through of a grey scene."""
+
+    @field_validator("black_level_dn")
+    @classmethod
+    def _below_full_scale(cls, value: float, info: ValidationInfo) -> float:
+        bits = info.data.get("bit_depth")
+        if bits is not None and value >= 2**bits - 1:
+            msg = f"must be below full scale, {2**bits - 1} at {bits} bits"
+            raise ValueError(msg)
+        return value
+
+    @property
+    def full_scale(self) -> float:
+        """Largest digital number."""
+        return float(2**self.bit_depth - 1)
+
+    @property
+    def dtype(self) -> np.dtype[np.generic]:
+        """Type of the images that leave the sensor."""
+        return np.dtype(np.uint8) if self.bit_depth <= 8 else np.dtype(np.uint16)
+
+    def fixed_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> FixedPattern:
+        """Draw what distinguishes the pixels of one sensor, and stays the same over all its images.
+
+        Parameters
+        ----------
+        shape
+            Rows and columns.
+        generator
+            Source of the pattern: the same for all images.
+        """
+        offset = self.dsnu_e * generator.standard_normal(shape)
+        response = 1 + self.prnu * generator.standard_normal(shape)
+        hot = generator.random(shape) < self.hot_pixel_share
+        current = np.where(hot, self.hot_pixel_current_e_per_s, self.dark_current_e_per_s)
+        if self.bayer is not None:
+            block = np.array(self.bayer_response)[np.array(_BAYER[self.bayer])]
+            repeats = (-(-shape[0] // 2), -(-shape[1] // 2))
+            response *= np.tile(block, repeats)[: shape[0], : shape[1]]
+        return FixedPattern(offset_e=offset, response=np.maximum(response, 0.0), dark_e=current * self.exposure_time_s)
+
+    def sense(
+        self, radiance: NDArray[np.float32], generator: np.random.Generator, pattern: FixedPattern | None = None
+    ) -> NDArray[np.generic]:
+        """Turn one linear image into digital numbers.
+
+        Parameters
+        ----------
+        radiance
+            Linear image, shape (y, x).
+        generator
+            Source of the temporal noise: one of its own for every image.
+        pattern
+            What `fixed_pattern` drew.
+
+        Returns
+        -------
+        numpy.ndarray
+            uint8 or uint16, same shape.
+
+        Raises
+        ------
+        ValueError
+            If there is no pattern.
+        """
+        if pattern is None:
+            msg = "needs the fixed pattern of its pixels"
+            raise ValueError(msg)
+        photons = self.photon_rate_per_s * self.exposure_time_s * np.maximum(radiance, 0.0).astype(np.float64)
+        mean = self.quantum_efficiency * photons * pattern.response + pattern.dark_e
+        electrons = np.minimum(_poisson(mean, generator), self.full_well_e)
+        electrons = electrons + pattern.offset_e
+        if self.temporal_dark_noise_e > 0:
+            electrons += self.temporal_dark_noise_e * generator.standard_normal(radiance.shape)
+        signal = self.gain_dn_per_e * electrons + self.black_level_dn
+        if self.gamma != 1:
+            signal = self.full_scale * np.clip(signal / self.full_scale, 0, 1) ** self.gamma
+        return np.clip(np.rint(signal), 0, self.full_scale).astype(self.dtype)
+
+
+def _poisson(mean: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:
+    """Draw Poisson numbers; beyond a thousand million the normal distribution is the same, and does not overflow."""
+    many = mean > 1e9
+    drawn = generator.poisson(np.where(many, 0.0, mean)).astype(np.float64)
+    return np.where(many, mean + np.sqrt(mean) * generator.standard_normal(mean.shape), drawn) if many.any() else drawn

@@ -1,0 +1,215 @@
+"""A virtual EMVA 1288 measurement gives back what the sensor was told to be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import scenetruth as st
+from scenetruth.camera import EmvaSensor
+from scenetruth.scene import scene_from_plain
+from tests.scenes import cube
+
+Array = NDArray[np.float64]
+
+# Three very different sensors: many bits and little noise, few bits, and a noisy one with strong patterns.
+SENSORS: dict[str, dict[str, Any]] = {
+    "sixteen bits": {
+        "photon_rate_per_s": 4e6,
+        "exposure_time_s": 0.01,
+        "quantum_efficiency": 0.8,
+        "full_well_e": 30000.0,
+        "gain_dn_per_e": 2.0,
+        "bit_depth": 16,
+        "black_level_dn": 100.0,
+        "temporal_dark_noise_e": 1.6,
+        "dsnu_e": 0.5,
+        "prnu": 0.003,
+    },
+    "twelve bits": {
+        "photon_rate_per_s": 2e6,
+        "exposure_time_s": 0.01,
+        "quantum_efficiency": 0.6,
+        "full_well_e": 10500.0,
+        "gain_dn_per_e": 0.37,
+        "bit_depth": 12,
+        "black_level_dn": 40.0,
+        "temporal_dark_noise_e": 6.0,
+        "dark_current_e_per_s": 40.0,
+        "dsnu_e": 4.0,
+        "prnu": 0.006,
+    },
+    "noisy": {
+        "photon_rate_per_s": 5e6,
+        "exposure_time_s": 0.01,
+        "quantum_efficiency": 0.45,
+        "full_well_e": 18000.0,
+        "gain_dn_per_e": 0.2,
+        "bit_depth": 12,
+        "black_level_dn": 64.0,
+        "temporal_dark_noise_e": 16.0,
+        "dark_current_e_per_s": 300.0,
+        "dsnu_e": 12.0,
+        "prnu": 0.012,
+    },
+}
+SHAPE = (400, 500)
+
+
+def made(name: str, **changes: Any) -> EmvaSensor:
+    return EmvaSensor(kind="emva1288", **{**SENSORS[name], **changes})
+
+
+def stacks(sensor: EmvaSensor, level: float, count: int) -> Array:
+    """Return ``count`` images of a uniform surface, as digital numbers."""
+    pattern = sensor.fixed_pattern(SHAPE, np.random.default_rng(1))
+    flat = np.full(SHAPE, level, dtype=np.float32)
+    seed = int(level * 1e6)
+    return np.stack([sensor.sense(flat, np.random.default_rng([seed, n]), pattern) for n in range(count)]).astype(
+        np.float64
+    )
+
+
+def temporal_variance(images: Array) -> float:
+    """From the difference of two images: what the pixels have in common with themselves drops out."""
+    return float(np.mean((images[0] - images[1]) ** 2) / 2 - np.mean(images[0] - images[1]) ** 2 / 2)
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_photon_transfer(name: str) -> None:
+    sensor = made(name)
+    saturation = sensor.full_well_e / (sensor.quantum_efficiency * sensor.photon_rate_per_s * sensor.exposure_time_s)
+    levels = saturation * np.linspace(0.05, 0.7, 12)
+    dark = stacks(sensor, 0.0, 2)
+    dark_mean, dark_variance = dark.mean(), temporal_variance(dark)
+    means, variances = [], []
+    for level in levels:
+        pair = stacks(sensor, float(level), 2)
+        means.append(pair.mean() - dark_mean)
+        variances.append(temporal_variance(pair) - dark_variance)
+    # The gain is the slope of the variance over the mean; quantisation adds the same to both.
+    gain = float(np.dot(means, variances) / np.dot(means, means))
+    assert gain == pytest.approx(sensor.gain_dn_per_e, rel=0.01)
+    dark_e = sensor.dark_current_e_per_s * sensor.exposure_time_s
+    noise_e = np.sqrt((dark_variance - 1 / 12) / gain**2 - dark_e)
+    assert noise_e == pytest.approx(sensor.temporal_dark_noise_e, rel=0.03)
+    # Responsivity: digital numbers per photon are K eta; the response is a straight line.
+    photons = levels * sensor.photon_rate_per_s * sensor.exposure_time_s
+    slope = float(np.dot(photons, means) / np.dot(photons, photons))
+    assert slope / gain == pytest.approx(sensor.quantum_efficiency, rel=0.01)
+    assert np.max(np.abs(means / (slope * photons) - 1)) <= 0.001
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_fixed_pattern(name: str) -> None:
+    sensor = made(name)
+    half = 0.5 * sensor.full_well_e / (sensor.quantum_efficiency * sensor.photon_rate_per_s * sensor.exposure_time_s)
+    count = 60
+    dark, light = stacks(sensor, 0.0, count), stacks(sensor, half, count)
+    # Spatial variance of the mean images, without what is left of the temporal noise.
+    spatial = [stack.mean(axis=0).var() - stack.var(axis=0, ddof=1).mean() / count for stack in (dark, light)]
+    dsnu_e = np.sqrt(spatial[0]) / sensor.gain_dn_per_e
+    prnu = np.sqrt(spatial[1] - spatial[0]) / (light.mean() - dark.mean())
+    assert dsnu_e == pytest.approx(sensor.dsnu_e, rel=0.03)
+    assert prnu == pytest.approx(sensor.prnu, rel=0.03)
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_full_well(name: str) -> None:
+    sensor = made(name)
+    bright = stacks(sensor, 10.0, 2)
+    held = (bright.mean() - sensor.black_level_dn) / sensor.gain_dn_per_e
+    assert held == pytest.approx(sensor.full_well_e, rel=0.01)
+    assert bright.max() <= sensor.full_scale
+
+
+def test_digital_numbers_saturate() -> None:
+    sensor = made("twelve bits", gain_dn_per_e=1.0)
+    assert (stacks(sensor, 10.0, 1) == 4095).all()
+
+
+def test_dark_current_and_hot_pixels() -> None:
+    sensor = made("noisy", hot_pixel_share=0.01, hot_pixel_current_e_per_s=1e5, exposure_time_s=0.1, dsnu_e=0.0)
+    images = stacks(sensor, 0.0, 20).mean(axis=0) - sensor.black_level_dn
+    hot = images > 0.5 * 0.1 * 1e5 * sensor.gain_dn_per_e
+    # Standard error of a share of 200,000 pixels, five of them.
+    assert hot.mean() == pytest.approx(0.01, abs=5 * np.sqrt(0.01 / images.size))
+    assert images[~hot].mean() / sensor.gain_dn_per_e == pytest.approx(30.0, abs=1.0)
+
+
+def test_two_point_correction_takes_the_pattern_out() -> None:
+    sensor = made("noisy")
+    dark, flat = stacks(sensor, 0.0, 60).mean(axis=0), stacks(sensor, 0.4, 60).mean(axis=0)
+    images = stacks(sensor, 0.2, 60)
+    corrected = st.two_point_correction(images, dark, flat).mean(axis=0)
+    raw = images.mean(axis=0)
+    assert corrected.std() < 0.3 * raw.std()
+    # Every pixel now responds like the mean of all.
+    assert corrected.mean() == pytest.approx(float((images - dark).mean()), rel=1e-3)
+
+
+def test_two_point_correction_of_images_that_do_not_fit() -> None:
+    with pytest.raises(ValueError, match="must have the shape"):
+        st.two_point_correction(np.ones((2, 3, 4)), np.zeros((3, 4)), np.ones((3, 5)))
+    with pytest.raises(ValueError, match="flat must be brighter"):
+        st.two_point_correction(np.ones((3, 4)), np.ones((3, 4)), np.ones((3, 4)))
+
+
+def test_bayer_filters() -> None:
+    sensor = made("sixteen bits", bayer="grbg", bayer_response=(0.5, 1.0, 0.25), prnu=0.0)
+    image = np.asarray(stacks(sensor, 0.3, 30).mean(axis=0)) - sensor.black_level_dn
+    green, red, blue, other = image[::2, ::2], image[::2, 1::2], image[1::2, ::2], image[1::2, 1::2]
+    for part, share in ((red, 0.5), (blue, 0.25), (other, 1.0)):
+        assert part.mean() / green.mean() == pytest.approx(share, rel=2e-3)
+
+
+def test_gamma_bends_the_response() -> None:
+    linear, bent = (stacks(made("sixteen bits", gamma=gamma), 0.3, 10).mean() for gamma in (1.0, 0.5))
+    assert bent / 65535 == pytest.approx(np.sqrt(linear / 65535), rel=1e-3)
+
+
+def test_patterns_stay_and_noise_does_not() -> None:
+    plain = {"kind": "emva1288", **SENSORS["noisy"]}
+    scene = cube(sensor=plain, frames={"count": 2}, stage={"positions": 2, "baseline_mm": 5.0})
+    recording, _ = st.simulate(scene)
+    again, _ = st.simulate(scene)
+    np.testing.assert_array_equal(recording["image"], again["image"])
+    assert recording["image"].dtype == np.uint16
+    assert recording.attrs["full_scale"] == 4095
+    # The background is black: what is common to all images there is the offset of the pixels.
+    ideal, _ = st.simulate(cube(sensor="ideal", frames={"count": 2}, stage={"positions": 2, "baseline_mm": 5.0}))
+    black = (ideal["image"].values == 0).all(axis=(0, 1))
+    assert black.sum() > 1000
+    dark = recording["image"].values[..., black].reshape(4, -1).astype(np.float64)
+    correlation = np.corrcoef(dark)[np.triu_indices(4, 1)]
+    shared = 12.0**2 / (12.0**2 + 16.0**2 + 3.0 + 1 / 12 / 0.2**2)
+    np.testing.assert_allclose(correlation, shared, atol=0.08)
+
+
+@pytest.mark.parametrize(
+    ("changes", "path", "message"),
+    [
+        ({"gain_dn_per_e": 0.0}, "sensor.gain_dn_per_e", "greater than 0"),
+        ({"black_level_dn": 5000.0}, "sensor.black_level_dn", "must be below full scale, 4095 at 12 bits"),
+        ({"quantum_efficiency": 1.2}, "sensor.quantum_efficiency", "less than or equal to 1"),
+        ({"bit_depth": 20}, "sensor.bit_depth", "less than or equal to 16"),
+        ({"prnu": float("nan")}, "sensor.prnu", ""),
+        ({"kind": "other"}, "sensor", "kind gaussian"),
+        ({"fullwell": 3.0}, "sensor.fullwell", "unknown key; did you mean 'full_well_e'"),
+    ],
+)
+def test_impossible_sensors(changes: dict[str, Any], path: str, message: str) -> None:
+    plain = cube().to_plain() | {"sensor": {"kind": "emva1288", **SENSORS["noisy"], **changes}}
+    with pytest.raises(st.SceneError) as caught:
+        scene_from_plain(plain)
+    assert [problem.path for problem in caught.value.problems] == [path]
+    assert message in caught.value.problems[0].message
+
+
+def test_scenes_keep_their_sensor() -> None:
+    plain = cube(sensor={"kind": "emva1288", **SENSORS["noisy"]}).to_plain()
+    assert scene_from_plain(plain).to_plain() == plain
+    assert cube(sensor={"bit_depth": 8}).to_plain()["sensor"]["kind"] == "gaussian"
