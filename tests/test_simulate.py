@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -105,3 +106,22 @@ def test_plaid_is_the_papers_formula() -> None:
     np.testing.assert_allclose(2 * recording["image"] - 1, pattern, atol=3e-7)
     assert (truth["depth"] == z0).all()
     assert (truth["disparity"] == 0.1).all()
+
+
+def test_ideal_images_stand_beside_the_sensed_ones() -> None:
+    sensor = {"noise_std": 0.05, "bit_depth": None}
+    both, _ = st.simulate(cube(**SMALL, sensor=sensor), ideal=True)
+    alone, _ = st.simulate(cube(**SMALL, sensor="ideal"))
+    np.testing.assert_array_equal(both["ideal"], alone["image"])
+    assert both["ideal"].attrs["units"] == "1"
+    noise = both["image"].values.astype(np.float64) - both["ideal"].values
+    assert noise.std() == pytest.approx(0.05, rel=0.01)
+    plain, _ = st.simulate(cube(**SMALL, sensor=sensor))
+    assert "ideal" not in plain
+    np.testing.assert_array_equal(both["image"], plain["image"])
+
+
+def test_ideal_images_are_kept_in_a_store(tmp_path: Path) -> None:
+    recording, _ = st.simulate(cube(**SMALL, sensor={"noise_std": 0.05}), ideal=True)
+    st.save(recording, tmp_path / "recording.zarr")
+    np.testing.assert_array_equal(st.load(tmp_path / "recording.zarr", "recording")["ideal"], recording["ideal"])

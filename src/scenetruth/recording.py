@@ -66,6 +66,7 @@ _KINDS = {"flag_values": [KIND_NONE, KIND_NORMAL, KIND_FULL], "flag_meanings": "
 VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     "recording": {
         "image": Variable(("s", *_MAP), "1", "image: linear radiance, or digital numbers of the sensor"),
+        "ideal": Variable(("s", *_MAP), "1", "linear radiance before the sensor"),
     },
     "truth": {
         **_SURFACE,

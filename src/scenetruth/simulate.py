@@ -46,6 +46,7 @@ def simulate(
     scene: Scene,
     *,
     truth_views: TruthViews = "reference",
+    ideal: bool = False,
     folder: str | Path = "",
     progress: Progress | None = None,
 ) -> tuple[xr.Dataset, xr.Dataset]:
@@ -57,6 +58,8 @@ def simulate(
         The scene.
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
+    ideal
+        Whether the recording also holds ``ideal``, the linear images without noise that the sensor was given.
     folder
         Where relative paths of mesh and image files in the scene count from.
     progress
@@ -65,7 +68,7 @@ def simulate(
     Returns
     -------
     tuple
-        The recording, ``image`` (s, t, y, x), and the truth, maps (t, y, x) or (s, t, y, x).
+        The recording, ``image`` (s, t, y, x) and perhaps ``ideal``, and the truth, maps (t, y, x) or (s, t, y, x).
 
     Raises
     ------
@@ -76,7 +79,7 @@ def simulate(
     """
     world = build_world(scene, Path(folder))
     check_scene(scene, world)
-    recording = _record(scene, world, progress)
+    recording = _record(scene, world, progress, ideal=ideal)
     truth = make_truth(scene, world, truth_views=truth_views, progress=progress)
     return recording, truth
 
@@ -122,7 +125,7 @@ def scene_hash(scene: Scene) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset:
+def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: bool) -> xr.Dataset:
     stage, frames, camera = scene.stage, scene.frames, scene.camera
     sensor = None if isinstance(scene.sensor, str) else scene.sensor
     pattern = None
@@ -130,6 +133,7 @@ def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset
         pattern = sensor.fixed_pattern((camera.height, camera.width), generator_for(scene.seed, "sensor", "pattern"))
     shape = (stage.positions, frames.count, camera.height, camera.width)
     images: NDArray[Any] = np.empty(shape, dtype=np.float32 if sensor is None else sensor.dtype)
+    linear: NDArray[np.float32] | None = np.empty(shape, dtype=np.float32) if ideal else None
     total, done = stage.positions * frames.count, 0
     choice = choose_renderer(scene, world)
     with choice.renderer as renderer:
@@ -138,6 +142,8 @@ def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset
                 if progress is not None:
                     progress("render", done, total)
                 radiance = renderer.render(float(t), stage.baseline_mm * s)
+                if linear is not None:
+                    linear[m, n] = radiance
                 if sensor is None:
                     images[m, n] = radiance
                 else:
@@ -146,7 +152,7 @@ def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset
                 done += 1
     if progress is not None:
         progress("render", total, total)
-    return make_recording(
+    recording = make_recording(
         images,
         camera.focal_px,
         stage.baseline_mm,
@@ -160,6 +166,10 @@ def _record(scene: Scene, world: World, progress: Progress | None) -> xr.Dataset
             "render_fallback_reason": choice.fallback_reason,
         },
     )
+    if linear is not None:
+        entry = VARIABLES["recording"]["ideal"]
+        recording["ideal"] = (entry.dims, linear, {"units": entry.units, "long_name": entry.long_name})
+    return recording
 
 
 def _intrinsics(scene: Scene) -> Intrinsics:

@@ -69,6 +69,7 @@ Images = Annotated[
     typer.Option("--images", help="Write the images as 16-bit PNG or float TIFF too.", show_default=False),
 ]
 Truth = Annotated[TruthViews, typer.Option("--truth", help="Truth of the reference camera or of all cameras.")]
+Ideal = Annotated[bool, typer.Option("--ideal", help="Keep the linear images before the sensor too.")]
 
 
 def run_app() -> None:
@@ -101,6 +102,7 @@ def run(
     overwrite: Overwrite = False,
     images: Images = None,
     truth: Truth = TruthViews.reference,
+    ideal: Ideal = False,
 ) -> None:
     """Render a scene, estimate, score and report, in one go."""
     from scenetruth.cli.console import reporting
@@ -115,7 +117,7 @@ def run(
 
         raise SceneError(problems, source=scene)
     with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
-        recording, exact = _render(spec, folder, images, truth, report)
+        recording, exact = _render(spec, folder, images, truth, report, ideal=ideal)
         estimated = _estimate(recording, spec.estimate, folder, report, overwrite=False)
         scored = _score(estimated, exact, recording, spec.score.interior_margin_px, folder, report)
         _report(recording, estimated, exact, scored, folder, report)
@@ -132,6 +134,7 @@ def render(
     overwrite: Overwrite = False,
     images: Images = None,
     truth: Truth = TruthViews.reference,
+    ideal: Ideal = False,
 ) -> None:
     """Render a scene: a recording and its truth."""
     from scenetruth.cli.console import reporting
@@ -139,7 +142,7 @@ def render(
 
     spec = _load(scene, overrides)
     with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
-        _render(spec, folder, images, truth, report)
+        _render(spec, folder, images, truth, report, ideal=ideal)
     typer.echo(f"written: {output / 'recording.zarr'}, {output / 'truth.zarr'}")
 
 
@@ -271,7 +274,7 @@ def _settings_in(recording: xr.Dataset, section: str, overrides: list[str] | Non
 
 
 def _render(
-    spec: Scene, folder: Path, images: ImageForm | None, truth: TruthViews, report: Reporter
+    spec: Scene, folder: Path, images: ImageForm | None, truth: TruthViews, report: Reporter, *, ideal: bool
 ) -> tuple[xr.Dataset, xr.Dataset]:
     import yaml
 
@@ -279,7 +282,7 @@ def _render(
     from scenetruth.storage import save, write_images
 
     with report.timed("simulate"):
-        recording, exact = simulate(spec, truth_views=truth.value, progress=report)
+        recording, exact = simulate(spec, truth_views=truth.value, ideal=ideal, progress=report)
     backend, reason = recording.attrs["render_backend"], recording.attrs["render_fallback_reason"]
     report.say(f"rendered with {backend}" + (f": {reason}" if reason else ""))
     with report.timed("save"):
