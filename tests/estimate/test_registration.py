@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
-from scenetruth.estimate.registration import find_working_point
+from scenetruth.estimate.registration import find_working_point, find_working_point_of_flow
 
 
 def shifted_noise(disparity: int, seed: int, width: int = 160) -> NDArray[np.float32]:
@@ -50,3 +50,28 @@ def test_periodic_patterns_take_the_smallest_displacement() -> None:
     x = np.arange(128)
     images = np.stack([np.tile(np.cos(2 * np.pi * (x + 1.0 * s) / 8), (8, 1)) for s in range(-2, 3)]).astype(np.float32)
     assert find_working_point(images) == 1
+
+
+@settings(max_examples=20, deadline=None)
+@given(flow=some.tuples(some.integers(-12, 12), some.integers(-9, 9)), seed=some.integers(0, 1000))
+def test_integer_flow_is_found(flow: tuple[int, int], seed: int) -> None:
+    pattern = np.random.default_rng(seed).random((140, 180)).astype(np.float32)
+    images = np.stack(
+        [pattern[40 - flow[1] * t : 100 - flow[1] * t, 50 - flow[0] * t : 130 - flow[0] * t] for t in range(-2, 3)]
+    )
+    assert find_working_point_of_flow(images) == flow
+    # Channels of opposite sign do not cancel.
+    assert find_working_point_of_flow(np.stack([images, 1 - images])) == flow
+
+
+def test_images_at_rest_or_without_texture_have_no_flow() -> None:
+    still = np.repeat(np.random.default_rng(0).random((1, 40, 50)), 5, axis=0)
+    assert find_working_point_of_flow(still) == (0, 0)
+    assert find_working_point_of_flow(np.full((5, 40, 50), 0.3)) == (0, 0)
+    assert find_working_point_of_flow(still[:1]) == (0, 0)
+
+
+def test_periodic_patterns_take_the_smallest_flow() -> None:
+    y, x = np.mgrid[:64, :64].astype(np.float64)
+    images = np.stack([np.cos(2 * np.pi * (x - 0.2 * t) / 8) * np.cos(2 * np.pi * y / 8) for t in range(5)])
+    assert find_working_point_of_flow(images) == (0, 0)

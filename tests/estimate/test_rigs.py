@@ -153,8 +153,10 @@ def test_colours_in_which_nothing_is_grey() -> None:
     """A texture that two channels show with opposite signs vanishes in their mean, not in their tensors."""
     grey = PLANE.recording(positions(5), 9)["image"].values
     colours = st.make_recording(np.stack([grey, 1 - grey], axis=-1), 1000.0, 1.0)
-    found, _ = errors(colours, PLANE, **WORKING_POINT)
-    assert found["disparity"] <= MANY
+    for settings in (WORKING_POINT, {"working_point_px": "auto"}, {}):
+        found, estimate = errors(colours, PLANE, **settings)
+        assert found["disparity"] <= MANY
+        assert estimate.attrs["working_point_px"] == 2
 
 
 def test_a_recording_of_any_length_has_every_estimate_of_its_parts() -> None:

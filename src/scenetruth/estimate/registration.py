@@ -57,7 +57,7 @@ def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None
     Parameters
     ----------
     grey
-        Images of one frame, shape (s, y, x), in order of s; any scale.
+        Images of one frame, shape (s, y, x), in order of s; any scale. Channels stand as more rows.
     positions
         Where the cameras stand, in steps; 0, 1, 2, ... if not given.
 
@@ -93,22 +93,23 @@ def find_working_point_of_flow(grey: NDArray[Any]) -> tuple[int, int]:
     Parameters
     ----------
     grey
-        Images of one camera, shape (t, y, x); any scale.
+        Images of one camera, shape (t, y, x), or (channel, t, y, x); any scale.
 
     Returns
     -------
     tuple of int
         Flow (x, y) in px per frame; (0, 0) for images without texture, or at rest.
     """
-    count, height, width = grey.shape
+    count, height, width = grey.shape[-3:]
     if count < 2:
         return 0, 0
-    images = grey.astype(np.float32)
-    detail = images[:, 1:-1, 1:-1] * 4 - images[:, :-2, 1:-1] - images[:, 2:, 1:-1]
-    detail -= images[:, 1:-1, :-2] + images[:, 1:-1, 2:]
-    shape = [fft.next_fast_len(size + size // 2, real=True) for size in detail.shape[1:]]
+    images = grey.astype(np.float32).reshape(-1, count, height, width)
+    detail = images[..., 1:-1, 1:-1] * 4 - images[..., :-2, 1:-1] - images[..., 2:, 1:-1]
+    detail -= images[..., 1:-1, :-2] + images[..., 1:-1, 2:]
+    shape = [fft.next_fast_len(size + size // 2, real=True) for size in detail.shape[-2:]]
     spectra = fft.rfft2(detail, shape, workers=-1)
-    correlation = fft.irfft2(np.sum(np.conj(spectra[:-1]) * spectra[1:], axis=0), shape, workers=-1)
+    cross = np.sum(np.conj(spectra[:, :-1]) * spectra[:, 1:], axis=(0, 1))
+    correlation = fft.irfft2(cross, shape, workers=-1)
     reach_y, reach_x = height // 4, width // 4
     rows, columns = np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1)
     near = correlation[np.ix_(rows % shape[0], columns % shape[1])]
@@ -147,7 +148,7 @@ def registrations_along_surfaces(
         For every cell the disparities that fit somewhere in it or next to it.
     """
     channels = np.ascontiguousarray(images, dtype=np.float32)
-    middle = find_working_point(channels.sum(axis=0), positions)
+    middle = find_working_point(np.concatenate(channels, axis=1), positions)
     reach = max(_SMALLEST_RANGE, images.shape[-1] // 16)
     wanted = [middle + offset for offset in sorted(range(-reach, reach + 1), key=abs)]
     disparities = np.array([value for value in wanted if abs(value) <= largest] or [0], dtype=np.int64)

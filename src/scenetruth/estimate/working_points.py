@@ -49,7 +49,7 @@ def choose_registrations(task: Task) -> list[Registration]:
     flows: list[tuple[int, int]]
     if flow == "auto":
         frames = images[:, camera, frame - rig.before : frame - rig.before + rig.frames]
-        most = find_working_point_of_flow(frames.astype(np.float32).sum(axis=0)[: rig.frames])
+        most = find_working_point_of_flow(frames)
         flows = [(0, 0)] if most == (0, 0) else [(0, 0), most]
     else:
         flows = [flow]
@@ -60,7 +60,7 @@ def choose_registrations(task: Task) -> list[Registration]:
             result += [replace(one, flow=item) for one in along]
         return result
     if disparity == "auto":
-        disparity = find_working_point(images[:, :, frame].astype(np.float32).sum(axis=0), rig.positions)
+        disparity = find_working_point(np.concatenate(images[:, :, frame], axis=1), rig.positions)
     return [Registration(int(disparity), item) for item in flows]
 
 
