@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
+from threading import Lock
 from typing import Any
 
 __all__ = ["bands", "in_threads", "thread_count"]
@@ -22,14 +23,26 @@ def thread_count() -> int:
 
 
 def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
-    """Do all jobs, each in one of the threads; an exception of any is raised."""
+    """Do all jobs, each in one of the threads, this one among them; an exception of any is raised."""
     several = list(jobs)
-    if len(several) <= 1 or thread_count() == 1:
-        for job in several:
+    left, lock = iter(several), Lock()
+
+    def take() -> None:
+        while True:
+            with lock:
+                job = next(left, left)
+            if job is left:
+                return
             work(job)
-        return
-    for _ in _pool(thread_count()).map(work, several):
-        pass
+
+    helpers = min(thread_count(), len(several)) - 1
+    started = [_pool(helpers).submit(take) for _ in range(helpers)] if helpers > 0 else []
+    try:
+        take()
+    finally:
+        wait(started)
+    for helper in started:
+        helper.result()
 
 
 @cache
