@@ -86,9 +86,9 @@ def main() -> None:
     for name, settings in {
         "cube, one working point": {"working_point_px": "auto"},
         "cube, per pixel": {"working_point_px": "per_pixel"},
-        "cube, per pixel, noise from the residual": {"working_point_px": "per_pixel", "noise_sigma": "auto"},
+        "cube, per pixel, noise from the residual": {"working_point_px": "per_pixel", "noise_std": "auto"},
     }.items():
-        row(name, recording, truth, max(seeds // 4, 10), inner, **({"noise_sigma": NOISE} | settings))
+        row(name, recording, truth, max(seeds // 4, 10), inner, **({"noise_std": NOISE} | settings))
     noise_of_plaid(seeds)
 
 

@@ -27,7 +27,7 @@ class EstimateSettings(FrozenModel):
     tau: NonNegative | Literal["auto"] = 0.0012
     """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1];
     ``auto`` puts it just above what the images' noise makes."""
-    noise_sigma: Positive | Literal["auto"] = "auto"
+    noise_std: Positive | Literal["auto"] = "auto"
     """Standard deviation σ_n of the images' noise, for grey values in [-1, 1], from which error bars follow; ``auto``
     takes it from what the model leaves unexplained around each pixel."""
     divergence: Literal["consistent", "paper"] = "consistent"

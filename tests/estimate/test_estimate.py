@@ -44,7 +44,7 @@ def test_all_that_is_too_small_is_reported_at_once() -> None:
         ({"window_sigma_px": float("nan")}, "window_sigma_px"),
         ({"tau": -1.0}, "tau"),
         ({"tau": "guess"}, "tau"),
-        ({"noise_sigma": 0.0}, "noise_sigma"),
+        ({"noise_std": 0.0}, "noise_std"),
         ({"flow_working_point_px": (1, 2, 3)}, "flow_working_point_px"),
         ({"flow_working_point_px": (0.5, 0)}, "flow_working_point_px"),
         ({"pyramid_levels": -1}, "pyramid_levels"),

@@ -23,7 +23,7 @@ settings_of_all_kinds = some.fixed_dictionaries(
         "window_taps_px": some.sampled_from([3, 5, 25, 4, -1, 2.5]),
         "window_taps_frames": some.sampled_from([1, 3, 5, 0]),
         "tau": some.sampled_from([0.0, 0.0012, 1e30, float("inf"), "auto"]),
-        "noise_sigma": some.sampled_from(["auto", 0.01, 1e30, -1.0]),
+        "noise_std": some.sampled_from(["auto", 0.01, 1e30, -1.0]),
         "working_point_px": some.sampled_from(["auto", "per_pixel", 0, 3, -2, 1000, 10**12, "x", 1.5]),
         "flow_working_point_px": some.sampled_from(["auto", (0, 0), (1, -2), (1000, 0), (0, 10**12), "x", (1,)]),
         "pyramid_levels": some.sampled_from([0, 1, 3, -1]),

@@ -131,3 +131,16 @@ def test_confidence_falls_where_the_model_fails() -> None:
     assert float(noise["confidence"].max()) < 0.5
     assert good["confidence"].values[inside("both")].min() > 0.95
     assert (good["confidence"].values[inside("blank")] == 0).all()
+
+
+@pytest.mark.parametrize(("cameras", "frames"), [(2, 9), (5, 2), (2, 2)])
+def test_kinds_of_rigs_that_estimate_between_cameras_or_frames(cameras: int, frames: int) -> None:
+    """Horizontal stripes show no disparity to any rig: nothing in world units is known of them."""
+    t = (np.arange(frames) - (frames - 1) // 2)[None, :, None, None]
+    y, x = np.mgrid[:48, :64].astype(np.float64)
+    images = 0.5 + 0.4 * np.cos(2 * np.pi * (y + 0.15 * t + 0 * x) / 9) + np.zeros((cameras, 1, 1, 1))
+    estimate = st.estimate(st.make_recording(images, 100.0, 1.0), working_point_px=0, flow_working_point_px=(0, 0))
+    inner = estimate.isel(t=0, y=slice(16, -16), x=slice(16, -16))
+    assert (inner["kind_disparity"] == KIND_NONE).all()
+    assert (inner["kind_motion"] == KIND_NORMAL).all()
+    assert (inner["kind"] == KIND_NONE).all()

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
-from scenetruth.camera.sensor import FixedPattern
+from scenetruth.camera.sensor import FixedPattern, digital_type, digitise
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
 __all__ = ["EmvaSensor"]
@@ -79,7 +79,7 @@ class EmvaSensor(FrozenModel):
     @property
     def dtype(self) -> np.dtype[np.generic]:
         """Type of the images that leave the sensor."""
-        return np.dtype(np.uint8) if self.bit_depth <= 8 else np.dtype(np.uint16)
+        return digital_type(self.bit_depth)
 
     def fixed_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> FixedPattern:
         """Draw what distinguishes the pixels of one sensor, and stays the same over all its images.
@@ -137,7 +137,7 @@ class EmvaSensor(FrozenModel):
         signal = self.gain_dn_per_e * electrons + self.black_level_dn
         if self.gamma != 1:
             signal = self.full_scale * np.clip(signal / self.full_scale, 0, 1) ** self.gamma
-        return np.clip(np.rint(signal), 0, self.full_scale).astype(self.dtype)
+        return digitise(signal, self.bit_depth)
 
 
 def _poisson(mean: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
-__all__ = ["FixedPattern", "Sensor"]
+__all__ = ["FixedPattern", "Sensor", "digital_type", "digitise"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +24,16 @@ class FixedPattern:
     """Sensitivity, 1 in the mean, times the transmission of a colour filter."""
     dark_e: NDArray[np.float64]
     """Mean number of electrons that the dark current collects."""
+
+
+def digital_type(bit_depth: int) -> np.dtype[np.generic]:
+    """Return the type that holds digital numbers of so many bits."""
+    return np.dtype(np.uint8) if bit_depth <= 8 else np.dtype(np.uint16)
+
+
+def digitise(signal_dn: NDArray[np.float64], bit_depth: int) -> NDArray[np.generic]:
+    """Round to digital numbers of so many bits, and saturate."""
+    return np.clip(np.rint(signal_dn), 0, 2**bit_depth - 1).astype(digital_type(bit_depth))
 
 
 class Sensor(FrozenModel):
@@ -46,9 +56,7 @@ class Sensor(FrozenModel):
     @property
     def dtype(self) -> np.dtype[np.generic]:
         """Type of the images that leave the sensor."""
-        if self.bit_depth is None:
-            return np.dtype(np.float32)
-        return np.dtype(np.uint8) if self.bit_depth <= 8 else np.dtype(np.uint16)
+        return np.dtype(np.float32) if self.bit_depth is None else digital_type(self.bit_depth)
 
     def fixed_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> None:
         """Return None: all pixels are alike."""
@@ -77,4 +85,4 @@ class Sensor(FrozenModel):
             signal = signal + self.noise_std * generator.standard_normal(signal.shape)
         if self.bit_depth is None:
             return signal.astype(np.float32)
-        return np.clip(np.rint(signal * self.full_scale), 0, self.full_scale).astype(self.dtype)
+        return digitise(signal * self.full_scale, self.bit_depth)

@@ -194,8 +194,5 @@ def transfer(wave_number: float | NDArray[Any]) -> tuple[Array, Array]:
     Ŝ(w) = s_0 + 2 Σ s_j cos jw. A pattern cos(k x) that moves by u per step is estimated to move by
     D̂(k u) Ŝ(k) / (D̂(k) Ŝ(k u)).
     """
-    w = np.asarray(wave_number, dtype=np.float64)
-    outward = DERIVATIVE[:2][::-1]
-    derivative = sum(2 * weight * np.sin((j + 1) * w) for j, weight in enumerate(outward))
-    smoothing = SMOOTHING[2] + sum(2 * weight * np.cos((j + 1) * w) for j, weight in enumerate(SMOOTHING[3:]))
-    return np.asarray(derivative), np.asarray(smoothing)
+    derivative, smoothing = PAPER.transfer(np.asarray(wave_number, dtype=np.float64))
+    return np.asarray(derivative.imag), np.asarray(smoothing.real)

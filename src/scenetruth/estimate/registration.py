@@ -73,8 +73,7 @@ def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None
     detail = np.diff(grey.astype(np.float64), axis=2)
     padded = fft.next_fast_len(2 * width, real=True)
     spectra = fft.rfft(detail, padded, axis=2, workers=-1)
-    widest = np.abs(steps[1:] - steps[:-1]).min()
-    limit = int((width - 1) // (2 * max(widest, 1e-9)))
+    limit = int((width - 1) // (2 * np.diff(steps).min()))
     candidates = np.arange(-limit, limit + 1)
     total = np.zeros(len(candidates))
     for step in (1, 2):
@@ -127,7 +126,7 @@ def _best(total: NDArray[Any], distance: NDArray[Any], margin: float = 1e-9) -> 
 
 
 def registrations_along_surfaces(
-    images: NDArray[Any], positions: NDArray[np.float64], flow: tuple[int, int], largest: int
+    images: NDArray[Any], positions: NDArray[np.float64], largest: int
 ) -> list[Registration]:
     """Scan the integer disparities for those that the images of one frame want, and where.
 
@@ -137,8 +136,6 @@ def registrations_along_surfaces(
         Images of one frame, shape (channel, s, y, x).
     positions
         Where the cameras stand, in steps.
-    flow
-        Working point along t, taken over.
     largest
         Largest disparity to look at.
 
@@ -153,7 +150,7 @@ def registrations_along_surfaces(
     wanted = [middle + offset for offset in sorted(range(-reach, reach + 1), key=abs)]
     disparities = np.array([value for value in wanted if abs(value) <= largest] or [0], dtype=np.int64)
     chosen, step = _sweep(channels, positions, disparities)
-    return _for_cells([(int(value), *flow) for value in disparities], chosen, step, images.shape[-2:], largest)
+    return _for_cells([(int(value), 0, 0) for value in disparities], chosen, step, images.shape[-2:], largest)
 
 
 def _sweep(

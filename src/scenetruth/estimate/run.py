@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scenetruth.estimate.carry import carry_to_reference
 from scenetruth.estimate.filters import DERIVATIVE_MOMENT, PAPER, gaussian_window
 from scenetruth.estimate.registration import Registration
+from scenetruth.estimate.rig import Rig
 from scenetruth.estimate.shift import registered
 from scenetruth.estimate.task import Task, columns_of_s, common_area
 from scenetruth.estimate.threads import bands, in_threads, thread_count
@@ -42,7 +43,7 @@ class Maps:
 
 @dataclass(frozen=True, eq=False)
 class Scratch:
-    """What the kernels leave for a band of rows, see `estimate_tiles`."""
+    """What the kernels leave for a band of rows, see `estimate_tile`."""
 
     best: NDArray[np.float32]
     found: NDArray[np.float32]
@@ -75,10 +76,26 @@ def run_kernel(
     scratch: Scratch,
     first_row: int,
     candidate: int,
-    images: NDArray[Any] | None,
+    images: NDArray[Any],
     weight_t: float,
 ) -> None:
-    """Estimate the frames of a task in some tiles at one registration."""
+    """Estimate the frames of a task in some tiles at one registration.
+
+    Parameters
+    ----------
+    task, registration
+        What to estimate, and at which working point.
+    tiles
+        First and last + 1 row, then column, of every tile, shape (n, 4).
+    scratch, first_row
+        What is known so far of the rows from the first on; tiles must lie in them.
+    candidate
+        Number under which the scratch remembers this registration.
+    images
+        The images as `registered` returns them for this working point.
+    weight_t
+        What motion along t counts beside that along s in the choice between registrations.
+    """
     from scenetruth.estimate.tensor_kernels import estimate_tile
 
     if len(tiles) == 0:
@@ -97,7 +114,7 @@ def run_kernel(
     for index, group in enumerate(groups):
         first = int(group[0]) - rig.before
         arguments = (
-            task.images if images is None else images,
+            images,
             (first, first + rig.frames + len(group) - 1, index),
             columns_of_s(rig, registration.disparity),
             np.array(registration.flow, dtype=np.int64),
@@ -136,20 +153,20 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
     group = max(1, min(frames, at_a_time // _BAND_ROWS))
     rows = max(_BAND_ROWS, at_a_time // group // STRIDE * STRIDE)
-    bands = [
+    parts = [
         (first, min(first + group, frames), top, min(top + rows, height))
         for first in range(0, frames, group)
         for top in range(0, height, rows)
     ]
     areas = [common_area(task, item) for item in registrations]
-    prepared = [registered(task, item.disparity) for item in registrations[:1]] if len(registrations) == 1 else None
-    steps = len(bands) * len(registrations)
+    only = registered(task, registrations[0].disparity) if len(registrations) == 1 else None
+    steps = len(parts) * len(registrations)
     # Where registrations differ in flow, what they leave to move along t counts too.
     weight_t = float(len({item.flow for item in registrations}) > 1)
     if progress is not None:
         progress("estimate", 0, steps)
     scratch: Scratch | None = None
-    for done, (first, last, top, bottom) in enumerate(bands):
+    for done, (first, last, top, bottom) in enumerate(parts):
         part = replace(task, outputs=task.outputs[first:last])
         if scratch is None or scratch.choice.shape[:2] != (last - first, bottom - top):
             scratch = Scratch.empty(last - first, bottom - top, width)
@@ -158,7 +175,7 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
         for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
             inside = (max(area[0], top), min(area[1], bottom), area[2], area[3])
             tiles = tiles_of(inside, item.cells, thread_count())
-            images = prepared[0] if prepared else registered(task, item.disparity)
+            images = registered(task, item.disparity) if only is None else only
             run_kernel(part, item, tiles, scratch, top, number, images, weight_t)
             if progress is not None:
                 progress("estimate", done * len(registrations) + number + 1, steps)
@@ -166,7 +183,7 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
             _to_world(part, registrations, scratch, maps, index, first + index, top, bottom)
     if elsewhere:
         for index in range(frames):
-            _carry(maps, index)
+            _carry(maps, index, task.rig)
     return maps
 
 
@@ -189,7 +206,7 @@ def _to_world(
     start = max(top - border, 0) // STRIDE * STRIDE
     image = task.images[:, camera, task.outputs[index], start : bottom + border].astype(np.float32)
     texture = texture_transfer(image, task.settings)[:, (top - start) // STRIDE :]
-    sigma = task.settings.noise_sigma
+    sigma = task.settings.noise_std
     points = np.array([(item.disparity, *item.flow) for item in registrations], dtype=np.float64)
     arguments = (
         (intrinsics.focal_length_px, *intrinsics.principal_point_px, intrinsics.baseline_mm),
@@ -222,7 +239,7 @@ def _to_world(
     in_threads(partial(to_world, *arguments), bands(bottom - top))
 
 
-def _carry(maps: Maps, index: int) -> None:
+def _carry(maps: Maps, index: int, rig: Rig) -> None:
     moved = maps.moved[:, index].astype(np.float64)
     singles = maps.singles[:, index]
     together = np.concatenate([maps.floats[:, index], singles[:6], maps.eigenvalues[:, index]])
@@ -236,8 +253,6 @@ def _carry(maps: Maps, index: int) -> None:
     # What is interpolated from pixels of which not all had a value has none; its kind says so.
     for flag, value in ((1, maps.floats[4, index]), (2, maps.floats[7, index])):
         maps.flags[flag, index][~np.isfinite(value)] = 0
-    if np.isfinite(maps.floats[0, index]).any() and np.isfinite(maps.floats[7, index]).any():
-        maps.flags[0, index] = np.minimum(maps.flags[1, index], maps.flags[2, index])
-    else:
-        maps.flags[0, index] = np.maximum(maps.flags[1, index], maps.flags[2, index])
+    lesser = np.minimum if rig.sees_depth and rig.sees_motion else np.maximum
+    maps.flags[0, index] = lesser(maps.flags[1, index], maps.flags[2, index])
     singles[6] = np.where(maps.flags[0, index] > 0, kinds[4], np.nan)

@@ -107,7 +107,7 @@ def estimate_structure_tensor(
             "working_point_px": _usual(maps, registrations),
             "working_points_px": sorted([item.disparity, *item.flow] for item in registrations),
             "tau": float(task.settings.tau),
-            **({"noise_sigma": sigma} if np.isfinite(sigma) else {}),
+            **({"noise_std": sigma} if np.isfinite(sigma) else {}),
         },
     )
 

@@ -6,10 +6,10 @@ numba's own parallel loops compile for seconds longer, and share tiles of unequa
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
-from threading import Lock
 from typing import Any
 
 __all__ = ["bands", "in_threads", "thread_count"]
@@ -24,22 +24,23 @@ def thread_count() -> int:
 
 def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
     """Do all jobs, each in one of the threads, this one among them; an exception of any is raised."""
-    several = list(jobs)
-    left, lock = iter(several), Lock()
+    left = deque(jobs)
 
     def take() -> None:
         while True:
-            with lock:
-                job = next(left, left)
-            if job is left:
+            try:
+                job = left.popleft()
+            except IndexError:
                 return
             work(job)
 
-    helpers = min(thread_count(), len(several)) - 1
-    started = [_pool(helpers).submit(take) for _ in range(helpers)] if helpers > 0 else []
+    helpers = min(thread_count(), len(left)) - 1
+    started = [_pool(thread_count()).submit(take) for _ in range(helpers)]
     try:
         take()
     finally:
+        # All is done, unless this thread was interrupted: then what has not begun is dropped.
+        left.clear()
         wait(started)
     for helper in started:
         helper.result()

@@ -54,11 +54,8 @@ def choose_registrations(task: Task) -> list[Registration]:
     else:
         flows = [flow]
     if disparity == "per_pixel":
-        result: list[Registration] = []
-        along = registrations_along_surfaces(images[:, :, frame], rig.positions, (0, 0), largest)
-        for item in flows:
-            result += [replace(one, flow=item) for one in along]
-        return result
+        along = registrations_along_surfaces(images[:, :, frame], rig.positions, largest)
+        return [replace(one, flow=item) for item in flows for one in along]
     if disparity == "auto":
         disparity = find_working_point(np.concatenate(images[:, :, frame], axis=1), rig.positions)
     return [Registration(int(disparity), item) for item in flows]
@@ -86,13 +83,15 @@ def _coarse_registrations(task: Task, frame: int, largest: int) -> list[Registra
             "tau": 0.0,
         }
     )
-    height, width = smaller.shape[-2:]
+    fine = task.intrinsics
+    (c_x, c_y), height, width = fine.principal_point_px, *smaller.shape[-2:]
     if requirements(settings, 2, 2, width, height):
         return []
     coarse = replace(
         task,
         images=smaller,
         settings=settings,
+        intrinsics=replace(fine, focal_length_px=fine.focal_length_px / 2, principal_point_px=(c_x / 2, c_y / 2)),
         outputs=task.rig.outputs(smaller.shape[2]),
     )
     maps = run(coarse, choose_registrations(coarse), None)

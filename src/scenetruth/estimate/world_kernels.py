@@ -68,7 +68,7 @@ def to_world(
     first_row
         Row of the image at which the arrays of this call begin.
     kinds, solved, found, choice
-        What `estimate_tiles` left, of one frame; shapes (3, y, x), (5, y, x), (14, y, x), (y, x).
+        What `estimate_tile` left, of one frame; shapes (3, y, x), (5, y, x), (14, y, x), (y, x).
     noise
         Power of the images' noise (not finite: estimated from each pixel's own residual), the four powers of the
         residuals in units of it, Σ w², and the constraint's noise along s.
@@ -137,7 +137,7 @@ def to_world(
 
             # The camera between the cameras, the instant between the frames.
             x_0 = first_x = x - c_x - whole[0] * centre_s + whole[1] * centre_t
-            y_0 = first_row + y - c_y + whole[2] * centre_t
+            y_0 = first_y = first_row + y - c_y + whole[2] * centre_t
             u_x, u_y = flow_x - x_0 * u_z, flow_y - y_0 * u_z
             if kind_t == _NONE:
                 u_x = u_y = u_z = 0.0
@@ -182,9 +182,8 @@ def to_world(
             passed = from_t * r_all * noise[5] * noise[6] * _look_up(turn_t, phases, tables[3]) / (scale_t * scale_t)
             c11, c22, c33 = found[9, y, x], found[10, y, x], wider * found[11, y, x]
             c13, c23 = found[12, y, x], found[13, y, x]
-            y_first = first_row + y - c_y + whole[2] * centre_t
             across = passed * (c11 - 2.0 * first_x * c13 + first_x * first_x * c33)
-            down = passed * (c22 - 2.0 * y_first * c23 + y_first * y_first * c33)
+            down = passed * (c22 - 2.0 * first_y * c23 + first_y * first_y * c33)
             singles[1, y, x] = mm * np.sqrt(across + (u_x * relative) ** 2)
             singles[2, y, x] = mm * np.sqrt(down + (u_y * relative) ** 2)
             singles[3, y, x] = depth * np.sqrt(passed * c33 + (u_z * relative) ** 2)
