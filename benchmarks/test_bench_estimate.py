@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,9 @@ from scenetruth.simulate import simulate
 
 SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
 ONE_POINT: dict[str, Any] = {"working_point_px": 37, "flow_working_point_px": (0, 0)}
+RANDOM: dict[str, Any] = {"working_point_px": 0, "flow_working_point_px": (0, 0), "tau": 0.0}
+# Parameters of mallopt (malloc.h).
+_TRIM_THRESHOLD, _MMAP_MAX = -1, -4
 
 
 @pytest.fixture(scope="module")
@@ -52,21 +57,60 @@ def test_plain_reading(benchmark: BenchmarkFixture, recording: xr.Dataset) -> No
     assert np.abs(inner["disparity"].values - result["disparity"])[both].max() < 1e-3
 
 
-@pytest.mark.parametrize(("width", "height"), [(320, 240), (640, 480), (2048, 1536), (4096, 3072)])
-def test_time_per_pixel(
-    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str], width: int, height: int
-) -> None:
-    """Random images of several sizes: time per pixel, and the memory beyond images and results."""
+SIZES = ((320, 240), (640, 480), (2048, 1536), (4096, 3072))
+
+
+@pytest.fixture
+def kept_memory() -> Iterator[None]:
+    """Let the allocator keep what it has had: a virtual machine may take seconds to supply memory anew."""
+    libc = ctypes.CDLL(None)
+    libc.mallopt(_MMAP_MAX, 0)
+    libc.mallopt(_TRIM_THRESHOLD, 2**31 - 1)
+    yield
+    libc.mallopt(_MMAP_MAX, 65536)
+    libc.mallopt(_TRIM_THRESHOLD, 128 * 1024)
+
+
+@pytest.mark.usefixtures("kept_memory")
+def test_time_per_pixel(benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str]) -> None:
+    """Random images of several sizes in turn, each for about as long: time per pixel."""
+    generator = np.random.default_rng(0)
+    recordings = [
+        make_recording(generator.integers(0, 255, (5, 9, height, width), dtype=np.uint8), 5016.0, 5.0)
+        for width, height in SIZES
+    ]
+    repeats = (40, 12, 2, 1)
+    seconds: list[list[float]] = [[] for _ in SIZES]
+
+    def every_size() -> None:
+        for recording, repeat, times in zip(recordings, repeats, seconds, strict=True):
+            for _ in range(repeat):
+                start = time.perf_counter()
+                estimate(recording, **RANDOM)
+                times.append(time.perf_counter() - start)
+
+    every_size()
+    for times in seconds:
+        times.clear()
+    benchmark.pedantic(every_size, rounds=7)
+    per_pixel = [np.quantile(t, 0.5) / (w * h) * 1e9 for (w, h), t in zip(SIZES, seconds, strict=True)]
+    benchmark.extra_info["ns_per_pixel"] = per_pixel
+    with capsys.disabled():
+        for (width, height), value in zip(SIZES, per_pixel, strict=True):
+            print(f"\n{width} x {height}: {value:.0f} ns per pixel", end="")
+        print(f"\nlargest over least: {max(per_pixel) / min(per_pixel):.2f}")
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_scratch(benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str], width: int, height: int) -> None:
+    """One estimate of random images in fresh memory; prints the memory beyond images and results."""
     images = np.random.default_rng(0).integers(0, 255, (5, 9, height, width), dtype=np.uint8)
     recording = make_recording(images, 5016.0, 5.0)
-    settings = {"working_point_px": 0, "flow_working_point_px": (0, 0), "tau": 0.0}
-    result = benchmark.pedantic(estimate, args=(recording,), kwargs=settings, rounds=5, warmup_rounds=1)
-    per_pixel = benchmark.stats["median"] / (width * height) * 1e9
-    scratch = _peak_memory(lambda: estimate(recording, **settings)) - result.nbytes
-    benchmark.extra_info |= {"ns_per_pixel": per_pixel, "scratch_mb": scratch / 1e6}
+    result = benchmark.pedantic(estimate, args=(recording,), kwargs=RANDOM, rounds=2)
+    scratch = _peak_memory(lambda: estimate(recording, **RANDOM)) - result.nbytes
     with capsys.disabled():
-        print(f"\n{width} x {height}: {per_pixel:.0f} ns per pixel, peak scratch {scratch / 1e6:.0f} MB")
-    assert result.sizes["t"] == 1
+        print(f"\n{width} x {height}: peak scratch {scratch / 1e6:.0f} MB")
+    assert scratch < 512e6
 
 
 def _peak_memory(work: Any) -> int:

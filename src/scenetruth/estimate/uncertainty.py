@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -137,12 +137,16 @@ def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> 
         in_threads(partial(gradient_energies, padded, *filters, STRIDE, total), bands(blocks[0]))
     taps = 2 * int(np.ceil(settings.window_taps_px / (2 * STRIDE))) + 1
     window = gaussian_window(max(settings.window_sigma_px / STRIDE, 0.3), taps).astype(np.float32)
-    for axis in (1, 2):
-        total = correlate1d(total, window, axis=axis, mode="nearest")
+    in_threads(lambda index: _windowed(total[index], window), list(range(len(total))))
     energies = dict(zip(("x", "y", "sx", "sy", "dx", "dy"), total, strict=True))
     # Squares of values near the end of the type's range are infinite: such images have no error bars.
     with np.errstate(over="ignore", invalid="ignore"):
         return _ratios(energies, settings)
+
+
+def _windowed(energy: NDArray[np.float32], window: NDArray[np.float32]) -> None:
+    for axis in (0, 1):
+        correlate1d(energy, window, axis=axis, mode="nearest", output=energy)
 
 
 def _ratios(energies: dict[str, NDArray[np.float32]], settings: EstimateSettings) -> NDArray[np.float32]:
@@ -150,7 +154,7 @@ def _ratios(energies: dict[str, NDArray[np.float32]], settings: EstimateSettings
     wide_x = energies["dx"] / (energies["sx"] + tiny)
     wide_y = energies["dy"] / (energies["sy"] + tiny)
     # The window is not infinitely wide: noise passes in a band around the texture's wave number.
-    plain, tilted = _band_factors(settings)
+    plain, tilted = _band_factors(settings.window_sigma_px, settings.window_taps_px)
     k_x, k_y = np.sqrt(wide_x), np.sqrt(wide_y)
     wider = np.interp(k_x, _PHASES, plain) * np.interp(k_y, _PHASES, plain)
     coordinates = np.interp(k_x, _PHASES, tilted / plain) + np.interp(k_y, _PHASES, tilted / plain)
@@ -165,12 +169,13 @@ def _ratios(energies: dict[str, NDArray[np.float32]], settings: EstimateSettings
     ).astype(np.float32)
 
 
-def _band_factors(settings: EstimateSettings) -> tuple[Array, Array]:
+@lru_cache(maxsize=8)
+def _band_factors(window_sigma_px: float, window_taps_px: int) -> tuple[Array, Array]:
     """Return the mean of Ŝ² in the band of the window over Ŝ² in its middle, for every wave number.
 
     The second is for the window times a coordinate. A window that is cut off has side lobes, which reach far.
     """
-    window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
+    window = gaussian_window(window_sigma_px, window_taps_px)
     local = window * (np.arange(len(window)) - len(window) // 2)
     weights = np.broadcast_to(PAPER.smoothing, (len(_PHASES), len(PAPER.smoothing)))
     middle = np.abs(PAPER.transfer(_PHASES)[1]) ** 2
