@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import Renderer
 from scenetruth.render.pyrender_backend import PyrenderRenderer
@@ -41,7 +42,7 @@ def renderer(request: pytest.FixtureRequest, world: World, samples: int) -> Iter
         except BackendUnavailableError as error:
             pytest.skip(str(error))
     with made as ready:
-        ready.render(0.0, 0.0)
+        ready.render(0.0, Viewpoint.on_axis(0.0))
         yield ready
 
 
@@ -55,5 +56,5 @@ def test_image_from_the_next_camera(benchmark: BenchmarkFixture, renderer: Rende
 def test_image_of_the_next_frame(benchmark: BenchmarkFixture, renderer: Renderer) -> None:
     """One image at a new time: the meshes have moved."""
     times = iter(range(1, 100_000))
-    image = benchmark(lambda: renderer.render(1e-3 * next(times), 0.0))
+    image = benchmark(lambda: renderer.render(1e-3 * next(times), Viewpoint.on_axis(0.0)))
     assert np.ptp(image) > 0.5

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import load_scene
 from scenetruth.scene.world import build_world
@@ -22,7 +23,7 @@ def test_truth_of_a_frame(benchmark: BenchmarkFixture) -> None:
     baseline = SCENE.stage.baseline_mm
 
     def make(t: float = 0.0) -> dict[str, np.ndarray]:
-        return truth_maps(GeometryPass(world, topology, t), SCENE.camera, 0.0, baseline)
+        return truth_maps(GeometryPass(world, topology, t), SCENE.camera, Viewpoint.on_axis(0.0), baseline)
 
     make(1.0)  # compiles the kernels
     maps = benchmark(make)

@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "recording": {"errors", "indexing"},
     "camera": LEAVES,
     "scene": {*LEAVES, "camera"},
-    "raycast": {"errors"},
+    "raycast": {*LEAVES, "camera"},
     "render": {*LEAVES, "scene", "camera", "raycast"},
     "truth": {*LEAVES, "scene", "camera", "raycast"},
     "storage": {"errors", "recording"},

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera
+from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.recording import VARIABLES, Intrinsics, label, make_recording
 from scenetruth.render import choose_renderer
@@ -98,7 +98,9 @@ def make_truth(
         for m, s in enumerate(views):
             if progress is not None:
                 progress("truth", n * len(views) + m, total)
-            for name, values in truth_maps(geometry, scene.camera, stage.baseline_mm * s, stage.baseline_mm).items():
+            for name, values in truth_maps(
+                geometry, scene.camera, Viewpoint.on_axis(stage.baseline_mm * s), stage.baseline_mm
+            ).items():
                 if name not in arrays:
                     lead = values.shape[:-2]
                     arrays[name] = np.empty((*lead, len(views), frames.count, *values.shape[-2:]), dtype=values.dtype)
@@ -141,7 +143,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
             for m, s in enumerate(stage.s.tolist()):
                 if progress is not None:
                     progress("render", done, total)
-                radiance = renderer.render(float(t), stage.baseline_mm * s)
+                radiance = renderer.render(float(t), Viewpoint.on_axis(stage.baseline_mm * s))
                 if linear is not None:
                     linear[m, n] = radiance
                 if sensor is None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from scenetruth.camera import Camera
+from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.scene.world import build_world
 from scenetruth.truth import GeometryPass, truth_maps
@@ -37,7 +37,7 @@ def test_against_dense_sampling_of_the_cube(x_mm: float) -> None:
     world = build_world(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     geometry = GeometryPass(world, topology, 0.0)
-    truth = truth_maps(geometry, scene.camera, x_mm, 5.0)
+    truth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(x_mm), 5.0)
     # The two triangles of a side are one group: there is no edge between them.
     sampled = sampled_borders(geometry.caster, scene.camera, x_mm, np.arange(12, dtype=np.int32) // 2)
     mixed = truth["mixed"]
@@ -51,7 +51,7 @@ def test_an_edge_along_the_border_of_two_columns_belongs_to_both() -> None:
     scene = cube()
     world = build_world(scene)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
-    mixed = truth_maps(geometry, scene.camera, 0.0, 5.0)["mixed"]
+    mixed = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), 5.0)["mixed"]
     # The cube's front edge projects to x = 79.5 from y = 38.0 downwards.
     assert mixed[40:119, 79:81].all()
     assert not mixed[40:119, [78, 81]].any()
@@ -71,7 +71,7 @@ def test_hidden_edges_are_not_marked() -> None:
     both = scene_from_plain({**plain, "objects": [*plain["objects"], screen]})
     world = build_world(both)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
-    truth = truth_maps(geometry, both.camera, 0.0, 5.0)
+    truth = truth_maps(geometry, both.camera, Viewpoint.on_axis(0.0), 5.0)
     assert (truth["object_id"] == 1).all()
     assert not truth["mixed"].any()
 
@@ -89,7 +89,7 @@ def test_bodies_that_cut_into_each_other_have_a_mixed_border() -> None:
     scene = cube(objects=walls)
     world = build_world(scene)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
-    truth = truth_maps(geometry, scene.camera, 0.0, 5.0)
+    truth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), 5.0)
     changes = np.diff(truth["object_id"], axis=1) != 0
     assert (changes.sum(axis=1) == 1).all()
     beside = truth["mixed"][:, :-1] | truth["mixed"][:, 1:]
@@ -104,7 +104,7 @@ def test_edges_that_run_behind_the_camera_are_cut() -> None:
     caster = RayCaster(vertices, Topology.of(vertices, faces))
     directions = camera.ray_directions(camera.pixel_grid()).reshape(-1, 3)
     bodies = np.where(caster.cast(np.zeros(3), directions, 64).face >= 0, 0, -1).reshape(64, 64)
-    mixed = mixed_pixels(caster, np.zeros(3), 100, camera.principal_point, (64, 64), bodies.astype(np.int32))
+    mixed = mixed_pixels(caster, Viewpoint.on_axis(0.0), camera, bodies.astype(np.int32))
     # A road that narrows to its far end: two borders in every row that shows it.
     rows = np.flatnonzero((bodies >= 0).any(axis=1))
     assert len(rows) > 20

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import Renderer
 from scenetruth.render.raycast_backend import RaycastRenderer
@@ -79,7 +80,7 @@ def analytic_plaid(scene: Scene, t: float, x_mm: float, dx: float = 0.0, dy: flo
 def test_registration_against_the_analytic_image(opener: Opener, t: float, x_mm: float) -> None:
     scene = plaid_plane()
     with opener(build_world(scene), scene) as renderer:
-        image = renderer.render(t, x_mm)
+        image = renderer.render(t, Viewpoint.on_axis(x_mm))
     assert image.dtype == np.float32
     expected = analytic_plaid(scene, t, x_mm)
     h = 1e-4
@@ -97,7 +98,7 @@ def test_registration_against_the_analytic_image(opener: Opener, t: float, x_mm:
 
 def test_raycast_evaluates_the_texture_itself() -> None:
     scene = plaid_plane(render={"backend": "raycast", "supersampling": 1})
-    image = open_raycast(build_world(scene), scene).render(0.0, 0.0)
+    image = open_raycast(build_world(scene), scene).render(0.0, Viewpoint.on_axis(0.0))
     per_px = 660 / 1254 / np.array([4.7, 5.3])
     # One sample is the value at the pixel's centre: the footprint's mean without its attenuation.
     centre = 0.5 + (analytic_plaid(scene, 0.0, 0.0) - 0.5) / np.sinc(per_px).prod()
@@ -108,7 +109,7 @@ def test_raycast_samples_converge_to_the_pixel_integral_at_second_order() -> Non
     errors = []
     for n in (1, 2, 4):
         scene = plaid_plane(render={"backend": "raycast", "supersampling": n})
-        image = open_raycast(build_world(scene), scene).render(0.0, 0.0)
+        image = open_raycast(build_world(scene), scene).render(0.0, Viewpoint.on_axis(0.0))
         errors.append(float(np.abs(image - analytic_plaid(scene, 0.0, 0.0)).max()))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders == pytest.approx(2, abs=0.1)
@@ -119,7 +120,7 @@ def test_backends_agree_on_the_cube_away_from_edges() -> None:
     world = build_world(scene)
     with open_raycast(world, scene) as one, open_pyrender(world, scene) as two:
         for t, x_mm in ((0.0, 0.0), (-4.0, 10.0)):
-            first, second = one.render(t, x_mm), two.render(t, x_mm)
+            first, second = one.render(t, Viewpoint.on_axis(x_mm)), two.render(t, Viewpoint.on_axis(x_mm))
             difference = np.abs(first - second)
             # Textures and framebuffer of 8 bit, texels of 1/16 wavelength; at silhouettes a sub-pixel grid of 1/256.
             assert np.median(difference) < 1 / 255
@@ -144,7 +145,7 @@ def test_silhouette_pixels_hold_the_covered_share(opener: Opener) -> None:
         render={"backend": "raycast", "supersampling": 8},
     )
     with opener(build_world(scene), scene) as renderer:
-        image = renderer.render(0.0, 0.0)
+        image = renderer.render(0.0, Viewpoint.on_axis(0.0))
     # 10.25 px: eleven pixels less 3/8 on either side; with 8 samples the shares are exact.
     assert image[15, 9:22] == pytest.approx([0, 0.625, *[1] * 9, 0.625, 0], abs=2e-3)
     assert image.sum() == pytest.approx(10.25**2, rel=2e-3)
@@ -155,9 +156,9 @@ def test_repeated_renders_are_identical(opener: Opener) -> None:
     scene = cube()
     world = build_world(scene)
     with opener(world, scene) as renderer:
-        first = renderer.render(1.0, 5.0)
-        renderer.render(-2.0, -5.0)
-        assert (renderer.render(1.0, 5.0) == first).all()
+        first = renderer.render(1.0, Viewpoint.on_axis(5.0))
+        renderer.render(-2.0, Viewpoint.on_axis(-5.0))
+        assert (renderer.render(1.0, Viewpoint.on_axis(5.0)) == first).all()
 
 
 def resident_bytes() -> int:
@@ -172,7 +173,7 @@ def test_memory_is_flat_over_500_renders(opener: Opener) -> None:
     sizes = []
     with opener(world, scene) as renderer:
         for n in range(600):
-            renderer.render(0.01 * n, 0.0)
+            renderer.render(0.01 * n, Viewpoint.on_axis(0.0))
             if n in (99, 599):
                 gc.collect()
                 sizes.append(resident_bytes())

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
+from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.world import build_world
@@ -47,7 +48,7 @@ def test_cube_against_the_analytic_box_for_every_camera_and_frame() -> None:
     for t in scene.frames.t:
         geometry = GeometryPass(world, topology, float(t))
         for x_mm in scene.stage.x_mm:
-            truth = truth_maps(geometry, scene.camera, float(x_mm), scene.stage.baseline_mm)
+            truth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(float(x_mm)), scene.stage.baseline_mm)
             expected = analytic_box_depth(scene, float(x_mm), float(t))
             seen = np.isfinite(expected)
             different = np.isfinite(truth["depth"]) != seen
@@ -71,7 +72,7 @@ def identities(scene: Scene) -> dict[str, float]:
     for t in scene.frames.t:
         geometry = GeometryPass(world, topology, float(t))
         for x_mm in scene.stage.x_mm:
-            truth = truth_maps(geometry, camera, float(x_mm), baseline)
+            truth = truth_maps(geometry, camera, Viewpoint.on_axis(float(x_mm)), baseline)
             seen = np.isfinite(truth["depth"])
             pixels = camera.pixel_grid()[seen]
             points = camera.ray_directions(pixels) * truth["depth"][seen][:, None] + [x_mm, 0, 0]

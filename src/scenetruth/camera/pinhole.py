@@ -1,4 +1,4 @@
-"""The pinhole camera: from points to pixels and from pixels to rays."""
+"""The camera's geometry: from points to pixels and from pixels to rays."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
+from scenetruth.camera.distortion import Distortion
 from scenetruth.model import Finite, FrozenModel, Positive
 
 __all__ = ["Camera"]
 
 
 class Camera(FrozenModel):
-    """A pinhole camera that looks along +Z, with X to the right and Y down.
+    """A camera that looks along +Z, with X to the right and Y down: a pinhole, or a lens that distorts.
 
     The focal length is given in pixels, or in millimetres together with the pixel pitch.
     """
@@ -31,6 +32,8 @@ class Camera(FrozenModel):
     """Distance of two pixels on the sensor, in µm."""
     principal_point_px: tuple[Finite, Finite] | None = None
     """(c_x, c_y) in pixel indices; the image's centre ((W-1)/2, (H-1)/2) if not given."""
+    distortion: Distortion | None = None
+    """Distortion of the lens; none for a pinhole."""
 
     @model_validator(mode="after")
     def _one_focal_length(self) -> Camera:
@@ -40,6 +43,23 @@ class Camera(FrozenModel):
             raise ValueError(msg)
         if self.focal_length_px is None and not all(in_mm):
             msg = "give focal_length_px, or focal_length_mm together with pixel_pitch_um"
+            raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _unfolded(self) -> Camera:
+        if self.distortion is None:
+            return self
+        # The border and a grid inside: where the image folds, it does so along a curve that surrounds the axis.
+        x, y = np.meshgrid(np.linspace(-0.5, self.width - 0.5, 33), np.linspace(-0.5, self.height - 0.5, 33))
+        pixels = np.stack([x, y], axis=-1)
+        folded = ~np.isfinite(self._undistorted(pixels)).all(axis=-1)
+        if folded.any():
+            px, py = pixels[folded][0]
+            msg = (
+                f"distortion folds the image: at pixel ({px:g}, {py:g}) no ray, or more than one, is imaged; "
+                "use smaller coefficients, a smaller image or a longer focal length"
+            )
             raise ValueError(msg)
         return self
 
@@ -56,6 +76,10 @@ class Camera(FrozenModel):
     def principal_point(self) -> tuple[float, float]:
         """Principal point (c_x, c_y) in pixel indices."""
         return self.principal_point_px or ((self.width - 1) / 2, (self.height - 1) / 2)
+
+    def without_distortion(self) -> Camera:
+        """Return the pinhole with the same intrinsics."""
+        return self if self.distortion is None else self.model_copy(update={"distortion": None})
 
     def project(self, points_mm: ArrayLike, camera_x_mm: float = 0.0) -> NDArray[np.float64]:
         """Project points into the image (paper eq. 3).
@@ -75,9 +99,32 @@ class Camera(FrozenModel):
         points = np.asarray(points_mm, dtype=np.float64)
         c_x, c_y = self.principal_point
         z = points[..., 2]
-        x = self.focal_px * (points[..., 0] - camera_x_mm) / z + c_x
-        y = self.focal_px * points[..., 1] / z + c_y
-        return np.stack([x, y], axis=-1)
+        if self.distortion is None:
+            x = self.focal_px * (points[..., 0] - camera_x_mm) / z + c_x
+            y = self.focal_px * points[..., 1] / z + c_y
+            return np.stack([x, y], axis=-1)
+        normalised = np.stack([(points[..., 0] - camera_x_mm) / z, points[..., 1] / z], axis=-1)
+        return np.asarray(self.focal_px * self.distortion.distort(normalised) + self.principal_point)
+
+    def flow_of(self, directions: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how fast images move, from how fast they would move in a pinhole of focal length 1.
+
+        Parameters
+        ----------
+        directions
+            Directions of the points as `ray_directions` returns them, shape (n, 3).
+        rates
+            Rates of X / Z and Y / Z of the points, shape (n, 2).
+
+        Returns
+        -------
+        numpy.ndarray
+            Rates of the pixel coordinates, shape (n, 2).
+        """
+        if self.distortion is None:
+            return self.focal_px * rates
+        slope = self.distortion.jacobian(directions[:, :2])
+        return np.asarray(self.focal_px * np.einsum("nij,nj->ni", slope, rates))
 
     def ray_directions(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Return the direction of the ray through each pixel position, scaled to Z = 1.
@@ -92,16 +139,41 @@ class Camera(FrozenModel):
         Returns
         -------
         numpy.ndarray
-            Directions, shape (..., 3), float64.
+            Directions, shape (..., 3), float64; NaN where the distortion images no ray.
         """
         positions = np.asarray(pixels, dtype=np.float64)
-        c_x, c_y = self.principal_point
         directions = np.ones((*positions.shape[:-1], 3))
-        directions[..., 0] = (positions[..., 0] - c_x) / self.focal_px
-        directions[..., 1] = (positions[..., 1] - c_y) / self.focal_px
+        directions[..., :2] = self._undistorted(positions)
         return directions
+
+    def ray_steps(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return by how much the direction of a ray changes per pixel to the right, and per pixel down.
+
+        Parameters
+        ----------
+        pixels
+            Pixel coordinates (x, y), shape (n, 2).
+
+        Returns
+        -------
+        tuple
+            Two arrays of shape (n, 3), or (1, 3) if the steps are the same everywhere, as in a pinhole.
+        """
+        count = 1 if self.distortion is None else len(pixels)
+        steps = np.zeros((2, count, 3))
+        if self.distortion is None:
+            steps[0, 0, 0] = steps[1, 0, 1] = 1 / self.focal_px
+        else:
+            slope = np.linalg.inv(self.distortion.jacobian(self._undistorted(pixels))) / self.focal_px
+            steps[0, :, :2], steps[1, :, :2] = slope[..., 0], slope[..., 1]
+        return steps[0], steps[1]
 
     def pixel_grid(self) -> NDArray[np.float64]:
         """Return the coordinates (x, y) of all pixel centres, shape (height, width, 2)."""
         y, x = np.mgrid[: self.height, : self.width].astype(np.float64)
         return np.stack([x, y], axis=-1)
+
+    def _undistorted(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        c_x, c_y = self.principal_point
+        normalised = np.stack([(pixels[..., 0] - c_x) / self.focal_px, (pixels[..., 1] - c_y) / self.focal_px], axis=-1)
+        return normalised if self.distortion is None else self.distortion.undistort(normalised)

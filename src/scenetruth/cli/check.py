@@ -16,6 +16,7 @@ __all__ = ["print_check"]
 
 def print_check(scene: Scene, file: Path) -> None:
     """Validate a scene down to its meshes and textures, and print what will be made from it."""
+    from scenetruth.camera import Viewpoint
     from scenetruth.estimate.rig import requirements
     from scenetruth.raycast import Topology
     from scenetruth.scene.check import describe_scene
@@ -27,7 +28,7 @@ def print_check(scene: Scene, file: Path) -> None:
         vertices = world.at(0).vertices_mm
         if (vertices[:, 2] > 0).any():
             geometry = GeometryPass(world, Topology.of(vertices, world.faces), 0.0)
-            depth = truth_maps(geometry, scene.camera, 0.0, scene.stage.baseline_mm)["depth"]
+            depth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm)["depth"]
         else:
             depth = vertices[:0, 2]
         report = describe_scene(scene, world, depth)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast.caster import RayCaster
 
 __all__ = ["mixed_pixels"]
@@ -12,17 +13,14 @@ __all__ = ["mixed_pixels"]
 _SHARP_DEG = 1.0
 _NEAR = 1e-6
 _TOUCH_PX = 1e-6
+# Length of the pieces of lines that a lens bends: a pixel of which less is touched may go unmarked.
+_PIECE_PX = 1 / 16
 # A point of an edge counts as hidden if something is nearer by more than this share of its depth.
 _HIDDEN = 1e-7
 
 
 def mixed_pixels(
-    caster: RayCaster,
-    origin_mm: NDArray[np.float64],
-    focal_length_px: float,
-    principal_point_px: tuple[float, float],
-    shape: tuple[int, int],
-    bodies: NDArray[np.int32],
+    caster: RayCaster, viewpoint: Viewpoint, camera: Camera, bodies: NDArray[np.int32]
 ) -> NDArray[np.bool_]:
     """Mark the pixels whose footprint [x ± 1/2] x [y ± 1/2] crosses a visible silhouette or sharp edge.
 
@@ -33,12 +31,8 @@ def mixed_pixels(
     ----------
     caster
         The mesh at the time of the image.
-    origin_mm
-        The camera's position, shape (3,).
-    focal_length_px, principal_point_px
-        The camera's intrinsics.
-    shape
-        (height, width) of the image.
+    viewpoint, camera
+        Where the camera stands, and which it is.
     bodies
         Index of the body at every pixel centre, shape (height, width), -1 for none: where it changes between
         two pixels and no edge was found (bodies that cut into each other), both are marked.
@@ -48,15 +42,13 @@ def mixed_pixels(
     numpy.ndarray
         bool, shape (height, width).
     """
-    mixed = np.zeros(shape, dtype=np.bool_)
-    edges = _contour_edges(caster, origin_mm)
-    relative = caster.vertices_mm - origin_mm
+    mixed = np.zeros((camera.height, camera.width), dtype=np.bool_)
+    edges = _contour_edges(caster, viewpoint.position_mm)
+    relative = viewpoint.to_camera(caster.vertices_mm)
     start, end = relative[caster.topology.edges[edges, 0]], relative[caster.topology.edges[edges, 1]]
-    inverse_depth, positions, which = _cut_at_pixels(start, end, focal_length_px, np.asarray(principal_point_px), shape)
+    inverse_depth, positions, directions, which = _cut_at_pixels(start, end, camera)
     if len(positions):
-        directions = np.ones((len(positions), 3))
-        directions[:, :2] = (positions - principal_point_px) / focal_length_px
-        hits = caster.cast(origin_mm, directions)
+        hits = caster.cast(viewpoint.position_mm, viewpoint.directions_to_world(directions))
         depth = 1 / inverse_depth
         at_edge = (hits.face[:, None] == caster.topology.edge_faces[edges[which]]).any(axis=1)
         seen = at_edge | ~(hits.depth < depth * (1 - _HIDDEN))
@@ -90,14 +82,14 @@ def _contour_edges(caster: RayCaster, origin_mm: NDArray[np.float64]) -> NDArray
 
 
 def _cut_at_pixels(
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-    focal: float,
-    centre: NDArray[np.float64],
-    shape: tuple[int, int],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Cut projected segments at the pixels' borders; return 1/Z, position and segment of every piece's middle."""
-    height, width = shape
+    start: NDArray[np.float64], end: NDArray[np.float64], camera: Camera
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Cut projected segments at the pixels' borders; return 1/Z, position, direction and segment of pieces' middles.
+
+    Lines are curved where the lens distorts: they are cut into short pieces instead.
+    """
+    pinhole = camera.without_distortion()
+    focal, centre = pinhole.focal_px, np.asarray(pinhole.principal_point)
     in_front = (start[:, 2] > _NEAR) | (end[:, 2] > _NEAR)
     which = np.flatnonzero(in_front)
     start, end = start[which].copy(), end[which].copy()
@@ -108,12 +100,16 @@ def _cut_at_pixels(
     first = focal * start[:, :2] / start[:, 2:] + centre
     last = focal * end[:, :2] / end[:, 2:] + centre
     inverse_first, inverse_last = 1 / start[:, 2], 1 / end[:, 2]
-    keep, enter, leave = _clip(first, last - first, width, height)
+    low_corner, high_corner = _seen_rectangle(camera)
+    keep, enter, leave = _clip(first, last - first, low_corner, high_corner)
     parts: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]] = []
     for n in np.flatnonzero(keep):
         step = last[n] - first[n]
         cuts = [np.array([enter[n], leave[n]])]
-        for axis in range(2):
+        if camera.distortion is not None:
+            length = float(np.hypot(*step)) * (leave[n] - enter[n])
+            cuts.append(np.linspace(enter[n], leave[n], int(np.ceil(length / _PIECE_PX)) + 1)[1:-1])
+        for axis in range(2) if camera.distortion is None else ():
             low, high = sorted((first[n, axis] + enter[n] * step[axis], first[n, axis] + leave[n] * step[axis]))
             borders = np.arange(np.ceil(low - 0.5), np.floor(high - 0.5) + 1) + 0.5
             if step[axis] != 0:
@@ -124,24 +120,39 @@ def _cut_at_pixels(
         inverse = inverse_first[n] + middle * (inverse_last[n] - inverse_first[n])
         parts.append((inverse, position, np.full(len(middle), which[n])))
     if not parts:
-        return np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
+        return np.empty(0), np.empty((0, 2)), np.empty((0, 3)), np.empty(0, dtype=np.int64)
     inverses, positions, segments = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return inverses, positions, segments
+    directions = pinhole.ray_directions(positions)
+    if camera.distortion is not None:
+        positions = camera.project(directions)
+        inside = ((positions >= -0.5) & (positions <= np.array([camera.width, camera.height]) - 0.5)).all(axis=1)
+        inverses, positions, segments = inverses[inside], positions[inside], segments[inside]
+        directions = directions[inside]
+    return inverses, positions, directions, segments
+
+
+def _seen_rectangle(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of what a pinhole must see for the image to show, in its pixels."""
+    if camera.distortion is None:
+        return np.full(2, -0.5), np.array([camera.width, camera.height]) - 0.5
+    x, y = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, 65), np.linspace(-0.5, camera.height - 0.5, 65))
+    seen = camera.without_distortion().project(camera.ray_directions(np.stack([x, y], axis=-1).reshape(-1, 2)))
+    return seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
 
 
 def _clip(
-    first: NDArray[np.float64], step: NDArray[np.float64], width: int, height: int
+    first: NDArray[np.float64], step: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64]]:
-    """Clip segments to the image (Liang and Barsky); return which remain, and where they enter and leave."""
+    """Clip segments to a rectangle (Liang and Barsky); return which remain, and where they enter and leave."""
     enter, leave = np.zeros(len(first)), np.ones(len(first))
     keep = np.ones(len(first), dtype=np.bool_)
-    for axis, size in ((0, width), (1, height)):
+    for axis in range(2):
         parallel = step[:, axis] == 0
         safe = np.where(parallel, 1.0, step[:, axis])
-        one, two = (-0.5 - first[:, axis]) / safe, (size - 0.5 - first[:, axis]) / safe
+        one, two = (low[axis] - first[:, axis]) / safe, (high[axis] - first[:, axis]) / safe
         enter = np.where(parallel, enter, np.maximum(enter, np.minimum(one, two)))
         leave = np.where(parallel, leave, np.minimum(leave, np.maximum(one, two)))
-        keep &= ~parallel | ((first[:, axis] >= -0.5) & (first[:, axis] <= size - 0.5))
+        keep &= ~parallel | ((first[:, axis] >= low[axis]) & (first[:, axis] <= high[axis]))
     return keep & (enter <= leave), enter, leave
 
 

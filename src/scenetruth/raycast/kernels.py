@@ -132,22 +132,31 @@ def footprint_samples(
     uv: NDArray[np.float64],
     origin: NDArray[np.float64],
     directions: NDArray[np.float64],
+    across: NDArray[np.float64],
+    down: NDArray[np.float64],
     hits: NDArray[np.int32],
     offsets: NDArray[np.float64],
 ) -> Any:
     """Map the samples of pixels to texture coordinates through the plane of the face at their centre.
 
-    Returns texture coordinates, shape (pixels, samples, 2), and whether all samples of a pixel stay inside its face.
+    A sample's ray is the pixel's own plus its offset (x, y) times the rays' steps across and down, which have one row
+    for every pixel, or one for all. Returns texture coordinates, shape (pixels, samples, 2), and whether all samples of
+    a pixel stay inside its face.
     """
     count, samples = directions.shape[0], offsets.shape[0]
+    apart = 1 if across.shape[0] > 1 else 0
     out = np.empty((count, samples, 2), dtype=np.float64)
     whole = np.empty(count, dtype=np.bool_)
     for n in numba.prange(count):
         face = hits[n]
+        ax, ay, az = across[n * apart, 0], across[n * apart, 1], across[n * apart, 2]
+        bx, by, bz = down[n * apart, 0], down[n * apart, 1], down[n * apart, 2]
         complete = True
         for m in range(samples):
-            dx, dy = directions[n, 0] + offsets[m, 0], directions[n, 1] + offsets[m, 1]
-            inside, _depth, b1, b2, _gap = _meet(vertices, faces, face, origin, dx, dy, directions[n, 2])
+            u, v = offsets[m, 0], offsets[m, 1]
+            dx, dy = directions[n, 0] + u * ax + v * bx, directions[n, 1] + u * ay + v * by
+            dz = directions[n, 2] + u * az + v * bz
+            inside, _depth, b1, b2, _gap = _meet(vertices, faces, face, origin, dx, dy, dz)
             complete = complete and inside
             b0 = 1.0 - b1 - b2
             out[n, m, 0] = b0 * uv[face, 0, 0] + b1 * uv[face, 1, 0] + b2 * uv[face, 2, 0]

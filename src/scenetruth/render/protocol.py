@@ -8,6 +8,8 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.camera import Viewpoint
+
 __all__ = ["Renderer"]
 
 
@@ -17,8 +19,8 @@ class Renderer(Protocol):
     name: str
     """The backend and its platform: ``pyrender (osmesa)``."""
 
-    def render(self, t: float, camera_x_mm: float) -> NDArray[np.float32]:
-        """Return the image at time t (in frames) from a camera position on the stage.
+    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the image at time t (in frames) from a viewpoint.
 
         Returns
         -------

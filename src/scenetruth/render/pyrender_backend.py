@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera
+from scenetruth.camera import Camera, Viewpoint
 from scenetruth.render.opengl import use_platform
 from scenetruth.render.protocol import Renderer
 from scenetruth.scene.world import World
@@ -72,13 +72,13 @@ class PyrenderRenderer(Renderer):
         # Rows of one byte a texel need not end at multiples of four; OpenGL assumes it and would shear the texture.
         glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
 
-    def render(self, t: float, camera_x_mm: float) -> NDArray[np.float32]:
-        """Return the image at time t from a camera position; see `Renderer.render`."""
+    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the image at time t from a viewpoint; see `Renderer.render`."""
         if self._t != t:
             self._place_world(t)
-        pose = _TURN.copy()
-        pose[0, 3] = camera_x_mm
-        self._scene.set_pose(self._camera_node, pose)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = viewpoint.rotation, viewpoint.position_mm
+        self._scene.set_pose(self._camera_node, pose @ _TURN)
         colour, _ = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
         (width, height), n = self._size, self._n
         samples = colour[..., 0].reshape(height, n, width, n)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera
+from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.render.protocol import Renderer
 from scenetruth.scene.world import World
@@ -38,12 +38,14 @@ class RaycastRenderer(Renderer):
         self._topology = Topology.of(world.at(0).vertices_mm, world.faces)
         self._caster: tuple[float, RayCaster] | None = None
         self._directions = camera.ray_directions(camera.pixel_grid()).reshape(-1, 3)
+        # Directions of one pixel step to the right and one down, per pixel where they differ.
+        self._across, self._down = camera.ray_steps(camera.pixel_grid().reshape(-1, 2))
         steps = (np.arange(supersampling) + 0.5) / supersampling - 0.5
         across, down = np.meshgrid(steps, steps)
-        self._offsets = np.column_stack([across.ravel(), down.ravel()]) / camera.focal_px
+        self._offsets_px = np.column_stack([across.ravel(), down.ravel()])
 
-    def render(self, t: float, camera_x_mm: float) -> NDArray[np.float32]:
-        """Return the image at time t from a camera position; see `Renderer.render`.
+    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the image at time t from a viewpoint; see `Renderer.render`.
 
         Where a pixel's footprint stays on one face, its samples map to the texture through that face's plane; only
         pixels at edges need rays of their own.
@@ -51,13 +53,16 @@ class RaycastRenderer(Renderer):
         from scenetruth.raycast.kernels import footprint_samples
 
         camera, world, caster = self._camera, self._world, self._caster_at(t)
-        origin = np.array([camera_x_mm, 0.0, 0.0])
+        origin = viewpoint.position_mm
         shape = (camera.height, camera.width)
-        hits = caster.cast(origin, self._directions, grid_width=camera.width)
+        directions, across, down = (
+            viewpoint.directions_to_world(item) for item in (self._directions, self._across, self._down)
+        )
+        hits = caster.cast(origin, directions, grid_width=camera.width)
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
-        rest = mixed_pixels(caster, origin, camera.focal_px, camera.principal_point, shape, body.reshape(shape)).ravel()
+        rest = mixed_pixels(caster, viewpoint, camera, body.reshape(shape)).ravel()
         image = np.full(len(body), self._background, dtype=np.float32)
-        samples = len(self._offsets)
+        samples = len(self._offsets_px)
         for index, item in enumerate(world.bodies):
             inner = np.flatnonzero((body == index) & ~rest)
             for first in range(0, len(inner), _PIXELS_PER_PIECE):
@@ -67,9 +72,11 @@ class RaycastRenderer(Renderer):
                     world.faces,
                     world.uv,
                     origin,
-                    self._directions[pixels],
+                    directions[pixels],
+                    across[pixels] if len(across) > 1 else across,
+                    down[pixels] if len(down) > 1 else down,
                     hits.face[pixels],
-                    self._offsets,
+                    self._offsets_px,
                 )
                 radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(-1, samples)
                 image[pixels] = radiance.mean(axis=1, dtype=np.float64)
@@ -77,15 +84,21 @@ class RaycastRenderer(Renderer):
         remaining = np.flatnonzero(rest)
         for first in range(0, len(remaining), _PIXELS_PER_PIECE):
             pixels = remaining[first : first + _PIXELS_PER_PIECE]
-            image[pixels] = self._trace(caster, origin, self._directions[pixels])
+            steps = (item[pixels] if len(item) > 1 else item for item in (across, down))
+            image[pixels] = self._trace(caster, origin, directions[pixels], *steps)
         return image.reshape(shape)
 
     def _trace(
-        self, caster: RayCaster, origin: NDArray[np.float64], directions: NDArray[np.float64]
+        self,
+        caster: RayCaster,
+        origin: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        across: NDArray[np.float64],
+        down: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        samples = len(self._offsets)
-        rays = np.repeat(directions, samples, axis=0)
-        rays[:, :2] += np.tile(self._offsets, (len(directions), 1))
+        samples = len(self._offsets_px)
+        offsets = self._offsets_px[:, :1] * across[:, None] + self._offsets_px[:, 1:] * down[:, None]
+        rays = (directions[:, None] + offsets).reshape(-1, 3)
         hits = caster.cast(origin, rays)
         body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
         uv = hits.interpolate_corners(self._world.uv)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera
+from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.scene.world import World
 
@@ -34,7 +34,7 @@ class GeometryPass:
 
 
 def truth_maps(
-    geometry: GeometryPass, camera: Camera, camera_x_mm: float, baseline_mm: float
+    geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint, baseline_mm: float
 ) -> dict[str, NDArray[Any]]:
     """Compute the truth at the pixel centres of one image.
 
@@ -44,8 +44,8 @@ def truth_maps(
         The world at the image's time.
     camera
         The camera.
-    camera_x_mm
-        Its position X_s on the stage.
+    viewpoint
+        Where it stands. Depth, velocity and normals are in its frame.
     baseline_mm
         V_X in mm per step of s, for the disparity.
 
@@ -61,23 +61,25 @@ def truth_maps(
         - ``normal``, ``object_id``, ``face_id``, ``mixed``.
     """
     shape = (camera.height, camera.width)
-    origin = np.array([camera_x_mm, 0.0, 0.0])
     directions = camera.ray_directions(camera.pixel_grid()).reshape(-1, 3)
-    hits = geometry.caster.cast(origin, directions, grid_width=camera.width)
+    in_world = viewpoint.directions_to_world(directions)
+    hits = geometry.caster.cast(viewpoint.position_mm, in_world, grid_width=camera.width)
     world, focal = geometry.world, camera.focal_px
     depth = hits.depth
-    velocity = hits.interpolate(world.faces, geometry.snapshot.velocities)
-    flow = focal * (velocity[:, :2] - directions[:, :2] * velocity[:, 2:]) / depth[:, None]
+    velocity = viewpoint.directions_to_camera(hits.interpolate(world.faces, geometry.snapshot.velocities))
+    rates = (velocity[:, :2] - directions[:, :2] * velocity[:, 2:]) / depth[:, None]
+    flow = camera.flow_of(directions, rates)
     seen = hits.face >= 0
     body = np.where(seen, world.face_body[hits.face], -1).astype(np.int32)
     face_id = np.where(seen, hits.face - world.face_offsets[world.face_body[hits.face]], -1).astype(np.int32)
-    mixed = mixed_pixels(geometry.caster, origin, focal, camera.principal_point, shape, body.reshape(shape))
+    mixed = mixed_pixels(geometry.caster, viewpoint, camera, body.reshape(shape))
+    normals = viewpoint.directions_to_camera(_normals(geometry, hits.face, in_world))
     return {
         "depth": depth.reshape(shape),
         "velocity": np.moveaxis(velocity.reshape(*shape, 3), -1, 0),
         "disparity": (focal * baseline_mm / depth).reshape(shape),
         "flow": np.moveaxis(flow.reshape(*shape, 2), -1, 0),
-        "normal": np.moveaxis(_normals(geometry, hits.face, directions).reshape(*shape, 3), -1, 0),
+        "normal": np.moveaxis(normals.reshape(*shape, 3), -1, 0),
         "object_id": body.reshape(shape),
         "face_id": face_id.reshape(shape),
         "mixed": mixed,

@@ -1,0 +1,122 @@
+"""Lens distortion after Brown and Conrady, with OpenCV's coefficients."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.model import Finite, FrozenModel
+
+__all__ = ["Distortion"]
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS = 50
+# Newton's method doubles its digits with each step: below this, the next step is exact.
+_CONVERGED = 1e-15
+_ON_THE_WAY = np.linspace(0.0, 1.0, 17)[1:]
+
+
+class Distortion(FrozenModel):
+    """Where a lens images what a pinhole would image at (x, y), in units of the focal length from the principal point.
+
+    With r² = x² + y²: x_d = x R + 2 p1 x y + p2 (r² + 2 x²), y_d = y R + p1 (r² + 2 y²) + 2 p2 x y,
+    R = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶) (Brown 1971; OpenCV, module calib3d).
+    """
+
+    k1: Finite = 0.0
+    """Radial coefficient of r²; negative for a barrel."""
+    k2: Finite = 0.0
+    """Radial coefficient of r⁴."""
+    p1: Finite = 0.0
+    """First tangential (decentring) coefficient."""
+    p2: Finite = 0.0
+    """Second tangential coefficient."""
+    k3: Finite = 0.0
+    """Radial coefficient of r⁶."""
+    k4: Finite = 0.0
+    """Coefficient of r² in the denominator."""
+    k5: Finite = 0.0
+    """Coefficient of r⁴ in the denominator."""
+    k6: Finite = 0.0
+    """Coefficient of r⁶ in the denominator."""
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """The coefficients in OpenCV's order (k1, k2, p1, p2, k3, k4, k5, k6)."""
+        return (self.k1, self.k2, self.p1, self.p2, self.k3, self.k4, self.k5, self.k6)
+
+    def distort(self, points: Array) -> Array:
+        """Return where points appear that a pinhole images at (x, y), shape (..., 2)."""
+        return self._map(points)[0]
+
+    def jacobian(self, points: Array) -> Array:
+        """Return the derivatives of `distort`, shape (..., 2, 2): row x_d, y_d; column x, y."""
+        return self._map(points)[1]
+
+    def undistort(self, points: Array) -> Array:
+        """Return the inverse of `distort`, found by Newton's method.
+
+        Parameters
+        ----------
+        points
+            Distorted positions, shape (..., 2).
+
+        Returns
+        -------
+        numpy.ndarray
+            Where a pinhole would image them, shape (..., 2); NaN where the distortion folds the image, so that no
+            position, or more than one, is imaged there.
+        """
+        found = self._solve(np.asarray(points, dtype=np.float64))
+        # On the way from the axis the image must not turn over: else this is not the only solution.
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            for share in _ON_THE_WAY:
+                turned = ~(np.linalg.det(self.jacobian(share * found)) > 0)
+                found[turned] = np.nan
+        return found
+
+    def _solve(self, points: Array) -> Array:
+        found = points.copy()
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            for _ in range(_MOST_STEPS):
+                value, slope = self._map(found)
+                left = value - points
+                (a, b), (c, d) = np.moveaxis(slope, (-2, -1), (0, 1))
+                determinant = a * d - b * c
+                step = np.stack([d * left[..., 0] - b * left[..., 1], a * left[..., 1] - c * left[..., 0]], axis=-1)
+                step /= determinant[..., None]
+                found -= step
+                if not (np.abs(step) > _CONVERGED * (1 + np.abs(found))).any():
+                    break
+            away = ~(np.abs(self.distort(found) - points).max(axis=-1, initial=0.0) < 1e-12)
+        found[away] = np.nan
+        return found
+
+    def _map(self, points: Array) -> tuple[Array, Array]:
+        k1, k2, p1, p2, k3, k4, k5, k6 = self.coefficients
+        x, y = points[..., 0], points[..., 1]
+        square = x * x + y * y
+        above, above_slope = _cubic(square, k1, k2, k3)
+        below, below_slope = _cubic(square, k4, k5, k6)
+        radial = above / below
+        # dR / d(r²)
+        slope = (above_slope - radial * below_slope) / below
+        out = np.stack(
+            [
+                x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
+                y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+        derivative = np.empty((*square.shape, 2, 2))
+        derivative[..., 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+        derivative[..., 0, 1] = derivative[..., 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+        derivative[..., 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+        return out, derivative
+
+
+def _cubic(square: Array, a: float, b: float, c: float) -> tuple[Any, Any]:
+    return 1 + square * (a + square * (b + square * c)), a + square * (2 * b + square * 3 * c)
