@@ -30,10 +30,11 @@ def sampled_borders(caster: RayCaster, camera: Camera, x_mm: float, group: NDArr
     return np.asarray((low != high)[: camera.height, : camera.width])
 
 
+@pytest.mark.parametrize("distortion", [None, {"k1": -9.0, "p1": 0.05, "p2": -0.02}])
 @pytest.mark.parametrize("x_mm", [0.0, -10.0])
-def test_against_dense_sampling_of_the_cube(x_mm: float) -> None:
+def test_against_dense_sampling_of_the_cube(x_mm: float, distortion: dict[str, float] | None) -> None:
     camera = {"width": 160, "height": 120, "focal_length_px": 1254, "principal_point_px": [79.3, 59.6]}
-    scene = cube(camera=camera)
+    scene = cube(camera=camera | {"distortion": distortion})
     world = build_world(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     geometry = GeometryPass(world, topology, 0.0)
@@ -42,7 +43,8 @@ def test_against_dense_sampling_of_the_cube(x_mm: float) -> None:
     sampled = sampled_borders(geometry.caster, scene.camera, x_mm, np.arange(12, dtype=np.int32) // 2)
     mixed = truth["mixed"]
     # What sampling sees must be marked; what it misses is a corner cut by less than a sample's distance.
-    assert not (sampled & ~mixed).any()
+    # Lines that a lens bends are cut into pieces of 1/64 px: a corner cut by less may go unmarked.
+    assert (sampled & ~mixed).sum() <= (0 if distortion is None else 4)
     assert (mixed & ~sampled).sum() <= 0.1 * mixed.sum()
     assert mixed.sum() > 300
 

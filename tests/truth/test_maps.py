@@ -78,7 +78,9 @@ def identities(scene: Scene) -> dict[str, float]:
             points = camera.ray_directions(pixels) * truth["depth"][seen][:, None] + [x_mm, 0, 0]
             velocity = truth["velocity"][:, seen].T
             deviations = {"reprojection": camera.project(points, float(x_mm)) - pixels}
-            other = camera.project(points, float(x_mm) + baseline) - pixels
+            # Disparity is that of the image without distortion, where it lies along x.
+            pinhole = camera.without_distortion()
+            other = pinhole.project(points, float(x_mm) + baseline) - pinhole.project(points, float(x_mm))
             deviations["disparity"] = other + np.stack([truth["disparity"][seen], np.zeros(seen.sum())], axis=-1)
             # Central differences of the projection, extrapolated once (Richardson): error of fourth order in the step.
             coarse, fine = (
@@ -107,6 +109,10 @@ SMALL = ["camera.width=160", "camera.height=120", "sensor=ideal"]
             [*SMALL, "camera.focal_length_px=1254", "camera.principal_point_px=[40.3, 99.6]", "stage.baseline_mm=-3"],
         ),
         ("plane.yaml", [*SMALL, "camera.focal_length_px=1254"]),
+        (
+            "plane.yaml",
+            [*SMALL, "camera.focal_length_px=1254", "camera.distortion={k1: -9, k2: 300, p1: 0.05, p2: -0.02, k4: 1}"],
+        ),
         ("plaid.yaml", []),
     ],
 )

@@ -3,9 +3,26 @@
 from scenetruth.camera.correction import two_point_correction
 from scenetruth.camera.distortion import Distortion
 from scenetruth.camera.emva import EmvaSensor
+from scenetruth.camera.optics import AiryPsf, Defocus, GaussianPsf, Optics, Vignetting
 from scenetruth.camera.pinhole import Camera
 from scenetruth.camera.sensor import Sensor
+from scenetruth.camera.shutter import Shutter
 from scenetruth.camera.stage import Frames, Stage
 from scenetruth.camera.viewpoint import Viewpoint
 
-__all__ = ["Camera", "Distortion", "EmvaSensor", "Frames", "Sensor", "Stage", "Viewpoint", "two_point_correction"]
+__all__ = [
+    "AiryPsf",
+    "Camera",
+    "Defocus",
+    "Distortion",
+    "EmvaSensor",
+    "Frames",
+    "GaussianPsf",
+    "Optics",
+    "Sensor",
+    "Shutter",
+    "Stage",
+    "Viewpoint",
+    "Vignetting",
+    "two_point_correction",
+]

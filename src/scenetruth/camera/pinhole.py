@@ -81,6 +81,31 @@ class Camera(FrozenModel):
         """Return the pinhole with the same intrinsics."""
         return self if self.distortion is None else self.model_copy(update={"distortion": None})
 
+    def refined(self, parts: int, margin_px: int) -> Camera:
+        """Return the camera whose pixels are parts x parts smaller, and whose image is wider by a margin all around.
+
+        Parameters
+        ----------
+        parts
+            Into how many pixels one is divided along x and along y.
+        margin_px
+            Margin in pixels of this camera.
+        """
+        c_x, c_y = self.principal_point
+        return Camera(
+            width=(self.width + 2 * margin_px) * parts,
+            height=(self.height + 2 * margin_px) * parts,
+            focal_length_px=self.focal_px * parts,
+            # Centres of pixels are integers: the first border is at -1/2.
+            principal_point_px=tuple((c + margin_px + 0.5) * parts - 0.5 for c in (c_x, c_y)),
+            distortion=self.distortion,
+        )
+
+    def rows(self, first: int, last: int) -> Camera:
+        """Return the camera that sees rows from the first to before the last only."""
+        c_x, c_y = self.principal_point
+        return self.model_copy(update={"height": last - first, "principal_point_px": (c_x, c_y - first)})
+
     def project(self, points_mm: ArrayLike, camera_x_mm: float = 0.0) -> NDArray[np.float64]:
         """Project points into the image (paper eq. 3).
 

@@ -14,7 +14,7 @@ _SHARP_DEG = 1.0
 _NEAR = 1e-6
 _TOUCH_PX = 1e-6
 # Length of the pieces of lines that a lens bends: a pixel of which less is touched may go unmarked.
-_PIECE_PX = 1 / 16
+_PIECE_PX = 1 / 64
 # A point of an edge counts as hidden if something is nearer by more than this share of its depth.
 _HIDDEN = 1e-7
 

@@ -63,7 +63,8 @@ class PyrenderRenderer(Renderer):
         c_x, c_y = camera.principal_point
         focal = camera.focal_px * supersampling
         # pyrender's principal point counts from the image's corner, half a pixel before our first pixel centre.
-        self._camera = pyrender.IntrinsicsCamera(focal, focal, (c_x + 0.5) * supersampling, (c_y + 0.5) * supersampling)
+        self._centre = ((c_x + 0.5) * supersampling, (c_y + 0.5) * supersampling)
+        self._camera = pyrender.IntrinsicsCamera(focal, focal, *self._centre)
         self._camera_node = self._scene.add(self._camera, pose=_TURN)
         self._renderer: Any = pyrender.OffscreenRenderer(camera.width * supersampling, camera.height * supersampling)
         _keep_programs(self._renderer._renderer._program_cache)
@@ -79,6 +80,8 @@ class PyrenderRenderer(Renderer):
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = viewpoint.rotation, viewpoint.position_mm
         self._scene.set_pose(self._camera_node, pose @ _TURN)
+        self._camera.cx = self._centre[0] - viewpoint.shear[0] * self._camera.fx
+        self._camera.cy = self._centre[1] - viewpoint.shear[1] * self._camera.fy
         colour, _ = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
         (width, height), n = self._size, self._n
         samples = colour[..., 0].reshape(height, n, width, n)

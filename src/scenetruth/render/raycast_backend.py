@@ -28,14 +28,23 @@ class RaycastRenderer(Renderer):
         Radiance where no surface is met.
     supersampling
         n: every pixel is the mean of n x n samples.
+    topology
+        Faces and edges of the world, if they are known already.
     """
 
-    def __init__(self, world: World, camera: Camera, background: float = 0.0, supersampling: int = 4) -> None:
+    def __init__(
+        self,
+        world: World,
+        camera: Camera,
+        background: float = 0.0,
+        supersampling: int = 4,
+        topology: Topology | None = None,
+    ) -> None:
         self.name = "raycast"
         self._world = world
         self._camera = camera
         self._background = np.float32(background)
-        self._topology = Topology.of(world.at(0).vertices_mm, world.faces)
+        self._topology = topology or Topology.of(world.at(0).vertices_mm, world.faces)
         self._caster: tuple[float, RayCaster] | None = None
         self._directions = camera.ray_directions(camera.pixel_grid()).reshape(-1, 3)
         # Directions of one pixel step to the right and one down, per pixel where they differ.

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from scenetruth.camera import Camera
 from scenetruth.errors import BackendUnavailableError
+from scenetruth.render.lens import LensRenderer, bands_of, fine_parts, is_sharp
 from scenetruth.render.protocol import Renderer
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World
@@ -21,9 +24,10 @@ class Choice:
 
 
 def choose_renderer(scene: Scene, world: World) -> Choice:
-    """Open the render backend of a scene.
+    """Open the render backend of a scene, behind its lens and its shutter.
 
-    ``auto`` takes ``pyrender`` on OSMesa, then on EGL, then ``raycast``.
+    ``auto`` takes ``pyrender`` on OSMesa, then on EGL, then ``raycast``; and ``raycast`` for what OpenGL cannot render:
+    a lens that distorts, a rolling shutter.
 
     Parameters
     ----------
@@ -38,25 +42,50 @@ def choose_renderer(scene: Scene, world: World) -> Choice:
         If ``pyrender`` is asked for by name and does not run here.
     """
     settings = scene.render
+    reason = ""
     if settings.backend != "raycast":
-        from scenetruth.render.pyrender_backend import PyrenderRenderer
-
+        curved = scene.needs_rays
+        if curved and settings.backend == "auto":
+            return Choice(_raycast(scene, world), f"OpenGL cannot render {curved}; rendered by ray casting instead")
         try:
-            renderer: Renderer = PyrenderRenderer(
-                world, scene.camera, scene.background, settings.supersampling, settings.platform
-            )
+            return _pyrender(scene, world)
         except BackendUnavailableError as error:
             if settings.backend == "pyrender":
                 raise
             reason = f"{error}; rendered by ray casting instead"
-        else:
-            preferred = settings.platform in ("egl", "auto") and renderer.name != "pyrender (osmesa)"
-            reason = (
-                "OSMesa does not run here; rendered on EGL instead" if preferred and settings.platform == "auto" else ""
-            )
-            return Choice(renderer, reason)
-    else:
-        reason = ""
+    return Choice(_raycast(scene, world), reason)
+
+
+def _pyrender(scene: Scene, world: World) -> Choice:
+    from scenetruth.render.pyrender_backend import PyrenderRenderer
+
+    settings = scene.render
+
+    def open_renderer(camera: Camera, supersampling: int) -> Renderer:
+        return PyrenderRenderer(world, camera, scene.background, supersampling, settings.platform)
+
+    renderer = _behind_lens(scene, world, open_renderer)
+    on_egl = settings.platform == "auto" and renderer.name != "pyrender (osmesa)"
+    return Choice(renderer, "OSMesa does not run here; rendered on EGL instead" if on_egl else "")
+
+
+def _raycast(scene: Scene, world: World) -> Renderer:
+    from scenetruth.raycast import Topology
     from scenetruth.render.raycast_backend import RaycastRenderer
 
-    return Choice(RaycastRenderer(world, scene.camera, scene.background, settings.supersampling), reason)
+    topology = Topology.of(world.at(0).vertices_mm, world.faces)
+
+    def open_renderer(camera: Camera, supersampling: int) -> Renderer:
+        return RaycastRenderer(world, camera, scene.background, supersampling, topology)
+
+    return _behind_lens(scene, world, open_renderer)
+
+
+def _behind_lens(scene: Scene, world: World, open_renderer: Callable[[Camera, int], Renderer]) -> Renderer:
+    camera, optics, shutter, samples = scene.camera, scene.optics, scene.shutter, scene.render.supersampling
+    if is_sharp(optics, shutter):
+        return open_renderer(camera, samples)
+    parts = fine_parts(optics.psf)
+    bands = bands_of(camera, optics, shutter, lambda fine: open_renderer(fine, max(1, -(-samples // parts))))
+    name = bands[0].renderer.name
+    return LensRenderer(name, bands, world, camera, optics, shutter, scene.frames.frame_interval_s)

@@ -90,6 +90,7 @@ def check_scene(scene: Scene, world: World) -> None:
         If a texture is finer than two pixels.
     """
     reports, problems = _object_reports(scene, world)
+    problems += _camera_problems(scene)
     if problems:
         raise SceneError(problems)
     for message in _texture_warnings(reports):
@@ -114,6 +115,7 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
         As `check_scene`.
     """
     reports, problems = _object_reports(scene, world)
+    problems += _camera_problems(scene)
     seen = depth[np.isfinite(depth)]
     if not problems and not seen.size:
         problems = [Problem("objects", "the reference camera sees none of them at the reference frame")]
@@ -141,6 +143,26 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
         objects=tuple(reports),
         warnings=tuple(messages),
     )
+
+
+def _camera_problems(scene: Scene) -> list[Problem]:
+    """Return what lens, shutter and backend ask for that does not go together."""
+    problems = []
+    if scene.render.backend == "pyrender" and scene.needs_rays:
+        message = f"OpenGL cannot render {scene.needs_rays}; use raycast, or auto"
+        problems.append(Problem("render.backend", message, scene.render.backend))
+    psf, camera, shutter = scene.optics.psf, scene.camera, scene.shutter
+    if psf is not None and 2 * psf.reach_px > min(camera.width, camera.height):
+        value = f"light reaches {psf.reach_px:.3g} px far"
+        problems.append(Problem("optics.psf", "is wider than the image; make it narrower, or the image larger", value))
+    interval = scene.frames.frame_interval_s
+    if shutter.exposure_time_s > interval:
+        message = f"is longer than frames.frame_interval_s, {interval:g} s"
+        problems.append(Problem("shutter.exposure_time_s", message, shutter.exposure_time_s))
+    elif shutter.exposure_time_s + shutter.readout_time_s > interval:
+        message = f"ends, together with the exposure, after frames.frame_interval_s, {interval:g} s"
+        problems.append(Problem("shutter.readout_time_s", message, shutter.readout_time_s))
+    return problems
 
 
 def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], list[Problem]]:

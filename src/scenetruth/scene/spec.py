@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from scenetruth.camera import Camera, EmvaSensor, Frames, Sensor, Stage
+from scenetruth.camera import Camera, EmvaSensor, Frames, Optics, Sensor, Shutter, Stage
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
 from scenetruth.settings import EstimateSettings, ScoreSettings
 
@@ -254,6 +254,10 @@ class Scene(FrozenModel):
     """What the scene is for."""
     camera: Camera
     """The camera."""
+    optics: Optics = Optics()
+    """What its lens does besides distorting."""
+    shutter: Shutter = Shutter()
+    """When its pixels collect light."""
     stage: Stage
     """Its linear stage."""
     frames: Frames
@@ -290,6 +294,12 @@ class Scene(FrozenModel):
             msg = f"names must be unique; used more than once: {', '.join(twice)}"
             raise ValueError(msg)
         return value
+
+    @property
+    def needs_rays(self) -> str:
+        """What of the scene only ray casting can render; empty if nothing."""
+        parts = ["a lens that distorts"] if self.camera.distortion is not None else []
+        return " and ".join(parts + (["a rolling shutter"] if self.shutter.readout_time_s > 0 else []))
 
     def to_plain(self) -> dict[str, Any]:
         """Return the scene as plain values, ready for YAML or JSON."""

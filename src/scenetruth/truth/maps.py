@@ -55,9 +55,9 @@ def truth_maps(
         The variables of a truth by name (`scenetruth.recording.VARIABLES`), vector components first:
 
         - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame,
-        - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5),
+        - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5), of the image without distortion,
         - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y from the principal point:
-          the paper's (u_x + x u_z, u_y + y u_z),
+          the paper's (u_x + x u_z, u_y + y u_z); times the slope of the distortion, if the lens has one,
         - ``normal``, ``object_id``, ``face_id``, ``mixed``.
     """
     shape = (camera.height, camera.width)

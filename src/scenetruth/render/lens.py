@@ -1,0 +1,234 @@
+"""Images through a lens and a shutter: means of sharp images over aperture and exposure, then blurred and darkened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import Camera, Optics, Shutter, Viewpoint
+from scenetruth.camera.optics import Psf
+from scenetruth.render.protocol import Renderer
+from scenetruth.scene.world import World
+
+__all__ = ["Band", "LensRenderer", "bands_of", "blurred", "fine_parts", "is_sharp", "margin_px", "motion_px"]
+
+# Parts of a pixel, along x and y, before light is spread. Edges within a part alias: by about (w / parts)² of what the
+# spectrum has at w periods per px, so that a lens that lets more pass needs more parts.
+_PARTS, _MORE_PARTS, _NARROW_PX = 4, 8, 0.3
+_SAMPLES_PER_PX, _FEWEST, _MOST = 4, 4, 256
+_GOLDEN = (np.sqrt(5) - 1) / 2
+
+
+@dataclass(frozen=True)
+class Band:
+    """A renderer of some rows of an image, which sees a margin of rows above and below that is cut off.
+
+    Parameters
+    ----------
+    rows
+        First and last + 1 row, of the fine image.
+    margin
+        Rows that the renderer's image has above; as many as below may follow.
+    renderer
+        What renders them.
+    """
+
+    rows: tuple[int, int]
+    margin: int
+    renderer: Renderer
+
+
+def is_sharp(optics: Optics, shutter: Shutter) -> bool:
+    """Whether lens and shutter leave images as they are."""
+    return optics == Optics() and shutter.exposure_time_s == 0 and shutter.readout_time_s == 0
+
+
+def fine_parts(psf: Psf | None) -> int:
+    """Return into how many parts, along x and y, pixels are divided before light is spread."""
+    if psf is None:
+        return 1
+    return _PARTS if psf.finest_px >= _NARROW_PX else _MORE_PARTS
+
+
+def margin_px(psf: Psf | None) -> int:
+    """Return how far around the image the light comes from that a lens spreads into it."""
+    return 0 if psf is None else int(np.ceil(psf.reach_px))
+
+
+def motion_px(
+    world: World, camera: Camera, viewpoint: Viewpoint, times: tuple[float, float], travel_mm: float
+) -> float:
+    """Return the longest way in px that a vertex before the camera goes in its image.
+
+    Parameters
+    ----------
+    world, camera, viewpoint
+        What is seen, with which camera, from where in the middle of the time.
+    times
+        First and last moment in frames.
+    travel_mm
+        How far the camera moves along X in this time.
+    """
+    ends = []
+    for time, share in zip(times, (-0.5, 0.5), strict=True):
+        place = viewpoint.moved((share * travel_mm, 0.0, 0.0))
+        ends.append(place.to_camera(world.at(time).vertices_mm))
+    front = (ends[0][:, 2] > 0) & (ends[1][:, 2] > 0)
+    if not front.any():
+        return 0.0
+    pinhole = camera.without_distortion()
+    step = pinhole.project(ends[1][front]) - pinhole.project(ends[0][front])
+    return float(np.linalg.norm(step, axis=1).max())
+
+
+def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float64]:
+    """Spread the light of an image as a lens does.
+
+    The transfer function multiplies the image's spectrum; the image wraps around, so that it needs a margin.
+
+    Parameters
+    ----------
+    fine
+        Mean radiance of the parts of pixels, shape (y, x).
+    psf
+        The point spread function.
+    parts
+        Parts per pixel.
+    """
+    from scipy import fft
+
+    rows, columns = (fft.next_fast_len(size, real=True) for size in fine.shape)
+    # Borders repeat into what is added to reach a fast length: no step where the image wraps around.
+    padded = np.pad(fine, ((0, rows - fine.shape[0]), (0, columns - fine.shape[1])), mode="edge")
+    frequency = np.hypot(fft.fftfreq(rows, 1 / parts)[:, None], fft.rfftfreq(columns, 1 / parts)[None, :])
+    spectrum = fft.rfft2(padded, workers=-1) * psf.transfer(frequency)
+    spread = fft.irfft2(spectrum, (rows, columns), workers=-1)
+    return np.asarray(spread[: fine.shape[0], : fine.shape[1]])
+
+
+class LensRenderer(Renderer):
+    """Renders what a lens and a shutter make of sharp images.
+
+    Parameters
+    ----------
+    name
+        Name of the backend that renders the sharp images.
+    bands
+        Renderers that together see the fine image: one for all rows, or one for every row with a time of its own.
+    world, camera
+        What is seen, and with which camera.
+    optics, shutter
+        Its lens and its shutter.
+    frame_interval_s
+        Time between frames.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        bands: Sequence[Band],
+        world: World,
+        camera: Camera,
+        optics: Optics,
+        shutter: Shutter,
+        frame_interval_s: float,
+    ) -> None:
+        self.name = name
+        self._bands = tuple(bands)
+        self._world = world
+        self._camera = camera
+        self._optics = optics
+        self._shutter = shutter
+        self._frame_interval_s = frame_interval_s
+        self._parts, self._margin = fine_parts(optics.psf), margin_px(optics.psf)
+        self._shade = None if optics.vignetting is None else optics.vignetting.factor(camera)
+
+    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the image at time t from a viewpoint, both in the middle of the exposure; see `Renderer.render`."""
+        fine = self._mean(t, viewpoint)
+        psf, parts, margin = self._optics.psf, self._parts, self._margin
+        if psf is not None:
+            fine = blurred(fine, psf, parts)
+        height, width = self._camera.height, self._camera.width
+        image = fine.reshape(height + 2 * margin, parts, width + 2 * margin, parts).mean(axis=(1, 3))
+        image = image[margin : margin + height, margin : margin + width]
+        if self._shade is not None:
+            image = image * self._shade
+        return np.asarray(image, dtype=np.float32)
+
+    def _mean(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float64]:
+        shutter = self._shutter
+        offsets_s, points_mm = self._samples(t, viewpoint)
+        focus = np.inf if self._optics.defocus is None else self._optics.defocus.focus_distance_mm
+        total = np.zeros(
+            (
+                (self._camera.height + 2 * self._margin) * self._parts,
+                (self._camera.width + 2 * self._margin) * self._parts,
+            )
+        )
+        for offset_s, point in zip(offsets_s, points_mm, strict=True):
+            aside = viewpoint.directions_to_world(np.array([point[0], point[1], 0.0]))
+            shear = (-float(point[0]) / focus, -float(point[1]) / focus)
+            for band in self._bands:
+                first, last = band.rows
+                middle = (first + last - 1) / 2 / self._parts - self._margin - (0.5 - 0.5 / self._parts)
+                later_s = float(offset_s + shutter.row_offsets_s(np.array(middle), self._camera.height))
+                travel = np.array([shutter.stage_speed_mm_per_s * later_s, 0.0, 0.0])
+                image = band.renderer.render(
+                    t + later_s / self._frame_interval_s, viewpoint.moved(aside + travel, shear)
+                )
+                total[first:last] += image[band.margin : band.margin + last - first]
+        return total / len(offsets_s)
+
+    def _samples(self, t: float, viewpoint: Viewpoint) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return times in s and points on the aperture in mm, one of each for every sharp image."""
+        shutter, defocus = self._shutter, self._optics.defocus
+        count = 1
+        if shutter.exposure_time_s > 0:
+            count = self._moments(t, viewpoint) if shutter.samples == "auto" else shutter.samples
+        if defocus is None:
+            return shutter.exposure_offsets_s(count), np.zeros((count, 2))
+        moving, count = count > 1, max(count, defocus.samples)
+        points = defocus.points_mm(count)
+        if not moving:
+            return np.zeros(count), points
+        # Neighbours on the spiral at times far apart, so that every part of the aperture sees the whole exposure.
+        order = np.argsort(np.argsort((np.arange(count) * _GOLDEN) % 1.0))
+        return shutter.exposure_offsets_s(count)[order], points
+
+    def _moments(self, t: float, viewpoint: Viewpoint) -> int:
+        half = self._shutter.exposure_time_s / 2 / self._frame_interval_s
+        travel = self._shutter.stage_speed_mm_per_s * self._shutter.exposure_time_s
+        way = motion_px(self._world, self._camera, viewpoint, (t - half, t + half), travel)
+        return 1 if way == 0 else int(np.clip(np.ceil(_SAMPLES_PER_PX * way), _FEWEST, _MOST))
+
+    def close(self) -> None:
+        """Close the renderers of all bands."""
+        for band in self._bands:
+            band.renderer.close()
+
+
+def bands_of(
+    camera: Camera, optics: Optics, shutter: Shutter, open_renderer: Callable[[Camera], Renderer]
+) -> list[Band]:
+    """Open renderers for what a lens and a shutter need: of one fine image, or of each row of pixels.
+
+    Parameters
+    ----------
+    camera, optics, shutter
+        The camera.
+    open_renderer
+        Opens a renderer for a camera.
+    """
+    parts, margin = fine_parts(optics.psf), margin_px(optics.psf)
+    fine = camera.refined(parts, margin) if optics.psf is not None else camera
+    if shutter.readout_time_s == 0:
+        return [Band((0, fine.height), 0, open_renderer(fine))]
+    return [
+        # A row above and one below, as rays at the border need neighbours to be exact.
+        Band((first, first + parts), 1, open_renderer(fine.rows(first - 1, first + parts + 1)))
+        for first in range(0, fine.height, parts)
+    ]
