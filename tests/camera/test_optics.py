@@ -65,7 +65,7 @@ def test_vignetting_is_the_cos4_law_times_a_polynomial() -> None:
 
 def test_rows_and_moments_of_a_shutter() -> None:
     shutter = Shutter(exposure_time_s=0.01, readout_time_s=0.02)
-    offsets = shutter.row_offsets_s(np.arange(480), 480)
+    offsets = shutter.row_offsets_s(np.arange(480.0), 480)
     assert offsets[-1] - offsets[0] == pytest.approx(0.02)
     assert offsets.mean() == pytest.approx(0, abs=1e-15)
     moments = shutter.exposure_offsets_s(4)

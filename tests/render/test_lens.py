@@ -88,7 +88,7 @@ def test_the_gaussian_edge_in_closed_form() -> None:
     sigma = 0.9
     image = image_of(edge(24.0, optics={"psf": {"kind": "gaussian", "sigma_px": sigma}}))
 
-    def integral(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def integral(x: Any) -> Any:
         share = 0.5 * (1 + erf(x / (sigma * np.sqrt(2))))
         return x * share + sigma / np.sqrt(2 * np.pi) * np.exp(-0.5 * (x / sigma) ** 2)
 

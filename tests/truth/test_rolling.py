@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from tests.scenes import cube
 
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene.world import build_world
 from scenetruth.truth import GeometryPass, truth_by_rows, truth_maps
+from tests.scenes import cube
 
 
 def test_each_row_is_that_of_an_image_at_its_time() -> None:

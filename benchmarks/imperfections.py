@@ -1,0 +1,61 @@
+"""Measure what each imperfection of camera, stage, light and sensor costs on the noise cube; print a table.
+
+Run it from the top of the repository: ``python -m benchmarks.imperfections [NAME ...]``; about ten minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import scenetruth as st
+
+SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
+IDEAL = ["sensor=ideal", "render.backend=raycast", "render.supersampling=4"]
+
+# Each effect alone, at the size it has on a common rig; fewer samples per pixel where many images are averaged.
+_FEWER = "render.supersampling=2"
+EFFECTS: dict[str, list[str]] = {
+    "none": [],
+    "Gaussian noise 1 %, 8 bit": ["sensor={noise_std: 0.01, bit_depth: 8}"],
+    "scientific CMOS": ["sensor={kind: emva1288, preset: scientific_cmos}"],
+    "industrial CMOS": ["sensor={kind: emva1288, preset: industrial_cmos}"],
+    "CCD of about 2002": ["sensor={kind: emva1288, preset: ccd_2002}"],
+    "point spread, Gaussian, 0.7 px": ["optics.psf={kind: gaussian, sigma_px: 0.7}"],
+    "diffraction, f/16, 0.55 µm, 3.45 µm pixels": [
+        "optics.psf={kind: airy, wavelength_um: 0.55, f_number: 16, pixel_pitch_um: 3.45}"
+    ],
+    "defocus, aperture 3 mm, focus at 660 mm": ["optics.defocus={aperture_mm: 3, focus_distance_mm: 660}", _FEWER],
+    "vignetting, cos⁴ and 20 % in the corners": ["optics.vignetting={coefficients: [-0.2, 0, 0]}"],
+    "distortion, 1 px in the corners": ["camera.distortion={k1: -0.4}"],
+    "exposure of half the frame": ["shutter.exposure_time_s=0.5", _FEWER],
+    "stage moving 10 µm per exposure": ["shutter={exposure_time_s: 0.01, stage_speed_mm_per_s: 1.0}", _FEWER],
+    "rolling shutter, 0.1 frame": ["shutter.readout_time_s=0.1", _FEWER],
+    "screw stage": ["stage.errors={preset: screw_stage}"],
+    "air bearing": ["stage.errors={preset: air_bearing}"],
+    "0.1 frame per position": ["stage.time_per_position_s=0.1"],
+    "brightness drifting 1 % per frame": ["lighting.drift_per_frame=0.01"],
+}
+QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y")
+
+
+def main(names: list[str]) -> None:
+    """Simulate, estimate and score every effect."""
+    print(
+        "| effect, alone | depth mm | disparity px/step | U_X mm/frame | U_Y | U_Z | flow x px/frame | y | seen | s |"
+    )
+    print("|---|" + 9 * "---|")
+    for name, changes in EFFECTS.items():
+        if names and not any(part in name for part in names):
+            continue
+        start = time.perf_counter()
+        recording, truth = st.simulate(st.load_scene(SCENE, IDEAL + changes))
+        table = st.score(st.estimate(recording), truth).to_frame().loc["interior"]
+        cells = [f"{table.loc[quantity, 'rms']:.2g}" for quantity in QUANTITIES]
+        share = table.loc["depth", "density"]
+        print(f"| {name} | {' | '.join(cells)} | {share:.2f} | {time.perf_counter() - start:.0f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
