@@ -1,6 +1,6 @@
 """Measure what each imperfection of camera, stage, light and sensor costs on the noise cube; print a table.
 
-Run it from the top of the repository: ``python -m benchmarks.imperfections [NAME ...]``; about ten minutes on two cores.
+Run it from the top of the repository: ``python -m benchmarks.imperfections [NAME ...]``; about ten minutes.
 """
 
 from __future__ import annotations
