@@ -40,7 +40,10 @@ def test_images_and_truth_show_the_same_surface() -> None:
     assert (lit == seen)[sure].all()
 
 
-@pytest.mark.parametrize("sensor", ["ideal", {"bit_depth": 8, "noise_std": 0.01}])
+@pytest.mark.parametrize(
+    "sensor",
+    ["ideal", {"bit_depth": 8, "noise_std": 0.01}, {"kind": "emva1288", "preset": "ccd_2002"}],
+)
 def test_same_scene_same_bytes_in_another_process_and_with_another_hash_seed(sensor: object) -> None:
     scene = cube(**SMALL, sensor=sensor)
     code = (
@@ -53,7 +56,12 @@ def test_same_scene_same_bytes_in_another_process_and_with_another_hash_seed(sen
         done = subprocess.run(
             [sys.executable, "-c", code],
             input=json.dumps(scene.to_plain()),
-            env={"PYTHONHASHSEED": seed, "NUMBA_NUM_THREADS": threads, "PATH": ""},
+            env={
+                "PYTHONHASHSEED": seed,
+                "NUMBA_NUM_THREADS": threads,
+                "PATH": "",
+                "PYTHONPATH": str(Path(st.__file__).parents[1]),
+            },
             capture_output=True,
             text=True,
             check=True,

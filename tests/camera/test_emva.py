@@ -1,4 +1,4 @@
-"""A virtual EMVA 1288 measurement gives back what the sensor was told to be."""
+"""The sensor of EMVA 1288: what it makes of light, and which sensors cannot be."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.camera import EmvaSensor
+from scenetruth.camera import PRESETS, EmvaSensor
 from scenetruth.scene import scene_from_plain
 from tests.scenes import cube
 
@@ -71,59 +71,6 @@ def stacks(sensor: EmvaSensor, level: float, count: int) -> Array:
     return np.stack([sensor.sense(flat, np.random.default_rng([seed, n]), pattern) for n in range(count)]).astype(
         np.float64
     )
-
-
-def temporal_variance(images: Array) -> float:
-    """From the difference of two images: what the pixels have in common with themselves drops out."""
-    return float(np.mean((images[0] - images[1]) ** 2) / 2 - np.mean(images[0] - images[1]) ** 2 / 2)
-
-
-@pytest.mark.parametrize("name", SENSORS)
-def test_photon_transfer(name: str) -> None:
-    sensor = made(name)
-    saturation = sensor.full_well_e / (sensor.quantum_efficiency * sensor.photon_rate_per_s * sensor.exposure_time_s)
-    levels = saturation * np.linspace(0.05, 0.7, 12)
-    dark = stacks(sensor, 0.0, 2)
-    dark_mean, dark_variance = dark.mean(), temporal_variance(dark)
-    means, variances = [], []
-    for level in levels:
-        pair = stacks(sensor, float(level), 2)
-        means.append(pair.mean() - dark_mean)
-        variances.append(temporal_variance(pair) - dark_variance)
-    # The gain is the slope of the variance over the mean; quantisation adds the same to both.
-    gain = float(np.dot(means, variances) / np.dot(means, means))
-    assert gain == pytest.approx(sensor.gain_dn_per_e, rel=0.01)
-    dark_e = sensor.dark_current_e_per_s * sensor.exposure_time_s
-    noise_e = np.sqrt((dark_variance - 1 / 12) / gain**2 - dark_e)
-    assert noise_e == pytest.approx(sensor.temporal_dark_noise_e, rel=0.03)
-    # Responsivity: digital numbers per photon are K eta; the response is a straight line.
-    photons = levels * sensor.photon_rate_per_s * sensor.exposure_time_s
-    slope = float(np.dot(photons, means) / np.dot(photons, photons))
-    assert slope / gain == pytest.approx(sensor.quantum_efficiency, rel=0.01)
-    assert np.max(np.abs(means / (slope * photons) - 1)) <= 0.001
-
-
-@pytest.mark.parametrize("name", SENSORS)
-def test_fixed_pattern(name: str) -> None:
-    sensor = made(name)
-    half = 0.5 * sensor.full_well_e / (sensor.quantum_efficiency * sensor.photon_rate_per_s * sensor.exposure_time_s)
-    count = 60
-    dark, light = stacks(sensor, 0.0, count), stacks(sensor, half, count)
-    # Spatial variance of the mean images, without what is left of the temporal noise.
-    spatial = [stack.mean(axis=0).var() - stack.var(axis=0, ddof=1).mean() / count for stack in (dark, light)]
-    dsnu_e = np.sqrt(spatial[0]) / sensor.gain_dn_per_e
-    prnu = np.sqrt(spatial[1] - spatial[0]) / (light.mean() - dark.mean())
-    assert dsnu_e == pytest.approx(sensor.dsnu_e, rel=0.03)
-    assert prnu == pytest.approx(sensor.prnu, rel=0.03)
-
-
-@pytest.mark.parametrize("name", SENSORS)
-def test_full_well(name: str) -> None:
-    sensor = made(name)
-    bright = stacks(sensor, 10.0, 2)
-    held = (bright.mean() - sensor.black_level_dn) / sensor.gain_dn_per_e
-    assert held == pytest.approx(sensor.full_well_e, rel=0.01)
-    assert bright.max() <= sensor.full_scale
 
 
 def test_digital_numbers_saturate() -> None:
@@ -189,6 +136,36 @@ def test_patterns_stay_and_noise_does_not() -> None:
     np.testing.assert_allclose(correlation, shared, atol=0.08)
 
 
+@pytest.mark.parametrize("preset", sorted(PRESETS))
+def test_a_wall_shows_one_pattern_and_fresh_noise(preset: str) -> None:
+    wall = {
+        "name": "wall",
+        "mesh": {"kind": "plane", "size_mm": [400, 400]},
+        "pose": {"position_mm": [0, 0, 660]},
+        "texture": {"kind": "uniform"},
+    }
+    parts = {"objects": [wall], "stage": {"positions": 2, "baseline_mm": 5.0}, "seed": 3}
+    scene = cube(**parts, frames={"count": 3}, sensor={"kind": "emva1288", "preset": preset})
+    recording, _ = st.simulate(scene)
+    images = recording["image"].values.reshape(6, -1).astype(np.float64)
+    emva = scene.sensor
+    assert isinstance(emva, EmvaSensor)
+    electrons = 0.5 * emva.photon_rate_per_s * emva.exposure_time_s * emva.quantum_efficiency
+    pattern = (emva.prnu * electrons) ** 2 + emva.dsnu_e**2
+    noise = electrons + emva.temporal_dark_noise_e**2 + 1 / 12 / emva.gain_dn_per_e**2
+    # 19,200 pixels: five standard errors of a correlation.
+    bound = 5 / np.sqrt(images.shape[1])
+    between = np.asarray(np.corrcoef(images))[np.triu_indices(6, 1)]
+    np.testing.assert_allclose(between, pattern / (pattern + noise), atol=bound)
+    # The pattern drops out of differences, and what remains of three pairs has nothing in common.
+    differences = np.asarray(np.corrcoef(images[::2] - images[1::2])) - np.eye(3)
+    assert np.abs(differences).max() < bound
+    assert (images[0] - images[1]).std() / emva.gain_dn_per_e == pytest.approx(np.sqrt(2 * noise), rel=0.03)
+    # An image does not depend on how many others there are.
+    single, _ = st.simulate(cube(**parts, frames={"count": 1}, sensor={"kind": "emva1288", "preset": preset}))
+    np.testing.assert_array_equal(single["image"].sel(t=0), recording["image"].sel(t=0))
+
+
 @pytest.mark.parametrize(
     ("changes", "path", "message"),
     [
@@ -198,6 +175,22 @@ def test_patterns_stay_and_noise_does_not() -> None:
         ({"bit_depth": 20}, "sensor.bit_depth", "less than or equal to 16"),
         ({"prnu": float("nan")}, "sensor.prnu", ""),
         ({"kind": "other"}, "sensor", "kind gaussian"),
+        ({"quantum_efficiency": 0}, "sensor.quantum_efficiency", "greater than 0"),
+        ({"exposure_time_s": 0}, "sensor.exposure_time_s", "greater than 0"),
+        ({"gain_dn_per_e": -1.0}, "sensor.gain_dn_per_e", "greater than 0"),
+        ({"full_well_e": 4.0}, "sensor.full_well_e", "does not reach one digital number: 0.8 at 0.2 per electron"),
+        ({"bit_depth": 0}, "sensor.bit_depth", "greater than or equal to 1"),
+        ({"black_level_dn": 4094.5}, "sensor.black_level_dn", "leaves less than one digital number for light"),
+        ({"black_level_dn": -1.0}, "sensor.black_level_dn", "greater than or equal to 0"),
+        ({"temporal_dark_noise_e": 2e4}, "sensor.temporal_dark_noise_e", "what the sensor can say, 18000 electrons"),
+        ({"dsnu_e": 1.8e4}, "sensor.dsnu_e", "what the sensor can say, 18000 electrons"),
+        # 12 bits at 10 DN per electron saturate long before the full well.
+        ({"gain_dn_per_e": 10.0, "dsnu_e": 500.0}, "sensor.dsnu_e", "what the sensor can say, 403.1 electrons"),
+        ({"dark_current_e_per_s": 2e6}, "sensor.dark_current_e_per_s", "saturates the sensor without light: 20000"),
+        ({"hot_pixel_share": 0.01}, "sensor.hot_pixel_current_e_per_s", "must not be below dark_current_e_per_s, 300"),
+        ({"prnu": 1.0}, "sensor.prnu", "less than 1"),
+        ({"gamma": 0.0}, "sensor.gamma", "greater than 0"),
+        ({"bayer_response": [1.0, 0.0, 1.0]}, "sensor.bayer_response.1", "greater than 0"),
         ({"fullwell": 3.0}, "sensor.fullwell", "unknown key; did you mean 'full_well_e'"),
     ],
 )
@@ -207,6 +200,18 @@ def test_impossible_sensors(changes: dict[str, Any], path: str, message: str) ->
         scene_from_plain(plain)
     assert [problem.path for problem in caught.value.problems] == [path]
     assert message in caught.value.problems[0].message
+    # What a user reads names the place and shows the value.
+    shown = str(caught.value).splitlines()[-1]
+    assert shown.startswith(f"  - {path}: ")
+    assert "(got " in shown
+
+
+def test_all_that_is_impossible_is_said_at_once() -> None:
+    wrong = {"gain_dn_per_e": 0.0, "quantum_efficiency": 0.0, "exposure_time_s": -1.0, "prnu": 2.0}
+    plain = cube().to_plain() | {"sensor": {"kind": "emva1288", **SENSORS["noisy"], **wrong}}
+    with pytest.raises(st.SceneError) as caught:
+        scene_from_plain(plain)
+    assert {problem.path for problem in caught.value.problems} == {f"sensor.{name}" for name in wrong}
 
 
 def test_scenes_keep_their_sensor() -> None:

@@ -4,13 +4,16 @@ from scenetruth.camera.correction import two_point_correction
 from scenetruth.camera.distortion import Distortion
 from scenetruth.camera.emva import EmvaSensor
 from scenetruth.camera.optics import AiryPsf, Defocus, GaussianPsf, Optics, Vignetting
+from scenetruth.camera.photon_transfer import PhotonTransfer, photon_transfer
 from scenetruth.camera.pinhole import Camera
+from scenetruth.camera.presets import PRESETS, Preset
 from scenetruth.camera.sensor import Sensor
 from scenetruth.camera.shutter import Shutter
 from scenetruth.camera.stage import Frames, Stage
 from scenetruth.camera.viewpoint import Viewpoint
 
 __all__ = [
+    "PRESETS",
     "AiryPsf",
     "Camera",
     "Defocus",
@@ -19,10 +22,13 @@ __all__ = [
     "Frames",
     "GaussianPsf",
     "Optics",
+    "PhotonTransfer",
+    "Preset",
     "Sensor",
     "Shutter",
     "Stage",
     "Viewpoint",
     "Vignetting",
+    "photon_transfer",
     "two_point_correction",
 ]
