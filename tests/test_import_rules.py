@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "simulate": {*LEAVES, "scene", "camera", "raycast", "render", "truth", "recording"},
     "estimate": {*LEAVES, "recording"},
     "score": {*LEAVES, "recording"},
-    "experiment": {*LEAVES, "recording", "estimate"},
+    "experiment": {*LEAVES, "camera", "recording", "estimate"},
 }
 
 

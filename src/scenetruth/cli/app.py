@@ -240,6 +240,27 @@ def figure2(
     typer.echo(f"written: {output / 'figure2.csv'}, {output / 'figure2.png'}")
 
 
+@experiments.command()
+def emva(
+    output: Output,
+    preset: Annotated[
+        list[str] | None,
+        typer.Option("--preset", metavar="NAME", help="A sensor preset; may be repeated; all if not given."),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Measure sensor presets as EMVA 1288 does: gain, noise, fixed patterns, saturation, linearity."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.experiment import run_emva
+    from scenetruth.storage import write_aside
+
+    with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
+        results = run_emva(folder, preset or (), progress=report)
+    for one in results:
+        typer.echo(f"{one.sensor:16} {one.quantity:22} {one.told:10.5g} {one.measured:10.5g} {100 * one.error:+8.3f} %")
+    typer.echo(f"written: {output / 'emva.csv'}, {output / 'emva_levels.csv'} and a picture of each sensor")
+
+
 def _load(scene: Path, overrides: list[str] | None) -> Scene:
     from scenetruth.scene import load_scene
 
