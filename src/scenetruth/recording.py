@@ -74,6 +74,11 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "object_id": Variable(_MAP, "1", "index of the object in the scene", {"no_surface": NO_SURFACE}),
         "face_id": Variable(_MAP, "1", "index of the triangle in its object's mesh", {"no_surface": NO_SURFACE}),
         "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a face edge of more than 1 degree"),
+        "camera_position_mm": Variable(("s", "t", "component"), "mm", "true position of the camera in the world"),
+        "camera_rotation_rad": Variable(
+            ("s", "t", "component"), "rad", "true rotation of the camera (rotation vector): pitch, yaw, roll"
+        ),
+        "image_time_s": Variable(("s", "t"), "s", "true time at which the image was taken"),
     },
     "estimate": {
         **_SURFACE,
@@ -94,7 +99,8 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "eigenvalues": Variable(("rank", *_MAP), "1", "eigenvalues l1 >= ... >= l5 of the structure tensor"),
     },
 }
-"""Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``."""
+"""Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``. Where cameras stand in rows,
+``s_y`` comes before ``s``."""
 
 _REQUIRED = {
     "recording": ("image",),
@@ -104,10 +110,12 @@ _REQUIRED = {
 
 _COORDINATES = {
     "s": ("1", "camera position on the stage, 0 is the reference"),
+    "s_y": ("1", "row of camera positions, 0 is the reference"),
     "t": ("1", "frame, 0 is the reference"),
     "y": ("px", "row of the pixel centre"),
     "x": ("px", "column of the pixel centre"),
     "stage_x_mm": ("mm", "position of the camera on the stage"),
+    "stage_y_mm": ("mm", "position of the row of cameras, positive downwards"),
     "time_s": ("s", "time of the frame"),
     "component": ("1", "component in the world frame"),
     "image_component": ("1", "component in the image"),
@@ -172,6 +180,7 @@ def label(
     t: ArrayLike,
     s: ArrayLike | None = None,
     stage_x_mm: ArrayLike | None = None,
+    stage_y_mm: ArrayLike | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Put names, coordinates and units on plain arrays.
@@ -182,13 +191,15 @@ def label(
         ``"recording"``, ``"truth"`` or ``"estimate"``: which table of `VARIABLES` holds.
     arrays
         The arrays by name. An array with one dimension more than its table says has ``s`` before ``t``; an image then
-        has ``channel`` behind ``x``.
+        has ``channel`` behind ``x``. Whatever has ``s`` has ``s_y`` before it if ``stage_y_mm`` is given.
     intrinsics
         Focal length, principal point, baseline, frame interval.
     t, s
         The frame and camera indices, 0 the reference.
     stage_x_mm
         The camera's position for every s; ``baseline_mm * s`` if not given.
+    stage_y_mm
+        The position of every row of a grid of cameras; the cameras stand in one row if not given.
     attrs
         More attributes.
 
@@ -201,12 +212,7 @@ def label(
     for name, array in arrays.items():
         entry = VARIABLES[kind][name]
         values = np.asarray(array)
-        dims = entry.dims
-        if values.ndim == len(dims) + 1 and kind == "recording":
-            dims = (*dims, "channel")
-        elif values.ndim == len(dims) + 1:
-            at = dims.index("t")
-            dims = (*dims[:at], "s", *dims[at:])
+        dims = _dims_of(kind, entry, values.ndim, rows=stage_y_mm is not None)
         variables[name] = xr.Variable(
             dims, values, {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
         )
@@ -222,6 +228,9 @@ def label(
         steps = centred_indices(sizes["s"]) if s is None else np.asarray(s, dtype=np.int64)
         positions = intrinsics.baseline_mm * steps if stage_x_mm is None else np.asarray(stage_x_mm, dtype=np.float64)
         coordinates |= {"s": ("s", steps), "stage_x_mm": ("s", positions)}
+    if "s_y" in sizes:
+        below = np.asarray(stage_y_mm, dtype=np.float64)
+        coordinates |= {"s_y": ("s_y", centred_indices(sizes["s_y"])), "stage_y_mm": ("s_y", below)}
     if "component" in sizes:
         coordinates["component"] = ("component", ["X", "Y", "Z"])
     if "image_component" in sizes:
@@ -252,6 +261,7 @@ def make_recording(
     frame_interval_s: float = 1.0,
     *,
     stage_x_mm: ArrayLike | None = None,
+    stage_y_mm: ArrayLike | None = None,
     full_scale: float | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
@@ -261,7 +271,7 @@ def make_recording(
     ----------
     images
         Grey values, shape (s, t, y, x), or colours, (s, t, y, x, channel); integers are digital numbers, floats linear
-        radiance.
+        radiance. With ``stage_y_mm``, the cameras stand in a grid, and ``s_y`` comes before ``s``.
     focal_length_px
         f, in pixels.
     baseline_mm
@@ -272,6 +282,8 @@ def make_recording(
         Time between two frames.
     stage_x_mm
         The camera's position for every s, 0 at the reference; ``baseline_mm * s`` if not given.
+    stage_y_mm
+        The position of every row of a grid of cameras, 0 at the reference, the middle row; one row if not given.
     full_scale
         The largest value that an image can hold; 1 for floats and the type's largest for integers if not given.
         The grey values of the paper, in [-1, 1], are ``2 image / full_scale - 1``.
@@ -281,7 +293,7 @@ def make_recording(
     Returns
     -------
     xarray.Dataset
-        ``image`` (s, t, y, x[, channel]) with coordinates, units and intrinsics.
+        ``image`` ([s_y, ]s, t, y, x[, channel]) with coordinates, units and intrinsics.
 
     Raises
     ------
@@ -297,16 +309,22 @@ def make_recording(
     [31.5, 15.5]
     """
     values = np.asarray(images)
-    if values.ndim not in (4, 5) or 0 in values.shape:
-        message = "must be a non-empty array with the dimensions (s, t, y, x), or (s, t, y, x, channel)"
+    grid = stage_y_mm is not None
+    if values.ndim - grid not in (4, 5) or 0 in values.shape:
+        names = "s_y, s, t, y, x" if grid else "s, t, y, x"
+        message = f"must be a non-empty array with the dimensions ({names}), or ({names}, channel)"
         raise RecordingError([Problem("images", message, values.shape)])
-    count_s, count_t, height, width = values.shape[:4]
+    count_s, count_t, height, width = values.shape[int(grid) :][:4]
     centre = ((width - 1) / 2, (height - 1) / 2)
     if full_scale is None:
         full_scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
     positions = None if stage_x_mm is None else np.asarray(stage_x_mm, dtype=np.float64)
     if positions is not None and positions.shape != (count_s,):
         problem = Problem("stage_x_mm", f"must hold one position for each of the {count_s} cameras", positions.shape)
+        raise RecordingError([problem])
+    rows = None if stage_y_mm is None else np.asarray(stage_y_mm, dtype=np.float64)
+    if rows is not None and rows.shape != (len(values),):
+        problem = Problem("stage_y_mm", f"must hold one position for each of the {len(values)} rows", rows.shape)
         raise RecordingError([problem])
     dataset = label(
         "recording",
@@ -315,6 +333,7 @@ def make_recording(
         t=centred_indices(count_t),
         s=centred_indices(count_s),
         stage_x_mm=positions,
+        stage_y_mm=rows,
         attrs={"full_scale": float(full_scale), **(attrs or {})},
     )
     check_dataset(dataset, "recording")
@@ -358,6 +377,20 @@ def check_dataset(dataset: xr.Dataset, kind: str) -> None:
         raise RecordingError(problems, source=kind)
 
 
+def _dims_of(kind: str, entry: Variable, count: int, *, rows: bool) -> tuple[str, ...]:
+    """Return the names of an array's dimensions, from how many it has."""
+    dims = entry.dims
+    if rows and "s" in dims:
+        at = dims.index("s")
+        dims = (*dims[:at], "s_y", *dims[at:])
+    if count == len(dims):
+        return dims
+    if kind == "recording":
+        return (*dims, "channel")
+    at = dims.index("t")
+    return (*dims[:at], *(("s_y", "s") if rows else ("s",)), *dims[at:])
+
+
 def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
     problems = [
         Problem(name, f"is missing; a {kind} must have it", sorted(map(str, dataset.data_vars)))
@@ -368,9 +401,12 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         if name not in dataset:
             continue
         dims = tuple(map(str, dataset[name].dims))
-        if kind == "recording" and dims == (*entry.dims, "channel"):
-            continue
-        if tuple(dim for dim in dims if dim != "s" or kind == "recording") != entry.dims:
+        if kind == "recording" and dims[-1:] == ("channel",):
+            dims = dims[:-1]
+        # A truth may be that of one camera or of all; a recording needs its cameras.
+        views = ("s_y",) if kind == "recording" else ("s_y", "s")
+        found, needed = (tuple(dim for dim in names if dim not in views) for names in (dims, entry.dims))
+        if found != needed:
             problems.append(Problem(name, f"must have the dimensions {entry.dims}", dims))
     return problems
 
@@ -402,21 +438,20 @@ def _image_problems(dataset: xr.Dataset) -> list[Problem]:
         return problems
     problems += [
         Problem(name, "is missing; the images need this coordinate", sorted(map(str, dataset.coords)))
-        for name in ("s", "t", "stage_x_mm")
+        for name in ("s", "t", "stage_x_mm", *(("s_y", "stage_y_mm") if "s_y" in dataset["image"].dims else ()))
         if name not in dataset.coords
     ]
     image = dataset["image"]
     if image.dtype.kind not in "uif":
         problems.append(Problem("image", "must hold real numbers", str(image.dtype)))
-    for name in ("s", "t"):
+    for name in ("s_y", "s", "t"):
         if name in dataset.coords and name in image.dims:
             values = dataset[name].values
             if 0 not in values or np.any(np.diff(values) != 1):
                 problems.append(Problem(name, "must be consecutive integers with 0 the reference", values.tolist()))
-    if "stage_x_mm" in dataset.coords:
-        positions = dataset["stage_x_mm"].values
-        if not np.all(np.isfinite(positions)):
-            problems.append(Problem("stage_x_mm", "must be finite", positions.tolist()))
+    for name in ("stage_x_mm", "stage_y_mm"):
+        if name in dataset.coords and not np.all(np.isfinite(dataset[name].values)):
+            problems.append(Problem(name, "must be finite", dataset[name].values.tolist()))
     return problems
 
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera, Viewpoint
+from scenetruth.camera import Camera, Schedule
 from scenetruth.raycast import Topology
 from scenetruth.recording import VARIABLES, Intrinsics, label, make_recording
 from scenetruth.render import choose_renderer
@@ -23,10 +24,11 @@ from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World, build_world, generator_for
 from scenetruth.truth import GeometryPass, truth_maps
 
-__all__ = ["TruthViews", "make_truth", "scene_hash", "simulate"]
+__all__ = ["TruthPoses", "TruthViews", "make_truth", "scene_hash", "simulate"]
 
 Progress = Callable[[str, int, int], None]
 TruthViews = Literal["reference", "all"]
+TruthPoses = Literal["real", "nominal"]
 
 _PACKAGES = (
     "scenetruth",
@@ -46,6 +48,7 @@ def simulate(
     scene: Scene,
     *,
     truth_views: TruthViews = "reference",
+    truth_poses: TruthPoses = "real",
     ideal: bool = False,
     folder: str | Path = "",
     progress: Progress | None = None,
@@ -58,6 +61,9 @@ def simulate(
         The scene.
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
+    truth_poses
+        ``"real"``: truth of what each pixel saw, from where the camera stood when the image was taken; ``"nominal"``:
+        of what it would have seen from where, and when, it was planned.
     ideal
         Whether the recording also holds ``ideal``, the linear images without noise that the sensor was given.
     folder
@@ -69,6 +75,8 @@ def simulate(
     -------
     tuple
         The recording, ``image`` (s, t, y, x) and perhaps ``ideal``, and the truth, maps (t, y, x) or (s, t, y, x).
+        The recording says where and when images were planned, the truth where and when they were taken in fact. If the
+        stage has rows, ``s_y`` comes before ``s``.
 
     Raises
     ------
@@ -80,35 +88,45 @@ def simulate(
     world = build_world(scene, Path(folder))
     check_scene(scene, world)
     recording = _record(scene, world, progress, ideal=ideal)
-    truth = make_truth(scene, world, truth_views=truth_views, progress=progress)
+    truth = make_truth(scene, world, truth_views=truth_views, truth_poses=truth_poses, progress=progress)
     return recording, truth
 
 
 def make_truth(
-    scene: Scene, world: World, *, truth_views: TruthViews = "reference", progress: Progress | None = None
+    scene: Scene,
+    world: World,
+    *,
+    truth_views: TruthViews = "reference",
+    truth_poses: TruthPoses = "real",
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the truth of a scene without rendering it; see `simulate`."""
-    stage, frames = scene.stage, scene.frames
-    views = [0] if truth_views == "reference" else stage.s.tolist()
+    stage, frames, schedule = scene.stage, scene.frames, _schedule_of(scene)
+    moment_of = schedule.moment if truth_poses == "real" else schedule.nominal
+    reference = truth_views == "reference"
+    views = [(0, 0)] if reference else [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
+    geometry = None
     arrays: dict[str, NDArray[Any]] = {}
     total = len(views) * frames.count
     for n, t in enumerate(frames.t.tolist()):
-        geometry = GeometryPass(world, topology, float(t))
-        for m, s in enumerate(views):
+        for m, (s_y, s) in enumerate(views):
             if progress is not None:
                 progress("truth", n * len(views) + m, total)
-            for name, values in truth_maps(
-                geometry, scene.camera, Viewpoint.on_axis(stage.baseline_mm * s), stage.baseline_mm
-            ).items():
+            moment = moment_of(s, t, s_y)
+            if geometry is None or geometry.snapshot.t != moment.t:
+                geometry = GeometryPass(world, topology, moment.t)
+            for name, values in truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm).items():
                 if name not in arrays:
                     lead = values.shape[:-2]
                     arrays[name] = np.empty((*lead, len(views), frames.count, *values.shape[-2:]), dtype=values.dtype)
                 arrays[name][..., m, n, :, :] = values
     if progress is not None:
         progress("truth", total, total)
-    if truth_views == "reference":
-        arrays = {name: values[..., 0, :, :, :] for name, values in arrays.items()}
+    lead = () if reference else (stage.rows, stage.positions) if stage.rows > 1 else (stage.positions,)
+    arrays = {
+        name: values.reshape(*values.shape[:-4], *lead, *values.shape[-3:]) for name, values in arrays.items()
+    } | _poses(scene, schedule)
     names = json.dumps([item.name for item in scene.objects])
     return label(
         "truth",
@@ -117,8 +135,27 @@ def make_truth(
         t=frames.t,
         s=stage.s,
         stage_x_mm=stage.x_mm,
-        attrs={**_provenance(scene), "object_names": names},
+        stage_y_mm=stage.y_mm if stage.rows > 1 else None,
+        attrs={**_provenance(scene), "object_names": names, "truth_poses": truth_poses},
     )
+
+
+def _schedule_of(scene: Scene) -> Schedule:
+    return Schedule(scene.stage, scene.frames, partial(generator_for, scene.seed, "stage"))
+
+
+def _poses(scene: Scene, schedule: Schedule) -> dict[str, NDArray[np.float64]]:
+    """Return where and when all images are taken in fact."""
+    stage, frames = scene.stage, scene.frames
+    shape = (stage.rows, stage.positions, frames.count)
+    position, rotation, time = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty(shape)
+    for index in np.ndindex(shape):
+        s_y, s, t = (int(axis[k]) for axis, k in zip((stage.s_y, stage.s, frames.t), index, strict=True))
+        moment = schedule.moment(s, t, s_y)
+        position[index], rotation[index] = moment.viewpoint.position_mm, moment.rotation_rad
+        time[index] = moment.t * frames.frame_interval_s
+    poses = {"camera_position_mm": position, "camera_rotation_rad": rotation, "image_time_s": time}
+    return poses if stage.rows > 1 else {name: values[0] for name, values in poses.items()}
 
 
 def scene_hash(scene: Scene) -> str:
@@ -133,27 +170,33 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
     pattern = None
     if sensor is not None:
         pattern = sensor.fixed_pattern((camera.height, camera.width), generator_for(scene.seed, "sensor", "pattern"))
-    shape = (stage.positions, frames.count, camera.height, camera.width)
+    schedule = _schedule_of(scene)
+    shape = (stage.rows, stage.positions, frames.count, camera.height, camera.width)
     images: NDArray[Any] = np.empty(shape, dtype=np.float32 if sensor is None else sensor.dtype)
     linear: NDArray[np.float32] | None = np.empty(shape, dtype=np.float32) if ideal else None
-    total, done = stage.positions * frames.count, 0
+    places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
+    total, done = len(places) * frames.count, 0
     choice = choose_renderer(scene, world)
     with choice.renderer as renderer:
         for n, t in enumerate(frames.t.tolist()):
-            for m, s in enumerate(stage.s.tolist()):
+            for k, m, s_y, s in places:
                 if progress is not None:
                     progress("render", done, total)
-                radiance = renderer.render(float(t), Viewpoint.on_axis(stage.baseline_mm * s))
+                moment = schedule.moment(s, t, s_y)
+                radiance = renderer.render(moment.t, moment.viewpoint)
                 if linear is not None:
-                    linear[m, n] = radiance
+                    linear[k, m, n] = radiance
                 if sensor is None:
-                    images[m, n] = radiance
+                    images[k, m, n] = radiance
                 else:
-                    noise = generator_for(scene.seed, "sensor", s, t)
-                    images[m, n] = sensor.sense(radiance, noise, pattern)
+                    # The reference row is sensed as if it were the only one.
+                    noise = generator_for(scene.seed, "sensor", *((s_y,) if s_y else ()), s, t)
+                    images[k, m, n] = sensor.sense(radiance, noise, pattern)
                 done += 1
     if progress is not None:
         progress("render", total, total)
+    if stage.rows == 1:
+        images, linear = images[0], None if linear is None else linear[0]
     recording = make_recording(
         images,
         camera.focal_px,
@@ -161,6 +204,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
         camera.principal_point,
         frames.frame_interval_s,
         stage_x_mm=stage.x_mm,
+        stage_y_mm=stage.y_mm if stage.rows > 1 else None,
         full_scale=1.0 if sensor is None else sensor.full_scale,
         attrs={
             **_provenance(scene),
@@ -170,7 +214,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
     )
     if linear is not None:
         entry = VARIABLES["recording"]["ideal"]
-        recording["ideal"] = (entry.dims, linear, {"units": entry.units, "long_name": entry.long_name})
+        recording["ideal"] = (recording["image"].dims, linear, {"units": entry.units, "long_name": entry.long_name})
     return recording
 
 

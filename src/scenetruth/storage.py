@@ -10,8 +10,9 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -130,7 +131,11 @@ def save(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> N
     import zarr
 
     encoding = {
-        str(name): {"chunks": tuple(size if dim in ("y", "x") else 1 for dim, size in variable.sizes.items())}
+        str(name): {
+            "chunks": tuple(
+                size if dim in ("y", "x") or "x" not in variable.dims else 1 for dim, size in variable.sizes.items()
+            )
+        }
         for name, variable in dataset.data_vars.items()
     }
     with write_aside(path, overwrite=overwrite) as aside, warnings.catch_warnings():
@@ -209,7 +214,7 @@ def _unstable_specification() -> type[Warning]:
 
 
 def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png", "tiff"]) -> None:
-    """Write every image of a recording as a file ``s+0_t+0.png``.
+    """Write every image of a recording as a file ``s+0_t+0.png``, or ``r+0_s+0_t+0.png`` in row ``s_y`` = 0 of a grid.
 
     Parameters
     ----------
@@ -226,12 +231,11 @@ def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png",
     folder = Path(folder)
     folder.mkdir(parents=True)
     full_scale = float(recording.attrs["full_scale"])
-    for s in recording["s"].values:
-        for t in recording["t"].values:
-            image = recording["image"].sel(s=s, t=t).values.astype(np.float64) / full_scale
-            values: np.ndarray[Any, Any]
-            if form == "png":
-                values = np.rint(np.clip(image, 0, 1) * 65535).astype(np.uint16)
-            else:
-                values = image.astype(np.float32)
-            imageio.imwrite(folder / f"s{s:+d}_t{t:+d}.{form}", values)
+    images = recording["image"]
+    leading = [dim for dim in ("s_y", "s", "t") if dim in images.dims]
+    for index in product(*(recording[dim].values for dim in leading)):
+        at = dict(zip(leading, index, strict=True))
+        image = images.sel(at).values.astype(np.float64) / full_scale
+        values = np.rint(np.clip(image, 0, 1) * 65535).astype(np.uint16) if form == "png" else image.astype(np.float32)
+        name = "_".join(f"{'r' if dim == 's_y' else dim}{number:+d}" for dim, number in at.items())
+        imageio.imwrite(folder / f"{name}.{form}", values)

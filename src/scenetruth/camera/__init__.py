@@ -7,9 +7,11 @@ from scenetruth.camera.optics import AiryPsf, Defocus, GaussianPsf, Optics, Vign
 from scenetruth.camera.photon_transfer import PhotonTransfer, photon_transfer
 from scenetruth.camera.pinhole import Camera
 from scenetruth.camera.presets import PRESETS, Preset
+from scenetruth.camera.schedule import Moment, Schedule
 from scenetruth.camera.sensor import Sensor
 from scenetruth.camera.shutter import Shutter
 from scenetruth.camera.stage import Frames, Stage
+from scenetruth.camera.stage_errors import StageErrors
 from scenetruth.camera.viewpoint import Viewpoint
 
 __all__ = [
@@ -21,12 +23,15 @@ __all__ = [
     "EmvaSensor",
     "Frames",
     "GaussianPsf",
+    "Moment",
     "Optics",
     "PhotonTransfer",
     "Preset",
+    "Schedule",
     "Sensor",
     "Shutter",
     "Stage",
+    "StageErrors",
     "Viewpoint",
     "Vignetting",
     "photon_transfer",

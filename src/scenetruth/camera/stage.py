@@ -2,25 +2,69 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
+from scenetruth.camera.stage_errors import StageErrors
 from scenetruth.indexing import centred_indices
-from scenetruth.model import Finite, FrozenModel, Positive
+from scenetruth.model import Finite, FrozenModel, NonNegative, Positive
 
 __all__ = ["Frames", "Stage"]
 
+_COINCIDE_MM = 1e-6
+
+
+def _either_spelling(schema: dict[str, Any]) -> None:
+    """Say in the JSON Schema that positions come as a number with a baseline, or as a list."""
+    schema.pop("required", None)
+    schema["anyOf"] = [{"required": ["positions", "baseline_mm"]}, {"required": ["positions_mm"]}]
+
 
 class Stage(FrozenModel):
-    """A linear stage along X with equidistant positions; position 0 is the reference."""
+    """A linear stage along X; position 0 is the reference.
+
+    Its positions are equidistant (``positions`` and ``baseline_mm``), or any list (``positions_mm``).
+    """
+
+    model_config = ConfigDict(json_schema_extra=_either_spelling)
 
     positions: Annotated[int, Field(ge=1, le=1001)]
     """Number of camera positions; the reference is the middle one (the lower middle of an even number)."""
     baseline_mm: Finite
-    """V_X, displacement in mm from one position to the next, positive to the right."""
+    """V_X, displacement in mm from one position to the next, positive to the right. With ``positions_mm`` it is only
+    the unit of s that disparities refer to, and their mean distance if not given."""
+    positions_mm: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=1001)] | None = None
+    """X of every position in mm, in order along the stage, instead of ``positions``; the reference is the middle one
+    (the lower middle of an even number) and stands at 0."""
+    rows: Annotated[int, Field(ge=1, le=1001)] = 1
+    """Number of rows of a grid of positions; the reference row is the middle one, like the reference position."""
+    row_spacing_mm: Annotated[Finite | None, Field(validate_default=True)] = None
+    """Displacement in mm from one row to the next, positive downwards."""
+    scan: Literal["unidirectional", "bidirectional"] = "unidirectional"
+    """Order of positions in time: always as listed, row by row; or to and fro, a row and a frame ending where the next
+    begins."""
+    time_per_position_s: NonNegative = 0.0
+    """Time from one image to the next within a frame, for travel, settling and exposure; 0: all at once."""
+    errors: StageErrors | None = None
+    """How far the camera is from where it should be; null for a perfect stage."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _count(cls, values: Any) -> Any:
+        if not isinstance(values, dict) or values.get("positions_mm") is None:
+            return values
+        listed, filled = values["positions_mm"], dict(values)
+        known = isinstance(listed, list | tuple) and len(listed) > 0
+        if filled.get("positions") is None:
+            filled["positions"] = len(listed) if known else 1
+        if filled.get("baseline_mm") is None and not (known and len(listed) == 1):
+            # Where there is no mean, the list itself is at fault, and its own check says so.
+            filled["baseline_mm"] = (_mean_step(listed) if known else None) or 1.0
+        return filled
 
     @field_validator("baseline_mm")
     @classmethod
@@ -30,6 +74,59 @@ class Stage(FrozenModel):
             raise ValueError(msg)
         return value
 
+    @field_validator("positions_mm")
+    @classmethod
+    def _in_order(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
+        if value is None:
+            return value
+        reference = (len(value) - 1) // 2
+        steps = np.diff(value)
+        msg = ""
+        if (np.abs(np.diff(np.sort(value))) < _COINCIDE_MM).any():
+            msg = "positions coincide: give each of them once"
+        elif not ((steps > 0).all() or (steps < 0).all()):
+            msg = "must rise, or fall, from each position to the next: sort them"
+        elif value[reference] != 0:
+            msg = (
+                f"the reference is the middle position, index {reference}, and must stand at 0, the world's origin: "
+                f"subtract {value[reference]:g} from all, or choose others"
+            )
+        elif info.data.get("positions", len(value)) != len(value):
+            msg = f"holds {len(value)} positions, but 'positions' says {info.data['positions']}: leave 'positions' out"
+        elif len(value) > 1 and steps[0] * info.data.get("baseline_mm", steps[0]) < 0:
+            msg = "runs against the sign of baseline_mm: turn the list round, or leave baseline_mm out"
+        if msg:
+            raise ValueError(msg)
+        return value
+
+    @field_validator("row_spacing_mm")
+    @classmethod
+    def _rows_apart(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is None and info.data.get("rows", 1) > 1:
+            msg = "must be given with more than one row"
+            raise ValueError(msg)
+        if value is not None and abs(value) < _COINCIDE_MM:
+            msg = "must not be zero: all rows would coincide"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("errors")
+    @classmethod
+    def _in_their_places(cls, value: StageErrors | None, info: ValidationInfo) -> StageErrors | None:
+        if value is None or not {"positions", "baseline_mm", "positions_mm"} <= info.data.keys():
+            return value
+        listed = info.data["positions_mm"]
+        if info.data["positions"] > 1:
+            step = abs(info.data["baseline_mm"]) if listed is None else float(np.abs(np.diff(listed)).min())
+            off = 1e-3 * (value.backlash_um / 2 + 4 * value.repeatability_um)
+            if off > step / 2:
+                msg = (
+                    f"half of backlash_um and four times repeatability_um are {off:g} mm, more than half the smallest "
+                    f"step of {step:g} mm: positions would change places"
+                )
+                raise ValueError(msg)
+        return value
+
     @property
     def s(self) -> NDArray[np.int64]:
         """Camera indices, 0 the reference."""
@@ -37,8 +134,48 @@ class Stage(FrozenModel):
 
     @property
     def x_mm(self) -> NDArray[np.float64]:
-        """Camera positions X_s = V_X s in mm."""
-        return np.asarray(self.baseline_mm * self.s, dtype=np.float64)
+        """Nominal camera positions in mm: the list, or X_s = V_X s."""
+        listed = self.baseline_mm * self.s if self.positions_mm is None else self.positions_mm
+        return np.asarray(listed, dtype=np.float64)
+
+    @property
+    def s_y(self) -> NDArray[np.int64]:
+        """Row indices, 0 the reference."""
+        return centred_indices(self.rows)
+
+    @property
+    def y_mm(self) -> NDArray[np.float64]:
+        """Nominal positions of the rows in mm, positive downwards."""
+        return np.asarray((self.row_spacing_mm or 0.0) * self.s_y, dtype=np.float64)
+
+    @property
+    def scan_interval_s(self) -> float:
+        """Shortest time between two frames in which the stage gets through all its positions.
+
+        If every other frame is scanned backwards and the reference is not the middle of the scan, this is more than the
+        time of one scan: the reference's images are equally spaced, so that every other scan begins late.
+        """
+        before, after = self.number_in_scan(0, 0), self.number_in_scan(0, 1)
+        # Images from the reference of one frame up to that of the next.
+        most = self.positions * self.rows + abs(after - before)
+        return most * self.time_per_position_s
+
+    def number_in_scan(self, s: int, t: int, s_y: int = 0) -> int:
+        """Count the images of frame t in the order in which they are taken, from 0, up to camera s of row s_y."""
+        row, place = s_y - int(self.s_y[0]), s - int(self.s[0])
+        to_and_fro = self.scan == "bidirectional"
+        if to_and_fro and row % 2 == 1:
+            place = self.positions - 1 - place
+        number = row * self.positions + place
+        return self.positions * self.rows - 1 - number if to_and_fro and t % 2 == 1 else number
+
+
+def _mean_step(listed: list[Any] | tuple[Any, ...]) -> float | None:
+    try:
+        step = (float(listed[-1]) - float(listed[0])) / (len(listed) - 1)
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return None
+    return step if math.isfinite(step) else None
 
 
 class Frames(FrozenModel):

@@ -44,6 +44,13 @@ class TruthViews(StrEnum):
     all = "all"
 
 
+class TruthPoses(StrEnum):
+    """Poses and times that a truth is made for."""
+
+    real = "real"
+    nominal = "nominal"
+
+
 class Divergence(StrEnum):
     """Forms of the divergence term."""
 
@@ -69,6 +76,10 @@ Images = Annotated[
     typer.Option("--images", help="Write the images as 16-bit PNG or float TIFF too.", show_default=False),
 ]
 Truth = Annotated[TruthViews, typer.Option("--truth", help="Truth of the reference camera or of all cameras.")]
+Poses = Annotated[
+    TruthPoses,
+    typer.Option("--truth-poses", help="Truth from where the camera stood, or from where it should have stood."),
+]
 Ideal = Annotated[bool, typer.Option("--ideal", help="Keep the linear images before the sensor too.")]
 
 
@@ -102,6 +113,7 @@ def run(
     overwrite: Overwrite = False,
     images: Images = None,
     truth: Truth = TruthViews.reference,
+    truth_poses: Poses = TruthPoses.real,
     ideal: Ideal = False,
 ) -> None:
     """Render a scene, estimate, score and report, in one go."""
@@ -112,12 +124,17 @@ def run(
     spec = _load(scene, overrides)
     camera = spec.camera
     problems = requirements(spec.estimate, spec.stage.positions, spec.frames.count, camera.width, camera.height)
+    if spec.stage.rows > 1:
+        from scenetruth.errors import Problem
+
+        message = "a grid cannot be estimated as a whole: `scenetruth render` it, then estimate recording.sel(s_y=0)"
+        problems.append(Problem("stage.rows", message, spec.stage.rows))
     if problems:
         from scenetruth.errors import SceneError
 
         raise SceneError(problems, source=scene)
     with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
-        recording, exact = _render(spec, folder, images, truth, report, ideal=ideal)
+        recording, exact = _render(spec, folder, images, truth, truth_poses, report, ideal=ideal)
         estimated = _estimate(recording, spec.estimate, folder, report, overwrite=False)
         scored = _score(estimated, exact, recording, spec.score.interior_margin_px, folder, report)
         _report(recording, estimated, exact, scored, folder, report)
@@ -134,6 +151,7 @@ def render(
     overwrite: Overwrite = False,
     images: Images = None,
     truth: Truth = TruthViews.reference,
+    truth_poses: Poses = TruthPoses.real,
     ideal: Ideal = False,
 ) -> None:
     """Render a scene: a recording and its truth."""
@@ -142,7 +160,7 @@ def render(
 
     spec = _load(scene, overrides)
     with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
-        _render(spec, folder, images, truth, report, ideal=ideal)
+        _render(spec, folder, images, truth, truth_poses, report, ideal=ideal)
     typer.echo(f"written: {output / 'recording.zarr'}, {output / 'truth.zarr'}")
 
 
@@ -295,7 +313,14 @@ def _settings_in(recording: xr.Dataset, section: str, overrides: list[str] | Non
 
 
 def _render(
-    spec: Scene, folder: Path, images: ImageForm | None, truth: TruthViews, report: Reporter, *, ideal: bool
+    spec: Scene,
+    folder: Path,
+    images: ImageForm | None,
+    truth: TruthViews,
+    poses: TruthPoses,
+    report: Reporter,
+    *,
+    ideal: bool,
 ) -> tuple[xr.Dataset, xr.Dataset]:
     import yaml
 
@@ -303,7 +328,9 @@ def _render(
     from scenetruth.storage import save, write_images
 
     with report.timed("simulate"):
-        recording, exact = simulate(spec, truth_views=truth.value, ideal=ideal, progress=report)
+        recording, exact = simulate(
+            spec, truth_views=truth.value, truth_poses=poses.value, ideal=ideal, progress=report
+        )
     backend, reason = recording.attrs["render_backend"], recording.attrs["render_fallback_reason"]
     report.say(f"rendered with {backend}" + (f": {reason}" if reason else ""))
     with report.timed("save"):

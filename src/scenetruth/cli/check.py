@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from scenetruth.camera import Frames, Stage
 from scenetruth.errors import SceneError
 from scenetruth.scene import Scene
 
@@ -38,7 +39,8 @@ def print_check(scene: Scene, file: Path) -> None:
     table = Table(title=scene.description or str(file), show_header=False, title_justify="left")
     rows = {
         "images": f"{report.image_count} of {camera.width} x {camera.height} px "
-        f"({stage.positions} positions, {stage.baseline_mm:g} mm apart; {frames.count} frames)",
+        f"({_positions(stage)}; {frames.count} frames)",
+        **_stage_rows(stage, frames),
         "focal length": f"{camera.focal_px:g} px",
         "recording": _megabytes(report.recording_bytes),
         "truth": _megabytes(report.truth_bytes),
@@ -63,6 +65,32 @@ def print_check(scene: Scene, file: Path) -> None:
     print(
         "the scene is valid" if not messages else f"the scene is valid, with {len(messages)} warnings", file=sys.stdout
     )
+
+
+def _positions(stage: Stage) -> str:
+    if stage.positions_mm is None:
+        text = f"{stage.positions} positions, {stage.baseline_mm:g} mm apart"
+    else:
+        text = f"{stage.positions} positions at {', '.join(f'{x:g}' for x in stage.positions_mm)} mm"
+    return text if stage.rows == 1 else f"{stage.rows} rows, {stage.row_spacing_mm:g} mm apart, of {text}"
+
+
+def _stage_rows(stage: Stage, frames: Frames) -> dict[str, str]:
+    """Say what distinguishes the stage from one that is perfect and takes no time."""
+    rows, errors = {}, stage.errors
+    if stage.time_per_position_s > 0:
+        rows["scan"] = (
+            f"{stage.scan}, {stage.time_per_position_s:g} s per position; a frame needs {stage.scan_interval_s:g} s "
+            f"of its {frames.frame_interval_s:g} s"
+        )
+    if errors is not None:
+        name = f"{errors.preset}: " if errors.preset else ""
+        rows["stage errors"] = (
+            f"{name}repeatability {errors.repeatability_um:g} µm, backlash {errors.backlash_um:g} µm, "
+            f"straightness {errors.straightness_um:g} µm, pitch {errors.pitch_urad:g}, yaw {errors.yaw_urad:g}, "
+            f"roll {errors.roll_urad:g} µrad"
+        )
+    return rows
 
 
 def _megabytes(count: int) -> str:

@@ -78,4 +78,7 @@ def estimate(
 
     checked = estimate_settings(method, **settings)
     check_dataset(recording, "recording")
+    if "s_y" in recording["image"].dims:
+        message = "images of a grid: estimate one row of cameras at a time, as recording.sel(s_y=0)"
+        raise EstimateError([Problem("s_y", message, recording["s_y"].values.tolist())])
     return estimate_structure_tensor(recording, checked, progress)

@@ -58,6 +58,7 @@ class PyrenderRenderer(Renderer):
         self._n = supersampling
         self._materials = [_material(pyrender, body.texture) for body in world.bodies]
         self._t: float | None = None
+        self._vertices_mm = np.empty((0, 3))
         self._nodes: list[Any] = []
         self._scene = pyrender.Scene(bg_color=[background] * 3 + [1.0], ambient_light=[0.0, 0.0, 0.0])
         c_x, c_y = camera.principal_point
@@ -82,6 +83,7 @@ class PyrenderRenderer(Renderer):
         self._scene.set_pose(self._camera_node, pose @ _TURN)
         self._camera.cx = self._centre[0] - viewpoint.shear[0] * self._camera.fx
         self._camera.cy = self._centre[1] - viewpoint.shear[1] * self._camera.fy
+        self._clip(viewpoint.to_camera(self._vertices_mm)[:, 2])
         colour, _ = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
         (width, height), n = self._size, self._n
         samples = colour[..., 0].reshape(height, n, width, n)
@@ -107,11 +109,13 @@ class PyrenderRenderer(Renderer):
                 mode=pyrender.GLTF.TRIANGLES,
             )
             self._nodes.append(self._scene.add(pyrender.Mesh(primitives=[primitive])))
-        depth = vertices[:, 2]
+        self._vertices_mm, self._t = vertices, t
+
+    def _clip(self, depth: NDArray[np.float64]) -> None:
+        """Put the clipping planes round vertices of these depths."""
         nearest = depth[depth > 0].min(initial=np.inf)
         self._camera.znear = float(max(nearest * (1 - _SLACK), 1e-3 * depth.max()))
         self._camera.zfar = float(depth.max() * (1 + _SLACK))
-        self._t = t
 
     def close(self) -> None:
         """Free the OpenGL context and everything in it; closing twice is harmless."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -123,7 +124,7 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
         raise SceneError(problems)
     disparity = scene.camera.focal_px * scene.stage.baseline_mm / seen
     mean = float(disparity.mean())
-    images = scene.stage.positions * scene.frames.count
+    images = scene.stage.rows * scene.stage.positions * scene.frames.count
     pixels = scene.camera.width * scene.camera.height
     sample = 4 if isinstance(scene.sensor, str) else scene.sensor.dtype.itemsize
     messages = list(_texture_warnings(reports))
@@ -198,9 +199,9 @@ def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], lis
 
 def _in_view(scene: Scene, vertices: np.ndarray) -> bool:
     """Whether the box around the projected vertices meets an image, from any camera at any frame."""
-    camera = scene.camera
-    for x_mm in scene.stage.x_mm:
-        pixels = camera.project(vertices, float(x_mm))
+    camera, stage = scene.camera, scene.stage
+    for x_mm, y_mm in product(stage.x_mm, stage.y_mm):
+        pixels = camera.project(vertices - (x_mm, y_mm, 0.0))
         low, high = pixels.min(axis=1), pixels.max(axis=1)
         inside = (high >= -0.5) & (low <= np.array([camera.width, camera.height]) - 0.5)
         if inside.all(axis=1).any():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
 from scenetruth.camera import Camera, EmvaSensor, Frames, Optics, Sensor, Shutter, Stage
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
@@ -281,6 +281,21 @@ class Scene(FrozenModel):
     """How the estimate is scored."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Seed of every random number of the scene."""
+
+    @field_validator("frames")
+    @classmethod
+    def _long_enough(cls, value: Frames, info: ValidationInfo) -> Frames:
+        stage = info.data.get("stage")
+        if stage is None or value.count == 1:
+            return value
+        needed = stage.scan_interval_s
+        if needed > value.frame_interval_s * (1 + 1e-9):
+            msg = (
+                f"the stage needs {needed:g} s from frame to frame, more than frame_interval_s = "
+                f"{value.frame_interval_s:g} s: make it longer, or stage.time_per_position_s shorter"
+            )
+            raise ValueError(msg)
+        return value
 
     @field_validator("objects")
     @classmethod

@@ -48,7 +48,7 @@ def align(estimate: xr.Dataset, truth: xr.Dataset) -> tuple[xr.Dataset, xr.Datas
     ]
     if problems:
         raise ScoreError(problems)
-    reference = truth.sel(s=0) if "s" in truth.dims else truth
+    reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth.dims})
     return estimate, reference.sel(t=estimate["t"].values)
 
 
@@ -78,6 +78,8 @@ def _form_problems(dataset: xr.Dataset, kind: str) -> Iterator[Problem]:
         yield from (Problem(f"{kind}.{entry.path}", entry.message, entry.value) for entry in error.problems)
     if "t" in dataset.dims and ("t" not in dataset.coords or not dataset.indexes["t"].is_unique):
         yield Problem(f"{kind}.t", "must be a coordinate that tells the frames apart")
+    if "s_y" in dataset.dims and ("s_y" not in dataset.coords or list(dataset["s_y"].values).count(0) != 1):
+        yield Problem(f"{kind}.s_y", "must hold the reference row s_y = 0 once")
     if "s" not in dataset.dims:
         return
     if kind == "estimate":

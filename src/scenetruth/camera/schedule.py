@@ -1,0 +1,122 @@
+"""When each image of a recording is taken, and where the camera stands then: as planned, and in fact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera.stage import Frames, Stage
+from scenetruth.camera.stage_errors import StageErrors
+from scenetruth.camera.viewpoint import Viewpoint
+
+__all__ = ["GeneratorFor", "Moment", "Schedule"]
+
+GeneratorFor = Callable[..., np.random.Generator]
+"""Gives a random generator of its own for every purpose."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Time and pose of one image.
+
+    Parameters
+    ----------
+    t
+        Time in frames.
+    viewpoint
+        Where the camera stands, and how it is turned.
+    rotation_rad
+        Its turn as a rotation vector in the world, shape (3,): pitch about X, yaw about Y, roll about Z.
+    """
+
+    t: float
+    viewpoint: Viewpoint
+    rotation_rad: NDArray[np.float64]
+
+
+class Schedule:
+    """The moments of all images of a recording.
+
+    A moment depends on the stage, the frames and the random numbers of its own purposes, on no other moment: they may
+    be asked for in any order.
+
+    Parameters
+    ----------
+    stage, frames
+        Where and when images are planned.
+    generator_for
+        Source of the errors' random numbers: called with ``("guide", s_y, s)`` for a position, and with
+        ``("visit", s_y, s, t)`` for an arrival there.
+    """
+
+    def __init__(self, stage: Stage, frames: Frames, generator_for: GeneratorFor) -> None:
+        self.stage = stage
+        self.frames = frames
+        self._errors = stage.errors or StageErrors()
+        self._generator_for = generator_for
+        self._x_mm = dict(zip(stage.s.tolist(), stage.x_mm.tolist(), strict=True))
+        self._y_mm = dict(zip(stage.s_y.tolist(), stage.y_mm.tolist(), strict=True))
+
+    def nominal(self, s: int, t: int, s_y: int = 0) -> Moment:
+        """Return the moment that is planned for an image: no errors, and all images of a frame at once."""
+        position = np.array([self._x_mm[s], self._y_mm[s_y], 0.0])
+        return Moment(float(t), Viewpoint(position), np.zeros(3))
+
+    def moment(self, s: int, t: int, s_y: int = 0) -> Moment:
+        """Return the moment at which an image is taken in fact.
+
+        Parameters
+        ----------
+        s, t, s_y
+            Camera position, frame and row, 0 the reference.
+        """
+        planned = self.nominal(s, t, s_y)
+        time = planned.t + self.offset_s(s, t, s_y) / self.frames.frame_interval_s
+        if self.stage.errors is None:
+            return Moment(time, planned.viewpoint, planned.rotation_rad)
+        errors = self._errors
+        straight_y, straight_z, *turns = self._generator_for("guide", s_y, s).standard_normal(5)
+        arrival = self._arrival(s, t, s_y)
+        along = errors.repeatability_um * self._generator_for("visit", *arrival[:3]).standard_normal()
+        # What has moved towards +X has not come far enough.
+        along -= arrival[3] * errors.backlash_um / 2
+        off_um = np.array([along, errors.straightness_um * straight_y, errors.straightness_um * straight_z])
+        rotation = 1e-6 * np.array([errors.pitch_urad, errors.yaw_urad, errors.roll_urad]) * turns
+        viewpoint = Viewpoint(planned.viewpoint.position_mm + 1e-3 * off_um, _matrix(rotation))
+        return Moment(time, viewpoint, rotation)
+
+    def offset_s(self, s: int, t: int, s_y: int = 0) -> float:
+        """Return how much later than the reference's image of the same frame an image is taken, in s."""
+        return (self.stage.number_in_scan(s, t, s_y) - self.stage.number_in_scan(0, t)) * self.stage.time_per_position_s
+
+    def _turned(self, t: int, s_y: int) -> bool:
+        """Whether a row is scanned from its last position to its first."""
+        row = s_y - int(self.stage.s_y[0])
+        return self.stage.scan == "bidirectional" and (row + t) % 2 == 1
+
+    def _arrival(self, s: int, t: int, s_y: int) -> tuple[int, int, int, int]:
+        """Return the visit (s_y, s, t) that brought the camera to where an image is taken, and its direction in X."""
+        stage = self.stage
+        if stage.positions == 1:
+            # It has come there once, and never leaves.
+            return 0, s, 0, 1
+        rising = 1 if stage.x_mm[-1] > stage.x_mm[0] else -1
+        if stage.scan == "unidirectional":
+            # On its way back the stage runs past the first position, to reach it from the same side as the others.
+            return s_y, s, t, rising
+        backwards = self._turned(t, s_y)
+        direction = -rising if backwards else rising
+        if s != stage.s[-1 if backwards else 0]:
+            return s_y, s, t, direction
+        # The row begins where the row or the frame before has ended: the stage has not moved along X since.
+        earlier = s_y + (1 if t % 2 == 1 else -1)
+        return (earlier, s, t, -direction) if earlier in self._y_mm else (s_y, s, t - 1, -direction)
+
+
+def _matrix(rotation_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(rotation_rad).as_matrix()) if rotation_rad.any() else np.eye(3)
