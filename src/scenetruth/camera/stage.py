@@ -57,7 +57,7 @@ class Stage(FrozenModel):
     def _count(cls, values: Any) -> Any:
         if not isinstance(values, dict) or values.get("positions_mm") is None:
             return values
-        listed, filled = values["positions_mm"], dict(values)
+        listed, filled = values["positions_mm"], {key: value for key, value in values.items() if value is not None}
         known = isinstance(listed, list | tuple) and len(listed) > 0
         if filled.get("positions") is None:
             filled["positions"] = len(listed) if known else 1
@@ -80,9 +80,10 @@ class Stage(FrozenModel):
         if value is None:
             return value
         reference = (len(value) - 1) // 2
-        steps = np.diff(value)
+        with np.errstate(over="ignore"):
+            steps, gaps = np.diff(value), np.diff(np.sort(value))
         msg = ""
-        if (np.abs(np.diff(np.sort(value))) < _COINCIDE_MM).any():
+        if (gaps < _COINCIDE_MM).any():
             msg = "positions coincide: give each of them once"
         elif not ((steps > 0).all() or (steps < 0).all()):
             msg = "must rise, or fall, from each position to the next: sort them"
@@ -117,7 +118,8 @@ class Stage(FrozenModel):
             return value
         listed = info.data["positions_mm"]
         if info.data["positions"] > 1:
-            step = abs(info.data["baseline_mm"]) if listed is None else float(np.abs(np.diff(listed)).min())
+            with np.errstate(over="ignore"):
+                step = abs(info.data["baseline_mm"]) if listed is None else float(np.abs(np.diff(listed)).min())
             off = 1e-3 * (value.backlash_um / 2 + 4 * value.repeatability_um)
             if off > step / 2:
                 msg = (

@@ -1,0 +1,191 @@
+"""Truth from where cameras really stood: consistent in each turned camera's own frame, and planned poses on request."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import scenetruth as st
+from scenetruth.camera import Viewpoint
+from scenetruth.scene import Scene
+from scenetruth.scene.world import build_world
+from scenetruth.simulate import TruthPoses, TruthViews, make_truth
+from tests.scenes import cube
+
+Array = NDArray[np.float64]
+
+# Much worse than any stage, so that a wrong sign or order shows.
+ROUGH = {
+    "repeatability_um": 100,
+    "backlash_um": 500,
+    "straightness_um": 500,
+    "pitch_urad": 5e3,
+    "yaw_urad": 5e3,
+    "roll_urad": 2e4,
+}
+DISTORTED = {"width": 160, "height": 120, "focal_length_px": 1254, "distortion": {"k1": -0.2, "p1": 0.01}}
+
+
+def scene_of(stage: dict[str, Any] | None = None, **changes: Any) -> Scene:
+    return cube(**{"frames": {"count": 3}, **changes}, stage={"positions": 3, "baseline_mm": 5.0, **(stage or {})})
+
+
+def truth_of(scene: Scene, views: TruthViews = "all", poses: TruthPoses = "real") -> xr.Dataset:
+    return make_truth(scene, build_world(scene), truth_views=views, truth_poses=poses)
+
+
+def viewpoint_of(truth: xr.Dataset, s: int, t: int) -> Viewpoint:
+    """Read the pose of a camera from the truth alone."""
+    at = {"s": s, "t": t}
+    turn = Rotation.from_rotvec(truth["camera_rotation_rad"].sel(at).values).as_matrix()
+    return Viewpoint(truth["camera_position_mm"].sel(at).values, turn)
+
+
+@pytest.mark.parametrize("scan", ["unidirectional", "bidirectional"])
+@pytest.mark.parametrize("camera", [None, DISTORTED], ids=["pinhole", "distorted"])
+def test_identities_hold_in_turned_cameras(scan: str, camera: dict[str, Any] | None) -> None:
+    stage = {"errors": ROUGH, "scan": scan, "time_per_position_s": 0.3}
+    scene = scene_of(stage, **({} if camera is None else {"camera": camera}))
+    truth, camera_model, baseline = truth_of(scene), scene.camera, scene.stage.baseline_mm
+    for s in scene.stage.s.tolist():
+        for t in scene.frames.t.tolist():
+            view, maps = viewpoint_of(truth, s, t), truth.sel(s=s, t=t)
+            seen = np.isfinite(maps["depth"].values)
+            assert seen.sum() > 1000
+            pixels = camera_model.pixel_grid()[seen]
+            own = camera_model.ray_directions(pixels) * maps["depth"].values[seen][:, None]
+            world = view.position_mm + own @ view.rotation.T
+            velocity = maps["velocity"].values[:, seen].T @ view.rotation.T
+            # The motion of the cube, known beforehand, comes back from the camera's frame.
+            np.testing.assert_allclose(velocity, np.tile([0.1, -0.05, -1], (len(world), 1)), atol=1e-12)
+            np.testing.assert_allclose(camera_model.project(view.to_camera(world)), pixels, atol=1e-9)
+            aside = Viewpoint(view.position_mm + baseline * view.rotation[:, 0], view.rotation)
+            shifted = camera_model.without_distortion().project(aside.to_camera(world))
+            straight = camera_model.without_distortion().project(view.to_camera(world))
+            np.testing.assert_allclose((straight - shifted)[:, 0], maps["disparity"].values[seen], atol=1e-9)
+            np.testing.assert_allclose((straight - shifted)[:, 1], 0, atol=1e-9)
+            # Central differences, extrapolated once: the rounding of the projection over the step is 1e-13 / 1e-3.
+            coarse, fine = (
+                (
+                    camera_model.project(view.to_camera(world + h * velocity))
+                    - camera_model.project(view.to_camera(world - h * velocity))
+                )
+                / (2 * h)
+                for h in (2e-3, 1e-3)
+            )
+            np.testing.assert_allclose((4 * fine - coarse) / 3, maps["flow"].values[:, seen].T, atol=1e-9)
+
+
+def wall(velocity: tuple[float, float, float]) -> dict[str, Any]:
+    return {
+        "name": "wall",
+        "mesh": {"kind": "plane", "size_mm": [600, 600]},
+        "pose": {"position_mm": [0, 0, 660]},
+        "texture": {"kind": "uniform"},
+        "motion": [{"kind": "velocity", "velocity_mm_per_frame": velocity}],
+    }
+
+
+def test_every_pixel_of_a_turned_camera_sees_the_moving_wall_where_it_is_then() -> None:
+    stage = {"errors": ROUGH, "time_per_position_s": 0.4, "rows": 2, "row_spacing_mm": 6.0}
+    frames = {"count": 3, "frame_interval_s": 3.0}
+    scene = scene_of(stage, objects=[wall((0.0, 0.0, -2.0))], frames=frames)
+    truth = truth_of(scene)
+    assert truth["depth"].dims == ("s_y", "s", "t", "y", "x")
+    rays = scene.camera.ray_directions(scene.camera.pixel_grid())
+    for s_y in (0, 1):
+        for s in (-1, 0, 1):
+            for t in (-1, 0, 1):
+                maps = truth.sel(s_y=s_y, s=s, t=t)
+                # Images are 0.4 s apart, row after row; the reference is the second.
+                time = t + 0.4 * (3 * s_y + s) / 3.0
+                assert maps["image_time_s"] == pytest.approx(3 * time, abs=1e-12)
+                view = viewpoint_of(truth.sel(s_y=s_y), s, t)
+                world = view.position_mm + (rays * maps["depth"].values[..., None]) @ view.rotation.T
+                np.testing.assert_allclose(world[..., 2], 660 - 2 * time, atol=1e-9)
+                normal = np.moveaxis(maps["normal"].values, 0, -1) @ view.rotation.T
+                np.testing.assert_allclose(normal - [0, 0, -1], 0, atol=1e-12)
+
+
+def test_depth_of_a_scan_changes_while_the_stage_travels() -> None:
+    """A wall that comes nearer by 2 mm per frame, seen by positions 0.2 frames apart."""
+    scene = scene_of({"time_per_position_s": 0.2}, objects=[wall((0.0, 0.0, -2.0))])
+    real, planned = truth_of(scene)["depth"], truth_of(scene, poses="nominal")["depth"]
+    for s in (-1, 0, 1):
+        for t in (-1, 0, 1):
+            np.testing.assert_allclose(real.sel(s=s, t=t), 660 - 2 * (t + 0.2 * s), atol=1e-9)
+            np.testing.assert_allclose(planned.sel(s=s, t=t), 660 - 2 * t, atol=1e-9)
+
+
+@pytest.mark.parametrize("views", ["reference", "all"])
+def test_planned_truth_is_that_of_a_perfect_stage(views: TruthViews) -> None:
+    rough = scene_of({"errors": ROUGH, "time_per_position_s": 0.2})
+    planned, perfect = truth_of(rough, views, "nominal"), truth_of(scene_of(), views)
+    for name in ("depth", "velocity", "disparity", "flow", "normal", "object_id", "face_id", "mixed"):
+        xr.testing.assert_identical(planned[name], perfect[name])
+    assert (planned.attrs["truth_poses"], perfect.attrs["truth_poses"]) == ("nominal", "real")
+
+
+def test_both_truths_carry_the_real_poses_of_all_cameras() -> None:
+    scene = scene_of({"errors": ROUGH, "time_per_position_s": 0.2})
+    real, planned = truth_of(scene, "reference"), truth_of(scene, "reference", "nominal")
+    assert real["depth"].dims == ("t", "y", "x")
+    assert real["camera_position_mm"].dims == real["camera_rotation_rad"].dims == ("s", "t", "component")
+    assert real["image_time_s"].dims == ("s", "t")
+    for name in ("camera_position_mm", "camera_rotation_rad", "image_time_s"):
+        xr.testing.assert_identical(real[name], planned[name])
+        assert np.ptp(real[name].values) > 0
+    assert abs(real["depth"] - planned["depth"]).max() > 1e-3
+    xr.testing.assert_identical(truth_of(scene)["depth"].sel(s=0).drop_vars(["s", "stage_x_mm"]), real["depth"])
+
+
+def test_a_perfect_stage_is_recorded_as_such() -> None:
+    truth = truth_of(scene_of(), "reference")
+    position = truth["camera_position_mm"]
+    assert (position.sel(component="X") == truth["stage_x_mm"]).all()
+    assert not position.sel(component=["Y", "Z"]).any()
+    assert not truth["camera_rotation_rad"].any()
+    assert (truth["image_time_s"] == truth["time_s"]).all()
+
+
+def test_rows_of_a_grid_see_the_wall_displaced_by_its_disparity() -> None:
+    """The truth of a lower row is that of the reference row from further down."""
+    scene = scene_of({"rows": 3, "row_spacing_mm": 5.0})
+    truth = truth_of(scene)
+    assert truth["stage_y_mm"].values.tolist() == [-5, 0, 5]
+    rays = scene.camera.ray_directions(scene.camera.pixel_grid())
+    for s_y in (-1, 0, 1):
+        maps = truth.sel(s_y=s_y, s=1, t=0)
+        seen = np.isfinite(maps["depth"].values)
+        world = rays[seen] * maps["depth"].values[seen][:, None] + [5, 5 * s_y, 0]
+        # The same surface from everywhere: the cube's faces in its own frame.
+        turn = Rotation.from_rotvec([np.deg2rad(20), 0, 0]) * Rotation.from_rotvec([0, np.deg2rad(45), 0])
+        own = turn.inv().apply(world - [0, 0, 692.56])
+        np.testing.assert_allclose(np.abs(own).max(axis=1), 24.5, atol=1e-9)
+    ordinary = truth_of(scene_of())
+    for name in ("depth", "flow", "normal", "camera_position_mm"):
+        row = truth[name].sel(s_y=0).drop_vars(["s_y", "stage_y_mm"])
+        xr.testing.assert_identical(row, ordinary[name])
+
+
+def test_a_truth_of_a_grid_can_be_scored(tmp_path: Any) -> None:
+    stage = {"rows": 3, "row_spacing_mm": 2.0}
+    scene = scene_of(stage, frames={"count": 2})
+    recording, truth = st.simulate(scene, truth_views="all")
+    for dataset, name in ((recording, "recording"), (truth, "truth")):
+        st.save(dataset, tmp_path / name)
+        xr.testing.assert_identical(st.load(tmp_path / name, name), dataset)  # type: ignore[arg-type]
+    with pytest.raises(st.EstimateError, match=r"s_y: images of a grid: .* recording\.sel\(s_y=0\)"):
+        st.estimate(recording)
+    plain, reference = st.simulate(scene_of(frames={"count": 2}))
+    np.testing.assert_array_equal(recording["image"].sel(s_y=0), plain["image"])
+    estimate = st.estimate(recording.sel(s_y=0))
+    xr.testing.assert_identical(estimate.drop_attrs(), st.estimate(plain).drop_attrs())
+    score = st.score(estimate, truth)
+    assert score.regions == st.score(estimate, reference).regions
+    assert score.regions["all"]["depth"]["count"]
