@@ -15,14 +15,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera, Schedule
+from scenetruth.camera import Camera, Moment, Schedule
 from scenetruth.raycast import Topology
 from scenetruth.recording import VARIABLES, Intrinsics, label, make_recording
 from scenetruth.render import choose_renderer
 from scenetruth.scene.check import check_scene
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World, build_world, generator_for
-from scenetruth.truth import GeometryPass, truth_maps
+from scenetruth.truth import GeometryPass, truth_by_rows, truth_maps
 
 __all__ = ["TruthPoses", "TruthViews", "make_truth", "scene_hash", "simulate"]
 
@@ -114,9 +114,13 @@ def make_truth(
             if progress is not None:
                 progress("truth", n * len(views) + m, total)
             moment = moment_of(s, t, s_y)
-            if geometry is None or geometry.snapshot.t != moment.t:
-                geometry = GeometryPass(world, topology, moment.t)
-            for name, values in truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm).items():
+            if scene.shutter.readout_time_s > 0:
+                maps = _truth_by_rows(scene, world, topology, moment)
+            else:
+                if geometry is None or geometry.snapshot.t != moment.t:
+                    geometry = GeometryPass(world, topology, moment.t)
+                maps = truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm)
+            for name, values in maps.items():
                 if name not in arrays:
                     lead = values.shape[:-2]
                     arrays[name] = np.empty((*lead, len(views), frames.count, *values.shape[-2:]), dtype=values.dtype)
@@ -138,6 +142,16 @@ def make_truth(
         stage_y_mm=stage.y_mm if stage.rows > 1 else None,
         attrs={**_provenance(scene), "object_names": names, "truth_poses": truth_poses},
     )
+
+
+def _truth_by_rows(scene: Scene, world: World, topology: Topology, moment: Moment) -> dict[str, NDArray[Any]]:
+    """Return the truth of an image that a rolling shutter takes, every row in the middle of its own exposure."""
+    camera, shutter = scene.camera, scene.shutter
+    later_s = shutter.row_offsets_s(np.arange(camera.height, dtype=np.float64), camera.height)
+    travel_mm = shutter.stage_speed_mm_per_s * later_s
+    places = [moment.viewpoint.moved((along, 0.0, 0.0)) for along in travel_mm.tolist()]
+    times = moment.t + later_s / scene.frames.frame_interval_s
+    return truth_by_rows(world, topology, camera, times, places, scene.stage.baseline_mm)
 
 
 def _schedule_of(scene: Scene) -> Schedule:
@@ -210,6 +224,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
             **_provenance(scene),
             "render_backend": renderer.name,
             "render_fallback_reason": choice.fallback_reason,
+            **({} if camera.distortion is None else {"distortion": list(camera.distortion.coefficients)}),
         },
     )
     if linear is not None:

@@ -196,3 +196,16 @@ def test_optics_that_do_not_fit_the_scene_are_refused(changes: dict[str, Any], m
 
     with pytest.raises(SceneError, match=message):
         simulate(edge(24.0, **changes))
+
+
+def test_truth_of_a_rolling_shutter_is_where_its_images_show_the_edge() -> None:
+    from scenetruth.simulate import simulate
+
+    shutter = {"readout_time_s": 0.05, "stage_speed_mm_per_s": -100.0}
+    recording, truth = simulate(edge(24.0, speed=20.0, shutter=shutter))
+    # 10 px from the first to the last row by the object's motion, 5 px by the camera's.
+    expected = 24.0 + 15 * (np.arange(12) - 5.5) / 11
+    seen = 48 - np.isfinite(truth["depth"].values[0]).sum(axis=1)
+    np.testing.assert_array_equal(seen, np.ceil(expected))
+    found = 47.5 - recording["image"].values[0, 0].sum(axis=1, dtype=float)
+    np.testing.assert_allclose(found, expected, atol=1 / 32 + 1e-6)
