@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.recording import VARIABLES, image_to_grey, intrinsics_of
+from scenetruth.recording import VARIABLES, check_dataset, image_to_grey, intrinsics_of
 
 
 def test_recording_has_coordinates_units_and_intrinsics() -> None:
@@ -49,12 +49,35 @@ def test_grey_values_of_the_paper(images: Any, expected: list[float]) -> None:
         ({"full_scale": 0.0}, "attrs.full_scale: must be a positive number"),
         ({"stage_x_mm": [0.0, 1.0]}, "stage_x_mm: must hold one position for each of the 1 cameras"),
         ({"stage_x_mm": [float("nan")]}, "stage_x_mm: must be finite"),
+        ({"stage_y_mm": [0.0]}, r"images: must be .* dimensions \(s_y, s, t, y, x\)"),
+        (
+            {"stage_y_mm": [0.0, 1.0], "images": np.zeros((1, 1, 1, 2, 2))},
+            "stage_y_mm: must hold one position for each of the 1 rows",
+        ),
+        ({"stage_y_mm": [float("nan")], "images": np.zeros((1, 1, 1, 2, 2))}, "stage_y_mm: must be finite"),
     ],
 )
 def test_bad_recordings(changes: dict[str, Any], message: str) -> None:
     good = {"images": np.zeros((1, 1, 2, 2)), "focal_length_px": 1.0, "baseline_mm": 1.0}
     with pytest.raises(st.RecordingError, match=message):
         st.make_recording(**{**good, **changes})
+
+
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_cameras_in_a_grid(channels: tuple[int, ...]) -> None:
+    images = np.random.default_rng(0).random((3, 2, 4, 5, 6, *channels))
+    grid = st.make_recording(images, 100.0, 5.0, stage_y_mm=[-4, 0, 4])
+    assert grid["image"].dims == ("s_y", "s", "t", "y", "x", "channel")[: images.ndim]
+    assert grid["s_y"].values.tolist() == [-1, 0, 1]
+    assert grid["stage_y_mm"].values.tolist() == [-4, 0, 4]
+    assert all(coordinate.attrs["units"] and coordinate.attrs["long_name"] for coordinate in grid.coords.values())
+    row = grid.sel(s_y=1)
+    check_dataset(row, "recording")
+    np.testing.assert_array_equal(row["image"], images[2])
+    with pytest.raises(st.RecordingError, match="s_y: must be consecutive integers with 0 the reference"):
+        check_dataset(grid.isel(s_y=[0, 2]), "recording")
+    with pytest.raises(st.RecordingError, match="stage_y_mm: is missing; the images need this coordinate"):
+        check_dataset(grid.drop_vars("stage_y_mm"), "recording")
 
 
 def test_all_problems_are_reported_at_once() -> None:

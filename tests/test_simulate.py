@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,12 +41,27 @@ def test_images_and_truth_show_the_same_surface() -> None:
     assert (lit == seen)[sure].all()
 
 
+STAGED = {
+    "positions": 3,
+    "baseline_mm": 5.0,
+    "scan": "bidirectional",
+    "time_per_position_s": 0.1,
+    "errors": {"preset": "screw_stage"},
+}
+
+
 @pytest.mark.parametrize(
-    "sensor",
-    ["ideal", {"bit_depth": 8, "noise_std": 0.01}, {"kind": "emva1288", "preset": "ccd_2002"}],
+    "changes",
+    [
+        {},
+        {"sensor": {"bit_depth": 8, "noise_std": 0.01}},
+        {"sensor": {"kind": "emva1288", "preset": "ccd_2002"}},
+        {"stage": STAGED},
+    ],
+    ids=["ideal", "sensor", "preset", "stage"],
 )
-def test_same_scene_same_bytes_in_another_process_and_with_another_hash_seed(sensor: object) -> None:
-    scene = cube(**SMALL, sensor=sensor)
+def test_same_scene_same_bytes_in_another_process_and_with_another_hash_seed(changes: dict[str, Any]) -> None:
+    scene = cube(**{**SMALL, **changes})
     code = (
         "import sys, json, hashlib, scenetruth as st\n"
         "recording, truth = st.simulate(st.scene_from_plain(json.loads(sys.stdin.read())))\n"

@@ -145,6 +145,59 @@ def test_truth_of_all_cameras_is_scored_at_the_reference(scene_file: Path, tmp_p
     assert st.load(folder / "truth.zarr")["depth"].sizes["s"] == 5
 
 
+def test_truth_is_taken_from_real_poses_or_from_planned_ones(scene_file: Path, tmp_path: Path) -> None:
+    stage = ("--set", "stage.errors.preset=screw_stage", "--set", "stage.time_per_position_s=0.1")
+    truths = {}
+    for poses in ("real", "nominal"):
+        done = scenetruth("render", scene_file, "-o", tmp_path / poses, "--truth-poses", poses, *stage)
+        assert done.returncode == 0, done.stderr
+        truths[poses] = st.load(tmp_path / poses / "truth.zarr", "truth")
+        assert truths[poses].attrs["truth_poses"] == poses
+    difference = truths["real"]["depth"] - truths["nominal"]["depth"]
+    # 5 µm of straightness, 100 µrad on 45° faces at 700 mm.
+    assert 1e-4 < float(abs(difference).median()) < 0.5
+    assert truths["nominal"]["image_time_s"].equals(truths["real"]["image_time_s"])
+
+
+def test_check_tells_what_the_stage_does(scene_file: Path) -> None:
+    stage = {
+        "positions": "null",
+        "baseline_mm": "null",
+        "positions_mm": "[-10, -4, 0, 5, 12]",
+        "rows": "2",
+        "row_spacing_mm": "3",
+        "scan": "bidirectional",
+        "time_per_position_s": "0.01",
+        "errors.preset": "air_bearing",
+    }
+    settings = [text for name, value in stage.items() for text in ("--set", f"stage.{name}={value}")]
+    environment = {**os.environ, "COLUMNS": "300"}
+    done = scenetruth("check", scene_file, *settings, env=environment)
+    assert done.returncode == 0, done.stderr
+    for text in (
+        "90 of 160 x 120 px (2 rows, 3 mm apart, of 5 positions at -10, -4, 0, 5, 12 mm; 9 frames)",
+        "bidirectional, 0.01 s per position; a frame needs 0.15 s of its 1 s",
+        "air_bearing: repeatability 0.1 µm, backlash 0 µm, straightness 0.1 µm, pitch 2.5, yaw 2.5, roll 2.5 µrad",
+    ):
+        assert text in done.stdout
+    plain = scenetruth("check", scene_file, env=environment)
+    assert "stage errors" not in plain.stdout
+    assert "5 positions, 5 mm apart" in plain.stdout
+
+
+def test_a_grid_is_rendered_and_estimated_row_by_row(scene_file: Path, tmp_path: Path) -> None:
+    grid = ("--set", "stage.rows=2", "--set", "stage.row_spacing_mm=3", "--set", "frames.count=1")
+    refused = scenetruth("run", scene_file, "-o", tmp_path / "run", *grid)
+    assert refused.returncode == 2
+    assert "stage.rows: a grid cannot be estimated as a whole" in refused.stderr
+    done = scenetruth("render", scene_file, "-o", tmp_path / "grid", *grid)
+    assert done.returncode == 0, done.stderr
+    assert st.load(tmp_path / "grid" / "recording.zarr")["image"].shape == (2, 5, 1, 120, 160)
+    done = scenetruth("estimate", tmp_path / "grid")
+    assert done.returncode == 2
+    assert "recording.sel(s_y=0)" in done.stderr
+
+
 def test_what_shows_nothing_is_found_before_work_starts(scene_file: Path, tmp_path: Path) -> None:
     size = ("--set", "camera.width=20")
     done = scenetruth(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
@@ -94,6 +95,23 @@ def test_registration_against_the_analytic_image(opener: Opener, t: float, x_mm:
     assert abs(shift_x) < 1e-3
     assert abs(shift_y) < 1e-3
     assert abs(gain) < 0.01
+
+
+def test_a_wall_is_not_clipped_where_a_turned_camera_is_nearer_to_it() -> None:
+    item = {
+        "name": "plaid",
+        "mesh": {"kind": "plane", "size_mm": [1200, 1200]},
+        "pose": {"position_mm": [3.0, -2.0, 660]},
+        "texture": {"kind": "plaid", "wavelength_mm": [47, 53], "amplitude": 0.4},
+    }
+    scene = plaid_plane(camera={"width": 160, "height": 120, "focal_length_px": 150}, objects=[item])
+    world = build_world(scene)
+    viewpoint = Viewpoint(np.zeros(3), Rotation.from_rotvec([0.0, 0.1, 0.0]).as_matrix())
+    with open_raycast(world, scene) as one, open_pyrender(world, scene) as two:
+        first, second = one.render(0.0, viewpoint), two.render(0.0, viewpoint)
+    # Two roundings to 8 bit; the wall fills the view, and is nowhere darker than 0.1.
+    assert np.abs(first - second).max() < 0.01
+    assert second.min() > 0.05
 
 
 def test_raycast_evaluates_the_texture_itself() -> None:
