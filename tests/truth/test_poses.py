@@ -122,6 +122,13 @@ def test_depth_of_a_scan_changes_while_the_stage_travels() -> None:
             np.testing.assert_allclose(planned.sel(s=s, t=t), 660 - 2 * t, atol=1e-9)
 
 
+def test_what_passes_the_camera_during_the_last_scan_is_refused() -> None:
+    fast = {"objects": [wall((0.0, 0.0, -500.0))], "frames": {"count": 3}}
+    st.simulate(scene_of({"time_per_position_s": 0.3}, **fast))
+    with pytest.raises(st.SceneError, match=r"objects\.0\.pose\.position_mm: 'wall' reaches behind the camera"):
+        st.simulate(scene_of({"time_per_position_s": 1 / 3}, **fast))
+
+
 @pytest.mark.parametrize("views", ["reference", "all"])
 def test_planned_truth_is_that_of_a_perfect_stage(views: TruthViews) -> None:
     rough = scene_of({"errors": ROUGH, "time_per_position_s": 0.2})

@@ -169,7 +169,7 @@ def _camera_problems(scene: Scene) -> list[Problem]:
 def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], list[Problem]]:
     reports, problems = [], []
     offsets = world.vertex_offsets
-    moments = [world.at(float(t)).vertices_mm for t in scene.frames.t]
+    moments = [world.at(float(t)).vertices_mm for t in _times(scene)]
     for index, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
         vertices = np.stack([moment[offsets[index] : offsets[index + 1]] for moment in moments])
         depth = vertices[..., 2]
@@ -195,6 +195,16 @@ def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], lis
             )
         )
     return reports, problems
+
+
+def _times(scene: Scene) -> list[float]:
+    """Return the times of the frames, and those of the first and of the last image, in frames."""
+    stage, frames = scene.stage, scene.frames.t.tolist()
+    per_image = stage.time_per_position_s / scene.frames.frame_interval_s
+    before, last = stage.number_in_scan(0, frames[0]), stage.number_in_scan(0, frames[-1])
+    after = stage.positions * stage.rows - 1 - last
+    ends = [frames[0] - before * per_image, frames[-1] + after * per_image] if per_image > 0 else []
+    return [*map(float, frames), *ends]
 
 
 def _in_view(scene: Scene, vertices: np.ndarray) -> bool:

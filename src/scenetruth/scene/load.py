@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -181,9 +182,10 @@ def _suggestion(key: str) -> str:
     return f"; did you mean '{near[0]}'?" if near else "; see `scenetruth schema` for the known ones"
 
 
-def _known_keys() -> list[str]:
+@cache
+def _known_keys() -> tuple[str, ...]:
     schema = Scene.model_json_schema()
     keys = set(schema["properties"])
     for definition in schema.get("$defs", {}).values():
         keys |= set(definition.get("properties", ()))
-    return sorted(keys)
+    return tuple(sorted(keys))
