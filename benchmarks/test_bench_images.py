@@ -48,7 +48,7 @@ def renderer(request: pytest.FixtureRequest, world: World, samples: int) -> Iter
 
 def test_image_from_the_next_camera(benchmark: BenchmarkFixture, renderer: Renderer) -> None:
     """One image at the time of the one before: the scene is kept, only the camera moves."""
-    image = benchmark(renderer.render, 0.0, SCENE.stage.baseline_mm)
+    image = benchmark(renderer.render, 0.0, Viewpoint.on_axis(SCENE.stage.baseline_mm))
     assert image.shape == (SCENE.camera.height, SCENE.camera.width)
     assert np.ptp(image) > 0.5
 

@@ -7,6 +7,7 @@ from scenetruth.camera.optics import AiryPsf, Defocus, GaussianPsf, Optics, Vign
 from scenetruth.camera.photon_transfer import PhotonTransfer, photon_transfer
 from scenetruth.camera.pinhole import Camera
 from scenetruth.camera.presets import PRESETS, Preset
+from scenetruth.camera.rays import PixelRays, pixel_rays
 from scenetruth.camera.schedule import Moment, Schedule
 from scenetruth.camera.sensor import Sensor
 from scenetruth.camera.shutter import Shutter
@@ -26,6 +27,7 @@ __all__ = [
     "Moment",
     "Optics",
     "PhotonTransfer",
+    "PixelRays",
     "Preset",
     "Schedule",
     "Sensor",
@@ -35,5 +37,6 @@ __all__ = [
     "Viewpoint",
     "Vignetting",
     "photon_transfer",
+    "pixel_rays",
     "two_point_correction",
 ]

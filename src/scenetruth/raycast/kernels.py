@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["footprint_samples", "refine_hits"]
+__all__ = ["footprint_forms", "refine_hits"]
 
 _MOST_CANDIDATES = 40
 
@@ -126,7 +126,7 @@ def refine_hits(
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
-def footprint_samples(
+def footprint_forms(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     uv: NDArray[np.float64],
@@ -135,31 +135,61 @@ def footprint_samples(
     across: NDArray[np.float64],
     down: NDArray[np.float64],
     hits: NDArray[np.int32],
-    offsets: NDArray[np.float64],
+    pixels: NDArray[np.int64],
+    reach: float,
 ) -> Any:
-    """Map the samples of pixels to texture coordinates through the plane of the face at their centre.
+    """Map the footprints of pixels to texture coordinates through the plane of the face at their centre.
 
-    A sample's ray is the pixel's own plus its offset (x, y) times the rays' steps across and down, which have one row
-    for every pixel, or one for all. Returns texture coordinates, shape (pixels, samples, 2), and whether all samples of
-    a pixel stay inside its face.
+    The ray at (x, y) from a pixel's centre is the pixel's own plus x and y times the rays' steps across and down, which
+    have one row for every pixel, or one for all. Texture coordinates are then quotients of linear forms. Directions,
+    steps and hits are those of the whole image, of which ``pixels`` are taken. Returns for every one of them the rows
+    (value, step across, step down) of the numerators of u and v and of their denominator, shape (n, 3, 3), and whether
+    the square of half-width ``reach`` around the centre stays inside the face.
     """
-    count, samples = directions.shape[0], offsets.shape[0]
+    count = pixels.shape[0]
     apart = 1 if across.shape[0] > 1 else 0
-    out = np.empty((count, samples, 2), dtype=np.float64)
+    forms = np.empty((count, 3, 3), dtype=np.float64)
     whole = np.empty(count, dtype=np.bool_)
     for n in numba.prange(count):
-        face = hits[n]
-        ax, ay, az = across[n * apart, 0], across[n * apart, 1], across[n * apart, 2]
-        bx, by, bz = down[n * apart, 0], down[n * apart, 1], down[n * apart, 2]
-        complete = True
-        for m in range(samples):
-            u, v = offsets[m, 0], offsets[m, 1]
-            dx, dy = directions[n, 0] + u * ax + v * bx, directions[n, 1] + u * ay + v * by
-            dz = directions[n, 2] + u * az + v * bz
-            inside, _depth, b1, b2, _gap = _meet(vertices, faces, face, origin, dx, dy, dz)
-            complete = complete and inside
-            b0 = 1.0 - b1 - b2
-            out[n, m, 0] = b0 * uv[face, 0, 0] + b1 * uv[face, 1, 0] + b2 * uv[face, 2, 0]
-            out[n, m, 1] = b0 * uv[face, 0, 1] + b1 * uv[face, 1, 1] + b2 * uv[face, 2, 1]
-        whole[n] = complete
-    return out, whole
+        pixel = pixels[n]
+        face = hits[pixel]
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
+        bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
+        cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
+        # The three signed volumes of `_meet` are linear in the direction; texture coordinates mix the corners' by them.
+        abx, aby, abz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        bcx, bcy, bcz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        cax, cay, caz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+        u0, u1, u2 = uv[face, 0, 0], uv[face, 1, 0], uv[face, 2, 0]
+        v0, v1, v2 = uv[face, 0, 1], uv[face, 1, 1], uv[face, 2, 1]
+        step_x, step_y = across[pixel * apart], down[pixel * apart]
+        dx, dy, dz = directions[pixel, 0], directions[pixel, 1], directions[pixel, 2]
+        w0 = dx * bcx + dy * bcy + dz * bcz
+        w1 = dx * cax + dy * cay + dz * caz
+        w2 = dx * abx + dy * aby + dz * abz
+        w0_x = step_x[0] * bcx + step_x[1] * bcy + step_x[2] * bcz
+        w1_x = step_x[0] * cax + step_x[1] * cay + step_x[2] * caz
+        w2_x = step_x[0] * abx + step_x[1] * aby + step_x[2] * abz
+        w0_y = step_y[0] * bcx + step_y[1] * bcy + step_y[2] * bcz
+        w1_y = step_y[0] * cax + step_y[1] * cay + step_y[2] * caz
+        w2_y = step_y[0] * abx + step_y[1] * aby + step_y[2] * abz
+        forms[n, 0, 0] = w0 * u0 + w1 * u1 + w2 * u2
+        forms[n, 0, 1] = w0_x * u0 + w1_x * u1 + w2_x * u2
+        forms[n, 0, 2] = w0_y * u0 + w1_y * u1 + w2_y * u2
+        forms[n, 1, 0] = w0 * v0 + w1 * v1 + w2 * v2
+        forms[n, 1, 1] = w0_x * v0 + w1_x * v1 + w2_x * v2
+        forms[n, 1, 2] = w0_y * v0 + w1_y * v1 + w2_y * v2
+        forms[n, 2, 0] = w0 + w1 + w2
+        forms[n, 2, 1] = w0_x + w1_x + w2_x
+        forms[n, 2, 2] = w0_y + w1_y + w2_y
+        # By how much each volume may change up to the corners of the square; inside the face, all have one sign.
+        span0, span1, span2 = (
+            reach * (abs(w0_x) + abs(w0_y)),
+            reach * (abs(w1_x) + abs(w1_y)),
+            reach * (abs(w2_x) + abs(w2_y)),
+        )
+        positive = w0 >= span0 and w1 >= span1 and w2 >= span2 and forms[n, 2, 0] > 0.0
+        negative = w0 <= -span0 and w1 <= -span1 and w2 <= -span2 and forms[n, 2, 0] < 0.0
+        whole[n] = positive or negative
+    return forms, whole

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera, Viewpoint
+from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.render.protocol import Renderer
 from scenetruth.scene.world import World
 
 __all__ = ["RaycastRenderer"]
 
-_PIXELS_PER_PIECE = 1 << 15
+_PIXELS_PER_PIECE = 1 << 16
 
 
 class RaycastRenderer(Renderer):
@@ -46,12 +46,14 @@ class RaycastRenderer(Renderer):
         self._background = np.float32(background)
         self._topology = topology or Topology.of(world.at(0).vertices_mm, world.faces)
         self._caster: tuple[float, RayCaster] | None = None
-        self._directions = camera.ray_directions(camera.pixel_grid()).reshape(-1, 3)
+        rays = pixel_rays(camera)
+        self._directions = rays.directions
         # Directions of one pixel step to the right and one down, per pixel where they differ.
-        self._across, self._down = camera.ray_steps(camera.pixel_grid().reshape(-1, 2))
+        self._across, self._down = rays.steps
         steps = (np.arange(supersampling) + 0.5) / supersampling - 0.5
         across, down = np.meshgrid(steps, steps)
         self._offsets_px = np.column_stack([across.ravel(), down.ravel()])
+        self._reach_px = float(steps[-1])
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`.
@@ -59,7 +61,7 @@ class RaycastRenderer(Renderer):
         Where a pixel's footprint stays on one face, its samples map to the texture through that face's plane; only
         pixels at edges need rays of their own.
         """
-        from scenetruth.raycast.kernels import footprint_samples
+        from scenetruth.raycast.kernels import footprint_forms
 
         camera, world, caster = self._camera, self._world, self._caster_at(t)
         origin = viewpoint.position_mm
@@ -76,19 +78,19 @@ class RaycastRenderer(Renderer):
             inner = np.flatnonzero((body == index) & ~rest)
             for first in range(0, len(inner), _PIXELS_PER_PIECE):
                 pixels = inner[first : first + _PIXELS_PER_PIECE]
-                uv, whole = footprint_samples(
+                forms, whole = footprint_forms(
                     caster.vertices_mm,
                     world.faces,
                     world.uv,
                     origin,
-                    directions[pixels],
-                    across[pixels] if len(across) > 1 else across,
-                    down[pixels] if len(down) > 1 else down,
-                    hits.face[pixels],
-                    self._offsets_px,
+                    directions,
+                    across,
+                    down,
+                    hits.face,
+                    pixels,
+                    self._reach_px,
                 )
-                radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(-1, samples)
-                image[pixels] = radiance.mean(axis=1, dtype=np.float64)
+                image[pixels] = item.texture.mean_radiance(forms, self._offsets_px)
                 rest[pixels[~whole]] = True
         remaining = np.flatnonzero(rest)
         for first in range(0, len(remaining), _PIXELS_PER_PIECE):

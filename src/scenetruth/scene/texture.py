@@ -35,6 +35,19 @@ class SurfaceTexture(Protocol):
         """Return the radiance at texture coordinates of shape (n, 2)."""
         ...
 
+    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return the mean radiance over the samples of footprints.
+
+        Parameters
+        ----------
+        forms
+            Texture coordinates (u, v) = (U / W, V / W) of n footprints, shape (n, 3, 3): one row for each of U, V and
+            W, with its value in the middle and its steps per px to the right and down.
+        offsets
+            Where the samples are, in px from the middle, shape (m, 2).
+        """
+        ...
+
     def raster(self) -> NDArray[np.float32]:
         """Return one tile as an image, shape (h, w), for renderers that interpolate bilinearly."""
         ...
@@ -55,6 +68,14 @@ class _Noise:
         values += np.float32(self.mean)
         return values
 
+    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+        from scenetruth.scene.texture_kernels import spline_means
+
+        means: NDArray[np.float32] = spline_means(self.noise.coefficients, forms, offsets)
+        means *= np.float32(self.std)
+        means += np.float32(self.mean)
+        return means
+
     def raster(self) -> NDArray[np.float32]:
         return np.float32(self.mean) + np.float32(self.std) * self.noise.values
 
@@ -70,6 +91,12 @@ class _Image:
         values: NDArray[np.float32] = linear_lookup(self.values, np.ascontiguousarray(uv), self.tiled)
         return values
 
+    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+        from scenetruth.scene.texture_kernels import linear_means
+
+        means: NDArray[np.float32] = linear_means(self.values, forms, offsets, self.tiled)
+        return means
+
     def raster(self) -> NDArray[np.float32]:
         return self.values
 
@@ -81,6 +108,9 @@ class _Uniform:
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         return np.full(len(uv), self.value, dtype=np.float32)
+
+    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+        return np.full(len(forms), self.value, dtype=np.float32)
 
     def raster(self) -> NDArray[np.float32]:
         return np.full((2, 2), self.value, dtype=np.float32)
@@ -96,6 +126,11 @@ class _Plaid:
         waves = np.cos(2 * np.pi * uv[:, 0]) * np.cos(2 * np.pi * uv[:, 1])
         return (self.mean + self.amplitude * waves).astype(np.float32)
 
+    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+        from scenetruth.scene.texture_kernels import plaid_means
+
+        return np.asarray(self.mean + self.amplitude * plaid_means(forms, offsets), dtype=np.float32)
+
     def raster(self) -> NDArray[np.float32]:
         centres = (np.arange(_PLAID_TEXELS) + 0.5) / _PLAID_TEXELS
         u, v = np.meshgrid(centres, centres)
@@ -110,6 +145,11 @@ class _Ramp:
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         return ((uv[:, 0] * _RAMP - 0.5) / (_RAMP - 1)).astype(np.float32)
+
+    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+        lattice = np.column_stack([np.ones(len(offsets)), offsets])
+        u = np.mean((forms[:, 0] @ lattice.T) / (forms[:, 2] @ lattice.T), axis=1)
+        return self.radiance(u[:, None])
 
     def raster(self) -> NDArray[np.float32]:
         return np.tile(np.linspace(0, 1, _RAMP, dtype=np.float32), (2, 1))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera, Viewpoint
+from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.scene.world import World
 
@@ -31,6 +32,15 @@ class GeometryPass:
         self.world = world
         self.snapshot = world.at(t)
         self.caster = RayCaster(self.snapshot.vertices_mm, topology)
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normals of all faces in the world, by the order of their corners, shape (m, 3)."""
+        corners = self.snapshot.vertices_mm[self.world.faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        # A face without an area is met by no ray.
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        return normals
 
 
 def truth_maps(
@@ -60,39 +70,36 @@ def truth_maps(
           the paper's (u_x + x u_z, u_y + y u_z); times the slope of the distortion, if the lens has one,
         - ``normal``, ``object_id``, ``face_id``, ``mixed``.
     """
+    from scenetruth.truth.kernels import fill_maps
+
     shape = (camera.height, camera.width)
-    directions = camera.ray_directions(camera.pixel_grid()).reshape(-1, 3)
+    directions = pixel_rays(camera).directions
     in_world = viewpoint.directions_to_world(directions)
     hits = geometry.caster.cast(viewpoint.position_mm, in_world, grid_width=camera.width)
     world, focal = geometry.world, camera.focal_px
-    depth = hits.depth
-    velocity = viewpoint.directions_to_camera(hits.interpolate(world.faces, geometry.snapshot.velocities))
-    rates = (velocity[:, :2] - directions[:, :2] * velocity[:, 2:]) / depth[:, None]
-    flow = camera.flow_of(directions, rates)
-    seen = hits.face >= 0
-    body = np.where(seen, world.face_body[hits.face], -1).astype(np.int32)
-    face_id = np.where(seen, hits.face - world.face_offsets[world.face_body[hits.face]], -1).astype(np.int32)
+    velocity, flow, disparity, normal, body, face_id = fill_maps(
+        hits.face,
+        hits.depth,
+        hits.weights,
+        directions,
+        world.faces,
+        viewpoint.directions_to_camera(geometry.snapshot.velocities),
+        viewpoint.directions_to_camera(geometry.normals),
+        world.face_body,
+        world.face_offsets,
+        focal if camera.distortion is None else 1.0,
+        focal * baseline_mm,
+    )
+    if camera.distortion is not None:
+        flow = np.ascontiguousarray(camera.flow_of(directions, flow.T).T)
     mixed = mixed_pixels(geometry.caster, viewpoint, camera, body.reshape(shape))
-    normals = viewpoint.directions_to_camera(_normals(geometry, hits.face, in_world))
     return {
-        "depth": depth.reshape(shape),
-        "velocity": np.moveaxis(velocity.reshape(*shape, 3), -1, 0),
-        "disparity": (focal * baseline_mm / depth).reshape(shape),
-        "flow": np.moveaxis(flow.reshape(*shape, 2), -1, 0),
-        "normal": np.moveaxis(normals.reshape(*shape, 3), -1, 0),
+        "depth": hits.depth.reshape(shape),
+        "velocity": velocity.reshape(3, *shape),
+        "disparity": disparity.reshape(shape),
+        "flow": flow.reshape(2, *shape),
+        "normal": normal.reshape(3, *shape),
         "object_id": body.reshape(shape),
         "face_id": face_id.reshape(shape),
         "mixed": mixed,
     }
-
-
-def _normals(geometry: GeometryPass, face: NDArray[np.int32], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit normals of the faces that are seen, turned towards the camera; NaN for none."""
-    corners = geometry.snapshot.vertices_mm[geometry.world.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    seen = normals[face]
-    away = np.einsum("ij,ij->i", seen, directions) > 0
-    seen[away] *= -1
-    seen[face < 0] = np.nan
-    return seen

@@ -1,0 +1,68 @@
+"""A kernel that writes the maps of a truth from what the rays of the pixels meet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["fill_maps"]
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def fill_maps(
+    face: NDArray[np.int32],
+    depth: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    velocities: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    face_body: NDArray[np.int32],
+    face_offsets: NDArray[np.int64],
+    scale: float,
+    disparity_depth: float,
+) -> Any:
+    """Write velocity, rates, disparity, normal, object and face of every pixel.
+
+    ``directions``, ``velocities`` (of the vertices) and ``normals`` (of the faces) are in the camera's frame.
+    ``disparity_depth`` is the product of disparity and depth; ``scale`` multiplies the rates of X / Z and Y / Z. Vectors
+    have their components first; NaN and -1 where nothing is met.
+    """
+    count = face.shape[0]
+    velocity = np.empty((3, count), dtype=np.float64)
+    rates = np.empty((2, count), dtype=np.float64)
+    disparity = np.empty(count, dtype=np.float64)
+    normal = np.empty((3, count), dtype=np.float64)
+    body = np.empty(count, dtype=np.int32)
+    own_face = np.empty(count, dtype=np.int32)
+    for n in numba.prange(count):
+        met = face[n]
+        if met < 0:
+            for k in range(3):
+                velocity[k, n] = normal[k, n] = np.nan
+            rates[0, n] = rates[1, n] = disparity[n] = np.nan
+            body[n] = own_face[n] = -1
+            continue
+        first, second, third = faces[met, 0], faces[met, 1], faces[met, 2]
+        b1, b2, z = weights[n, 0], weights[n, 1], depth[n]
+        # first + b1 (second - first) + ...: a velocity that all corners share comes out unchanged.
+        ux = velocities[first, 0]
+        ux += b1 * (velocities[second, 0] - velocities[first, 0]) + b2 * (velocities[third, 0] - velocities[first, 0])
+        uy = velocities[first, 1]
+        uy += b1 * (velocities[second, 1] - velocities[first, 1]) + b2 * (velocities[third, 1] - velocities[first, 1])
+        uz = velocities[first, 2]
+        uz += b1 * (velocities[second, 2] - velocities[first, 2]) + b2 * (velocities[third, 2] - velocities[first, 2])
+        velocity[0, n], velocity[1, n], velocity[2, n] = ux, uy, uz
+        dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
+        rates[0, n] = scale * ((ux - dx * uz) / z)
+        rates[1, n] = scale * ((uy - dy * uz) / z)
+        disparity[n] = disparity_depth / z
+        nx, ny, nz = normals[met, 0], normals[met, 1], normals[met, 2]
+        sign = -1.0 if nx * dx + ny * dy + nz * dz > 0.0 else 1.0
+        normal[0, n], normal[1, n], normal[2, n] = sign * nx, sign * ny, sign * nz
+        body[n] = face_body[met]
+        own_face[n] = met - face_offsets[face_body[met]]
+    return velocity, rates, disparity, normal, body, own_face
