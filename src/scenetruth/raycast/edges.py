@@ -88,6 +88,8 @@ def _cut_at_pixels(
 
     Lines are curved where the lens distorts: they are cut into short pieces instead.
     """
+    from scenetruth.raycast.edge_kernels import cut_segments
+
     pinhole = camera.without_distortion()
     focal, centre = pinhole.focal_px, np.asarray(pinhole.principal_point)
     in_front = (start[:, 2] > _NEAR) | (end[:, 2] > _NEAR)
@@ -102,26 +104,11 @@ def _cut_at_pixels(
     inverse_first, inverse_last = 1 / start[:, 2], 1 / end[:, 2]
     low_corner, high_corner = _seen_rectangle(camera)
     keep, enter, leave = _clip(first, last - first, low_corner, high_corner)
-    parts: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]] = []
-    for n in np.flatnonzero(keep):
-        step = last[n] - first[n]
-        cuts = [np.array([enter[n], leave[n]])]
-        if camera.distortion is not None:
-            length = float(np.hypot(*step)) * (leave[n] - enter[n])
-            cuts.append(np.linspace(enter[n], leave[n], int(np.ceil(length / _PIECE_PX)) + 1)[1:-1])
-        for axis in range(2) if camera.distortion is None else ():
-            low, high = sorted((first[n, axis] + enter[n] * step[axis], first[n, axis] + leave[n] * step[axis]))
-            borders = np.arange(np.ceil(low - 0.5), np.floor(high - 0.5) + 1) + 0.5
-            if step[axis] != 0:
-                cuts.append((borders - first[n, axis]) / step[axis])
-        at = np.sort(np.clip(np.concatenate(cuts), enter[n], leave[n]))
-        middle = (at[:-1] + at[1:]) / 2
-        position = first[n] + middle[:, None] * step
-        inverse = inverse_first[n] + middle * (inverse_last[n] - inverse_first[n])
-        parts.append((inverse, position, np.full(len(middle), which[n])))
-    if not parts:
-        return np.empty(0), np.empty((0, 2)), np.empty((0, 3)), np.empty(0, dtype=np.int64)
-    inverses, positions, segments = (np.concatenate(column) for column in zip(*parts, strict=True))
+    piece = 0.0 if camera.distortion is None else _PIECE_PX
+    inverses, positions, segments = cut_segments(
+        first, last, inverse_first, inverse_last, np.flatnonzero(keep), enter, leave, piece
+    )
+    segments = which[segments]
     directions = pinhole.ray_directions(positions)
     if camera.distortion is not None:
         positions = camera.project(directions)

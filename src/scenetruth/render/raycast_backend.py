@@ -73,7 +73,6 @@ class RaycastRenderer(Renderer):
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
         rest = mixed_pixels(caster, viewpoint, camera, body.reshape(shape)).ravel()
         image = np.full(len(body), self._background, dtype=np.float32)
-        samples = len(self._offsets_px)
         for index, item in enumerate(world.bodies):
             inner = np.flatnonzero((body == index) & ~rest)
             for first in range(0, len(inner), _PIXELS_PER_PIECE):

@@ -110,7 +110,7 @@ def spline_means(coefficients: NDArray[np.float32], forms: NDArray[np.float64], 
                     for k in range(4):
                         row = coefficients[(j + k) % rows]
                         total += wy[k, m] * (w0 * row[c0] + w1 * row[c1] + w2 * row[c2] + w3 * row[c3])
-                mean += total / np.float32(36.0)
+                mean += np.float64(total / np.float32(36.0))
             out[n] = mean / samples
     return out
 
@@ -136,12 +136,12 @@ def linear_means(
         u0, ux, uy = forms[n, 0, 0], forms[n, 0, 1], forms[n, 0, 2]
         v0, vx, vy = forms[n, 1, 0], forms[n, 1, 1], forms[n, 1, 2]
         w0, wx, wy = forms[n, 2, 0], forms[n, 2, 1], forms[n, 2, 2]
-        total = 0.0
+        mean = 0.0
         for m in range(samples):
             x, y = offsets[m, 0], offsets[m, 1]
             scale = 1.0 / (w0 + x * wx + y * wy)
-            total += _linear(values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled)
-        out[n] = total / samples
+            mean += _linear(values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled)
+        out[n] = mean / samples
     return out
 
 
@@ -154,10 +154,10 @@ def plaid_means(forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> Any
         u0, ux, uy = forms[n, 0, 0], forms[n, 0, 1], forms[n, 0, 2]
         v0, vx, vy = forms[n, 1, 0], forms[n, 1, 1], forms[n, 1, 2]
         w0, wx, wy = forms[n, 2, 0], forms[n, 2, 1], forms[n, 2, 2]
-        total = 0.0
+        mean = 0.0
         for m in range(samples):
             x, y = offsets[m, 0], offsets[m, 1]
             scale = 2.0 * np.pi / (w0 + x * wx + y * wy)
-            total += np.cos((u0 + x * ux + y * uy) * scale) * np.cos((v0 + x * vx + y * vy) * scale)
-        out[n] = total / samples
+            mean += np.cos((u0 + x * ux + y * uy) * scale) * np.cos((v0 + x * vx + y * vy) * scale)
+        out[n] = mean / samples
     return out

@@ -28,8 +28,8 @@ def fill_maps(
     """Write velocity, rates, disparity, normal, object and face of every pixel.
 
     ``directions``, ``velocities`` (of the vertices) and ``normals`` (of the faces) are in the camera's frame.
-    ``disparity_depth`` is the product of disparity and depth; ``scale`` multiplies the rates of X / Z and Y / Z. Vectors
-    have their components first; NaN and -1 where nothing is met.
+    ``disparity_depth`` is the product of disparity and depth; ``scale`` multiplies the rates of X / Z and Y / Z.
+    Vectors have their components first; NaN and -1 where nothing is met.
     """
     count = face.shape[0]
     velocity = np.empty((3, count), dtype=np.float64)

@@ -1,0 +1,86 @@
+"""A kernel that cuts projected edges into pieces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["cut_segments"]
+
+
+@numba.njit(cache=True, nogil=True)
+def cut_segments(
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+    inverse_first: NDArray[np.float64],
+    inverse_last: NDArray[np.float64],
+    chosen: NDArray[np.int64],
+    enter: NDArray[np.float64],
+    leave: NDArray[np.float64],
+    piece: float,
+) -> Any:
+    """Cut segments in the image at half-integer coordinates, or into equal pieces of at most ``piece`` if that is > 0.
+
+    ``first`` and ``last`` are the ends in px, shape (n, 2), with 1 / Z there; ``enter`` and ``leave`` the shares of the
+    way between which they are wanted; ``chosen`` which of them. Returns 1 / Z, position and segment of the middles of
+    all pieces, in order along each segment.
+    """
+    most, total = 0, 0
+    for n in chosen:
+        count = _cuts(first[n], last[n], enter[n], leave[n], piece, np.empty(0))
+        most, total = max(most, count), total + count - 1
+    inverses = np.empty(total, dtype=np.float64)
+    positions = np.empty((total, 2), dtype=np.float64)
+    segments = np.empty(total, dtype=np.int64)
+    scratch = np.empty(most, dtype=np.float64)
+    used = 0
+    for n in chosen:
+        count = _cuts(first[n], last[n], enter[n], leave[n], piece, scratch)
+        at = np.sort(scratch[:count])
+        for k in range(count - 1):
+            middle = (at[k] + at[k + 1]) / 2
+            inverses[used] = inverse_first[n] + middle * (inverse_last[n] - inverse_first[n])
+            positions[used, 0] = first[n, 0] + middle * (last[n, 0] - first[n, 0])
+            positions[used, 1] = first[n, 1] + middle * (last[n, 1] - first[n, 1])
+            segments[used] = n
+            used += 1
+    return inverses, positions, segments
+
+
+@numba.njit(cache=True, nogil=True)
+def _cuts(
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+    enter: float,
+    leave: float,
+    piece: float,
+    out: NDArray[np.float64],
+) -> int:
+    """Write where a segment begins, is cut and ends, unsorted, if there is room; return how many these are."""
+    room = out.shape[0] > 0
+    count = 2
+    if room:
+        out[0], out[1] = enter, leave
+    if piece > 0:
+        length = np.hypot(last[0] - first[0], last[1] - first[1]) * (leave - enter)
+        parts = int(np.ceil(length / piece))
+        for k in range(1, parts):
+            if room:
+                out[count] = min(max(k * ((leave - enter) / parts) + enter, enter), leave)
+            count += 1
+        return count
+    for axis in range(2):
+        step = last[axis] - first[axis]
+        if step == 0:
+            continue
+        one, two = first[axis] + enter * step, first[axis] + leave * step
+        border, end = np.ceil(min(one, two) - 0.5), np.floor(max(one, two) - 0.5)
+        while border <= end:
+            if room:
+                out[count] = min(max((border + 0.5 - first[axis]) / step, enter), leave)
+            border += 1
+            count += 1
+    return count
