@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+import warnings
 from collections.abc import Callable
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -16,11 +17,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Moment, Schedule
+from scenetruth.errors import SceneWarning
 from scenetruth.raycast import Topology
 from scenetruth.recording import VARIABLES, Intrinsics, label, make_recording
 from scenetruth.render import choose_renderer
 from scenetruth.scene.check import check_scene
-from scenetruth.scene.spec import Scene
+from scenetruth.scene.spec import Lighting, Scene
 from scenetruth.scene.world import World, build_world, generator_for
 from scenetruth.truth import GeometryPass, truth_by_rows, truth_maps
 
@@ -190,6 +192,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
     linear: NDArray[np.float32] | None = np.empty(shape, dtype=np.float32) if ideal else None
     places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
     total, done = len(places) * frames.count, 0
+    brightest = 0.0
     choice = choose_renderer(scene, world)
     with choice.renderer as renderer:
         for n, t in enumerate(frames.t.tolist()):
@@ -198,6 +201,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
                     progress("render", done, total)
                 moment = schedule.moment(s, t, s_y)
                 radiance = renderer.render(moment.t, moment.viewpoint)
+                brightest = max(brightest, float(radiance.max()))
                 if linear is not None:
                     linear[k, m, n] = radiance
                 if sensor is None:
@@ -209,6 +213,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
                 done += 1
     if progress is not None:
         progress("render", total, total)
+    _warn_of_saturation(scene, brightest)
     if stage.rows == 1:
         images, linear = images[0], None if linear is None else linear[0]
     recording = make_recording(
@@ -231,6 +236,18 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
         entry = VARIABLES["recording"]["ideal"]
         recording["ideal"] = (recording["image"].dims, linear, {"units": entry.units, "long_name": entry.long_name})
     return recording
+
+
+def _warn_of_saturation(scene: Scene, brightest: float) -> None:
+    """Warn if images of a scene with light of its own are brighter than the sensor can tell."""
+    limit = 1.0 if isinstance(scene.sensor, str) else scene.sensor.saturation_radiance
+    # What is exactly as bright as full scale may have been rounded up.
+    if scene.lighting != Lighting() and brightest > limit * (1 + 1e-6):
+        message = (
+            f"lighting: images reach a radiance of {brightest:.4g} where the sensor's full scale is {limit:.4g}; "
+            "reduce irradiance or ambient"
+        )
+        warnings.warn(message, SceneWarning, stacklevel=4)
 
 
 def _intrinsics(scene: Scene) -> Intrinsics:

@@ -78,6 +78,18 @@ def test_digital_numbers_saturate() -> None:
     assert (stacks(sensor, 10.0, 1) == 4095).all()
 
 
+@pytest.mark.parametrize("name", SENSORS)
+@pytest.mark.parametrize("full_well_e", [9000.0, 1e6])
+def test_saturation_radiance_is_where_the_response_ends(name: str, full_well_e: float) -> None:
+    sensor = made(name, full_well_e=full_well_e, prnu=0.0, dsnu_e=0.0, temporal_dark_noise_e=0.0)
+    level = sensor.saturation_radiance
+    half, most, beyond = (stacks(sensor, share * level, 1).mean() for share in (0.5, 1.3, 2.6))
+    black = sensor.black_level_dn
+    # Shot noise of 9000 electrons or more is 1 %; rounding half a digital number of some hundred.
+    assert most == pytest.approx(beyond, rel=1e-3)
+    assert half - black == pytest.approx(0.5 * (most - black), rel=5e-3)
+
+
 def test_dark_current_and_hot_pixels() -> None:
     sensor = made("noisy", hot_pixel_share=0.01, hot_pixel_current_e_per_s=1e5, exposure_time_s=0.1, dsnu_e=0.0)
     images = stacks(sensor, 0.0, 20).mean(axis=0) - sensor.black_level_dn

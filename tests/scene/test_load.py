@@ -150,6 +150,8 @@ plain_values = some.recursive(
             "objects.0.texture",
             "objects.0.motion",
             "sensor",
+            "lighting",
+            "lighting.lights",
             "seed",
         ]
     ),

@@ -153,6 +153,12 @@ class EmvaSensor(FrozenModel):
         """Type of the images that leave the sensor."""
         return digital_type(self.bit_depth)
 
+    @property
+    def saturation_radiance(self) -> float:
+        """Radiance beyond which images say nothing more: the well is full, or digital numbers end."""
+        electrons = min(self.full_well_e, (self.full_scale - self.black_level_dn) / self.gain_dn_per_e)
+        return electrons / (self.quantum_efficiency * self.photon_rate_per_s * self.exposure_time_s)
+
     def fixed_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> FixedPattern:
         """Draw what distinguishes the pixels of one sensor, and stays the same over all its images.
 

@@ -58,6 +58,11 @@ class Sensor(FrozenModel):
         """Type of the images that leave the sensor."""
         return np.dtype(np.float32) if self.bit_depth is None else digital_type(self.bit_depth)
 
+    @property
+    def saturation_radiance(self) -> float:
+        """Radiance beyond which images say nothing more."""
+        return self.full_scale_radiance
+
     def fixed_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> None:
         """Return None: all pixels are alike."""
 

@@ -2,6 +2,7 @@
 
 from scenetruth.raycast.caster import Hits, RayCaster
 from scenetruth.raycast.edges import mixed_pixels
+from scenetruth.raycast.shadows import ShadowCaster
 from scenetruth.raycast.topology import Topology
 
-__all__ = ["Hits", "RayCaster", "Topology", "mixed_pixels"]
+__all__ = ["Hits", "RayCaster", "ShadowCaster", "Topology", "mixed_pixels"]

@@ -1,4 +1,4 @@
-"""The OpenGL backend: pyrender on OSMesa or EGL, unlit, supersampled."""
+"""The OpenGL backend: pyrender on OSMesa or EGL, supersampled; light is put on by the ray caster."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.render.opengl import use_platform
 from scenetruth.render.protocol import Renderer
+from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.scene.spec import Lighting
 from scenetruth.scene.world import World
 
 __all__ = ["PyrenderRenderer"]
@@ -38,6 +40,9 @@ class PyrenderRenderer(Renderer):
         n.
     platform
         ``"osmesa"``, ``"egl"`` or ``"auto"``.
+    lighting
+        The light on it; none for textures that shine by themselves. OpenGL gives the unlit image, which is multiplied
+        by the light that ray casting finds for each pixel; pixels at edges, of objects or of light, are ray cast.
 
     Raises
     ------
@@ -46,7 +51,13 @@ class PyrenderRenderer(Renderer):
     """
 
     def __init__(
-        self, world: World, camera: Camera, background: float = 0.0, supersampling: int = 4, platform: str = "auto"
+        self,
+        world: World,
+        camera: Camera,
+        background: float = 0.0,
+        supersampling: int = 4,
+        platform: str = "auto",
+        lighting: Lighting | None = None,
     ) -> None:
         self._platform = use_platform(platform)
         import pyrender
@@ -57,6 +68,10 @@ class PyrenderRenderer(Renderer):
         self._size = (camera.width, camera.height)
         self._n = supersampling
         self._materials = [_material(pyrender, body.texture) for body in world.bodies]
+        self._lighting = lighting or Lighting()
+        self._lit: RaycastRenderer | None = None
+        if self._lighting.lit:
+            self._lit = RaycastRenderer(world, camera, background, supersampling, self._lighting)
         self._t: float | None = None
         self._vertices_mm = np.empty((0, 3))
         self._nodes: list[Any] = []
@@ -76,6 +91,12 @@ class PyrenderRenderer(Renderer):
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`."""
+        unlit = self._render_unlit(t, viewpoint)
+        if self._lit is not None:
+            return self._lit.light(unlit, t, viewpoint)
+        return unlit * np.float32(self._lighting.brightness(t))
+
+    def _render_unlit(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         if self._t != t:
             self._place_world(t)
         pose = np.eye(4)

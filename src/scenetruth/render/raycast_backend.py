@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.render.protocol import Renderer
+from scenetruth.render.shading import Shader
+from scenetruth.scene.spec import Lighting
 from scenetruth.scene.world import World
 
 __all__ = ["RaycastRenderer"]
@@ -28,6 +30,8 @@ class RaycastRenderer(Renderer):
         Radiance where no surface is met.
     supersampling
         n: every pixel is the mean of n x n samples.
+    lighting
+        The light on it; none for textures that shine by themselves.
     topology
         Faces and edges of the world, if they are known already.
     """
@@ -38,6 +42,7 @@ class RaycastRenderer(Renderer):
         camera: Camera,
         background: float = 0.0,
         supersampling: int = 4,
+        lighting: Lighting | None = None,
         topology: Topology | None = None,
     ) -> None:
         self.name = "raycast"
@@ -54,13 +59,32 @@ class RaycastRenderer(Renderer):
         across, down = np.meshgrid(steps, steps)
         self._offsets_px = np.column_stack([across.ravel(), down.ravel()])
         self._reach_px = float(steps[-1])
+        self._lighting = lighting or Lighting()
+        self._shader = Shader(self._lighting) if self._lighting.lit else None
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`.
 
         Where a pixel's footprint stays on one face, its samples map to the texture through that face's plane; only
-        pixels at edges need rays of their own.
+        pixels at edges, of objects or of light, need rays of their own.
         """
+        return self._render(t, viewpoint, None)
+
+    def light(self, albedo: NDArray[np.float32], t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the lit image from an unlit one that another renderer made of the same world at the same sampling.
+
+        Only pixels at edges, of objects or of light, are rendered here.
+
+        Parameters
+        ----------
+        albedo
+            The unlit image, shape (height, width).
+        t, viewpoint
+            As of `render`.
+        """
+        return self._render(t, viewpoint, albedo)
+
+    def _render(self, t: float, viewpoint: Viewpoint, albedo: NDArray[np.float32] | None) -> NDArray[np.float32]:
         from scenetruth.raycast.kernels import footprint_forms
 
         camera, world, caster = self._camera, self._world, self._caster_at(t)
@@ -71,9 +95,11 @@ class RaycastRenderer(Renderer):
         )
         hits = caster.cast(origin, directions, grid_width=camera.width)
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
-        rest = mixed_pixels(caster, viewpoint, camera, body.reshape(shape)).ravel()
-        image = np.full(len(body), self._background, dtype=np.float32)
-        for index, item in enumerate(world.bodies):
+        mixed = mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
+        light = None if self._shader is None else self._shader.on_pixels(caster, t, origin, directions, hits, mixed)
+        rest = mixed.ravel().copy()
+        image = np.full(len(body), self._background, dtype=np.float32) if albedo is None else albedo.ravel().copy()
+        for index, item in enumerate(world.bodies if albedo is None else ()):
             inner = np.flatnonzero((body == index) & ~rest)
             for first in range(0, len(inner), _PIXELS_PER_PIECE):
                 pixels = inner[first : first + _PIXELS_PER_PIECE]
@@ -91,16 +117,20 @@ class RaycastRenderer(Renderer):
                 )
                 image[pixels] = item.texture.mean_radiance(forms, self._offsets_px)
                 rest[pixels[~whole]] = True
+        if light is not None:
+            image = light.on(image.reshape(shape), rest.reshape(shape), self._offsets_px).ravel()
+            rest |= light.uneven.ravel()
         remaining = np.flatnonzero(rest)
         for first in range(0, len(remaining), _PIXELS_PER_PIECE):
             pixels = remaining[first : first + _PIXELS_PER_PIECE]
             steps = (item[pixels] if len(item) > 1 else item for item in (across, down))
-            image[pixels] = self._trace(caster, origin, directions[pixels], *steps)
-        return image.reshape(shape)
+            image[pixels] = self._trace(caster, t, origin, directions[pixels], *steps)
+        return image.reshape(shape) * np.float32(self._lighting.brightness(t))
 
     def _trace(
         self,
         caster: RayCaster,
+        t: float,
         origin: NDArray[np.float64],
         directions: NDArray[np.float64],
         across: NDArray[np.float64],
@@ -117,6 +147,8 @@ class RaycastRenderer(Renderer):
             chosen = body == index
             if chosen.any():
                 radiance[chosen] = item.texture.radiance(uv[chosen])
+        if self._shader is not None:
+            radiance *= self._shader.factors(caster, t, origin, rays, hits)[0].astype(np.float32)
         means: NDArray[np.float64] = radiance.reshape(-1, samples).mean(axis=1, dtype=np.float64)
         return means
 

@@ -62,7 +62,7 @@ def _pyrender(scene: Scene, world: World) -> Choice:
     settings = scene.render
 
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
-        return PyrenderRenderer(world, camera, scene.background, supersampling, settings.platform)
+        return PyrenderRenderer(world, camera, scene.background, supersampling, settings.platform, scene.lighting)
 
     renderer = _behind_lens(scene, world, open_renderer)
     on_egl = settings.platform == "auto" and renderer.name != "pyrender (osmesa)"
@@ -76,7 +76,7 @@ def _raycast(scene: Scene, world: World) -> Renderer:
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
 
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
-        return RaycastRenderer(world, camera, scene.background, supersampling, topology)
+        return RaycastRenderer(world, camera, scene.background, supersampling, scene.lighting, topology)
 
     return _behind_lens(scene, world, open_renderer)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from scenetruth.errors import Problem, SceneError, SceneWarning
 from scenetruth.scene import spec
+from scenetruth.scene.lamps import lighting_problems
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World
 
@@ -83,7 +84,7 @@ def check_scene(scene: Scene, world: World) -> None:
     Raises
     ------
     SceneError
-        With every object that is behind the camera or outside all images.
+        With every object that is behind the camera or outside all images, and every light inside an object.
 
     Warns
     -----
@@ -91,7 +92,7 @@ def check_scene(scene: Scene, world: World) -> None:
         If a texture is finer than two pixels.
     """
     reports, problems = _object_reports(scene, world)
-    problems += _camera_problems(scene)
+    problems += [*_camera_problems(scene), *lighting_problems(scene, world)]
     if problems:
         raise SceneError(problems)
     for message in _texture_warnings(reports):
@@ -116,7 +117,7 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
         As `check_scene`.
     """
     reports, problems = _object_reports(scene, world)
-    problems += _camera_problems(scene)
+    problems += [*_camera_problems(scene), *lighting_problems(scene, world)]
     seen = depth[np.isfinite(depth)]
     if not problems and not seen.size:
         problems = [Problem("objects", "the reference camera sees none of them at the reference frame")]

@@ -159,10 +159,15 @@ def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int]) -> str:
         listed = isinstance(here, list) and isinstance(key, int) and key < len(here)
         if inside or listed:
             here = here[key]  # type: ignore[index]
-        elif index < len(loc) - 1 or _is_union_member(str(key)):
+        elif index < len(loc) - 1 or _is_union_member(str(key)) or _is_kind(here, key):
             continue
         keys.append(str(key))
     return ".".join(keys)
+
+
+def _is_kind(here: object, key: str | int) -> bool:
+    """Tell whether a key names the kind of a mapping, as pydantic adds it when the mapping as a whole is wrong."""
+    return isinstance(here, dict) and here.get("kind") == key
 
 
 def _is_union_member(key: str) -> bool:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.scene import spec
 
-__all__ = ["PointMotion", "compose", "motions_of", "pose_points"]
+__all__ = ["PointMotion", "compose", "motions_about", "motions_of", "pose_points"]
 
 Points = NDArray[np.float64]
 
@@ -49,7 +49,12 @@ def pose_points(pose: spec.Pose, points_mm: Points) -> Points:
 
 def motions_of(item: spec.SceneObject) -> list[PointMotion]:
     """Return the motions of an object, in the order in which they apply."""
-    return [_motion(entry, item.pose.position_mm) for entry in item.motion]
+    return motions_about(item.motion, item.pose.position_mm)
+
+
+def motions_about(entries: Sequence[spec.Motion], position_mm: tuple[float, float, float]) -> list[PointMotion]:
+    """Return motions in the order in which they apply; rotations without a point turn about a position."""
+    return [_motion(entry, position_mm) for entry in entries]
 
 
 def compose(motions: Sequence[PointMotion], points_mm: Points, t: float) -> tuple[Points, Points]:

@@ -8,6 +8,8 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator,
 
 from scenetruth.camera import Camera, EmvaSensor, Frames, Optics, Sensor, Shutter, Stage
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
+from scenetruth.scene.lighting_spec import Lighting
+from scenetruth.scene.motion_spec import ConstantRotation, ConstantVelocity, Motion, nonzero
 from scenetruth.settings import EstimateSettings, ScoreSettings
 
 __all__ = [
@@ -16,6 +18,7 @@ __all__ = [
     "ConstantVelocity",
     "FileMesh",
     "ImageTexture",
+    "Lighting",
     "Mesh",
     "Motion",
     "NoiseTexture",
@@ -164,7 +167,7 @@ class Rotation(FrozenModel):
     @field_validator("axis")
     @classmethod
     def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return _nonzero(value)
+        return nonzero(value)
 
 
 class Pose(FrozenModel):
@@ -174,43 +177,6 @@ class Pose(FrozenModel):
     """World position of the mesh's origin in mm."""
     rotations: tuple[Rotation, ...] = ()
     """Rotations about fixed axes, applied one after the other."""
-
-
-class ConstantVelocity(FrozenModel):
-    """Translation by a constant velocity."""
-
-    kind: Literal["velocity"]
-    """``velocity``."""
-    velocity_mm_per_frame: Vector3
-    """(U_X, U_Y, U_Z) in mm per frame."""
-
-
-class ConstantRotation(FrozenModel):
-    """Rotation about an axis through a point at a constant rate (right-hand rule)."""
-
-    kind: Literal["rotation"]
-    """``rotation``."""
-    axis: Vector3
-    """Direction of the axis in the world frame."""
-    rate_deg_per_frame: Finite
-    """Angle per frame in degrees."""
-    point_mm: Vector3 | None = None
-    """World point on the axis; the object's position if not given."""
-
-    @field_validator("axis")
-    @classmethod
-    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return _nonzero(value)
-
-
-Motion = Annotated[ConstantVelocity | ConstantRotation, Field(discriminator="kind")]
-
-
-def _nonzero(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    if not any(value):
-        msg = "must not be the zero vector"
-        raise ValueError(msg)
-    return value
 
 
 class SceneObject(FrozenModel):
@@ -266,6 +232,8 @@ class Scene(FrozenModel):
     """What stands before it."""
     background: Radiance = 0.0
     """Radiance where no object is seen."""
+    lighting: Lighting = Lighting()
+    """The light on the objects; unlit, the radiance is the textures' own."""
     sensor: Annotated[
         Annotated[Literal["ideal"], Tag("ideal")]
         | Annotated[Sensor, Tag("gaussian")]

@@ -1,0 +1,61 @@
+"""Kernels that decide in float64 whether a face stands between a light and a point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["confirm_blocked"]
+
+
+@numba.njit(cache=True, nogil=True)
+def _meets(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, start: NDArray[np.float64],
+    way: NDArray[np.float64], farthest: float,
+) -> Any:  # fmt: skip
+    """Tell whether a ray meets a face between its start and ``farthest`` (Möller and Trumbore)."""
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    ux, uy, uz = (vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2])
+    vx, vy, vz = (vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2])
+    px, py, pz = way[1] * vz - way[2] * vy, way[2] * vx - way[0] * vz, way[0] * vy - way[1] * vx
+    volume = ux * px + uy * py + uz * pz
+    if volume == 0.0:
+        return False
+    sx, sy, sz = start[0] - vertices[i, 0], start[1] - vertices[i, 1], start[2] - vertices[i, 2]
+    b1 = (sx * px + sy * py + sz * pz) / volume
+    qx, qy, qz = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
+    b2 = (way[0] * qx + way[1] * qy + way[2] * qz) / volume
+    if b1 < 0.0 or b2 < 0.0 or b1 + b2 > 1.0:
+        return False
+    along = (vx * qx + vy * qy + vz * qz) / volume
+    return along >= 0.0 and along < farthest
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def confirm_blocked(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+    starts: NDArray[np.float64],
+    ways: NDArray[np.float64],
+    guesses: NDArray[np.int32],
+    own: NDArray[np.int32],
+    farthest: float,
+) -> Any:
+    """Tell which rays meet the face that was guessed for them, or one beside it, before the point on their own face."""
+    count = starts.shape[0]
+    out = np.empty(count, dtype=np.bool_)
+    for n in numba.prange(count):
+        guess = guesses[n]
+        blocked = False
+        if guess >= 0 and guess != own[n]:
+            blocked = _meets(vertices, faces, guess, starts[n], ways[n], farthest)
+            for k in range(3):
+                beside = neighbours[guess, k]
+                if not blocked and beside >= 0 and beside != own[n]:
+                    blocked = _meets(vertices, faces, beside, starts[n], ways[n], farthest)
+        out[n] = blocked
+    return out

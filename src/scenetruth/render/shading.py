@@ -1,0 +1,213 @@
+"""Lambertian shading, the same for every renderer: the light on points of surfaces, and on the pixels of an image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.raycast import Hits, RayCaster, ShadowCaster
+from scenetruth.scene.lamps import Lamp, lamps_at
+from scenetruth.scene.spec import Lighting
+
+__all__ = ["PixelLight", "Shader"]
+
+# Where neighbouring pixels differ by more than this share of the brightest, every sample is shaded by itself.
+_STEEPEST = 0.05
+# Turns the numbers of the lights' zones into one number for all lights.
+_MIX = np.uint64(0x9E3779B97F4A7C15)
+
+
+@dataclass(frozen=True, eq=False)
+class PixelLight:
+    """The light on what the pixels of one image see at their centres.
+
+    Parameters
+    ----------
+    shade
+        Irradiance, shape (height, width); 1 where nothing is seen.
+    face
+        The faces, shape (height, width), -1 for none.
+    mixed
+        Pixels whose footprint crosses an edge, shape (height, width).
+    uneven
+        Pixels whose light is not smooth, at the borders of shadows above all, shape (height, width).
+    """
+
+    shade: NDArray[np.float64]
+    face: NDArray[np.int32]
+    mixed: NDArray[np.bool_]
+    uneven: NDArray[np.bool_]
+
+    def on(
+        self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], offsets_px: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        """Shade an image of mean albedos.
+
+        Parameters
+        ----------
+        albedo
+            Means over the pixels' footprints, shape (height, width).
+        unknown
+            Pixels without such a mean, to be left as they are.
+        offsets_px
+            Samples of a footprint (x, y) that the means stand for, shape (n, 2); their variance enters.
+
+        Returns
+        -------
+        numpy.ndarray
+            Mean radiances, exact to second order where the light is smooth, float32.
+        """
+        from scenetruth.render.shading_kernels import shade_image
+
+        variance = float((offsets_px**2).mean())
+        shaded: NDArray[np.float32] = shade_image(
+            albedo, self.shade, self.face, self.mixed, unknown, self.uneven, variance
+        )
+        return shaded
+
+
+class Shader:
+    """Lambertian shading of surfaces that are seen from both sides.
+
+    The normal is that of the flat triangle, turned towards the eye; normals that are interpolated between vertices
+    would enter in `factors` in its place.
+
+    Parameters
+    ----------
+    lighting
+        The light of the scene.
+    """
+
+    def __init__(self, lighting: Lighting) -> None:
+        self._lighting = lighting
+        self._shadows: ShadowCaster | None = None
+        self._normals: tuple[RayCaster, NDArray[np.float64]] | None = None
+
+    def factors(
+        self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
+        """Return the irradiance where rays meet the world.
+
+        Parameters
+        ----------
+        caster
+            The world at time t.
+        t
+            Time in frames, for the lights.
+        origin_mm, directions
+            The rays, shapes (3,) and (n, 3).
+        hits
+            What they meet first.
+
+        Returns
+        -------
+        tuple
+            ambient + sum of E falloff max(0, n l) over the lights that reach the point, shape (n,), 1 where nothing is
+            met; and numbers, shape (n,), that differ where other lights reach, or other zones of their cones.
+        """
+        from scenetruth.render.shading_kernels import facing_points
+
+        seen = np.flatnonzero(hits.face >= 0)
+        points, normals = facing_points(
+            np.asarray(origin_mm, dtype=np.float64),
+            np.ascontiguousarray(directions),
+            hits.depth,
+            hits.face,
+            seen,
+            self._face_normals(caster),
+        )
+        lamps = lamps_at(self._lighting, t)
+        irradiance, zones = self.irradiance(caster, lamps, points, normals, hits.face[seen])
+        factors, state = np.ones(len(directions)), np.zeros(len(directions), dtype=np.uint64)
+        factors[seen], state[seen] = irradiance, zones
+        return factors, state
+
+    def irradiance(
+        self,
+        caster: RayCaster,
+        lamps: list[Lamp],
+        points_mm: NDArray[np.float64],
+        normals: NDArray[np.float64],
+        faces: NDArray[np.int32],
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
+        """Return the irradiance of points on surfaces, shape (n,), and numbers that tell zones of light apart.
+
+        Parameters
+        ----------
+        caster
+            The world, whose faces cast shadows.
+        lamps
+            The lights.
+        points_mm, normals
+            Points and unit normals on the side that is looked at, shape (n, 3) each.
+        faces
+            The face that each point lies on, shape (n,); it casts no shadow on itself.
+        """
+        from scenetruth.render.shading_kernels import direct_light
+
+        total = np.full(len(points_mm), self._lighting.ambient or 0.0)
+        state = np.zeros(len(points_mm), dtype=np.uint64)
+        for lamp in lamps:
+            light, zone, to_light, distance = direct_light(
+                points_mm,
+                normals,
+                np.zeros(3) if lamp.position_mm is None else lamp.position_mm,
+                lamp.axis,
+                lamp.position_mm is None,
+                lamp.irradiance,
+                lamp.reference_distance_mm,
+                lamp.cos_inner,
+                lamp.cos_outer,
+            )
+            if self._lighting.shadows:
+                reached = np.flatnonzero(light > 0)
+                dark = reached[
+                    self._shadow_caster(caster).blocked(
+                        points_mm[reached], faces[reached], to_light[reached], distance[reached]
+                    )
+                ]
+                light[dark], zone[dark] = 0.0, 0
+            total += light
+            state = state * _MIX + zone
+        return total, state
+
+    def on_pixels(
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        mixed: NDArray[np.bool_],
+    ) -> PixelLight:
+        """Return the light on the pixels of one image.
+
+        Parameters
+        ----------
+        caster, t, origin_mm, directions, hits
+            As of `factors`; the rays through the pixels' centres, row by row.
+        mixed
+            Pixels at edges, shape (height, width).
+        """
+        from scenetruth.render.shading_kernels import uneven_pixels
+
+        factors, state = self.factors(caster, t, origin_mm, directions, hits)
+        shade, face = factors.reshape(mixed.shape), hits.face.reshape(mixed.shape)
+        brightest = float(shade[face >= 0].max(initial=0.0))
+        uneven = uneven_pixels(shade, state.reshape(mixed.shape), face, mixed, _STEEPEST * brightest)
+        return PixelLight(shade, face, mixed, uneven)
+
+    def _shadow_caster(self, caster: RayCaster) -> ShadowCaster:
+        if self._shadows is None or self._shadows.vertices_mm is not caster.vertices_mm:
+            self._shadows = ShadowCaster(caster.vertices_mm, caster.topology)
+        return self._shadows
+
+    def _face_normals(self, caster: RayCaster) -> NDArray[np.float64]:
+        if self._normals is None or self._normals[0] is not caster:
+            corners = caster.vertices_mm[caster.topology.faces]
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+            self._normals = (caster, normals)
+        return self._normals[1]

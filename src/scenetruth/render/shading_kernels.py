@@ -1,0 +1,186 @@
+"""Kernels that shade points, and images pixel by pixel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["direct_light", "facing_points", "shade_image", "uneven_pixels"]
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def facing_points(
+    origin: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    face: NDArray[np.int32],
+    seen: NDArray[np.int64],
+    face_normals: NDArray[np.float64],
+) -> Any:
+    """Return the points that the rays ``seen`` meet, and unit normals there, turned towards the rays' origin."""
+    count = seen.shape[0]
+    points = np.empty((count, 3), dtype=np.float64)
+    normals = np.empty((count, 3), dtype=np.float64)
+    for n in numba.prange(count):
+        ray = seen[n]
+        along = 0.0
+        for k in range(3):
+            points[n, k] = origin[k] + depth[ray] * directions[ray, k]
+            along += face_normals[face[ray], k] * directions[ray, k]
+        sign = -1.0 if along > 0.0 else 1.0
+        for k in range(3):
+            normals[n, k] = sign * face_normals[face[ray], k]
+    return points, normals
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def direct_light(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    position: NDArray[np.float64],
+    axis: NDArray[np.float64],
+    parallel_light: bool,
+    irradiance: float,
+    reference_distance: float,
+    cos_inner: float,
+    cos_outer: float,
+) -> Any:
+    """Return what one light would give to points if nothing stood between.
+
+    Returns irradiance E falloff max(0, n l), shape (n,); the zone of the light's cone, 0 dark, 1 its border, 2 in full,
+    shape (n,); unit vectors towards the light, shape (n, 3); its distance, shape (n,).
+    """
+    count = points.shape[0]
+    light = np.empty(count, dtype=np.float64)
+    zone = np.empty(count, dtype=np.uint8)
+    to_light = np.empty((count, 3), dtype=np.float64)
+    distance = np.empty(count, dtype=np.float64)
+    for n in numba.prange(count):
+        value = irradiance
+        place = 2
+        if parallel_light:
+            lx, ly, lz = -axis[0], -axis[1], -axis[2]
+            length = np.inf
+        else:
+            lx, ly, lz = position[0] - points[n, 0], position[1] - points[n, 1], position[2] - points[n, 2]
+            length = np.sqrt(lx * lx + ly * ly + lz * lz)
+            lx, ly, lz = lx / length, ly / length, lz / length
+            value *= (reference_distance / length) ** 2
+            if cos_inner > -1.0:
+                cosine = -(lx * axis[0] + ly * axis[1] + lz * axis[2])
+                if cosine < cos_outer:
+                    value, place = 0.0, 0
+                elif cosine < cos_inner:
+                    share = (cosine - cos_outer) / (cos_inner - cos_outer)
+                    value *= share * share * (3.0 - 2.0 * share)
+                    place = 1
+        facing = normals[n, 0] * lx + normals[n, 1] * ly + normals[n, 2] * lz
+        if facing <= 0.0:
+            value, place = 0.0, 0
+        else:
+            value *= facing
+        light[n], zone[n], distance[n] = value, place, length
+        to_light[n, 0], to_light[n, 1], to_light[n, 2] = lx, ly, lz
+    return light, zone, to_light, distance
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _joined(face: Any, mixed: Any, y: int, x: int, v: int, u: int) -> Any:
+    """Tell whether two pixels' centres lie on one smooth surface."""
+    if face[y, x] < 0 or face[v, u] < 0:
+        return False
+    return face[y, x] == face[v, u] or not (mixed[y, x] or mixed[v, u])
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def uneven_pixels(
+    shade: NDArray[np.float64],
+    state: NDArray[np.uint64],
+    face: NDArray[np.int32],
+    mixed: NDArray[np.bool_],
+    steepest: float,
+) -> Any:
+    """Mark pixels of images (h, w) whose light is not smooth.
+
+    Smooth is: on the same surface, all eight neighbours are reached by the same lights (``state``), and their shades
+    differ by no more than ``steepest``.
+    """
+    rows, columns = shade.shape
+    out = np.zeros((rows, columns), dtype=np.bool_)
+    for y in numba.prange(rows):
+        for x in range(columns):
+            if face[y, x] < 0:
+                continue
+            for v in range(max(y - 1, 0), min(y + 2, rows)):
+                for u in range(max(x - 1, 0), min(x + 2, columns)):
+                    if (v != y or u != x) and _joined(face, mixed, y, x, v, u):
+                        apart = state[v, u] != state[y, x] or abs(shade[v, u] - shade[y, x]) > steepest
+                        out[y, x] = out[y, x] or apart
+    return out
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _usable(face: Any, mixed: Any, unknown: Any, y: int, x: int, v: int, u: int) -> Any:
+    """Tell whether a pixel lies in the image, on the same surface as another, and with an albedo that is known."""
+    if v < 0 or u < 0 or v >= face.shape[0] or u >= face.shape[1]:
+        return False
+    return not unknown[v, u] and _joined(face, mixed, y, x, v, u)
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def shade_image(
+    albedo: NDArray[np.float32],
+    shade: NDArray[np.float64],
+    face: NDArray[np.int32],
+    mixed: NDArray[np.bool_],
+    unknown: NDArray[np.bool_],
+    uneven: NDArray[np.bool_],
+    variance: float,
+) -> Any:
+    """Multiply pixels' mean albedo A by the shade S at their centres, exact to second order in the footprint.
+
+    The mean of a product over a footprint whose samples have ``variance`` (px², along x and y each) around its centre
+    is A S + variance (grad A grad S + A laplace S / 2). Slopes come from the neighbours on the same surface, from both
+    sides, those of A to fourth order where there are enough of them, or from one side at edges if the light is smooth
+    there. Pixels whose albedo is ``unknown`` are not touched and not used.
+    """
+    rows, columns = shade.shape
+    out = albedo.copy()
+    for y in numba.prange(rows):
+        for x in range(columns):
+            if face[y, x] < 0 or unknown[y, x]:
+                continue
+            a, s = np.float64(albedo[y, x]), shade[y, x]
+            value = a * s
+            for axis in range(2):
+                dy, dx = axis, 1 - axis
+                before = _usable(face, mixed, unknown, y, x, y - dy, x - dx)
+                after = _usable(face, mixed, unknown, y, x, y + dy, x + dx)
+                if before and after:
+                    a0, a1 = np.float64(albedo[y - dy, x - dx]), np.float64(albedo[y + dy, x + dx])
+                    s0, s1 = shade[y - dy, x - dx], shade[y + dy, x + dx]
+                    slope_a, slope_s, bend = 0.5 * (a1 - a0), 0.5 * (s1 - s0), s1 - 2.0 * s + s0
+                    v0, u0, v1, u1 = y - 2 * dy, x - 2 * dx, y + 2 * dy, x + 2 * dx
+                    if _usable(face, mixed, unknown, y, x, v0, u0) and _usable(face, mixed, unknown, y, x, v1, u1):
+                        slope_a += (slope_a - 0.25 * (np.float64(albedo[v1, u1]) - np.float64(albedo[v0, u0]))) / 3.0
+                elif before or after:
+                    way = 1 if after else -1
+                    v1, u1, v2, u2 = y + way * dy, x + way * dx, y + 2 * way * dy, x + 2 * way * dx
+                    # Beside a pixel that is smooth the shade may be used, but not beyond one that is uneven.
+                    if uneven[v1, u1] or not _usable(face, mixed, unknown, y, x, v2, u2):
+                        continue
+                    a1, a2 = np.float64(albedo[v1, u1]), np.float64(albedo[v2, u2])
+                    s1, s2 = shade[v1, u1], shade[v2, u2]
+                    slope_a, slope_s, bend = (
+                        2.0 * a1 - 1.5 * a - 0.5 * a2,
+                        2.0 * s1 - 1.5 * s - 0.5 * s2,
+                        s2 - 2.0 * s1 + s,
+                    )
+                else:
+                    continue
+                value += variance * (slope_a * slope_s + 0.5 * a * bend)
+            out[y, x] = np.float32(value)
+    return out

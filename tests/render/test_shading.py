@@ -1,0 +1,327 @@
+"""Light against closed forms: planes, cones, shadows, and what changes in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import scenetruth as st
+from scenetruth.camera import Viewpoint
+from scenetruth.errors import BackendUnavailableError
+from scenetruth.render import Renderer
+from scenetruth.render import shading as shading_module
+from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.scene import Scene
+from scenetruth.scene.world import build_world
+from tests.scenes import SCENES, cube
+
+Image = NDArray[np.float32]
+Points = NDArray[np.float64]
+Rotations = list[dict[str, Any]]
+# float32 images of values below about 1.
+ROUNDING = 3e-7
+DISTANCE = 660.0
+
+
+def render_raycast(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> Image:
+    settings = scene.render.supersampling
+    with RaycastRenderer(build_world(scene), scene.camera, scene.background, settings, scene.lighting) as renderer:
+        return renderer.render(t, Viewpoint.on_axis(x_mm))
+
+
+def render_pyrender(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> Image:
+    from scenetruth.render.pyrender_backend import PyrenderRenderer
+
+    settings = scene.render.supersampling
+    try:
+        renderer: Renderer = PyrenderRenderer(
+            build_world(scene), scene.camera, scene.background, settings, "auto", scene.lighting
+        )
+    except BackendUnavailableError as error:
+        pytest.skip(str(error))
+    with renderer:
+        return renderer.render(t, Viewpoint.on_axis(x_mm))
+
+
+backends = pytest.mark.parametrize("render", [render_raycast, render_pyrender], ids=["raycast", "pyrender"])
+
+
+def plane(
+    lighting: dict[str, Any], *, rotations: Rotations | None = None, others: tuple[dict[str, Any], ...] = (),
+    texture: dict[str, Any] | None = None, supersampling: int = 4, **changes: Any,
+) -> Scene:  # fmt: skip
+    """Return a white plane that fills the view of 160 x 120 px at 660 mm, and lights."""
+    item = {
+        "name": "plane",
+        "mesh": {"kind": "plane", "size_mm": [400, 400]},
+        "pose": {"position_mm": [0, 0, DISTANCE], "rotations": rotations or []},
+        "texture": texture or {"kind": "uniform", "radiance": 1.0},
+    }
+    render = {"backend": "raycast", "supersampling": supersampling}
+    return cube(objects=[item, *others], lighting=lighting, render=render, **changes)
+
+
+def samples_mm(scene: Scene) -> NDArray[np.float64]:
+    """Return where the samples of all pixels meet the plane at 660 mm, shape (height, width, n * n, 2)."""
+    camera, n = scene.camera, scene.render.supersampling
+    steps = (np.arange(n) + 0.5) / n - 0.5
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    pixels = camera.pixel_grid()[:, :, None] + offsets
+    return (pixels - camera.principal_point) / camera.focal_px * DISTANCE
+
+
+def point(x: float, y: float, z: float, **more: Any) -> dict[str, Any]:
+    return {
+        "kind": "point",
+        "position_mm": [x, y, z],
+        "irradiance": 0.9,
+        "reference_distance_mm": 200.0,
+        **more,
+    }
+
+
+def test_plane_under_a_point_light() -> None:
+    scene = plane({"lights": [point(20, -10, 560)]})
+    away = np.hypot(*np.moveaxis(samples_mm(scene) - (20, -10), -1, 0))
+    # E (d0 / d)² cos θ with cos θ = h / d and h = 100 mm: E (d0 / h)² cos³ θ.
+    expected = 0.9 * (200 / 100) ** 2 * np.cos(np.arctan(away / 100)) ** 3
+    image = render_raycast(scene)
+    # Values up to 3.6 in float32; beside the plane's diagonal, whose pixels are traced, slopes are taken from one side.
+    np.testing.assert_allclose(image, expected.mean(axis=2), atol=1e-5)
+    assert np.percentile(np.abs(image - expected.mean(axis=2)), 99) < 4 * ROUNDING
+
+
+def test_irradiance_falls_with_the_square_of_the_distance() -> None:
+    scenes = [plane({"lights": [point(0.0, 0.0, DISTANCE - far)]}, supersampling=1) for far in (100, 200, 400)]
+    centres = [float(render_raycast(scene)[59:61, 79:81].mean()) for scene in scenes]
+    away = np.hypot(0.5, 0.5) * DISTANCE / 1254
+    expected = [0.9 * (200 / far) ** 2 * np.cos(np.arctan(away / far)) ** 3 for far in (100, 200, 400)]
+    assert centres == pytest.approx(expected, rel=1e-6)
+
+
+@backends
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0, -60.0])
+def test_directional_light_on_a_turned_plane_is_the_cosine(render: Callable[..., Image], angle_deg: float) -> None:
+    sun = {"kind": "directional", "direction": [0, 0, 3], "irradiance": 0.8}
+    turned: Rotations = [{"axis": [0, 1, 0], "angle_deg": angle_deg}]
+    image = render(plane({"ambient": 0.1, "lights": [sun]}, rotations=turned))
+    np.testing.assert_allclose(image, 0.1 + 0.8 * np.cos(np.deg2rad(angle_deg)), atol=ROUNDING)
+
+
+def test_a_surface_lit_from_behind_is_dark_and_lights_add_up() -> None:
+    behind = {"kind": "directional", "direction": [0, 0, -1], "irradiance": 5.0}
+    front = {"kind": "directional", "direction": [0, 0, 1], "irradiance": 0.25}
+    for shadows in (True, False):
+        lighting = {"ambient": 0.125, "lights": [behind, front, front], "shadows": shadows}
+        assert (render_raycast(plane(lighting)) == np.float32(0.625)).all()
+
+
+def test_the_profile_of_a_spot() -> None:
+    spot = point(0, 0, 560, kind="spot", direction=[0, 0, 1], inner_angle_deg=6.0, outer_angle_deg=16.0)
+    scene = plane({"lights": [spot]})
+    angle = np.arctan(np.hypot(*np.moveaxis(samples_mm(scene), -1, 0)) / 100)
+    inner, outer = np.cos(np.deg2rad([6.0, 16.0]))
+    share = np.clip((np.cos(angle) - outer) / (inner - outer), 0, 1)
+    expected = (0.9 * 4 * np.cos(angle) ** 3 * share**2 * (3 - 2 * share)).mean(axis=2)
+    image = render_raycast(scene)
+    # The border is 35 px wide; where it bends most (its two ends) pixels are sampled one by one.
+    np.testing.assert_allclose(image, expected, atol=2e-4)
+    assert image[60, 80] > 3.5
+    assert image[60, 0] == 0
+
+
+def test_a_hard_spot_covers_its_cone() -> None:
+    spot = point(0, 0, 560, kind="spot", target_mm=[0, 0, 700], inner_angle_deg=15.0, outer_angle_deg=15.0)
+    image = render_raycast(plane({"ambient": 0.0, "lights": [spot]}, supersampling=8))
+    away = np.hypot(*np.moveaxis(samples_mm(plane({}, supersampling=1))[..., 0, :], -1, 0))
+    lit = image / (3.6 * np.cos(np.arctan(away / 100)) ** 3)
+    radius_px = 100 * np.tan(np.deg2rad(15)) / DISTANCE * 1254
+    # Samples cut the circle at 1/8 px; their errors average out along its 320 px.
+    assert np.sqrt(lit.sum() / np.pi) == pytest.approx(radius_px, abs=0.01)
+
+
+SHADE_CASTER = {
+    "name": "caster",
+    "mesh": {"kind": "box", "size_mm": [40, 30, 12]},
+    "pose": {"position_mm": [-30, 3, 606], "rotations": [{"axis": [0, 0, 1], "angle_deg": 10}]},
+    "texture": {"kind": "uniform", "radiance": 1.0},
+}
+
+
+def shadow_border_px(scene: Scene, cast_mm: Callable[[Points], Points]) -> Any:
+    """Return the right border x(y) of the box's shadow in pixels, from where its corners cast it on the plane."""
+    turn = np.deg2rad(10)
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    corners = np.array([[20, -15], [20, 15]]) @ axes + (-30, 3)
+    top, bottom = (scene.camera.project(cast_mm(np.column_stack([corners, np.full(2, z)]))) for z in (600.0, 612.0))
+    border = max((top, bottom), key=lambda ends: ends[:, 0].mean())
+    return np.poly1d(np.polyfit(border[:, 1], border[:, 0], 1))
+
+
+@backends
+@pytest.mark.parametrize("kind", ["directional", "point"])
+def test_the_border_of_a_shadow_is_where_geometry_puts_it(render: Callable[..., Image], kind: str) -> None:
+    if kind == "directional":
+        light: dict[str, Any] = {"kind": "directional", "direction": [0.5, 0.1, 1], "irradiance": 0.8}
+        way = np.array([0.5, 0.1, 1.0])
+
+        def cast_mm(points: Points) -> Points:
+            return np.asarray(points + (DISTANCE - points[:, 2:]) * way)
+    else:
+        light = point(-130, -10, 400)
+        lamp = np.array([-130.0, -10.0, 400.0])
+
+        def cast_mm(points: Points) -> Points:
+            return np.asarray(lamp + (points - lamp) * (DISTANCE - lamp[2]) / (points[:, 2:] - lamp[2]))
+
+    scene = plane({"ambient": 0.1, "lights": [light]}, others=(SHADE_CASTER,), supersampling=8)
+    bare = plane({"ambient": 0.1, "lights": [light]}, supersampling=8)
+    image, unshaded = render(scene), render(bare)
+    border = shadow_border_px(scene, cast_mm)
+    rows = np.arange(62, 96)
+    first, last = round(border(78.5)) - 12, round(border(78.5)) + 12
+    lit = ((image - 0.1) / (unshaded - 0.1))[rows, first : last + 1]
+    assert (abs(lit[:, 0]) < 1e-5).all()
+    assert (abs(lit[:, -1] - 1) < 1e-5).all()
+    found = last + 0.5 - lit.sum(axis=1)
+    # Columns of 8 samples place the border in a row to 1/16 px, averaged over the 1.4 px or so that a row is slanted.
+    assert np.abs(found - border(rows)).max() < 1 / 16
+    assert abs((found - border(rows)).mean()) < 0.01
+
+
+def test_without_shadows_nothing_is_shaded() -> None:
+    sun = {"kind": "directional", "direction": [0.5, 0.1, 1], "irradiance": 0.8}
+    with_box = render_raycast(plane({"lights": [sun], "shadows": False}, others=(SHADE_CASTER,)))
+    without_box = render_raycast(plane({"lights": [sun]}))
+    # To the right of the box itself.
+    np.testing.assert_allclose(with_box[:, 70:], without_box[:, 70:], atol=ROUNDING)
+    assert render_raycast(plane({"lights": [sun]}, others=(SHADE_CASTER,)))[61].min() == 0
+
+
+def test_a_cube_does_not_shade_its_own_lit_sides() -> None:
+    sun = {"kind": "directional", "direction": [0.2, 0.4, 1], "irradiance": 1.0}
+    item = cube().to_plain()["objects"][0] | {"texture": {"kind": "uniform", "radiance": 1.0}}
+    images = [render_raycast(cube(objects=[item], lighting={"lights": [sun], "shadows": on})) for on in (True, False)]
+    assert (images[0] == images[1]).all()
+    assert len(np.unique(images[0][images[0] > 0])) > 3
+
+
+def textured(lighting: dict[str, Any]) -> Scene:
+    plaid = {"kind": "plaid", "wavelength_mm": [6 * DISTANCE / 1254, 8 * DISTANCE / 1254], "amplitude": 0.4}
+    return plane(lighting, texture=plaid)
+
+
+def test_pixels_shaded_at_their_centres_equal_samples_shaded_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    spot = point(15, -8, 560, kind="spot", direction=[0, 0, 1], inner_angle_deg=4.0, outer_angle_deg=20.0)
+    scene = textured({"lights": [{**spot, "irradiance": 0.25}]})
+    fast = render_raycast(scene)
+    monkeypatch.setattr(shading_module, "_STEEPEST", -1.0)
+    difference = np.abs(fast - render_raycast(scene))
+    # A texture of 6 px under light that falls from 1 to 0 within 56 px. To first order (A S alone) the rms is 2.4e-4,
+    # the maximum 9e-4; of the second, slopes by differences leave 5 % at 6 px, and 40 % where taken from one side.
+    assert np.sqrt((difference**2).mean()) < 0.1 * 2.4e-4
+    assert difference.max() < 0.5 * 9e-4
+
+
+def test_ambient_light_alone_is_the_unlit_image() -> None:
+    assert (render_raycast(textured({"ambient": 1.0})) == render_raycast(textured({}))).all()
+
+
+@backends
+def test_an_unlit_scene_is_untouched(render: Callable[..., Image]) -> None:
+    scene = cube(background=0.3)
+    with RaycastRenderer(build_world(scene), scene.camera, scene.background, scene.render.supersampling) as renderer:
+        bare = renderer.render(1.0, Viewpoint.on_axis(5.0))
+    if render is render_raycast:
+        assert (render(scene, 1.0, 5.0) == bare).all()
+    assert (render(cube(background=0.3, lighting={"shadows": False}), 1.0, 5.0) == render(scene, 1.0, 5.0)).all()
+
+
+@backends
+def test_brightness_changes_everything_alike(render: Callable[..., Image]) -> None:
+    still = cube(background=0.3)
+    lighting = {"drift_per_frame": 0.02, "flicker": {"amplitude": 0.1, "period_frames": 4}}
+    changing = cube(background=0.3, lighting=lighting)
+    assert (render(changing) == render(still)).all()
+    np.testing.assert_allclose(render(changing, 1.0), (1.02 + 0.1) * render(still, 1.0), rtol=ROUNDING)
+    lit = cube(background=0.3, lighting={**lighting, "ambient": 0.5})
+    np.testing.assert_allclose(render(lit, -1.0)[0, 0], (0.98 - 0.1) * render(still)[0, 0], rtol=ROUNDING)
+
+
+def test_a_moving_light_is_the_resting_one_of_that_time() -> None:
+    turn = {"kind": "rotation", "axis": [0, 0, 1], "rate_deg_per_frame": 30, "point_mm": [0, 0, 0]}
+    moving = textured({"lights": [point(30, 0, 560, motion=[turn])]})
+    resting = textured({"lights": [point(0, 30, 560)]})
+    np.testing.assert_allclose(render_raycast(moving, 3.0), render_raycast(resting), atol=ROUNDING)
+    assert np.abs(render_raycast(moving) - render_raycast(resting)).max() > 0.1
+
+
+def test_a_camera_beside_sees_the_same_light_on_the_same_points() -> None:
+    step_px = 3
+    scene = textured({"lights": [point(20, -10, 560, irradiance=0.2)]})
+    moved = render_raycast(scene, x_mm=step_px * DISTANCE / 1254)
+    np.testing.assert_allclose(moved[2:-2, 2:-5], render_raycast(scene)[2:-2, 5:-2], atol=1e-6)
+
+
+def test_backends_agree_within_a_hundredth() -> None:
+    spot = point(0, -40, 450, kind="spot", target_mm=[0, 0, 670], inner_angle_deg=4.0, outer_angle_deg=9.0)
+    sun = {"kind": "directional", "direction": [0.6, 0.3, 1], "irradiance": 0.3}
+    wall = {
+        "name": "wall",
+        "mesh": {"kind": "plane", "size_mm": [300, 300]},
+        "pose": {"position_mm": [0, 0, 740]},
+        "texture": {"kind": "noise", "wavelength_mm": [3.2, 12.0]},
+    }
+    item = cube().to_plain()["objects"][0]
+    lighting = {"ambient": 0.1, "lights": [spot, sun]}
+    scene = cube(objects=[item, wall], lighting=lighting, render={"backend": "raycast", "supersampling": 4})
+    for t, x_mm in ((0.0, 0.0), (-4.0, 10.0)):
+        first, second = render_raycast(scene, t, x_mm), render_pyrender(scene, t, x_mm)
+        # Edges are rendered by the same code; elsewhere the unlit images differ by textures and frames of 8 bits.
+        assert np.abs(first - second).max() < 0.01
+
+
+def test_the_spotlight_scene_runs_and_its_brightness_changes() -> None:
+    changes = ["camera.width=160", "camera.height=120", "camera.focal_length_px=1254", "frames.count=3"]
+    # Longer waves than the scene's, which a quarter of the pixels could not resolve.
+    changes.append("objects.0.texture.wavelength_mm=[3.2, 16]")
+    more = ["render.backend=raycast", "stage.positions=1", "sensor=ideal", "render.supersampling=2"]
+    scene = st.load_scene(SCENES / "cube_spotlight.yaml", [*changes, *more])
+    recording, truth = st.simulate(scene)
+    image, ids = recording["image"].values[0], truth["object_id"].values
+    left = [float(image[n, :, :75][ids[n, :, :75] == 0].mean()) for n in range(3)]
+    right = [float(image[n, :, 85:][ids[n, :, 85:] == 0].mean()) for n in range(3)]
+    # The lamp goes from the right to the left.
+    assert left[0] < left[1] < left[2]
+    assert right[0] > right[1] > right[2]
+    assert image.max() < 1
+
+
+def test_light_beyond_full_scale_is_warned_of() -> None:
+    sun = {"kind": "directional", "direction": [0, 0, 1], "irradiance": 3.0}
+    with pytest.warns(st.SceneWarning, match=r"reach a radiance of 3 where the sensor's full scale is 1"):
+        st.simulate(plane({"lights": [sun]}, frames={"count": 1}, stage={"positions": 1, "baseline_mm": 5}))
+
+
+def test_uneven_pixels_against_a_plain_reading() -> None:
+    from scenetruth.render.shading_kernels import uneven_pixels
+
+    generator = np.random.default_rng(5)
+    size = (30, 40)
+    face = np.repeat(np.repeat(generator.integers(-1, 4, (6, 8)), 5, axis=0), 5, axis=1).astype(np.int32)
+    state = (generator.random(size) < 0.03).astype(np.uint64)
+    shade = generator.normal(scale=0.02, size=size)
+    mixed = generator.random(size) < 0.2
+    expected = np.zeros(size, dtype=bool)
+    for y, x in np.ndindex(size):
+        for v, u in np.ndindex(size):
+            if max(abs(v - y), abs(u - x)) == 1 and min(face[y, x], face[v, u]) >= 0:
+                same = face[y, x] == face[v, u] or (not mixed[y, x] and not mixed[v, u])
+                apart = state[y, x] != state[v, u] or abs(shade[y, x] - shade[v, u]) > 0.05
+                expected[y, x] |= same and apart
+    assert (uneven_pixels(shade, state, face, mixed, 0.05) == expected).all()
+    assert 0.1 < expected.mean() < 0.9

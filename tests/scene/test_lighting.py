@@ -1,0 +1,157 @@
+"""Light in scene files: what is refused, where lamps are, and whether they stand inside objects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as some
+from scipy.spatial.transform import Rotation
+
+import scenetruth as st
+from scenetruth.scene.check import check_scene
+from scenetruth.scene.lamps import lamps_at, lighting_problems
+from scenetruth.scene.spec import Lighting
+from scenetruth.scene.world import build_world
+from tests.scenes import SCENES, cube
+
+CENTRE = (0.0, 0.0, 692.56)
+POINT = {"kind": "point", "position_mm": [0, -80, 400], "irradiance": 1, "reference_distance_mm": 300}
+SPOT = {**POINT, "kind": "spot", "target_mm": [0, 0, 660], "inner_angle_deg": 3, "outer_angle_deg": 7}
+SUN = {"kind": "directional", "direction": [0, 0, 2], "irradiance": 1}
+
+
+def lit(*lights: dict[str, Any], **lighting: Any) -> st.Scene:
+    return cube(lighting={"lights": list(lights), **lighting})
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        (
+            "lights.0.inner_angle_deg=8",
+            r"lights\.0\.outer_angle_deg: must not be less than inner_angle_deg, 8 \(got 7\)",
+        ),
+        ("lights.0.irradiance=-1", r"lights\.0\.irradiance: .*greater than or equal to 0 \(got -1\)"),
+        ("lights.0.reference_distance_mm=0", r"lights\.0\.reference_distance_mm: .*greater than 0"),
+        ("lights.0.direction=[0, 0, 1]", r"lights\.0: give either direction or target_mm"),
+        ("lights.0.target_mm=null", r"lights\.0: give either direction or target_mm"),
+        ("lights.0.target_mm=[0, -80, 400]", r"lights\.0: target_mm must not be the lamp's own position"),
+        ("lights.0.outer_angle_deg=181", r"lights\.0\.outer_angle_deg: .*less than or equal to 180"),
+        ("lights.0.colour=red", r"lights\.0\.colour: unknown key"),
+        ("lights.0.kind=laser", r"lights\.0: .*'laser'.*'directional', 'point', 'spot'"),
+        (
+            "lights.0={kind: directional, direction: [0, 0, 0], irradiance: 1}",
+            r"direction: must not be the zero vector",
+        ),
+        ("lights.0.motion.0.axis=[0, 0, 0]", r"lights\.0\.motion\.0\.axis: must not be the zero vector"),
+        ("ambient=-0.1", r"lighting\.ambient: .*greater than or equal to 0"),
+        ("flicker.amplitude=1", r"lighting\.flicker\.amplitude: .*less than 1"),
+        ("drift_per_frame=.inf", r"lighting\.drift_per_frame: .*finite"),
+    ],
+)
+def test_what_is_wrong_is_named(override: str, message: str) -> None:
+    overrides = [f"lighting.{override}", *(["lighting.flicker.period_frames=3"] if "flicker" in override else [])]
+    with pytest.raises(st.SceneError, match=message):
+        st.load_scene(SCENES / "cube_spotlight.yaml", overrides)
+
+
+def test_a_scene_without_lighting_is_unlit() -> None:
+    assert not cube().lighting.lit
+    assert not lit(drift_per_frame=0.1).lighting.lit
+    assert lit(ambient=0).lighting.lit
+    assert lit(SUN).lighting.lit
+
+
+def test_brightness() -> None:
+    assert Lighting().brightness(7.3) == 1.0
+    changing = Lighting.model_validate(
+        {"drift_per_frame": 0.01, "flicker": {"amplitude": 0.1, "period_frames": 8, "phase_deg": 90}}
+    )
+    assert changing.brightness(0) == pytest.approx(1.1)
+    assert changing.brightness(4) == pytest.approx(1.04 - 0.1)
+    assert changing.brightness(2) == pytest.approx(1.02)
+
+
+def test_brightness_must_stay_positive() -> None:
+    scene = lit(drift_per_frame=-0.25)
+    with pytest.raises(st.SceneError, match=r"lighting\.drift_per_frame: makes the brightness 0 at frame 4"):
+        check_scene(scene, build_world(scene))
+
+
+@given(t=some.floats(-20, 20))
+def test_lamps_move_as_one_rigid_body(t: float) -> None:
+    turn = {"kind": "rotation", "axis": [0, 1, 0], "rate_deg_per_frame": 5, "point_mm": CENTRE}
+    push = {"kind": "velocity", "velocity_mm_per_frame": [1, 2, 3]}
+    moved = lamps_at(lit(*({**light, "motion": [turn, push]} for light in (SPOT, POINT, SUN))).lighting, t)
+    rotation = Rotation.from_euler("y", 5 * t, degrees=True)
+    start = np.array([0.0, -80.0, 400.0])
+    position = rotation.apply(start - CENTRE) + CENTRE + t * np.array([1, 2, 3])
+    target = rotation.apply(np.array([0, 0, 660]) - CENTRE) + CENTRE + t * np.array([1, 2, 3])
+    for lamp in moved[:2]:
+        assert lamp.position_mm is not None
+        np.testing.assert_allclose(lamp.position_mm, position, atol=1e-9)
+    np.testing.assert_allclose(moved[0].axis, (target - position) / np.linalg.norm(target - position), atol=1e-12)
+    assert moved[2].position_mm is None
+    np.testing.assert_allclose(moved[2].axis, rotation.apply([0, 0, 1]), atol=1e-12)
+
+
+def test_lamps_turn_about_themselves_by_default() -> None:
+    turn = {"kind": "rotation", "axis": [1, 0, 0], "rate_deg_per_frame": 90}
+    spot = {**SPOT, "direction": [0, 0, 1], "motion": [turn]}
+    del spot["target_mm"]
+    (lamp,) = lamps_at(lit(spot).lighting, 1.0)
+    np.testing.assert_allclose(lamp.position_mm, [0, -80, 400], atol=1e-9)  # type: ignore[arg-type]
+    np.testing.assert_allclose(lamp.axis, [0, -1, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("command", ["check", "simulate"])
+def test_a_light_inside_an_object_is_refused(command: str) -> None:
+    scene = lit(SUN, {**POINT, "position_mm": [0, 0, 690]})
+    with pytest.raises(
+        st.SceneError, match=r"lights\.1\.position_mm: the light is inside 'cube' at frame -4"
+    ) as caught:
+        st.simulate(scene) if command == "simulate" else check_scene(scene, build_world(scene))
+    assert len(caught.value.problems) == 1
+
+
+def test_a_light_that_moves_into_an_object_is_refused() -> None:
+    into = {"kind": "velocity", "velocity_mm_per_frame": [0, 0, 40]}
+    scene = lit({**POINT, "position_mm": [0, 0, 550], "motion": [into]})
+    (problem,) = lighting_problems(scene, build_world(scene))
+    # The nearest edge is at 660 - t mm, the light at 550 + 40 t mm.
+    assert problem.path == "lighting.lights.0.position_mm"
+    assert "frame 3" in problem.message
+
+
+@given(offset=some.tuples(*[some.floats(-40, 40)] * 3))
+def test_inside_a_box_is_inside(offset: tuple[float, float, float]) -> None:
+    item = cube().to_plain()["objects"][0] | {"motion": []}
+    place = Rotation.from_rotvec([np.deg2rad(20), 0, 0]) * Rotation.from_rotvec([0, np.deg2rad(45), 0])
+    position = place.apply(offset) + CENTRE
+    light = {**POINT, "position_mm": position.tolist()}
+    scene = cube(objects=[item], frames={"count": 1}, lighting={"lights": [light]})
+    depth = 24.5 - np.abs(offset).max()
+    if abs(depth) > 1e-6:
+        assert bool(lighting_problems(scene, build_world(scene))) == (depth > 0)
+
+
+def test_meshes_whose_triangles_face_anywhere_have_an_inside_and_open_ones_none(tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=20.0)
+    faces = ball.faces.copy()
+    faces[::3] = faces[::3, ::-1]
+    trimesh.Trimesh(ball.vertices, faces, process=False).export(tmp_path / "ball.ply")
+    trimesh.Trimesh(ball.vertices, faces[1:], process=False).export(tmp_path / "open.ply")
+    item = cube().to_plain()["objects"][0] | {"motion": []}
+    found = {}
+    for name in ("ball", "open"):
+        mesh = {"kind": "file", "file": str(tmp_path / f"{name}.ply")}
+        for x in (0.0, 18.0, 21.0):
+            light = {**POINT, "position_mm": [x, 1.0, 693]}
+            scene = cube(objects=[{**item, "mesh": mesh}], frames={"count": 1}, lighting={"lights": [light]})
+            found[name, x] = bool(lighting_problems(scene, build_world(scene)))
+    assert [key for key, value in found.items() if value] == [("ball", 0.0), ("ball", 18.0)]
