@@ -15,6 +15,7 @@ from scenetruth.scene.world import World
 __all__ = ["RaycastRenderer"]
 
 _PIXELS_PER_PIECE = 1 << 16
+_RAYS_PER_PIECE = 1 << 19
 
 
 class RaycastRenderer(Renderer):
@@ -121,8 +122,9 @@ class RaycastRenderer(Renderer):
             image = light.on(image.reshape(shape), rest.reshape(shape), self._offsets_px).ravel()
             rest |= light.uneven.ravel()
         remaining = np.flatnonzero(rest)
-        for first in range(0, len(remaining), _PIXELS_PER_PIECE):
-            pixels = remaining[first : first + _PIXELS_PER_PIECE]
+        at_once = max(1, _RAYS_PER_PIECE // len(self._offsets_px))
+        for first in range(0, len(remaining), at_once):
+            pixels = remaining[first : first + at_once]
             steps = (item[pixels] if len(item) > 1 else item for item in (across, down))
             image[pixels] = self._trace(caster, t, origin, directions[pixels], *steps)
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
