@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "simulate": {*LEAVES, "scene", "camera", "raycast", "render", "truth", "recording"},
     "estimate": {*LEAVES, "recording"},
     "score": {*LEAVES, "recording"},
-    "experiment": {*LEAVES, "camera", "recording", "estimate"},
+    "experiment": {*LEAVES, "scene", "camera", "render", "recording", "estimate"},
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -123,14 +124,29 @@ def test_raycast_evaluates_the_texture_itself() -> None:
     np.testing.assert_allclose(image, centre, atol=1e-7)
 
 
-def test_raycast_samples_converge_to_the_pixel_integral_at_second_order() -> None:
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_raycast_keeps_to_the_remainder_of_gauss_rule(n: int) -> None:
+    scene = plaid_plane(render={"backend": "raycast", "supersampling": n})
+    image = open_raycast(build_world(scene), scene).render(0.0, Viewpoint.on_axis(0.0))
+    error = float(np.abs(image - analytic_plaid(scene, 0.0, 0.0)).max())
+    # (n!)^4 / ((2n + 1) (2n)!^3) times the derivative of order 2n, along either axis; then float32 rounds.
+    share = math.factorial(n) ** 4 / ((2 * n + 1) * math.factorial(2 * n) ** 3)
+    bound = 0.4 * share * sum((2 * np.pi * 660 / 1254 / wavelength) ** (2 * n) for wavelength in (4.7, 5.3))
+    assert error < bound + 1e-7
+    if n < 3:
+        assert error > 0.8 * bound
+
+
+@pytest.mark.parametrize(("n", "order"), [(2, 2), (4, 4)])
+def test_pyrender_samples_converge_to_the_pixel_integral(n: int, order: int) -> None:
     errors = []
-    for n in (1, 2, 4):
-        scene = plaid_plane(render={"backend": "raycast", "supersampling": n})
-        image = open_raycast(build_world(scene), scene).render(0.0, Viewpoint.on_axis(0.0))
+    for count in (n // 2, n):
+        scene = plaid_plane(render={"backend": "raycast", "supersampling": count})
+        with open_pyrender(build_world(scene), scene) as renderer:
+            image = renderer.render(0.0, Viewpoint.on_axis(0.0))
         errors.append(float(np.abs(image - analytic_plaid(scene, 0.0, 0.0)).max()))
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert orders == pytest.approx(2, abs=0.1)
+    # From three samples on the weights are exact for cubic functions; from two to four the order rises on top.
+    assert np.log2(errors[0] / errors[1]) > order - 0.1
 
 
 def test_backends_agree_on_the_cube_away_from_edges() -> None:
@@ -140,12 +156,13 @@ def test_backends_agree_on_the_cube_away_from_edges() -> None:
         for t, x_mm in ((0.0, 0.0), (-4.0, 10.0)):
             first, second = one.render(t, Viewpoint.on_axis(x_mm)), two.render(t, Viewpoint.on_axis(x_mm))
             difference = np.abs(first - second)
-            # Textures and framebuffer of 8 bit, texels of 1/16 wavelength; at silhouettes a sub-pixel grid of 1/256.
-            assert np.median(difference) < 1 / 255
-            assert np.percentile(difference, 99) < 2 / 255
+            # Texture coordinates of 32 bits; where the faces turn away, wavelengths of 4 px, of which `even_rule`
+            # misses 4e-4; some hundredths of the pixels are mixed.
+            assert np.median(difference) < 2e-5
+            assert np.percentile(difference, 95) < 5e-4
             background = np.abs(first - 0.2) < 1e-6
             assert background.any()
-            assert difference[background].max() <= 0.5 / 255 + 0.02
+            assert difference[background].max() <= 0.02
 
 
 @backends
@@ -164,8 +181,9 @@ def test_silhouette_pixels_hold_the_covered_share(opener: Opener) -> None:
     )
     with opener(build_world(scene), scene) as renderer:
         image = renderer.render(0.0, Viewpoint.on_axis(0.0))
-    # 10.25 px: eleven pixels less 3/8 on either side; with 8 samples the shares are exact.
-    assert image[15, 9:22] == pytest.approx([0, 0.625, *[1] * 9, 0.625, 0], abs=2e-3)
+    # 10.25 px: eleven pixels less 3/8 on either side; with 8 equal samples the shares are exact, with
+    # `even_rule` wrong by the sum of its outer three weights less 3/8.
+    assert image[15, 9:22] == pytest.approx([0, 0.625, *[1] * 9, 0.625, 0], abs=2.5e-3)
     assert image.sum() == pytest.approx(10.25**2, rel=2e-3)
 
 

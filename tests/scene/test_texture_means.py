@@ -54,11 +54,13 @@ def test_means_are_those_of_all_samples(kind: str, samples: int) -> None:
     texture = made(kind)
     steps = (np.arange(samples) + 0.5) / samples - 0.5
     offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    weights = np.random.default_rng(3).uniform(0.5, 1.5, len(offsets))
+    weights /= weights.sum()
     forms = footprints(700)
     values = np.einsum("nij,mj->nmi", forms, np.column_stack([np.ones(len(offsets)), offsets]))
     uv = values[..., :2] / values[..., 2:]
-    expected = texture.radiance(uv.reshape(-1, 2)).reshape(len(forms), -1).mean(axis=1, dtype=np.float64)
-    found = texture.mean_radiance(forms, offsets)
+    expected = texture.radiance(uv.reshape(-1, 2)).reshape(len(forms), -1) @ weights
+    found = texture.mean_radiance(forms, offsets, weights)
     assert found.dtype == np.float32
     # Two roundings to float32 of values below 1, and float32 arithmetic of the spline.
     np.testing.assert_allclose(found, expected, atol=1e-6)

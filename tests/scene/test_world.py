@@ -135,7 +135,7 @@ def test_vertex_colours_are_interpolated(tmp_path: Path, backend: str) -> None:
     x = np.arange(160)
     expected = ((x - 79.5) * 660 / 1254 + 20) / 40
     inside = (expected > 0.02) & (expected < 0.98)
-    np.testing.assert_allclose(row[inside], expected[inside], atol=2 / 255)
+    np.testing.assert_allclose(row[inside], expected[inside], atol=1e-5)
 
 
 def test_srgb_is_decoded(tmp_path: Path) -> None:

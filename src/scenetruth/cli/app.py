@@ -12,9 +12,13 @@ import typer
 from scenetruth import __version__
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import xarray as xr
+    from rich.console import Console
 
     from scenetruth.cli.console import Reporter
+    from scenetruth.experiment.fidelity import Fidelity
     from scenetruth.scene import Scene
     from scenetruth.score import Score
     from scenetruth.settings import EstimateSettings
@@ -49,6 +53,14 @@ class TruthPoses(StrEnum):
 
     real = "real"
     nominal = "nominal"
+
+
+class Platform(StrEnum):
+    """OpenGL platforms of pyrender."""
+
+    auto = "auto"
+    osmesa = "osmesa"
+    egl = "egl"
 
 
 class Divergence(StrEnum):
@@ -279,6 +291,26 @@ def emva(
     typer.echo(f"written: {output / 'emva.csv'}, {output / 'emva_levels.csv'} and a picture of each sensor")
 
 
+@experiments.command()
+def fidelity(
+    output: Output,
+    platform: Annotated[Platform, typer.Option(help="OpenGL platform of pyrender.")] = Platform.auto,
+    overwrite: Overwrite = False,
+) -> None:
+    """Measure how true the renderers are to the exact pixel integral, at sub-pixel shifts."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.experiment import run_fidelity
+    from scenetruth.storage import write_aside
+
+    with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
+        results, reason = run_fidelity(folder, platform=platform.value, progress=report)
+    _print_fidelity(results)
+    if reason:
+        typer.echo(f"left out: {reason}")
+    names = ("fidelity.csv", "fidelity.json", "fidelity.png", "fidelity_maps.png")
+    typer.echo("written: " + ", ".join(str(output / name) for name in names))
+
+
 def _load(scene: Path, overrides: list[str] | None) -> Scene:
     from scenetruth.scene import load_scene
 
@@ -410,8 +442,38 @@ def _report(
                 Path(made, name).rename(place)
 
 
-def _print_score(scored: Score) -> None:
+def _print_fidelity(results: Sequence[Fidelity]) -> None:
+    from rich.table import Table
+
+    table = Table(title="rendered against exact images, subsets of 25 x 25 px", title_justify="left")
+    for heading in ("wavelengths", "backend"):
+        table.add_column(heading)
+    for heading in ("samples", "shift rms, px", "max, px", "bound, px", "grey rms / std", "ms per image"):
+        table.add_column(heading, justify="right")
+    for result in results:
+        bound = result.bound_px
+        verdict = "–" if bound is None else f"{bound:.0e}, {'kept' if result.within_bounds else 'missed'}"
+        table.add_row(
+            f"from {result.shortest_wavelength_px:g} px",
+            result.backend,
+            f"{result.supersampling} x {result.supersampling}",
+            f"{result.rms_px:.1e}",
+            f"{result.max_px:.1e}",
+            verdict,
+            f"{result.rms_grey:.1e}",
+            f"{1000 * result.seconds_per_image:.0f}",
+        )
+    _console().print(table)
+
+
+def _console() -> Console:
     from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=120)
+
+
+def _print_score(scored: Score) -> None:
     from rich.table import Table
 
     from scenetruth.score import units_of
@@ -426,9 +488,6 @@ def _print_score(scored: Score) -> None:
         "within_2_std": "in 2 std",
         "density": "density",
     }
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
     table = Table(title="region interior", title_justify="left")
     table.add_column("quantity")
     table.add_column("unit")
@@ -439,4 +498,4 @@ def _print_score(scored: Score) -> None:
             continue
         cells = [values.get(name) for name in headings]
         table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
-    console.print(table)
+    _console().print(table)

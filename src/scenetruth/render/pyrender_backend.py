@@ -1,18 +1,21 @@
-"""The OpenGL backend: pyrender on OSMesa or EGL, supersampled; light is put on by the ray caster."""
+"""The OpenGL backend: pyrender on OSMesa or EGL, supersampled, in 32-bit floats; the ray caster puts light on it."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint
+from scenetruth.errors import BackendUnavailableError
 from scenetruth.render.opengl import use_platform
 from scenetruth.render.protocol import Renderer
+from scenetruth.render.quadrature import even_rule
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.spec import Lighting
-from scenetruth.scene.world import World
+from scenetruth.scene.world import Body, World
 
 __all__ = ["PyrenderRenderer"]
 
@@ -20,13 +23,15 @@ __all__ = ["PyrenderRenderer"]
 _TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 # Clipping planes this much nearer and farther than the surfaces, so that rounding cuts nothing away.
 _SLACK = 0.01
+# Larger images are drawn in tiles, so that 16 x 16 samples need no gigabytes: samples take 8 bytes, with their depth.
+_SAMPLES_PER_TILE = 1 << 23
 
 
 class PyrenderRenderer(Renderer):
     """Renders with OpenGL.
 
-    Every pixel is the mean, taken in floating point, of n x n samples with the texture interpolated bilinearly from its
-    full resolution: no mip-maps, no lights, no tone curve.
+    Every pixel is a mean of n x n samples, weighted by `even_rule`, of the texture's own spline (noise, plaid) or of
+    its bilinear interpolation (images): no mip-maps, no lights, no tone curve, and 32-bit floats throughout.
 
     Parameters
     ----------
@@ -47,7 +52,7 @@ class PyrenderRenderer(Renderer):
     Raises
     ------
     BackendUnavailableError
-        If OpenGL does not run here.
+        If OpenGL does not run here, draws no 32-bit floats, or cannot hold a texture.
     """
 
     def __init__(
@@ -62,12 +67,14 @@ class PyrenderRenderer(Renderer):
         self._platform = use_platform(platform)
         import pyrender
 
+        from scenetruth.render.float_buffer import FloatBuffer, float_material, largest_side
+
         self.name = f"pyrender ({self._platform})"
         self._pyrender = pyrender
         self._world = world
         self._size = (camera.width, camera.height)
         self._n = supersampling
-        self._materials = [_material(pyrender, body.texture) for body in world.bodies]
+        self._weights = even_rule(supersampling)[1]
         self._lighting = lighting or Lighting()
         self._lit: RaycastRenderer | None = None
         if self._lighting.lit:
@@ -75,19 +82,29 @@ class PyrenderRenderer(Renderer):
         self._t: float | None = None
         self._vertices_mm = np.empty((0, 3))
         self._nodes: list[Any] = []
+        # Images go to a framebuffer of our own; the context's may be small.
+        self._context: Any = pyrender.OffscreenRenderer(16, 16)
         self._scene = pyrender.Scene(bg_color=[background] * 3 + [1.0], ambient_light=[0.0, 0.0, 0.0])
-        c_x, c_y = camera.principal_point
         focal = camera.focal_px * supersampling
-        # pyrender's principal point counts from the image's corner, half a pixel before our first pixel centre.
-        self._centre = ((c_x + 0.5) * supersampling, (c_y + 0.5) * supersampling)
-        self._camera = pyrender.IntrinsicsCamera(focal, focal, *self._centre)
+        self._principal_point = camera.principal_point
+        self._camera = pyrender.IntrinsicsCamera(focal, focal, 0.0, 0.0)
         self._camera_node = self._scene.add(self._camera, pose=_TURN)
-        self._renderer: Any = pyrender.OffscreenRenderer(camera.width * supersampling, camera.height * supersampling)
-        _keep_programs(self._renderer._renderer._program_cache)
-        from OpenGL.GL import GL_UNPACK_ALIGNMENT, glPixelStorei
-
-        # Rows of one byte a texel need not end at multiples of four; OpenGL assumes it and would shear the texture.
-        glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
+        self._materials: list[Any] = []
+        self._texels: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+        try:
+            for body in world.bodies:
+                raster = body.texture.raster()
+                self._materials.append(float_material(raster, tiled=body.texture.tiled, cubic=body.texture.cubic))
+                self._texels.append(_texels(body, raster.shape))
+            self._tile = _tile_size(*self._size, supersampling, largest_side())
+            self._buffer = FloatBuffer(
+                self._context._renderer, (self._tile[0] * supersampling, self._tile[1] * supersampling)
+            )
+            for material in self._materials:
+                self._buffer.prepare(material)
+        except BackendUnavailableError:
+            self._context.delete()
+            raise
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`."""
@@ -97,20 +114,28 @@ class PyrenderRenderer(Renderer):
         return unlit * np.float32(self._lighting.brightness(t))
 
     def _render_unlit(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        from scenetruth.render.average_kernels import average_samples
+
         if self._t != t:
             self._place_world(t)
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = viewpoint.rotation, viewpoint.position_mm
         self._scene.set_pose(self._camera_node, pose @ _TURN)
-        self._camera.cx = self._centre[0] - viewpoint.shear[0] * self._camera.fx
-        self._camera.cy = self._centre[1] - viewpoint.shear[1] * self._camera.fy
         self._clip(viewpoint.to_camera(self._vertices_mm)[:, 2])
-        colour, _ = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
-        (width, height), n = self._size, self._n
-        samples = colour[..., 0].reshape(height, n, width, n)
-        # Sums of 8-bit samples are exact in integers, and much faster than a mean over strided axes.
-        sums = samples.sum(axis=3, dtype=np.uint16).sum(axis=1, dtype=np.uint32)
-        return np.asarray(sums / (255.0 * n * n), dtype=np.float32)
+        (width, height), (across, down), n = self._size, self._tile, self._n
+        image = np.empty((height, width), dtype=np.float32)
+        self._context._platform.make_current()
+        for y in range(0, height, down):
+            for x in range(0, width, across):
+                # pyrender's principal point counts from the image's corner, half a pixel before the first pixel centre.
+                self._camera.cx = (self._principal_point[0] + 0.5 - x) * n - viewpoint.shear[0] * self._camera.fx
+                self._camera.cy = (self._principal_point[1] + 0.5 - y) * n - viewpoint.shear[1] * self._camera.fy
+                samples = self._buffer.draw(self._scene)
+                part = image[y : y + down, x : x + across]
+                # The last tiles may reach beyond the image; rows run from the bottom up.
+                average_samples(samples[(down - len(part)) * n :], self._weights, part)
+        self._context._platform.make_uncurrent()
+        return image
 
     def _place_world(self, t: float) -> None:
         pyrender = self._pyrender
@@ -119,13 +144,13 @@ class PyrenderRenderer(Renderer):
         self._nodes = []
         vertices = self._world.at(t).vertices_mm
         offsets = self._world.vertex_offsets
-        for index, (body, material) in enumerate(zip(self._world.bodies, self._materials, strict=True)):
-            corners = vertices[offsets[index] : offsets[index + 1]][body.faces]
+        for index, (coordinates, material) in enumerate(zip(self._texels, self._materials, strict=True)):
             # Texture coordinates belong to corners, so that every face has vertices of its own.
-            uv = body.uv.reshape(-1, 2) * (1, -1) + (0, 1)
+            corners = vertices[offsets[index] : offsets[index + 1]][self._world.bodies[index].faces]
             primitive = pyrender.Primitive(
                 positions=corners.reshape(-1, 3).astype(np.float32),
-                texcoord_0=uv.astype(np.float32),
+                texcoord_0=coordinates[0],
+                texcoord_1=coordinates[1],
                 material=material,
                 mode=pyrender.GLTF.TRIANGLES,
             )
@@ -140,35 +165,29 @@ class PyrenderRenderer(Renderer):
 
     def close(self) -> None:
         """Free the OpenGL context and everything in it; closing twice is harmless."""
-        if self._renderer is not None:
-            self._renderer.delete()
-            self._renderer = None
+        if self._context is not None:
+            self._context._platform.make_current()
+            self._buffer.delete()
+            self._context.delete()
+            self._context = None
 
 
-def _material(pyrender: Any, texture: Any) -> Any:
-    raster = np.rint(np.clip(texture.raster(), 0, 1) * 255).astype(np.uint8)
-    wrap = pyrender.GLTF.REPEAT if texture.tiled else pyrender.GLTF.CLAMP_TO_EDGE
-    sampler = pyrender.Sampler(magFilter=pyrender.GLTF.LINEAR, minFilter=pyrender.GLTF.LINEAR, wrapS=wrap, wrapT=wrap)
-    image = pyrender.Texture(sampler=sampler, source=raster[..., None], source_channels="R")
-    return pyrender.MetallicRoughnessMaterial(
-        baseColorFactor=[1.0, 1.0, 1.0, 1.0], baseColorTexture=image, doubleSided=True
-    )
+def _tile_size(width: int, height: int, n: int, limit: int) -> tuple[int, int]:
+    """Return the width and height in px of the tiles of an image, as equal as they can be."""
+    across = math.ceil(width / math.ceil(width * n / (limit - limit % n)))
+    rows = max(1, min(limit // n, _SAMPLES_PER_TILE // (across * n * n)))
+    return across, math.ceil(height / math.ceil(height / rows))
 
 
-def _keep_programs(cache: Any) -> None:
-    """Make pyrender find the shader programs that it has compiled.
+def _texels(body: Body, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return positions of all corners on the raster, counted from a whole texel amid their face, and that texel.
 
-    It looks them up by a handle of the OpenGL context that PyOpenGL makes anew at every call on OSMesa, so that every
-    render compiles its programs again and keeps them all. This renderer has one context only.
+    Counted from the raster's corner, 32-bit floats would know them to a few ten-thousandths of a texel only.
     """
-    compile_program, programs = cache.get_program, {}
-
-    def get_program(
-        vertex_shader: str, fragment_shader: str, geometry_shader: str | None = None, defines: Any = None
-    ) -> Any:
-        key = (vertex_shader, fragment_shader, geometry_shader, tuple(sorted((defines or {}).items())))
-        if key not in programs:
-            programs[key] = compile_program(vertex_shader, fragment_shader, geometry_shader, defines)
-        return programs[key]
-
-    cache.get_program = get_program
+    size = np.array(shape[::-1])
+    texels = body.uv * size - 0.5
+    origins = np.floor(texels.mean(axis=1, keepdims=True))
+    relative = texels - origins
+    if body.texture.tiled:
+        origins %= size
+    return relative.reshape(-1, 2).astype(np.float32), np.repeat(origins[:, 0], 3, axis=0).astype(np.float32)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.render.protocol import Renderer
+from scenetruth.render.quadrature import gauss_rule
 from scenetruth.render.shading import Shader
 from scenetruth.scene.spec import Lighting
 from scenetruth.scene.world import World
@@ -30,7 +31,8 @@ class RaycastRenderer(Renderer):
     background
         Radiance where no surface is met.
     supersampling
-        n: every pixel is the mean of n x n samples.
+        n: every pixel is the mean of n x n samples, by Gauss and Legendre's rule (`gauss_rule`); of evenly spaced ones
+        where a silhouette crosses it.
     lighting
         The light on it; none for textures that shine by themselves.
     topology
@@ -56,10 +58,13 @@ class RaycastRenderer(Renderer):
         self._directions = rays.directions
         # Directions of one pixel step to the right and one down, per pixel where they differ.
         self._across, self._down = rays.steps
-        steps = (np.arange(supersampling) + 0.5) / supersampling - 0.5
-        across, down = np.meshgrid(steps, steps)
-        self._offsets_px = np.column_stack([across.ravel(), down.ravel()])
+        # Where the texture is smooth Gauss's rule is all but exact; across a silhouette even samples are best.
+        steps, weights = gauss_rule(supersampling)
         self._reach_px = float(steps[-1])
+        self._smooth = _square(steps, weights)
+        self._mixed = _square(
+            (np.arange(supersampling) + 0.5) / supersampling - 0.5, np.full(supersampling, 1 / supersampling)
+        )
         self._lighting = lighting or Lighting()
         self._shader = Shader(self._lighting) if self._lighting.lit else None
 
@@ -98,10 +103,12 @@ class RaycastRenderer(Renderer):
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
         mixed = mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
         light = None if self._shader is None else self._shader.on_pixels(caster, t, origin, directions, hits, mixed)
-        rest = mixed.ravel().copy()
+        mixed = mixed.ravel()
+        leaving = np.zeros_like(mixed)
         image = np.full(len(body), self._background, dtype=np.float32) if albedo is None else albedo.ravel().copy()
+        offsets, weights = self._smooth
         for index, item in enumerate(world.bodies if albedo is None else ()):
-            inner = np.flatnonzero((body == index) & ~rest)
+            inner = np.flatnonzero((body == index) & ~mixed)
             for first in range(0, len(inner), _PIXELS_PER_PIECE):
                 pixels = inner[first : first + _PIXELS_PER_PIECE]
                 forms, whole = footprint_forms(
@@ -116,17 +123,21 @@ class RaycastRenderer(Renderer):
                     pixels,
                     self._reach_px,
                 )
-                image[pixels] = item.texture.mean_radiance(forms, self._offsets_px)
-                rest[pixels[~whole]] = True
+                image[pixels] = item.texture.mean_radiance(forms, offsets, weights)
+                leaving[pixels[~whole]] = True
         if light is not None:
-            image = light.on(image.reshape(shape), rest.reshape(shape), self._offsets_px).ravel()
-            rest |= light.uneven.ravel()
-        remaining = np.flatnonzero(rest)
-        at_once = max(1, _RAYS_PER_PIECE // len(self._offsets_px))
-        for first in range(0, len(remaining), at_once):
-            pixels = remaining[first : first + at_once]
-            steps = (item[pixels] if len(item) > 1 else item for item in (across, down))
-            image[pixels] = self._trace(caster, t, origin, directions[pixels], *steps)
+            variance = float(weights @ offsets[:, 0] ** 2)
+            image = light.on(image.reshape(shape), (mixed | leaving).reshape(shape), variance).ravel()
+            # Across the borders of light, as across silhouettes, even samples are best.
+            mixed = mixed | light.uneven.ravel()
+            leaving &= ~mixed
+        at_once = max(1, _RAYS_PER_PIECE // len(weights))
+        for chosen, rule in ((leaving, self._smooth), (mixed, self._mixed)):
+            remaining = np.flatnonzero(chosen)
+            for first in range(0, len(remaining), at_once):
+                pixels = remaining[first : first + at_once]
+                steps = (item[pixels] if len(item) > 1 else item for item in (across, down))
+                image[pixels] = self._trace(caster, t, origin, directions[pixels], *steps, *rule)
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
 
     def _trace(
@@ -137,9 +148,10 @@ class RaycastRenderer(Renderer):
         directions: NDArray[np.float64],
         across: NDArray[np.float64],
         down: NDArray[np.float64],
+        offsets_px: NDArray[np.float64],
+        weights: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        samples = len(self._offsets_px)
-        offsets = self._offsets_px[:, :1] * across[:, None] + self._offsets_px[:, 1:] * down[:, None]
+        offsets = offsets_px[:, :1] * across[:, None] + offsets_px[:, 1:] * down[:, None]
         rays = (directions[:, None] + offsets).reshape(-1, 3)
         hits = caster.cast(origin, rays)
         body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
@@ -151,7 +163,7 @@ class RaycastRenderer(Renderer):
                 radiance[chosen] = item.texture.radiance(uv[chosen])
         if self._shader is not None:
             radiance *= self._shader.factors(caster, t, origin, rays, hits)[0].astype(np.float32)
-        means: NDArray[np.float64] = radiance.reshape(-1, samples).mean(axis=1, dtype=np.float64)
+        means: NDArray[np.float64] = np.einsum("ps,s->p", radiance.reshape(-1, len(weights)), weights)
         return means
 
     def _caster_at(self, t: float) -> RayCaster:
@@ -162,3 +174,11 @@ class RaycastRenderer(Renderer):
     def close(self) -> None:
         """Forget the mesh; nothing else is held."""
         self._caster = None
+
+
+def _square(
+    steps: NDArray[np.float64], weights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the offsets (x, y) and weights of a rule along both axes of a footprint."""
+    across, down = np.meshgrid(steps, steps)
+    return np.column_stack([across.ravel(), down.ravel()]), np.outer(weights, weights).ravel()

@@ -40,9 +40,7 @@ class PixelLight:
     mixed: NDArray[np.bool_]
     uneven: NDArray[np.bool_]
 
-    def on(
-        self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], offsets_px: NDArray[np.float64]
-    ) -> NDArray[np.float32]:
+    def on(self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], variance_px2: float) -> NDArray[np.float32]:
         """Shade an image of mean albedos.
 
         Parameters
@@ -51,8 +49,9 @@ class PixelLight:
             Means over the pixels' footprints, shape (height, width).
         unknown
             Pixels without such a mean, to be left as they are.
-        offsets_px
-            Samples of a footprint (x, y) that the means stand for, shape (n, 2); their variance enters.
+        variance_px2
+            Variance along x, as along y, of the samples of a footprint that the means stand for; 1/12 for the exact
+            mean.
 
         Returns
         -------
@@ -61,9 +60,8 @@ class PixelLight:
         """
         from scenetruth.render.shading_kernels import shade_image
 
-        variance = float((offsets_px**2).mean())
         shaded: NDArray[np.float32] = shade_image(
-            albedo, self.shade, self.face, self.mixed, unknown, self.uneven, variance
+            albedo, self.shade, self.face, self.mixed, unknown, self.uneven, variance_px2
         )
         return shaded
 

@@ -17,6 +17,7 @@ from scenetruth.scene.noise import BandLimitedNoise, band_limited_noise
 __all__ = ["SurfaceTexture", "make_texture", "noise_limit"]
 
 UV = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 # A smooth ramp of 256 texels carries any radiance in [0, 1] as a texture coordinate.
 _RAMP = 256
@@ -35,8 +36,8 @@ class SurfaceTexture(Protocol):
         """Return the radiance at texture coordinates of shape (n, 2)."""
         ...
 
-    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the mean radiance over the samples of footprints.
+    def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
+        """Return the weighted mean of the radiance over the samples of footprints.
 
         Parameters
         ----------
@@ -45,11 +46,21 @@ class SurfaceTexture(Protocol):
             W, with its value in the middle and its steps per px to the right and down.
         offsets
             Where the samples are, in px from the middle, shape (m, 2).
+        weights
+            What each of them counts, shape (m,); they sum to 1.
         """
         ...
 
+    @property
+    def cubic(self) -> bool:
+        """Whether the raster is to be read as a cubic B-spline; otherwise by bilinear interpolation."""
+        ...
+
     def raster(self) -> NDArray[np.float32]:
-        """Return one tile as an image, shape (h, w), for renderers that interpolate bilinearly."""
+        """Return one tile, shape (h, w), for other renderers: coefficients of the spline, or values to interpolate.
+
+        Texel (i, j) stands at ((j + 1/2) / w, (i + 1/2) / h).
+        """
         ...
 
 
@@ -59,6 +70,7 @@ class _Noise:
     mean: float
     std: float
     tiled: bool = True
+    cubic: bool = True
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         from scenetruth.scene.texture_kernels import spline_lookup
@@ -68,22 +80,23 @@ class _Noise:
         values += np.float32(self.mean)
         return values
 
-    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+    def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
         from scenetruth.scene.texture_kernels import spline_means
 
-        means: NDArray[np.float32] = spline_means(self.noise.coefficients, forms, offsets)
+        means: NDArray[np.float32] = spline_means(self.noise.coefficients, forms, offsets, weights)
         means *= np.float32(self.std)
         means += np.float32(self.mean)
         return means
 
     def raster(self) -> NDArray[np.float32]:
-        return np.float32(self.mean) + np.float32(self.std) * self.noise.values
+        return np.float32(self.mean) + np.float32(self.std) * self.noise.coefficients
 
 
 @dataclass(frozen=True, eq=False)
 class _Image:
     values: NDArray[np.float32]
     tiled: bool
+    cubic: bool = False
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         from scenetruth.scene.texture_kernels import linear_lookup
@@ -91,10 +104,10 @@ class _Image:
         values: NDArray[np.float32] = linear_lookup(self.values, np.ascontiguousarray(uv), self.tiled)
         return values
 
-    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+    def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
         from scenetruth.scene.texture_kernels import linear_means
 
-        means: NDArray[np.float32] = linear_means(self.values, forms, offsets, self.tiled)
+        means: NDArray[np.float32] = linear_means(self.values, forms, offsets, weights, self.tiled)
         return means
 
     def raster(self) -> NDArray[np.float32]:
@@ -105,11 +118,12 @@ class _Image:
 class _Uniform:
     value: float
     tiled: bool = True
+    cubic: bool = False
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         return np.full(len(uv), self.value, dtype=np.float32)
 
-    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+    def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
         return np.full(len(forms), self.value, dtype=np.float32)
 
     def raster(self) -> NDArray[np.float32]:
@@ -121,20 +135,24 @@ class _Plaid:
     mean: float
     amplitude: float
     tiled: bool = True
+    cubic: bool = True
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         waves = np.cos(2 * np.pi * uv[:, 0]) * np.cos(2 * np.pi * uv[:, 1])
         return (self.mean + self.amplitude * waves).astype(np.float32)
 
-    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+    def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
         from scenetruth.scene.texture_kernels import plaid_means
 
-        return np.asarray(self.mean + self.amplitude * plaid_means(forms, offsets), dtype=np.float32)
+        return np.asarray(self.mean + self.amplitude * plaid_means(forms, offsets, weights), dtype=np.float32)
 
     def raster(self) -> NDArray[np.float32]:
         centres = (np.arange(_PLAID_TEXELS) + 0.5) / _PLAID_TEXELS
-        u, v = np.meshgrid(centres, centres)
-        return self.radiance(np.column_stack([u.ravel(), v.ravel()])).reshape(u.shape)
+        wave = np.cos(2 * np.pi * centres)
+        # A cubic B-spline takes a sampled wave of angular frequency ω per texel times (2 + cos ω) / 3.
+        response = (2 + np.cos(2 * np.pi / _PLAID_TEXELS)) / 3
+        coefficients = self.mean + self.amplitude / response**2 * np.outer(wave, wave)
+        return np.asarray(coefficients, dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -142,13 +160,14 @@ class _Ramp:
     """Radiance carried by u itself, for colours that stand at the vertices."""
 
     tiled: bool = False
+    cubic: bool = False
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         return ((uv[:, 0] * _RAMP - 0.5) / (_RAMP - 1)).astype(np.float32)
 
-    def mean_radiance(self, forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+    def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
         lattice = np.column_stack([np.ones(len(offsets)), offsets])
-        u = np.mean((forms[:, 0] @ lattice.T) / (forms[:, 2] @ lattice.T), axis=1)
+        u = np.einsum("nm,m->n", (forms[:, 0] @ lattice.T) / (forms[:, 2] @ lattice.T), weights)
         return self.radiance(u[:, None])
 
     def raster(self) -> NDArray[np.float32]:

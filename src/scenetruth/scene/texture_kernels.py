@@ -66,11 +66,17 @@ def spline_lookup(coefficients: NDArray[np.float32], uv: NDArray[np.float64]) ->
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
-def spline_means(coefficients: NDArray[np.float32], forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> Any:
+def spline_means(
+    coefficients: NDArray[np.float32],
+    forms: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> Any:
     """Average the spline of `spline_lookup` over samples whose coordinates are quotients of linear forms.
 
     ``forms``, shape (n, 3, 3), has the numerators of u and v and their denominator as its rows: the value at an offset
-    of zero, and the steps per unit of the offset's two components. ``offsets`` has shape (samples, 2).
+    of zero, and the steps per unit of the offset's two components. ``offsets`` has shape (samples, 2), and
+    ``weights`` (samples,).
     """
     rows, columns = coefficients.shape
     flat = coefficients.ravel()
@@ -110,8 +116,8 @@ def spline_means(coefficients: NDArray[np.float32], forms: NDArray[np.float64], 
                     for k in range(4):
                         row = coefficients[(j + k) % rows]
                         total += wy[k, m] * (w0 * row[c0] + w1 * row[c1] + w2 * row[c2] + w3 * row[c3])
-                mean += np.float64(total / np.float32(36.0))
-            out[n] = mean / samples
+                mean += weights[m] * np.float64(total / np.float32(36.0))
+            out[n] = mean
     return out
 
 
@@ -127,9 +133,13 @@ def linear_lookup(values: NDArray[np.float32], uv: NDArray[np.float64], tiled: b
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def linear_means(
-    values: NDArray[np.float32], forms: NDArray[np.float64], offsets: NDArray[np.float64], tiled: bool
+    values: NDArray[np.float32],
+    forms: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    tiled: bool,
 ) -> Any:
-    """Average the image of `linear_lookup` over samples; forms and offsets as in `spline_means`."""
+    """Average the image of `linear_lookup` over samples; the rest as in `spline_means`."""
     count, samples = forms.shape[0], offsets.shape[0]
     out = np.empty(count, dtype=np.float32)
     for n in numba.prange(count):
@@ -140,14 +150,14 @@ def linear_means(
         for m in range(samples):
             x, y = offsets[m, 0], offsets[m, 1]
             scale = 1.0 / (w0 + x * wx + y * wy)
-            mean += _linear(values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled)
-        out[n] = mean / samples
+            mean += weights[m] * _linear(values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled)
+        out[n] = mean
     return out
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
-def plaid_means(forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> Any:
-    """Average cos(2 pi u) cos(2 pi v) over samples; forms and offsets as in `spline_means`."""
+def plaid_means(forms: NDArray[np.float64], offsets: NDArray[np.float64], weights: NDArray[np.float64]) -> Any:
+    """Average cos(2 pi u) cos(2 pi v) over samples; the rest as in `spline_means`."""
     count, samples = forms.shape[0], offsets.shape[0]
     out = np.empty(count, dtype=np.float64)
     for n in numba.prange(count):
@@ -158,6 +168,6 @@ def plaid_means(forms: NDArray[np.float64], offsets: NDArray[np.float64]) -> Any
         for m in range(samples):
             x, y = offsets[m, 0], offsets[m, 1]
             scale = 2.0 * np.pi / (w0 + x * wx + y * wy)
-            mean += np.cos((u0 + x * ux + y * uy) * scale) * np.cos((v0 + x * vx + y * vy) * scale)
-        out[n] = mean / samples
+            mean += weights[m] * np.cos((u0 + x * ux + y * uy) * scale) * np.cos((v0 + x * vx + y * vy) * scale)
+        out[n] = mean
     return out

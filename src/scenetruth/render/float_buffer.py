@@ -1,0 +1,192 @@
+"""Textures and images of 32-bit floats in OpenGL, where pyrender has 8 bits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.errors import BackendUnavailableError
+
+__all__ = ["FloatBuffer", "float_material", "largest_side"]
+
+_SHADERS = Path(__file__).parent / "shaders"
+_MARGIN = ((1, 2), (1, 2))  # as the shader expects it
+
+
+class FloatBuffer:
+    """A framebuffer object of one 32-bit float channel that a renderer of pyrender draws to.
+
+    It stands in for pyrender's own framebuffer and shader, and keeps the compiled programs. The OpenGL context must be
+    current.
+
+    Parameters
+    ----------
+    renderer
+        The ``pyrender.renderer.Renderer`` that draws; it is this buffer's from now on.
+    size
+        Width and height in samples.
+
+    Raises
+    ------
+    BackendUnavailableError
+        If OpenGL cannot draw to floats here.
+    """
+
+    def __init__(self, renderer: Any, size: tuple[int, int]) -> None:
+        from OpenGL import GL
+
+        self._gl = GL
+        self._programs: dict[tuple[str, ...], Any] = {}
+        self._size = size
+        self._samples = np.empty(size[::-1], dtype=np.float32)
+        self._colour, self._depth = GL.glGenRenderbuffers(2)
+        self._buffer = GL.glGenFramebuffers(1)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._buffer)
+        for target, place, form in (
+            (self._colour, GL.GL_COLOR_ATTACHMENT0, GL.GL_R32F),
+            (self._depth, GL.GL_DEPTH_ATTACHMENT, GL.GL_DEPTH_COMPONENT32F),
+        ):
+            GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, target)
+            GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, form, *size)
+            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, place, GL.GL_RENDERBUFFER, target)
+        state = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
+        if state != GL.GL_FRAMEBUFFER_COMPLETE:
+            raise BackendUnavailableError(
+                "pyrender",
+                f"its OpenGL draws no {size[0]} x {size[1]} image of 32-bit floats (state {int(state):#x})",
+                "use the raycast backend, or another platform",
+            )
+        self._renderer = renderer
+        renderer.viewport_width, renderer.viewport_height = size
+        renderer._configure_forward_pass_viewport = self._bind
+        renderer._read_main_framebuffer = self._read
+        renderer._get_primitive_program = self._program
+
+    def draw(self, scene: Any) -> NDArray[np.float32]:
+        """Draw a ``pyrender.Scene``.
+
+        Returns
+        -------
+        numpy.ndarray
+            Samples of shape (height, width), rows from the bottom up, float32; the next drawing overwrites them.
+        """
+        from pyrender import RenderFlags
+
+        self._renderer.render(scene, RenderFlags.FLAT | RenderFlags.OFFSCREEN)
+        return self._samples
+
+    def _bind(self, _flags: int) -> None:
+        gl = self._gl
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self._buffer)
+        gl.glViewport(0, 0, *self._size)
+        gl.glEnable(gl.GL_DEPTH_TEST)
+        gl.glDepthMask(gl.GL_TRUE)
+        gl.glDepthFunc(gl.GL_LESS)
+        gl.glDepthRange(0.0, 1.0)
+
+    def _read(self, _scene: Any, _flags: int) -> None:
+        gl = self._gl
+        gl.glReadBuffer(gl.GL_COLOR_ATTACHMENT0)
+        gl.glReadPixels(0, 0, *self._size, gl.GL_RED, gl.GL_FLOAT, self._samples)
+
+    def _program(self, primitive: Any, _flags: int, _program_flags: int) -> Any:
+        return self._programs[primitive.material.texture_defines]
+
+    def prepare(self, material: Any) -> None:
+        """Compile the program that draws a material of `float_material`, if it is not there yet.
+
+        Raises
+        ------
+        BackendUnavailableError
+            If OpenGL does not compile it here.
+        """
+        from pyrender.shader_program import ShaderProgram
+
+        defines = material.texture_defines
+        if defines in self._programs:
+            return
+        files = (str(_SHADERS / f"texture.{kind}") for kind in ("vert", "frag"))
+        program = ShaderProgram(*files, defines=dict.fromkeys(defines, 1))
+        try:
+            program._add_to_context()
+        except RuntimeError as error:  # PyOpenGL's errors of compiling and linking
+            reason = str(error.args[0]).splitlines()[0]
+            raise BackendUnavailableError(
+                "pyrender",
+                f"its OpenGL does not compile the shader: {reason}",
+                "use the raycast backend, or another platform",
+            ) from error
+        self._programs[defines] = program
+
+    def delete(self) -> None:
+        """Free the buffers and programs; the OpenGL context must be current."""
+        gl = self._gl
+        for program in self._programs.values():
+            program.delete()
+        gl.glDeleteFramebuffers(1, [self._buffer])
+        gl.glDeleteRenderbuffers(2, [self._colour, self._depth])
+
+
+def largest_side() -> int:
+    """Return how many samples wide or high a buffer may be; the OpenGL context must be current."""
+    from OpenGL import GL
+
+    return int(min(GL.glGetIntegerv(GL.GL_MAX_RENDERBUFFER_SIZE), *GL.glGetIntegerv(GL.GL_MAX_VIEWPORT_DIMS)))
+
+
+def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool) -> Any:
+    """Make a material for meshes whose texture coordinates count in texels.
+
+    Parameters
+    ----------
+    values
+        The raster, shape (h, w): values to interpolate linearly between, or coefficients of a cubic B-spline.
+    tiled
+        Whether it repeats; otherwise its border extends.
+    cubic
+        Whether the values are coefficients.
+
+    Returns
+    -------
+    pyrender.MetallicRoughnessMaterial
+        With the raster as its base colour's texture, uploaded as ``GL_R32F`` when it is first drawn.
+
+    Raises
+    ------
+    BackendUnavailableError
+        When the OpenGL context is current and holds no raster as large as this.
+    """
+    import pyrender
+    from OpenGL import GL
+
+    limit = int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
+    padded = np.pad(values, _MARGIN, mode="wrap" if tiled else "edge")
+    if max(padded.shape) > limit:
+        raise BackendUnavailableError(
+            "pyrender",
+            f"its OpenGL holds textures of up to {limit - 3} x {limit - 3} texels, this has "
+            f"{values.shape[1]} x {values.shape[0]}",
+            "use the raycast backend, or a smaller image",
+        )
+    height, width = padded.shape
+    texture = pyrender.Texture(source_channels="R", width=width, height=height, data_format=GL.GL_FLOAT)
+
+    def upload() -> None:
+        texture._texid = GL.glGenTextures(1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, texture._texid)
+        GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 4)
+        GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_R32F, width, height, 0, GL.GL_RED, GL.GL_FLOAT, padded)
+        # Without mip-maps a texture is complete only if no filter asks for them.
+        for which in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, which, GL.GL_NEAREST)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
+
+    texture._add_to_context = upload
+    material = pyrender.MetallicRoughnessMaterial(
+        baseColorFactor=[1.0, 1.0, 1.0, 1.0], baseColorTexture=texture, doubleSided=True
+    )
+    material.texture_defines = tuple(name for name, wanted in (("TILED", tiled), ("CUBIC", cubic)) if wanted)
+    return material
