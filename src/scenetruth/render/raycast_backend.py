@@ -136,8 +136,8 @@ class RaycastRenderer(Renderer):
             remaining = np.flatnonzero(chosen)
             for first in range(0, len(remaining), at_once):
                 pixels = remaining[first : first + at_once]
-                steps = (item[pixels] if len(item) > 1 else item for item in (across, down))
-                image[pixels] = self._trace(caster, t, origin, directions[pixels], *steps, *rule)
+                right, below = (item[pixels] if len(item) > 1 else item for item in (across, down))
+                image[pixels] = self._trace(caster, t, origin, directions[pixels], right, below, *rule)
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
 
     def _trace(
