@@ -9,18 +9,21 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from imageio.v3 import imwrite
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.raycast import Topology
 from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.scene import Scene, load_scene
-from scenetruth.scene.texture import _Image
+from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene.texture import SurfaceTexture, _Image
 from scenetruth.scene.world import World, build_world
 from scenetruth.truth import GeometryPass, truth_maps
 
@@ -39,8 +42,8 @@ np.array(mi.render(mi.load_dict(mi.cornell_box()), spp=1))
 class Case:
     """A scene at t = 0 seen from the reference camera, with its truth."""
 
-    def __init__(self, name: str) -> None:
-        self.scene: Scene = load_scene(SCENES / f"{name}.yaml", ["sensor=ideal"])
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
         self.world: World = build_world(self.scene)
         self.topology = Topology.of(self.world.at(0).vertices_mm, self.world.faces)
         self.truth = self.make_truth()
@@ -60,7 +63,7 @@ class Case:
     def bilinear_world(self) -> World:
         """Return the world with its textures as rasters that are interpolated as the other renderers do it."""
         bodies = [
-            replace(body, texture=_Image(body.texture.raster(), body.texture.tiled)) for body in self.world.bodies
+            replace(body, texture=_Image(texels_of(body.texture), body.texture.tiled)) for body in self.world.bodies
         ]
         return World(tuple(bodies))
 
@@ -83,6 +86,45 @@ class Case:
         """Return the rms and the largest disagreement with an image away from edges, in full scales."""
         values = (image - reference)[self.interior]
         return f"{np.sqrt(np.mean(values**2)):.1e} / {np.abs(values).max():.1e}"
+
+
+def texels_of(texture: SurfaceTexture) -> NDArray[np.float32]:
+    """Return the radiance at the texels of a texture's raster."""
+    rows, columns = texture.raster().shape
+    v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
+    return texture.radiance(np.column_stack([u.ravel(), v.ravel()])).reshape(rows, columns)
+
+
+def relief(folder: Path) -> Scene:
+    """Return a scene with a wavy sheet that is imported from a file, with its own texture coordinates and an image."""
+    u, v = np.meshgrid(np.linspace(0, 1, 61), np.linspace(0, 1, 46))
+    height = 3 * np.sin(2 * np.pi * 1.5 * u) * np.cos(2 * np.pi * v)
+    corner = (np.arange(45)[:, None] * 61 + np.arange(60)).ravel()
+    faces = np.concatenate([corner[:, None] + [0, 62, 1], corner[:, None] + [0, 61, 62]])
+    lines = [
+        f"v {80 * (x - 0.5):.9f} {60 * (y - 0.5):.9f} {z:.9f}"
+        for x, y, z in zip(u.flat, v.flat, height.flat, strict=True)
+    ]
+    lines += [f"vt {x:.9f} {1 - y:.9f}" for x, y in zip(u.flat, v.flat, strict=True)]
+    lines += [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in faces + 1]
+    (folder / "relief.obj").write_text("\n".join(lines))
+    noise = gaussian_filter(np.random.default_rng(4).normal(size=(600, 800)), 1.5)
+    imwrite(folder / "relief.png", np.clip(128 + 40 * noise / noise.std(), 0, 255).astype(np.uint8))
+    return scene_from_plain(
+        {
+            "camera": {"width": 640, "height": 480, "focal_length_px": 5016},
+            "stage": {"positions": 1, "baseline_mm": 5},
+            "frames": {"count": 1},
+            "objects": [
+                {
+                    "name": "relief",
+                    "mesh": {"kind": "file", "file": str(folder / "relief.obj")},
+                    "texture": {"kind": "image", "file": str(folder / "relief.png")},
+                    "pose": {"position_mm": [0, 0, 660]},
+                }
+            ],
+        }
+    )
 
 
 def timed(function: Callable[[], Any], runs: int = 15) -> tuple[Any, str]:
@@ -125,7 +167,7 @@ def riley_rows(case: Case, reference: Map) -> list[Row]:
     coords = np.ascontiguousarray(case.corners_mm * [1, -1, -1])
     connect = np.arange(len(coords), dtype=np.int64).reshape(-1, 3)
     convention = riley.ConnectConvention(riley.EElemType.TRI3, riley.EConnectAxis.ROW, 0, riley.ENodeOrder.RILEY)
-    raster = texture.raster()
+    raster = texels_of(texture)
     # u, v in 0..1 go to the centres of the first and last texel.
     size = np.array(raster.shape[::-1])
     uvs = (case.uv * size - 0.5) / (size - 1)
@@ -189,7 +231,7 @@ def mitsuba_rows(case: Case, reference: Map) -> list[Row]:
     values["vertex_texcoords"] = uv.ravel().astype(np.float32)
     values["faces"] = np.arange(len(corners), dtype=np.uint32)
     values.update()
-    raster = np.repeat(case.world.bodies[0].texture.raster()[..., None], 3, axis=2)
+    raster = np.repeat(texels_of(case.world.bodies[0].texture)[..., None], 3, axis=2)
     folder = Path(__file__).parents[1] / "outputs"
     file = folder / "mitsuba_mesh.ply"
     mesh.write_ply(str(file))
@@ -247,10 +289,14 @@ def _at_centres(case: Case, points: Map) -> Map:
 
 
 def main() -> None:
-    """Print one table for the cube, and the agreement in depth for the plane."""
-    for name in ("cube", "plane"):
-        case = Case(name)
+    """Print a table for the cube, the plane, and a mesh from a file."""
+    with TemporaryDirectory() as folder:
+        cases = {name: Case(load_scene(SCENES / f"{name}.yaml", ["sensor=ideal"])) for name in ("cube", "plane")}
+        cases["imported relief"] = Case(relief(Path(folder)))
+    for name, case in cases.items():
         with RaycastRenderer(case.bilinear_world(), case.scene.camera, case.scene.background, 4) as renderer:
+            # With even samples, as the others have them.
+            renderer._smooth = renderer._mixed
             reference = renderer.render(0.0, Viewpoint.on_axis(0.0))
         print(f"\n{name}, {case.scene.camera.width} x {case.scene.camera.height}, away from edges\n")
         print(

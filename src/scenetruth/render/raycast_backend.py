@@ -129,8 +129,8 @@ class RaycastRenderer(Renderer):
             variance = float(weights @ offsets[:, 0] ** 2)
             image = light.on(image.reshape(shape), (mixed | leaving).reshape(shape), variance).ravel()
             # Across the borders of light, as across silhouettes, even samples are best.
-            mixed = mixed | light.uneven.ravel()
-            leaving &= ~mixed
+            mixed = mixed | light.borders.ravel()
+            leaving = (leaving | light.uneven.ravel()) & ~mixed
         at_once = max(1, _RAYS_PER_PIECE // len(weights))
         for chosen, rule in ((leaving, self._smooth), (mixed, self._mixed)):
             remaining = np.flatnonzero(chosen)

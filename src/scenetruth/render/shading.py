@@ -32,13 +32,16 @@ class PixelLight:
     mixed
         Pixels whose footprint crosses an edge, shape (height, width).
     uneven
-        Pixels whose light is not smooth, at the borders of shadows above all, shape (height, width).
+        Pixels whose light is not smooth, shape (height, width): at its borders, or where it is steep.
+    borders
+        Those at the borders of shadows and of the lights' zones, shape (height, width).
     """
 
     shade: NDArray[np.float64]
     face: NDArray[np.int32]
     mixed: NDArray[np.bool_]
     uneven: NDArray[np.bool_]
+    borders: NDArray[np.bool_]
 
     def on(self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], variance_px2: float) -> NDArray[np.float32]:
         """Shade an image of mean albedos.
@@ -194,8 +197,10 @@ class Shader:
         factors, state = self.factors(caster, t, origin_mm, directions, hits)
         shade, face = factors.reshape(mixed.shape), hits.face.reshape(mixed.shape)
         brightest = float(shade[face >= 0].max(initial=0.0))
-        uneven = uneven_pixels(shade, state.reshape(mixed.shape), face, mixed, _STEEPEST * brightest)
-        return PixelLight(shade, face, mixed, uneven)
+        zones = state.reshape(mixed.shape)
+        uneven = uneven_pixels(shade, zones, face, mixed, _STEEPEST * brightest)
+        borders = uneven_pixels(shade, zones, face, mixed, np.inf)
+        return PixelLight(shade, face, mixed, uneven, borders)
 
     def _shadow_caster(self, caster: RayCaster) -> ShadowCaster:
         if self._shadows is None or self._shadows.vertices_mm is not caster.vertices_mm:
