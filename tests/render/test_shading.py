@@ -129,7 +129,7 @@ def test_the_profile_of_a_spot() -> None:
     expected = (0.9 * 4 * np.cos(angle) ** 3 * share**2 * (3 - 2 * share)).mean(axis=2)
     image = render_raycast(scene)
     # The border is 35 px wide; where it bends most (its two ends) pixels are sampled one by one,
-    # with 4 x 4 even samples, which lack 1/16 of the variance of 1/12 px² that multiplies half the bend (about 0.04 per px²).
+    # with 4 x 4 even samples, which lack 1/16 of the 1/12 px² that multiplies half the bend (about 0.04 per px²).
     np.testing.assert_allclose(image, expected, atol=2.5e-4)
     assert image[60, 80] > 3.5
     assert image[60, 0] == 0
