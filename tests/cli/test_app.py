@@ -254,6 +254,27 @@ def test_a_full_disk_is_reported(scene_file: Path, tmp_path: Path) -> None:
     assert names(tmp_path) == set()
 
 
+def test_check_tells_what_lens_and_shutter_do(scene_file: Path) -> None:
+    changes = {
+        "camera.distortion": "{k1: -0.4}",
+        "optics": "{psf: {kind: gaussian, sigma_px: 0.7}, defocus: {aperture_mm: 3, focus_distance_mm: 500}, "
+        "vignetting: {coefficients: [-0.2, 0, 0]}}",
+        "shutter": "{exposure_time_s: 0.25, readout_time_s: 0.125}",
+    }
+    overrides = [word for path, value in changes.items() for word in ("--set", f"{path}={value}")]
+    done = scenetruth("check", scene_file, *overrides)
+    assert done.returncode == 0, done.stderr
+    text = " ".join(done.stdout.replace("│", " ").split())
+    for words in (
+        "px in the lower right corner",
+        "gaussian, standard deviation 0.70 px",
+        "means of 48 sharp ones",
+        "20.",
+        "open for 0.25 s, last row 0.125 s after the first",
+    ):
+        assert words in text
+
+
 def test_check_prints_what_will_be_made() -> None:
     done = scenetruth("check", SCENES / "cube.yaml", env={**os.environ, "COLUMNS": "200"})
     assert done.returncode == 0, done.stderr

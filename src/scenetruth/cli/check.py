@@ -5,19 +5,20 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from scenetruth.camera import Frames, Stage
+from scenetruth.camera import Frames, Stage, Viewpoint
 from scenetruth.errors import SceneError
 from scenetruth.scene import Scene
+from scenetruth.scene.check import SceneReport
 
 __all__ = ["print_check"]
 
 
 def print_check(scene: Scene, file: Path) -> None:
     """Validate a scene down to its meshes and textures, and print what will be made from it."""
-    from scenetruth.camera import Viewpoint
     from scenetruth.estimate.rig import requirements
     from scenetruth.raycast import Topology
     from scenetruth.scene.check import describe_scene
@@ -42,6 +43,7 @@ def print_check(scene: Scene, file: Path) -> None:
         f"({_positions(stage)}; {frames.count} frames)",
         **_stage_rows(stage, frames),
         "focal length": f"{camera.focal_px:g} px",
+        **_lens_rows(scene, report),
         "recording": _megabytes(report.recording_bytes),
         "truth": _megabytes(report.truth_bytes),
         "mean disparity": f"{report.mean_disparity_px:.3f} px per step",
@@ -89,6 +91,30 @@ def _stage_rows(stage: Stage, frames: Frames) -> dict[str, str]:
             f"{name}repeatability {errors.repeatability_um:g} µm, backlash {errors.backlash_um:g} µm, "
             f"straightness {errors.straightness_um:g} µm, pitch {errors.pitch_urad:g}, yaw {errors.yaw_urad:g}, "
             f"roll {errors.roll_urad:g} µrad"
+        )
+    return rows
+
+
+def _lens_rows(scene: Scene, report: SceneReport) -> dict[str, str]:
+    """Say what distinguishes lens and shutter from a pinhole that is open for no time."""
+    rows, camera, optics, shutter = {}, scene.camera, scene.optics, scene.shutter
+    if camera.distortion is not None:
+        corner = np.array([[camera.width - 1, camera.height - 1]], dtype=np.float64)
+        shift = camera.without_distortion().project(camera.ray_directions(corner)) - corner
+        rows["distortion"] = f"{np.linalg.norm(shift):.2f} px in the lower right corner"
+    if optics.psf is not None:
+        size = optics.psf.sigma_px if optics.psf.kind == "gaussian" else optics.psf.radius_px
+        what = "standard deviation" if optics.psf.kind == "gaussian" else "radius of the first dark ring"
+        rows["point spread"] = f"{optics.psf.kind}, {what} {size:.2f} px"
+    if optics.defocus is not None:
+        depths = np.array([item.depth_mm for item in report.objects])
+        blur = optics.defocus.blur_diameter_px(depths, camera.focal_px)
+        rows["defocus"] = f"discs of up to {blur.max():.2f} px; images are means of {optics.defocus.samples} sharp ones"
+    if optics.vignetting is not None:
+        rows["vignetting"] = f"{100 * (1 - optics.vignetting.factor(camera)[-1, -1]):.1f} % in the lower right corner"
+    if shutter.exposure_time_s > 0 or shutter.readout_time_s > 0:
+        rows["shutter"] = f"open for {shutter.exposure_time_s:g} s" + (
+            f", last row {shutter.readout_time_s:g} s after the first" if shutter.readout_time_s > 0 else ""
         )
     return rows
 
