@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -118,6 +120,7 @@ def _cut_at_pixels(
     return inverses, positions, directions, segments
 
 
+@lru_cache(maxsize=4096)
 def _seen_rectangle(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the corners of what a pinhole must see for the image to show, in its pixels."""
     if camera.distortion is None:
