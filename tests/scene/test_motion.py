@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as some
+from numpy.typing import NDArray
 
 from scenetruth.scene import motion, spec
 
@@ -23,11 +24,22 @@ def item(*motions: spec.Motion) -> spec.SceneObject:
     )
 
 
+def motions_of(thing: spec.SceneObject) -> list[motion.PointMap]:
+    return motion.motions_about(thing.motion, thing.pose.position_mm)
+
+
+def moved(
+    maps: list[motion.PointMap], points: NDArray[np.float64], t: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    result = motion.compose(maps, points, t)
+    return result.positions_mm, result.velocities
+
+
 @given(velocity=vectors, t=some.floats(-10, 10))
 def test_constant_velocity(velocity: tuple[float, float, float], t: float) -> None:
-    motions = motion.motions_of(item(spec.ConstantVelocity(kind="velocity", velocity_mm_per_frame=velocity)))
+    motions = motions_of(item(spec.ConstantVelocity(kind="velocity", velocity_mm_per_frame=velocity)))
     start = np.array([[1.0, -2, 3], [4, 5, 6]])
-    points, speeds = motion.compose(motions, start, t)
+    points, speeds = moved(motions, start, t)
     np.testing.assert_allclose(points, start + t * np.asarray(velocity), rtol=1e-14, atol=1e-12)
     assert (speeds == velocity).all()
 
@@ -55,14 +67,14 @@ def test_composed_motion_against_extended_precision(
     velocity: tuple[float, float, float],
     t: float,
 ) -> None:
-    motions = motion.motions_of(
+    motions = motions_of(
         item(
             spec.ConstantVelocity(kind="velocity", velocity_mm_per_frame=velocity),
             spec.ConstantRotation(kind="rotation", axis=axis, rate_deg_per_frame=rate, point_mm=centre),
         )
     )
     start = [3.0, -4.0, 5.0]
-    point, speed = motion.compose(motions, np.array([start]), t)
+    point, speed = moved(motions, np.array([start]), t)
 
     with mpmath.workdps(50):
 
@@ -81,16 +93,14 @@ def test_composed_motion_against_extended_precision(
 
 
 def test_rotation_turns_about_the_objects_position_by_default() -> None:
-    motions = motion.motions_of(item(spec.ConstantRotation(kind="rotation", axis=(0, 0, 1), rate_deg_per_frame=90)))
-    points, speeds = motion.compose(motions, np.array([[1.0, 2, 600], [2.0, 2, 600]]), 1)
+    motions = motions_of(item(spec.ConstantRotation(kind="rotation", axis=(0, 0, 1), rate_deg_per_frame=90)))
+    points, speeds = moved(motions, np.array([[1.0, 2, 600], [2.0, 2, 600]]), 1)
     # About Z the X axis turns towards the Y axis.
     np.testing.assert_allclose(points, [[1, 2, 600], [1, 3, 600]], atol=1e-12)
     np.testing.assert_allclose(speeds, np.array([[0, 0, 0], [-np.pi / 2, 0, 0]]), atol=1e-12)
 
 
 def test_pose_turns_in_the_given_order_then_moves() -> None:
-    pose = spec.Pose(
-        position_mm=(10, 0, 0),
-        rotations=(spec.Rotation(axis=(0, 0, 1), angle_deg=90), spec.Rotation(axis=(1, 0, 0), angle_deg=90)),
-    )
-    np.testing.assert_allclose(motion.pose_points(pose, np.array([[1.0, 0, 0]])), np.array([[10, 0, 1]]), atol=1e-15)
+    place = motion.pose_map((10, 0, 0), [((0, 0, 1), 90), ((1, 0, 0), 90)])
+    found = motion.compose([place], np.array([[1.0, 0, 0]]), 0.0)
+    np.testing.assert_allclose(found.positions_mm, np.array([[10, 0, 1]]), atol=1e-15)

@@ -60,7 +60,7 @@ def _lamp(light: Light, t: float) -> Lamp:
         at = np.asarray(light.position_mm)
         ahead = at + np.asarray(light.direction) if light.target_mm is None else np.asarray(light.target_mm)
     motions = motions_about(light.motion, (float(at[0]), float(at[1]), float(at[2])))
-    (at, ahead), _ = compose(motions, np.stack([at, ahead]), t)
+    at, ahead = compose(motions, np.stack([at, ahead]), t).positions_mm
     axis = ahead - at
     axis = axis / max(float(np.linalg.norm(axis)), 1e-300)
     if light.kind == "directional":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, SceneError
 from scenetruth.scene import spec
+from scenetruth.scene.motion import PointMap
 
 __all__ = ["TriangleMesh", "box", "load", "make_mesh", "plane"]
 
@@ -37,6 +38,12 @@ class TriangleMesh:
         Texture image that came with the mesh, uint8 or float, shape (h, w) or (h, w, c), or None.
     vertex_colours
         Colours that came with the mesh, uint8, shape (n, 3), or None.
+    crease_deg
+        Edges between faces that differ by more are edges of the object; others are parts of a smooth surface.
+    material_mm
+        Coordinates (a, b) of the vertices on the flat sheet that the mesh is made from, shape (n, 2), or None.
+    shape
+        The map of that sheet, at (a, b, 0), to ``vertices_mm``; None if it is flat, or no sheet.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -46,6 +53,9 @@ class TriangleMesh:
     tiled: bool = False
     image: NDArray[Any] | None = None
     vertex_colours: NDArray[np.uint8] | None = None
+    crease_deg: float = 1.0
+    material_mm: NDArray[np.float64] | None = None
+    shape: PointMap | None = None
 
 
 def make_mesh(entry: spec.Mesh, folder: Path) -> TriangleMesh:

@@ -1,111 +1,160 @@
-"""Motions: position and velocity of points at any real time, analytically."""
+"""Motions: maps of points that depend on time, each one formula for positions and all derivatives."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from scenetruth.scene import spec
+from scenetruth.scene import deformation_spec, motion_spec
+from scenetruth.scene.jets import Field, Jet
+from scenetruth.scene.time_curve import value_at
 
-__all__ = ["PointMotion", "compose", "motions_about", "motions_of", "pose_points"]
+__all__ = [
+    "Moved",
+    "PointMap",
+    "Points",
+    "compose",
+    "deformation_map",
+    "motion_map",
+    "motions_about",
+    "pose_map",
+    "turn",
+]
 
-Points = NDArray[np.float64]
+Points = tuple[Any, Any, Any]
+"""Coordinates X, Y, Z of n points in mm: three fields (`scenetruth.scene.jets.Field`)."""
 
 
-class PointMotion(Protocol):
-    """A map of points that depends on time."""
+class PointMap(Protocol):
+    """A map of points that depends on time, written in plain NumPy."""
 
-    def __call__(self, points: Points, velocities: Points, t: float) -> tuple[Points, Points]:
-        """Move points that already move.
+    def __call__(self, points: Points, t: Field) -> Points:
+        """Move points.
 
         Parameters
         ----------
         points
-            Positions at time t before this motion, shape (n, 3), mm.
-        velocities
-            Their time derivatives, shape (n, 3), mm per frame.
+            Coordinates before the motion, mm: arrays of any precision, or jets if derivatives are wanted.
         t
-            Time in frames.
+            Time in frames, of the same kind, shape (1,).
 
         Returns
         -------
         tuple
-            Positions and their time derivatives after this motion.
+            Coordinates after it.
         """
         ...
 
 
-def pose_points(pose: spec.Pose, points_mm: Points) -> Points:
-    """Return points of an object's own frame in the world, at t = 0."""
-    points = points_mm
-    for rotation in pose.rotations:
-        points = _rotation(rotation.axis, np.deg2rad(rotation.angle_deg)).apply(points)
-    return np.asarray(points + np.asarray(pose.position_mm))
-
-
-def motions_of(item: spec.SceneObject) -> list[PointMotion]:
-    """Return the motions of an object, in the order in which they apply."""
-    return motions_about(item.motion, item.pose.position_mm)
-
-
-def motions_about(entries: Sequence[spec.Motion], position_mm: tuple[float, float, float]) -> list[PointMotion]:
-    """Return motions in the order in which they apply; rotations without a point turn about a position."""
-    return [_motion(entry, position_mm) for entry in entries]
-
-
-def compose(motions: Sequence[PointMotion], points_mm: Points, t: float) -> tuple[Points, Points]:
-    """Apply motions one after the other to points that rest.
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Points at one time.
 
     Parameters
     ----------
-    motions
-        The motions, first applied first.
+    positions_mm
+        Positions, shape (n, 3), mm.
+    velocities
+        Velocities, shape (n, 3), mm per frame.
+    accelerations
+        Accelerations, shape (n, 3), mm per frame squared.
+    """
+
+    positions_mm: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    accelerations: NDArray[np.float64]
+
+
+def compose(maps: Sequence[PointMap], points_mm: NDArray[np.float64], t: float) -> Moved:
+    """Apply maps one after the other to points that rest.
+
+    Parameters
+    ----------
+    maps
+        The maps, first applied first.
     points_mm
-        World positions at t = 0, shape (n, 3), mm.
+        Positions before all of them, shape (n, 3), mm.
     t
         Time in frames, any real number.
-
-    Returns
-    -------
-    tuple
-        World positions in mm and velocities in mm per frame at time t, shape (n, 3) each.
     """
-    points, velocities = points_mm, np.zeros_like(points_mm)
-    for motion in motions:
-        points, velocities = motion(points, velocities, t)
-    return points, velocities
+    points: Points = tuple(Jet.constant(column, 1) for column in np.ascontiguousarray(points_mm.T))  # type: ignore[assignment]
+    time = Jet.variable(np.array([float(t)]), 0, 1)
+    for item in maps:
+        points = item(points, time)
+    return moved_of(points, len(points_mm))
 
 
-def _motion(entry: spec.ConstantVelocity | spec.ConstantRotation, position: tuple[float, float, float]) -> PointMotion:
-    if isinstance(entry, spec.ConstantVelocity):
-        return _translation(np.asarray(entry.velocity_mm_per_frame))
-    return _turning(
-        np.asarray(entry.axis) / np.linalg.norm(entry.axis),
-        np.deg2rad(entry.rate_deg_per_frame),
-        np.asarray(position if entry.point_mm is None else entry.point_mm),
+def moved_of(points: Points, count: int) -> Moved:
+    """Return positions, velocities and accelerations from coordinates that are jets in time."""
+    rows = [np.broadcast_to(field.coefficients, (3, count)) for field in points]
+    return Moved(*(np.stack([row[order] for row in rows], axis=1) for order in range(3)))
+
+
+def motions_about(entries: Sequence[motion_spec.Motion], position_mm: tuple[float, float, float]) -> list[PointMap]:
+    """Return motions in the order in which they apply; rotations without a point turn about a position."""
+    return [motion_map(entry, position_mm) for entry in entries]
+
+
+def motion_map(entry: motion_spec.Motion, position_mm: tuple[float, float, float]) -> PointMap:
+    """Return the map of one motion in the world; what has no point of its own turns about a position."""
+    if isinstance(entry, motion_spec.ConstantVelocity):
+        return _translation(entry.velocity_mm_per_frame)
+    centre = position_mm if entry.point_mm is None else entry.point_mm
+    rate = np.deg2rad(entry.rate_deg_per_frame)
+    return lambda points, t: turn(points, entry.axis, rate * t, centre)
+
+
+def deformation_map(entry: deformation_spec.Deformation) -> PointMap:
+    """Return the map of one deformation in an object's own frame."""
+    return lambda points, t: turn(points, entry.axis, np.pi / 180 * value_at(entry.angle_deg, t), entry.point_mm)
+
+
+def pose_map(
+    position_mm: tuple[float, float, float], rotations: Sequence[tuple[tuple[float, float, float], float]]
+) -> PointMap:
+    """Return the map from an object's own frame to the world: rotations (axis, angle in degrees), then a shift."""
+
+    def place(points: Points, t: Field) -> Points:
+        for axis, angle_deg in rotations:
+            points = turn(points, axis, np.deg2rad(angle_deg), (0.0, 0.0, 0.0))
+        x, y, z = points
+        return x + position_mm[0], y + position_mm[1], z + position_mm[2]
+
+    return place
+
+
+def turn(points: Points, axis: tuple[float, float, float], angle: Any, centre: tuple[float, float, float]) -> Points:
+    """Turn points about an axis through a centre (right-hand rule, Rodrigues' formula).
+
+    Parameters
+    ----------
+    points
+        Coordinates, mm.
+    axis
+        Direction of the axis, of any length.
+    angle
+        Angle in rad: a number or a field.
+    centre
+        Point on the axis, mm.
+    """
+    nx, ny, nz = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+    x, y, z = (field - at for field, at in zip(points, centre, strict=True))
+    sine, cosine = np.sin(angle), np.cos(angle)
+    along = (nx * x + ny * y + nz * z) * (1 - cosine)
+    return (
+        x * cosine + (ny * z - nz * y) * sine + nx * along + centre[0],
+        y * cosine + (nz * x - nx * z) * sine + ny * along + centre[1],
+        z * cosine + (nx * y - ny * x) * sine + nz * along + centre[2],
     )
 
 
-def _translation(velocity: NDArray[np.float64]) -> PointMotion:
-    def move(points: Points, velocities: Points, t: float) -> tuple[Points, Points]:
-        return points + velocity * t, velocities + velocity
+def _translation(velocity: tuple[float, float, float]) -> PointMap:
+    def move(points: Points, t: Field) -> Points:
+        x, y, z = points
+        return x + velocity[0] * t, y + velocity[1] * t, z + velocity[2] * t
 
     return move
-
-
-def _turning(axis: NDArray[np.float64], rate: float, centre: NDArray[np.float64]) -> PointMotion:
-    def move(points: Points, velocities: Points, t: float) -> tuple[Points, Points]:
-        turn = Rotation.from_rotvec(axis * (rate * t))
-        arm = turn.apply(points - centre)
-        return arm + centre, np.cross(axis * rate, arm) + turn.apply(velocities)
-
-    return move
-
-
-def _rotation(axis: Sequence[float], angle: float) -> Rotation:
-    direction = np.asarray(axis, dtype=np.float64)
-    return Rotation.from_rotvec(direction / np.linalg.norm(direction) * angle)

@@ -8,6 +8,7 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator,
 
 from scenetruth.camera import Camera, EmvaSensor, Frames, Optics, Sensor, Shutter, Stage
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
+from scenetruth.scene.deformation_spec import Deformation
 from scenetruth.scene.lighting_spec import Lighting
 from scenetruth.scene.motion_spec import ConstantRotation, ConstantVelocity, Motion, nonzero
 from scenetruth.settings import EstimateSettings, ScoreSettings
@@ -190,8 +191,10 @@ class SceneObject(FrozenModel):
     """Its surface."""
     pose: Pose = Pose()
     """Where it stands at t = 0."""
+    deformation: tuple[Deformation, ...] = ()
+    """How it changes in its own frame, before it is posed; several deformations are applied one after the other."""
     motion: tuple[Motion, ...] = ()
-    """How it moves; several motions are applied one after the other."""
+    """How it moves in the world; several motions are applied one after the other."""
 
 
 class RenderSettings(FrozenModel):

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, SceneError
-from scenetruth.scene.mesh import make_mesh
-from scenetruth.scene.motion import PointMotion, compose, motions_of, pose_points
-from scenetruth.scene.spec import Scene
+from scenetruth.scene.jets import Jet
+from scenetruth.scene.mesh import TriangleMesh, make_mesh
+from scenetruth.scene.motion import Moved, PointMap, deformation_map, motions_about, moved_of, pose_map
+from scenetruth.scene.spec import Scene, SceneObject
+from scenetruth.scene.start import RestStart, SheetStart, Start
 from scenetruth.scene.texture import SurfaceTexture, make_texture
 
-__all__ = ["Body", "Snapshot", "World", "build_world", "generator_for"]
+__all__ = ["Body", "Snapshot", "World", "build_world", "generator_for", "maps_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,24 +29,52 @@ class Body:
     ----------
     name
         Its name in the scene.
-    vertices_mm
-        World positions at t = 0, shape (n, 3).
+    start
+        Where its points are before anything moves them.
     faces
         Vertex indices, shape (m, 3).
     uv
         Texture coordinates at the corners, shape (m, 3, 2).
     texture
         What is painted on it.
-    motions
-        How it moves.
+    maps
+        How it is deformed, placed and moved, first applied first.
     """
 
     name: str
-    vertices_mm: NDArray[np.float64]
+    start: Start
     faces: NDArray[np.int32]
     uv: NDArray[np.float64]
     texture: SurfaceTexture
-    motions: Sequence[PointMotion]
+    maps: Sequence[PointMap]
+
+    @cached_property
+    def vertices_mm(self) -> NDArray[np.float64]:
+        """World positions at t = 0, shape (n, 3)."""
+        return self.at(0.0).positions_mm
+
+    def at(self, t: float) -> Moved:
+        """Return all vertices with their velocities and accelerations at time t (in frames)."""
+        time = Jet.variable(np.array([float(t)]), 0, 1)
+        points = self.start.at(time)
+        count = len(points[0])
+        for item in self.maps:
+            points = item(points, time)
+        return moved_of(points, count)
+
+    def surface_at(self, t: float) -> NDArray[np.float64]:
+        """Return the tensors of motion and form of all surface points at time t; see `surface_tensors`."""
+        from scenetruth.scene.surface_kernels import surface_tensors
+
+        time = Jet.variable(np.array([float(t)]), 0, 3)
+        points = self.start.surface(time)
+        shape = points[0].coefficients.shape
+        for item in self.maps:
+            points = item(points, time)
+        tensors: NDArray[np.float64] = surface_tensors(
+            *(np.broadcast_to(field.coefficients, shape) for field in points)
+        )
+        return tensors
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +89,14 @@ class Snapshot:
         World positions, shape (n, 3), float64.
     velocities
         Their velocities in mm per frame, shape (n, 3), float64.
+    accelerations
+        Their accelerations in mm per frame squared, shape (n, 3), float64.
     """
 
     t: float
     vertices_mm: NDArray[np.float64]
     velocities: NDArray[np.float64]
+    accelerations: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +131,27 @@ class World:
         """Index of the body that every face belongs to, shape (m,)."""
         return np.repeat(np.arange(len(self.bodies), dtype=np.int32), np.diff(self.face_offsets))
 
+    @cached_property
+    def surface_corners(self) -> NDArray[np.int32]:
+        """The surface point of `surface_at` at every corner of every face, shape (m, 3)."""
+        counts = [int(body.start.corners.max()) + 1 for body in self.bodies]
+        offsets = np.cumsum([0, *counts[:-1]])
+        parts = [body.start.corners + offset for body, offset in zip(self.bodies, offsets, strict=True)]
+        return np.concatenate(parts).astype(np.int32)
+
     def at(self, t: float) -> Snapshot:
-        """Return all vertices and their velocities at time t (in frames)."""
-        moved = [compose(body.motions, body.vertices_mm, t) for body in self.bodies]
-        return Snapshot(t, np.concatenate([points for points, _ in moved]), np.concatenate([v for _, v in moved]))
+        """Return all vertices with their velocities and accelerations at time t (in frames)."""
+        moved = [body.at(t) for body in self.bodies]
+        return Snapshot(
+            t,
+            np.concatenate([item.positions_mm for item in moved]),
+            np.concatenate([item.velocities for item in moved]),
+            np.concatenate([item.accelerations for item in moved]),
+        )
+
+    def surface_at(self, t: float) -> NDArray[np.float64]:
+        """Return the tensors of motion and form of all surface points at time t, shape (k, 18): `surface_tensors`."""
+        return np.concatenate([body.surface_at(t) for body in self.bodies])
 
 
 def generator_for(seed: int, *purpose: str | int) -> np.random.Generator:
@@ -147,8 +197,31 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
                 for problem in error.problems
             ]
             continue
-        vertices = pose_points(item.pose, mesh.vertices_mm)
-        bodies.append(Body(item.name, vertices, mesh.faces, uv, texture, motions_of(item)))
+        bodies.append(Body(item.name, _start_of(mesh), mesh.faces, uv, texture, maps_of(item, mesh)))
     if problems:
         raise SceneError(problems)
     return World(tuple(bodies))
+
+
+def maps_of(item: SceneObject, mesh: TriangleMesh) -> list[PointMap]:
+    """Return how an object is deformed, placed and moved, first applied first.
+
+    What grows in the flat of a sheet comes before the shape of the sheet, all other deformations after it.
+    """
+    shape = [] if mesh.shape is None else [mesh.shape]
+    in_the_flat = [entry for entry in item.deformation if mesh.shape is not None and entry.in_the_flat]
+    later = [entry for entry in item.deformation if not any(entry is other for other in in_the_flat)]
+    rotations = [(rotation.axis, rotation.angle_deg) for rotation in item.pose.rotations]
+    return [
+        *map(deformation_map, in_the_flat),
+        *shape,
+        *map(deformation_map, later),
+        pose_map(item.pose.position_mm, rotations),
+        *motions_about(item.motion, item.pose.position_mm),
+    ]
+
+
+def _start_of(mesh: TriangleMesh) -> Start:
+    if mesh.material_mm is not None:
+        return SheetStart(mesh.material_mm, mesh.faces)
+    return RestStart(mesh.vertices_mm, mesh.faces, mesh.crease_deg)

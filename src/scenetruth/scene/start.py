@@ -1,0 +1,135 @@
+"""Where the points of a body are before anything moves them, and the coordinates along its surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.scene.jets import Field, Jet
+from scenetruth.scene.motion import Points
+from scenetruth.scene.osculation import Osculation, osculate
+
+__all__ = ["RestStart", "SheetStart", "Start"]
+
+TIME, ALONG, ACROSS = range(3)
+"""Numbers of the variables of jets: t, and the surface coordinates a and b."""
+
+
+class Start(Protocol):
+    """The points of a body at the beginning of its chain of maps."""
+
+    @property
+    def corners(self) -> NDArray[np.int32]:
+        """The surface point at every corner of every face, shape (m, 3)."""
+        ...
+
+    def at(self, t: Field) -> Points:
+        """Return the coordinates of all vertices at times t: fields of the kind of t."""
+        ...
+
+    def surface(self, t: Jet) -> Points:
+        """Return those of all surface points as jets in t, a and b."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SheetStart:
+    """A flat sheet: its material coordinates a, b in mm are X and Y, and Z is zero.
+
+    Parameters
+    ----------
+    material_mm
+        Coordinates (a, b) of the vertices, shape (n, 2).
+    faces
+        Vertex indices, shape (m, 3).
+    """
+
+    material_mm: NDArray[np.float64]
+    faces: NDArray[np.int32]
+
+    @property
+    def corners(self) -> NDArray[np.int32]:
+        """Vertices are surface points."""
+        return self.faces
+
+    def at(self, t: Field) -> Points:
+        """Return the flat sheet."""
+        a, b = self.material_mm.T
+        return like(a, t), like(b, t), like(np.zeros_like(a), t)
+
+    def surface(self, t: Jet) -> Points:
+        """Return the flat sheet with its derivatives."""
+        a, b = np.ascontiguousarray(self.material_mm.T)
+        return Jet.variable(a, ALONG, 3), Jet.variable(b, ACROSS, 3), Jet.constant(np.zeros_like(a), 3)
+
+
+@dataclass(frozen=True, eq=False)
+class RestStart:
+    """A mesh at rest, whose surface has no formula.
+
+    Parameters
+    ----------
+    vertices_mm
+        Positions in the own frame, shape (n, 3).
+    faces
+        Vertex indices, shape (m, 3).
+    crease_deg
+        Faces that meet at a larger angle belong to different pieces of the surface.
+    """
+
+    vertices_mm: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    crease_deg: float
+
+    @cached_property
+    def osculation(self) -> Osculation:
+        """The derivatives along the surface."""
+        return osculate(self.vertices_mm, self.faces, self.crease_deg)
+
+    @property
+    def corners(self) -> NDArray[np.int32]:
+        """Vertices on sharp edges are several surface points."""
+        return self.osculation.corners
+
+    def at(self, t: Field) -> Points:
+        """Return the mesh."""
+        x, y, z = self.vertices_mm.T
+        return like(x, t), like(y, t), like(z, t)
+
+    def surface(self, t: Jet) -> Points:
+        """Return the mesh with the derivatives of fits to it."""
+        fields = [osculating_jet(self.osculation, column[None]) for column in self.vertices_mm.T]
+        return fields[0], fields[1], fields[2]
+
+
+def like(values: NDArray[np.float64], t: Field) -> Any:
+    """Return values that do not change as a field of the kind of t."""
+    if isinstance(t, Jet):
+        return Jet.constant(np.ascontiguousarray(values, dtype=t.coefficients.dtype), t.variables)
+    return np.asarray(values, dtype=t.dtype)
+
+
+def osculating_jet(osculation: Osculation, orders: NDArray[np.float64]) -> Jet:
+    """Return a field on the vertices as a jet in t, a and b at the surface points.
+
+    Parameters
+    ----------
+    osculation
+        The fits.
+    orders
+        The field and, as far as it moves, its first and second derivative in time, shape (1 to 3, n).
+    """
+    coefficients = np.zeros((10, len(osculation.vertices)))
+    coefficients[0] = orders[0][osculation.vertices]
+    a, b, aa, ab, bb = osculation.derivatives(orders[0])
+    coefficients[2], coefficients[3], coefficients[7], coefficients[8], coefficients[9] = a, b, aa, ab, bb
+    if len(orders) > 1:
+        coefficients[1] = orders[1][osculation.vertices]
+        coefficients[5], coefficients[6] = osculation.derivatives(orders[1])[:2]
+    if len(orders) > 2:
+        coefficients[4] = orders[2][osculation.vertices]
+    return Jet(coefficients)
