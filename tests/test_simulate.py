@@ -116,7 +116,7 @@ def test_progress_counts_images_and_maps() -> None:
     calls: list[tuple[str, int, int]] = []
     st.simulate(cube(**SMALL), progress=lambda *call: calls.append(call))
     assert [call for call in calls if call[0] == "render"] == [("render", n, 6) for n in range(7)]
-    assert [call for call in calls if call[0] == "truth"] == [("truth", n, 2) for n in range(3)]
+    assert [call for call in calls if call[0] == "truth"] == [("truth", n, 8) for n in range(9)]
 
 
 def test_plaid_is_the_papers_formula() -> None:

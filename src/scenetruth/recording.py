@@ -70,9 +70,52 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     },
     "truth": {
         **_SURFACE,
+        "acceleration": Variable(("component", *_MAP), "mm/frame^2", "acceleration of the surface point"),
+        "displacement_next": Variable(("component", *_MAP), "mm", "displacement of the surface point to t + 1"),
+        "displacement_previous": Variable(("component", *_MAP), "mm", "displacement of the surface point to t - 1"),
+        "flow_next": Variable(
+            ("image_component", *_MAP),
+            "px",
+            "where the surface point is in the camera's image of t + 1, minus the pixel",
+        ),
+        "flow_previous": Variable(
+            ("image_component", *_MAP),
+            "px",
+            "where the surface point is in the camera's image of t - 1, minus the pixel",
+        ),
         "normal": Variable(("component", *_MAP), "1", "unit normal of the surface, towards the camera"),
+        "slope": Variable(("slope_component", *_MAP), "1", "slopes of the surface, dZ/dX and dZ/dY"),
+        "curvature": Variable(
+            ("principal", *_MAP), "1/mm", "principal curvatures, positive where the surface bulges towards the camera"
+        ),
+        "rotation_rate": Variable(
+            ("component", *_MAP), "rad/frame", "rotation vector per frame of the surface element"
+        ),
+        "growth_rate": Variable(_MAP, "1/frame", "relative rate of growth of the area of the surface element"),
+        "growth_principal": Variable(
+            ("principal", *_MAP), "1/frame", "relative rates of growth of length, the largest and the least"
+        ),
+        "growth_direction": Variable(
+            ("component", *_MAP), "1", "unit vector along which length grows most; either sign stands for both"
+        ),
         "object_id": Variable(_MAP, "1", "index of the object in the scene", {"no_surface": NO_SURFACE}),
         "face_id": Variable(_MAP, "1", "index of the triangle in its object's mesh", {"no_surface": NO_SURFACE}),
+        "barycentric": Variable(
+            ("corner", *_MAP), "1", "barycentric coordinates of the triangle's second and third corner"
+        ),
+        "uv": Variable(("texture_component", *_MAP), "1", "coordinates of the surface point in a texture image"),
+        "surface_mm": Variable(
+            ("texture_component", *_MAP), "mm", "coordinates of the surface point on the surface, laid flat; they stay"
+        ),
+        "visible": Variable(
+            ("s", *_MAP), "1", "whether image (s, t) shows the surface point that the reference pixel shows at t = 0"
+        ),
+        "view_count": Variable(_MAP, "1", "number of cameras that see the surface point at this frame"),
+        "occluded_in_s": Variable(_MAP, "1", "whether some camera does not see the surface point at this frame"),
+        "occluded_in_t": Variable(
+            _MAP, "1", "whether this camera does not see the surface point at the frame before or after"
+        ),
+        "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
         "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a face edge of more than 1 degree"),
         "camera_position_mm": Variable(("s", "t", "component"), "mm", "true position of the camera in the world"),
         "camera_rotation_rad": Variable(
@@ -120,6 +163,20 @@ _COORDINATES = {
     "component": ("1", "component in the world frame"),
     "image_component": ("1", "component in the image"),
     "rank": ("1", "rank of the eigenvalue, 1 is the largest"),
+    "slope_component": ("1", "direction of the slope in the world frame"),
+    "principal": ("1", "1 is the larger, 2 the lesser of two principal values"),
+    "corner": ("1", "corner of the triangle"),
+    "texture_component": ("1", "u to the right, v down"),
+}
+
+
+_NAMES: Mapping[str, list[str] | list[int]] = {
+    "component": ["X", "Y", "Z"],
+    "image_component": ["x", "y"],
+    "slope_component": ["X", "Y"],
+    "principal": [1, 2],
+    "corner": [2, 3],
+    "texture_component": ["u", "v"],
 }
 
 
@@ -231,10 +288,9 @@ def label(
     if "s_y" in sizes:
         below = np.asarray(stage_y_mm, dtype=np.float64)
         coordinates |= {"s_y": ("s_y", centred_indices(sizes["s_y"])), "stage_y_mm": ("s_y", below)}
-    if "component" in sizes:
-        coordinates["component"] = ("component", ["X", "Y", "Z"])
-    if "image_component" in sizes:
-        coordinates["image_component"] = ("image_component", ["x", "y"])
+    for name, names in _NAMES.items():
+        if name in sizes:
+            coordinates[name] = (name, names)
     if "rank" in sizes:
         coordinates["rank"] = ("rank", np.arange(1, sizes["rank"] + 1))
     dataset = xr.Dataset(

@@ -24,9 +24,16 @@ from scenetruth.render import choose_renderer
 from scenetruth.scene.check import check_scene
 from scenetruth.scene.spec import Lighting, Scene
 from scenetruth.scene.world import World, build_world, generator_for
-from scenetruth.truth import GeometryPass, truth_by_rows, truth_maps
+from scenetruth.truth import (
+    GeometryPass,
+    PixelPoints,
+    TruthMaps,
+    follow_points,
+    truth_by_rows,
+    truth_maps,
+)
 
-__all__ = ["TruthPoses", "TruthViews", "make_truth", "scene_hash", "simulate"]
+__all__ = ["TruthMaps", "TruthPoses", "TruthViews", "make_truth", "scene_hash", "simulate"]
 
 Progress = Callable[[str, int, int], None]
 TruthViews = Literal["reference", "all"]
@@ -51,6 +58,7 @@ def simulate(
     *,
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
+    truth_content: TruthMaps = "standard",
     ideal: bool = False,
     folder: str | Path = "",
     progress: Progress | None = None,
@@ -66,6 +74,10 @@ def simulate(
     truth_poses
         ``"real"``: truth of what each pixel saw, from where the camera stood when the image was taken; ``"nominal"``:
         of what it would have seen from where, and when, it was planned.
+    truth_content
+        ``"standard"``: what estimates are scored against; ``"complete"``: everything that is known of the surface
+        points, at more than twice the size: acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
+        rotation rate, principal growth, coordinates on the surface.
     ideal
         Whether the recording also holds ``ideal``, the linear images without noise that the sensor was given.
     folder
@@ -90,7 +102,14 @@ def simulate(
     world = build_world(scene, Path(folder))
     check_scene(scene, world)
     recording = _record(scene, world, progress, ideal=ideal)
-    truth = make_truth(scene, world, truth_views=truth_views, truth_poses=truth_poses, progress=progress)
+    truth = make_truth(
+        scene,
+        world,
+        truth_views=truth_views,
+        truth_poses=truth_poses,
+        truth_content=truth_content,
+        progress=progress,
+    )
     return recording, truth
 
 
@@ -100,6 +119,7 @@ def make_truth(
     *,
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
+    truth_content: TruthMaps = "standard",
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the truth of a scene without rendering it; see `simulate`."""
@@ -110,33 +130,52 @@ def make_truth(
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     geometry = None
     arrays: dict[str, NDArray[Any]] = {}
-    total = len(views) * frames.count
+    seen: list[list[PixelPoints]] = [[] for _ in views]
+    images = stage.rows * stage.positions * frames.count
+    total = len(views) * frames.count + images
     for n, t in enumerate(frames.t.tolist()):
         for m, (s_y, s) in enumerate(views):
             if progress is not None:
                 progress("truth", n * len(views) + m, total)
             moment = moment_of(s, t, s_y)
+            if geometry is None or geometry.snapshot.t != moment.t:
+                geometry = GeometryPass(world, topology, moment.t)
             if scene.shutter.readout_time_s > 0:
-                maps = _truth_by_rows(scene, world, topology, moment)
+                maps = _truth_by_rows(scene, world, topology, moment, truth_content)
             else:
-                if geometry is None or geometry.snapshot.t != moment.t:
-                    geometry = GeometryPass(world, topology, moment.t)
-                maps = truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm)
+                maps = truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm, truth_content)
+            seen[m].append(PixelPoints(world, maps, geometry, moment.viewpoint))
             for name, values in maps.items():
                 if name not in arrays:
                     lead = values.shape[:-2]
                     arrays[name] = np.empty((*lead, len(views), frames.count, *values.shape[-2:]), dtype=values.dtype)
                 arrays[name][..., m, n, :, :] = values
+    cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
+    moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
+    arrays |= follow_points(
+        world,
+        topology,
+        scene.camera,
+        [[(moment.t, moment.viewpoint) for moment in row] for row in moments],
+        [cameras.index(view) for view in views],
+        seen,
+        (views.index((0, 0)), frames.t.tolist().index(0)),
+        # Where a point lands in an image whose rows are taken one after the other, its displacement does not say.
+        "standard" if scene.shutter.readout_time_s > 0 else truth_content,
+        None if progress is None else lambda done, _: progress("truth", total - images + done, total),
+    )
     if progress is not None:
         progress("truth", total, total)
     lead = () if reference else (stage.rows, stage.positions) if stage.rows > 1 else (stage.positions,)
-    arrays = {
-        name: values.reshape(*values.shape[:-4], *lead, *values.shape[-3:]) for name, values in arrays.items()
-    } | _poses(scene, schedule)
+    visible = arrays.pop("visible")
+    arrays = {name: values.reshape(*values.shape[:-4], *lead, *values.shape[-3:]) for name, values in arrays.items()}
+    if stage.rows > 1:
+        visible = visible.reshape(stage.rows, stage.positions, *visible.shape[1:])
+    arrays |= {"visible": visible, **_poses(scene, schedule)}
     names = json.dumps([item.name for item in scene.objects])
     return label(
         "truth",
-        {name: arrays[name] for name in VARIABLES["truth"]},
+        {name: arrays[name] for name in VARIABLES["truth"] if name in arrays},
         _intrinsics(scene),
         t=frames.t,
         s=stage.s,
@@ -146,14 +185,16 @@ def make_truth(
     )
 
 
-def _truth_by_rows(scene: Scene, world: World, topology: Topology, moment: Moment) -> dict[str, NDArray[Any]]:
+def _truth_by_rows(
+    scene: Scene, world: World, topology: Topology, moment: Moment, content: TruthMaps
+) -> dict[str, NDArray[Any]]:
     """Return the truth of an image that a rolling shutter takes, every row in the middle of its own exposure."""
     camera, shutter = scene.camera, scene.shutter
     later_s = shutter.row_offsets_s(np.arange(camera.height, dtype=np.float64), camera.height)
     travel_mm = shutter.stage_speed_mm_per_s * later_s
     places = [moment.viewpoint.moved((along, 0.0, 0.0)) for along in travel_mm.tolist()]
     times = moment.t + later_s / scene.frames.frame_interval_s
-    return truth_by_rows(world, topology, camera, times, places, scene.stage.baseline_mm)
+    return truth_by_rows(world, topology, camera, times, places, scene.stage.baseline_mm, content)
 
 
 def _schedule_of(scene: Scene) -> Schedule:

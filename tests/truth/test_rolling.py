@@ -20,6 +20,8 @@ def test_each_row_is_that_of_an_image_at_its_time() -> None:
     found = truth_by_rows(world, topology, scene.camera, times, places, 5.0)
     for row, (time, place) in enumerate(zip(times, places, strict=True)):
         whole = truth_maps(GeometryPass(world, topology, float(time)), scene.camera, place, 5.0)
+        # Distances are measured in the image's own boundaries, whose rows have times of their own.
+        del whole["boundary_distance"]
         for name, values in whole.items():
             # The cut camera's principal point differs by a whole number of rows: roundings of it.
             np.testing.assert_allclose(

@@ -55,6 +55,13 @@ class TruthPoses(StrEnum):
     nominal = "nominal"
 
 
+class TruthContent(StrEnum):
+    """Maps that a truth holds."""
+
+    standard = "standard"
+    complete = "complete"
+
+
 class Platform(StrEnum):
     """OpenGL platforms of pyrender."""
 
@@ -92,6 +99,10 @@ Poses = Annotated[
     TruthPoses,
     typer.Option("--truth-poses", help="Truth from where the camera stood, or from where it should have stood."),
 ]
+Content = Annotated[
+    TruthContent,
+    typer.Option("--truth-content", help="What estimates are scored against, or everything known of the surface."),
+]
 Ideal = Annotated[bool, typer.Option("--ideal", help="Keep the linear images before the sensor too.")]
 
 
@@ -126,6 +137,7 @@ def run(
     images: Images = None,
     truth: Truth = TruthViews.reference,
     truth_poses: Poses = TruthPoses.real,
+    truth_content: Content = TruthContent.standard,
     ideal: Ideal = False,
 ) -> None:
     """Render a scene, estimate, score and report, in one go."""
@@ -146,7 +158,7 @@ def run(
 
         raise SceneError(problems, source=scene)
     with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
-        recording, exact = _render(spec, folder, images, truth, truth_poses, report, ideal=ideal)
+        recording, exact = _render(spec, folder, images, (truth, truth_poses, truth_content), report, ideal=ideal)
         estimated = _estimate(recording, spec.estimate, folder, report, overwrite=False)
         scored = _score(estimated, exact, recording, spec.score.interior_margin_px, folder, report)
         _report(recording, estimated, exact, scored, folder, report)
@@ -164,6 +176,7 @@ def render(
     images: Images = None,
     truth: Truth = TruthViews.reference,
     truth_poses: Poses = TruthPoses.real,
+    truth_content: Content = TruthContent.standard,
     ideal: Ideal = False,
 ) -> None:
     """Render a scene: a recording and its truth."""
@@ -172,7 +185,7 @@ def render(
 
     spec = _load(scene, overrides)
     with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
-        _render(spec, folder, images, truth, truth_poses, report, ideal=ideal)
+        _render(spec, folder, images, (truth, truth_poses, truth_content), report, ideal=ideal)
     typer.echo(f"written: {output / 'recording.zarr'}, {output / 'truth.zarr'}")
 
 
@@ -348,8 +361,7 @@ def _render(
     spec: Scene,
     folder: Path,
     images: ImageForm | None,
-    truth: TruthViews,
-    poses: TruthPoses,
+    truth: tuple[TruthViews, TruthPoses, TruthContent],
     report: Reporter,
     *,
     ideal: bool,
@@ -360,8 +372,14 @@ def _render(
     from scenetruth.storage import save, write_images
 
     with report.timed("simulate"):
+        views, poses, content = truth
         recording, exact = simulate(
-            spec, truth_views=truth.value, truth_poses=poses.value, ideal=ideal, progress=report
+            spec,
+            truth_views=views.value,
+            truth_poses=poses.value,
+            truth_content=content.value,
+            ideal=ideal,
+            progress=report,
         )
     backend, reason = recording.attrs["render_backend"], recording.attrs["render_fallback_reason"]
     report.say(f"rendered with {backend}" + (f": {reason}" if reason else ""))

@@ -17,7 +17,7 @@ from scenetruth.scene.world import World
 __all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene"]
 
 _FINEST_PX = 2.0
-_BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3) + 4 + 4 + 1
+_BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3 + 2 + 1 + 1) + 4 + 4 + 1 + 2 + 1 + 1
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,10 @@ class Body:
     ----------
     name
         Its name in the scene.
+    mesh
+        Its mesh.
     start
         Where its points are before anything moves them.
-    faces
-        Vertex indices, shape (m, 3).
     uv
         Texture coordinates at the corners, shape (m, 3, 2).
     texture
@@ -42,11 +42,16 @@ class Body:
     """
 
     name: str
+    mesh: TriangleMesh
     start: Start
-    faces: NDArray[np.int32]
     uv: NDArray[np.float64]
     texture: SurfaceTexture
     maps: Sequence[PointMap]
+
+    @property
+    def faces(self) -> NDArray[np.int32]:
+        """Vertex indices, shape (m, 3)."""
+        return self.mesh.faces
 
     @cached_property
     def vertices_mm(self) -> NDArray[np.float64]:
@@ -127,6 +132,17 @@ class World:
         return np.concatenate([body.uv for body in self.bodies])
 
     @cached_property
+    def image_uv(self) -> NDArray[np.float64]:
+        """Coordinates for image textures at the corners of all faces, shape (m, 3, 2); NaN where a mesh has none."""
+        parts = [body.mesh for body in self.bodies]
+        return np.concatenate([np.full(mesh.chart_mm.shape, np.nan) if mesh.uv is None else mesh.uv for mesh in parts])
+
+    @cached_property
+    def chart_mm(self) -> NDArray[np.float64]:
+        """Coordinates on the surface in mm at the corners of all faces, shape (m, 3, 2)."""
+        return np.concatenate([body.mesh.chart_mm for body in self.bodies])
+
+    @cached_property
     def face_body(self) -> NDArray[np.int32]:
         """Index of the body that every face belongs to, shape (m,)."""
         return np.repeat(np.arange(len(self.bodies), dtype=np.int32), np.diff(self.face_offsets))
@@ -197,7 +213,7 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
                 for problem in error.problems
             ]
             continue
-        bodies.append(Body(item.name, _start_of(mesh), mesh.faces, uv, texture, maps_of(item, mesh)))
+        bodies.append(Body(item.name, mesh, _start_of(mesh), uv, texture, maps_of(item, mesh)))
     if problems:
         raise SceneError(problems)
     return World(tuple(bodies))

@@ -1,6 +1,17 @@
 """Exact maps of what the camera sees: a geometry pass of its own at pixel centres, in float64."""
 
-from scenetruth.truth.maps import GeometryPass, truth_maps
+from scenetruth.truth.following import PixelPoints, follow_points
+from scenetruth.truth.maps import GeometryPass, TruthMaps, truth_maps
 from scenetruth.truth.rolling import truth_by_rows
+from scenetruth.truth.visibility import SurfacePoints, points_seen
 
-__all__ = ["GeometryPass", "truth_by_rows", "truth_maps"]
+__all__ = [
+    "GeometryPass",
+    "PixelPoints",
+    "SurfacePoints",
+    "TruthMaps",
+    "follow_points",
+    "points_seen",
+    "truth_by_rows",
+    "truth_maps",
+]

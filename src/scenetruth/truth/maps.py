@@ -1,18 +1,36 @@
-"""Depth, velocity, disparity, flow, normals, ids and mixed pixels of one camera at one time."""
+"""What one camera sees at one time: where it is, how it moves and grows, and which point of which surface it is."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.scene.world import World
 
-__all__ = ["GeometryPass", "truth_maps"]
+__all__ = ["STANDARD", "GeometryPass", "TruthMaps", "truth_maps"]
+
+TruthMaps = Literal["standard", "complete"]
+
+STANDARD = (
+    "depth",
+    "velocity",
+    "disparity",
+    "flow",
+    "normal",
+    "object_id",
+    "face_id",
+    "barycentric",
+    "growth_rate",
+    "mixed",
+    "boundary_distance",
+)
+"""The maps of one image that every truth has."""
 
 
 class GeometryPass:
@@ -42,9 +60,14 @@ class GeometryPass:
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         return normals
 
+    @cached_property
+    def surface_tensors(self) -> NDArray[np.float64]:
+        """Form and motion of all surface points (`World.surface_at`), shape (k, 18)."""
+        return self.world.surface_at(self.snapshot.t)
+
 
 def truth_maps(
-    geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint, baseline_mm: float
+    geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint, baseline_mm: float, maps: TruthMaps = "complete"
 ) -> dict[str, NDArray[Any]]:
     """Compute the truth at the pixel centres of one image.
 
@@ -55,22 +78,37 @@ def truth_maps(
     camera
         The camera.
     viewpoint
-        Where it stands. Depth, velocity and normals are in its frame.
+        Where it stands. Depth and all vectors are in its frame.
     baseline_mm
         V_X in mm per step of s, for the disparity.
+    maps
+        ``"standard"``: the maps of `STANDARD` only; ``"complete"``: all.
 
     Returns
     -------
     dict
-        The variables of a truth by name (`scenetruth.recording.VARIABLES`), vector components first:
+        The variables of a truth by name (`scenetruth.recording.VARIABLES`), vector components first. Of the triangle
+        that is seen, and therefore consistent with each other to rounding:
 
-        - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame,
+        - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame, ``acceleration`` in mm per frame squared,
         - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5), of the image without distortion,
         - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y from the principal point:
           the paper's (u_x + x u_z, u_y + y u_z); times the slope of the distortion, if the lens has one,
-        - ``normal``, ``object_id``, ``face_id``, ``mixed``.
+        - ``normal`` and ``slope`` (dZ/dX, dZ/dY),
+        - ``object_id``, ``face_id``, ``barycentric``: which point of which triangle; ``uv`` and ``surface_mm``: where
+          it is on the surface.
+
+        Of the smooth surface that the triangles stand for, interpolated between its exact values at the vertices:
+
+        - ``curvature``: principal curvatures in 1/mm, the larger first, positive where it bulges towards the camera,
+        - ``rotation_rate`` of the surface element in rad per frame,
+        - ``growth_rate``: relative rate of its area, 1 per frame; ``growth_principal``: the relative rates of length in
+          the directions in which these are largest and least; ``growth_direction``: the first of these directions.
+
+        Of the pixel: ``mixed``, and ``boundary_distance``, how far in px the nearest mixed pixel is.
     """
     from scenetruth.truth.kernels import fill_maps
+    from scenetruth.truth.surface_kernels import fill_surface_maps
 
     shape = (camera.height, camera.width)
     directions = pixel_rays(camera).directions
@@ -93,13 +131,48 @@ def truth_maps(
     if camera.distortion is not None:
         flow = np.ascontiguousarray(camera.flow_of(directions, flow.T).T)
     mixed = mixed_pixels(geometry.caster, viewpoint, camera, body.reshape(shape))
-    return {
-        "depth": hits.depth.reshape(shape),
-        "velocity": velocity.reshape(3, *shape),
-        "disparity": disparity.reshape(shape),
-        "flow": flow.reshape(2, *shape),
-        "normal": normal.reshape(3, *shape),
-        "object_id": body.reshape(shape),
-        "face_id": face_id.reshape(shape),
-        "mixed": mixed,
+    barycentric = np.where(hits.face >= 0, hits.weights.T, np.nan)
+    curvature, rotation, growth, principal, direction = fill_surface_maps(
+        hits.face, hits.weights, normal, world.surface_corners, geometry.surface_tensors, viewpoint.rotation.T
+    )
+    found = {
+        "depth": hits.depth,
+        "velocity": velocity,
+        "disparity": disparity,
+        "flow": flow,
+        "normal": normal,
+        "object_id": body,
+        "face_id": face_id,
+        "barycentric": barycentric,
+        "growth_rate": growth,
     }
+    if maps == "complete":
+        accelerations = viewpoint.directions_to_camera(geometry.snapshot.accelerations)
+        with np.errstate(divide="ignore"):
+            slope = -normal[:2] / normal[2]
+        found |= {
+            "acceleration": hits.interpolate(world.faces, accelerations).T,
+            "slope": slope,
+            "curvature": curvature,
+            "rotation_rate": rotation,
+            "growth_principal": principal,
+            "growth_direction": direction,
+            "uv": hits.interpolate_corners(world.image_uv).T,
+            "surface_mm": hits.interpolate_corners(world.chart_mm).T,
+        }
+    found = {name: values.reshape(*values.shape[:-1], *shape) for name, values in found.items()}
+    return found | {"mixed": mixed, "boundary_distance": boundary_distance(mixed)}
+
+
+def boundary_distance(mixed: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return how far in px the nearest mixed pixel is from the centre of every pixel, infinite if there is none.
+
+    Parameters
+    ----------
+    mixed
+        The mixed pixels of one image, shape (height, width).
+    """
+    if not mixed.any():
+        return np.full(mixed.shape, np.inf)
+    distance: NDArray[np.float64] = ndimage.distance_transform_edt(~mixed)
+    return distance

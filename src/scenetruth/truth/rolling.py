@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene.world import World
-from scenetruth.truth.maps import GeometryPass, truth_maps
+from scenetruth.truth.maps import GeometryPass, TruthMaps, boundary_distance, truth_maps
 
 __all__ = ["truth_by_rows"]
 
@@ -23,6 +23,7 @@ def truth_by_rows(
     times: NDArray[np.float64],
     viewpoints: Sequence[Viewpoint],
     baseline_mm: float,
+    maps: TruthMaps = "complete",
 ) -> dict[str, NDArray[Any]]:
     """Compute the truth of every row at its own time and from its own viewpoint.
 
@@ -38,18 +39,22 @@ def truth_by_rows(
         Where the camera stands at these times.
     baseline_mm
         V_X in mm per step of s.
+    maps
+        Which maps; see `truth_maps`.
 
     Returns
     -------
     dict
         As `truth_maps`; flow and velocity are instantaneous, at the row's time.
     """
-    maps: dict[str, NDArray[Any]] = {}
+    found: dict[str, NDArray[Any]] = {}
     for row, (time, viewpoint) in enumerate(zip(times.tolist(), viewpoints, strict=True)):
         # A row above and one below, as rays at the border need neighbours to be exact.
-        part = truth_maps(GeometryPass(world, topology, time), camera.rows(row - 1, row + 2), viewpoint, baseline_mm)
+        geometry = GeometryPass(world, topology, time)
+        part = truth_maps(geometry, camera.rows(row - 1, row + 2), viewpoint, baseline_mm, maps)
         for name, values in part.items():
-            if name not in maps:
-                maps[name] = np.empty((*values.shape[:-2], camera.height, camera.width), dtype=values.dtype)
-            maps[name][..., row, :] = values[..., 1, :]
-    return maps
+            if name not in found:
+                found[name] = np.empty((*values.shape[:-2], camera.height, camera.width), dtype=values.dtype)
+            found[name][..., row, :] = values[..., 1, :]
+    # Rows know no other rows' boundaries.
+    return found | {"boundary_distance": boundary_distance(found["mixed"])}

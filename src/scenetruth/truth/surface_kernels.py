@@ -1,0 +1,118 @@
+"""A kernel that writes the maps of a surface's form and of how it changes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["fill_surface_maps"]
+
+_ROWS = (0, 1, 2, 0, 0, 1)
+_COLUMNS = (0, 1, 2, 1, 2, 2)
+# Principal rates that differ by less than this share of the tensor's size have no directions.
+_EQUAL = 1e-9
+# Pixels that share scratch memory.
+_BLOCK = 1024
+
+
+@numba.njit(cache=True, nogil=True)
+def _tangential(tensors: Any, first: int, one: Any, two: Any) -> Any:
+    """Return the entries (11, 12, 22) on two tangents of the symmetric tensor whose numbers begin at ``first``."""
+    aa, ab, bb = 0.0, 0.0, 0.0
+    for entry in range(6):
+        i, j = _ROWS[entry], _COLUMNS[entry]
+        value = tensors[first + entry]
+        if i == j:
+            aa += value * one[i] * one[i]
+            ab += value * one[i] * two[i]
+            bb += value * two[i] * two[i]
+        else:
+            aa += 2.0 * value * one[i] * one[j]
+            ab += value * (one[i] * two[j] + one[j] * two[i])
+            bb += 2.0 * value * two[i] * two[j]
+    return aa, ab, bb
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def fill_surface_maps(
+    face: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    corners: NDArray[np.int32],
+    tensors: NDArray[np.float64],
+    to_camera: NDArray[np.float64],
+) -> Any:
+    """Interpolate the tensors of surface points at every pixel and take them apart.
+
+    ``normal`` is that of the face at every pixel in the camera's frame, towards the camera, shape (3, n); ``tensors``
+    are those of `scenetruth.scene.surface_kernels.surface_tensors` in the world, ``to_camera`` turns the world into the
+    camera's frame. Returns principal curvatures (2, n), rotation rate (3, n), growth rate (n), principal growth rates
+    (2, n) and the direction of the first (3, n); NaN where nothing is met.
+    """
+    count = face.shape[0]
+    curvature = np.empty((2, count), dtype=np.float64)
+    rotation = np.empty((3, count), dtype=np.float64)
+    growth = np.empty(count, dtype=np.float64)
+    principal = np.empty((2, count), dtype=np.float64)
+    direction = np.empty((3, count), dtype=np.float64)
+    for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
+        mean, middle = np.empty(18), np.empty(3)
+        one, two, way = np.empty(3), np.empty(3), np.empty(3)
+        for n in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
+            met = face[n]
+            if met < 0:
+                growth[n] = np.nan
+                curvature[0, n] = curvature[1, n] = principal[0, n] = principal[1, n] = np.nan
+                for k in range(3):
+                    rotation[k, n] = direction[k, n] = np.nan
+                continue
+            b1, b2 = weights[n, 0], weights[n, 1]
+            first, second, third = corners[met, 0], corners[met, 1], corners[met, 2]
+            for k in range(18):
+                value = tensors[first, k]
+                mean[k] = value + b1 * (tensors[second, k] - value) + b2 * (tensors[third, k] - value)
+            length = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
+            if not length > 0.0:
+                length = np.nan
+            for k in range(3):
+                middle[k] = mean[k] / length
+            # Two tangents, from the axis that is farthest from the normal.
+            axis = 0
+            for k in range(1, 3):
+                if abs(middle[k]) < abs(middle[axis]):
+                    axis = k
+            along = middle[axis]
+            square = 1.0 - along * along
+            for k in range(3):
+                one[k] = ((1.0 if k == axis else 0.0) - along * middle[k]) / np.sqrt(square)
+            for k in range(3):
+                two[k] = middle[(k + 1) % 3] * one[(k + 2) % 3] - middle[(k + 2) % 3] * one[(k + 1) % 3]
+            growth[n] = mean[3] + mean[4] + mean[5]
+            aa, ab, bb = _tangential(mean, 3, one, two)
+            half, spread = 0.5 * (aa - bb), np.hypot(0.5 * (aa - bb), ab)
+            principal[0, n], principal[1, n] = 0.5 * growth[n] + spread, 0.5 * growth[n] - spread
+            # The eigenvector of the larger value, from the half angle.
+            angle = 0.5 * np.arctan2(ab, half)
+            for k in range(3):
+                way[k] = np.cos(angle) * one[k] + np.sin(angle) * two[k]
+            if spread <= _EQUAL * (abs(aa) + abs(bb)) or spread < 1e-15:
+                way[:] = np.nan
+            aa, ab, bb = _tangential(mean, 12, one, two)
+            trace, spread = 0.5 * (aa + bb), np.hypot(0.5 * (aa - bb), ab)
+            facing = 0.0
+            for k in range(3):
+                turned = to_camera[k, 0] * middle[0] + to_camera[k, 1] * middle[1] + to_camera[k, 2] * middle[2]
+                facing += turned * normal[k, n]
+                rotation[k, n] = to_camera[k, 0] * mean[9] + to_camera[k, 1] * mean[10] + to_camera[k, 2] * mean[11]
+                direction[k, n] = to_camera[k, 0] * way[0] + to_camera[k, 1] * way[1] + to_camera[k, 2] * way[2]
+            # Positive where the surface bulges towards the camera.
+            sign = -1.0 if facing > 0.0 else 1.0
+            large, small = sign * trace + spread, sign * trace - spread
+            curvature[0, n], curvature[1, n] = large, small
+            if direction[0, n] < 0.0 or (direction[0, n] == 0.0 and direction[1, n] < 0.0):
+                for k in range(3):
+                    direction[k, n] = -direction[k, n]
+    return curvature, rotation, growth, principal, direction
