@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
@@ -9,6 +10,9 @@ from pydantic import Field, field_validator
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
 __all__ = ["EstimateSettings", "ScoreSettings"]
+
+Bounds = Annotated[tuple[NonNegative, ...], Field(min_length=1)]
+"""Bounds between classes of pixels."""
 
 
 class EstimateSettings(FrozenModel):
@@ -57,3 +61,43 @@ class ScoreSettings(FrozenModel):
 
     interior_margin_px: NonNegative = 20.0
     """Least distance of the region ``interior`` from silhouettes and from face edges of more than 1°, in px."""
+    slope_classes_deg: Bounds = (0.0, 20.0, 45.0, 70.0, 90.0)
+    """Bounds of the regions ``slope_LOW_HIGH``: angles between surface normal and optical axis, in degrees."""
+    edge_classes_px: Bounds = (0.0, 5.0, 10.0, 20.0)
+    """Bounds of the regions ``edge_LOW_HIGH``: distances to the nearest mixed pixel, in px. One more class,
+    ``edge_LOW_inf``, begins at the last."""
+    contrast_window_px: Positive = 6.0
+    """Standard deviation of the Gaussian window in which texture contrast is measured, in px."""
+    contrast_classes: tuple[Positive, Positive] = (0.02, 0.05)
+    """Bounds between ``contrast_low``, ``contrast_mid`` and ``contrast_high``: local standard deviation of the
+    reference image, as a fraction of full scale."""
+    growth_window_px: Positive = 20.0
+    """Standard deviation of the Gaussian window in which the growth rate is fitted, in px."""
+    growth_min_coverage: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Least share of that window's weight that must lie on known pixels of the same surface."""
+    growth_max_slope_deg: Annotated[float, Field(gt=0, lt=90)] = 80.0
+    """Neighbouring pixels whose depths differ as on a surface steeper than this are on two surfaces, in degrees."""
+
+    @field_validator("slope_classes_deg", "edge_classes_px")
+    @classmethod
+    def _rising(cls, value: Bounds) -> Bounds:
+        if any(high <= low for low, high in pairwise(value)):
+            msg = "must rise from bound to bound"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("slope_classes_deg")
+    @classmethod
+    def _angles(cls, value: Bounds) -> Bounds:
+        if len(value) < 2 or value[-1] > 90:
+            msg = "must be two bounds or more between 0 and 90 degrees"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("contrast_classes")
+    @classmethod
+    def _two_rising(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[1] <= value[0]:
+            msg = "must rise from bound to bound"
+            raise ValueError(msg)
+        return value

@@ -67,7 +67,8 @@ def test_run_does_everything_in_one_go(finished: Path) -> None:
 
 def test_score_files_agree_and_have_the_stated_keys(finished: Path) -> None:
     content = json.loads((finished / "score.json").read_text())
-    assert set(content) == {"all", "interior", "metadata"}
+    edges, slopes = ("edge_0_5", "edge_10_20"), ("slope_0_20", "slope_70_90")
+    assert {"all", "interior", "metadata", *edges, *slopes, "contrast_low", "contrast_high"} <= set(content)
     quantities = {"depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y"}
     for region in ("all", "interior"):
         assert quantities <= set(content[region])
@@ -120,6 +121,16 @@ def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Pat
     done = scenetruth("score", finished, "--overwrite", "--set", "score.interior_margin_px=5")
     assert done.returncode == 0, done.stderr
     assert json.loads((finished / "score.json").read_text())["metadata"]["margin_px"] == 5
+    assert "all regions, rms errors" in done.stdout
+    changes = ("--set", "score.growth_window_px=9", "--set", "score.slope_classes_deg=[0, 30, 90]")
+    done = scenetruth("score", finished, "--overwrite", *changes)
+    assert done.returncode == 0, done.stderr
+    content = json.loads((finished / "score.json").read_text())
+    assert content["metadata"]["score_settings"]["growth_window_px"] == 9
+    assert {"slope_0_30", "slope_30_90"} == {name for name in content if name.startswith("slope")}
+    done = scenetruth("score", finished, "--overwrite", "--set", "score.growth_window_px=0")
+    assert done.returncode == 2
+    assert "score.growth_window_px" in done.stderr
 
 
 def test_an_existing_output_is_refused_without_overwrite(finished: Path, scene_file: Path) -> None:

@@ -107,6 +107,78 @@ def with_error_bars(case: Case, seed: int = 2) -> Case:
     return Case(case.recording, estimate, truth)
 
 
+def with_regions(case: Case) -> Case:
+    """Return a case whose truth tells of normals, occlusions, views and boundaries, with values made up for the test.
+
+    Of every surface, the left tenth of the columns is hidden from some camera, the upper tenth of the rows a frame
+    earlier or later, and the lower tenth of the rows is not seen throughout.
+    """
+    truth = case.truth
+    depth = truth["depth"].values
+    seen = np.isfinite(depth)
+    height, width = truth.sizes["y"], truth.sizes["x"]
+    y, x = np.indices((height, width))
+    # From face on at the left to edge on at the right.
+    angle = np.broadcast_to(np.deg2rad(90.0 * x / (width - 1)), depth.shape)
+    normal = np.where(seen, np.stack([-np.sin(angle), 0 * angle, -np.cos(angle)]), np.nan)
+    visible = np.ones((5, *depth.shape), dtype=bool)
+    visible[3, :, y >= 0.9 * height] = False
+    arrays = {
+        **{name: truth[name].values for name in ("depth", "velocity", "disparity", "flow", "mixed")},
+        "normal": normal,
+        "occluded_in_s": seen & (x < 0.1 * width),
+        "occluded_in_t": seen & (y < 0.1 * height),
+        "visible": visible,
+        "view_count": np.where(x < 0.1 * width, 4, 5) * seen,
+    }
+    intrinsics = intrinsics_of(truth)
+    return Case(case.recording, case.estimate, label("truth", arrays, intrinsics, t=truth["t"].values))
+
+
+def make_growing_case(
+    width: int = 160,
+    height: int = 120,
+    focal_length_px: float = 1250.0,
+    *,
+    velocity_noise: float = 0.0,
+    frame_interval_s: float = 60.0,
+    seed: int = 3,
+) -> Case:
+    """Make an elliptic leaf, tilted by 30 degrees, that grows by 1 %/h at its left end and by 3 %/h at its right.
+
+    The growth is along the leaf, whose own direction e is that of X in the image, and moves the leaf away from its left
+    end; the leaf comes nearer by 0.5 mm per frame as a whole.
+    """
+    rng = np.random.default_rng(seed)
+    intrinsics = Intrinsics(focal_length_px, ((width - 1) / 2, (height - 1) / 2), BASELINE_MM, frame_interval_s)
+    y, x = np.indices((height, width), dtype=np.float64)
+    along = np.array([np.cos(np.pi / 6), 0.0, np.sin(np.pi / 6)])
+    ray_x = (x - (width - 1) / 2) / focal_length_px
+    # The plane Z = 660 + tan(30 degrees) X.
+    depth = 660.0 / (1.0 - np.tan(np.pi / 6) * ray_x)
+    inside = ((x / (width - 1) - 0.5) / 0.45) ** 2 + ((y / (height - 1) - 0.5) / 0.42) ** 2 < 1
+    place = ray_x * depth / along[0]
+    start, end = place[inside].min(), place[inside].max()
+    # The rate rises from 1 to 3 %/h between both ends; its integral is the velocity.
+    per_frame = frame_interval_s / 3600.0 / 100.0
+    path = place - start
+    rate = per_frame * (1.0 + 2.0 * path / (end - start))
+    speed = per_frame * (path + path**2 / (end - start))
+    velocity = along[:, None, None] * speed + np.array([0.0, 0.0, -0.5])[:, None, None]
+    mixed = ndimage.binary_dilation(inside) & ~ndimage.binary_erosion(inside)
+    depth, rate = np.where(inside, depth, np.nan)[None], np.where(inside, rate, np.nan)[None]
+    velocity = np.where(inside, velocity, np.nan)[:, None]
+    arrays = {**_maps(depth, velocity, intrinsics), "mixed": mixed[None]}
+    truth = label("truth", {**arrays, "growth_rate": rate}, intrinsics, t=[0])
+    noisy = velocity + velocity_noise * np.stack([_noise(rng, depth.shape) for _ in "XYZ"])
+    kind = np.where(inside, KIND_FULL, KIND_NONE).astype(np.uint8)[None]
+    estimate = label("estimate", {**_maps(depth, noisy, intrinsics), "kind": kind}, intrinsics, t=[0])
+    texture = _noise(rng, (1, height, width))[0]
+    images = np.broadcast_to(np.clip(128 + 20 * texture, 0, 255).astype(np.uint8), (3, 3, height, width))
+    recording = make_recording(images, focal_length_px, BASELINE_MM, frame_interval_s=frame_interval_s)
+    return Case(recording, estimate, truth)
+
+
 def of_one_camera(case: Case) -> Case:
     """Return a case whose estimate knows nothing of depth, hence of velocity either."""
     return _without(case, ("depth", "disparity", "velocity"), "kind_disparity")

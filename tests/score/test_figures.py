@@ -20,10 +20,11 @@ from scenetruth.score.figures._views import views_of
 from scenetruth.score.figures.arrows import arrow_factor
 from scenetruth.score.figures.confidence import draw_confidence
 from scenetruth.score.figures.error_bars import draw_error_bars
+from scenetruth.score.figures.growth import draw_growth
 from scenetruth.score.figures.image import draw_image
 from scenetruth.score.figures.velocity import draw_velocity_z, pick_row
 from tests.score.conftest import Drawn
-from tests.score.synthetic import Case, make_case, of_one_camera, of_one_frame, with_error_bars
+from tests.score.synthetic import Case, make_case, make_growing_case, of_one_camera, of_one_frame, with_error_bars
 
 FILES = [
     "image.png",
@@ -179,6 +180,31 @@ def error_bars_title(case: Case, estimate: xr.Dataset, folder: Path) -> str | No
     figure = draw_error_bars(views, estimate, case.truth, score(estimate, case.truth), folder)
     assert (folder / "error_bars.png").is_file() == (figure is not None)
     return None if figure is None else figure.title
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_growth_is_drawn_where_the_truth_knows_it(known: bool, tmp_path: Path) -> None:
+    case = make_growing_case(80, 60, 620.0)
+    truth = case.truth if known else case.truth.drop_vars("growth_rate")
+    result = score(case.estimate, truth, growth_window_px=6)
+    figure = draw_growth(views_of(case.recording, case.estimate, truth), case.estimate, truth, result, tmp_path)
+    assert (figure is not None) == (tmp_path / "growth_rate.png").is_file() == known
+    if figure is not None:
+        assert "of 6 px" in figure.caption
+        shown = pixels(tmp_path / figure.file)
+        inked = (shown != 255).any(axis=2)
+        assert not inked[[0, -1]].any()
+        assert not inked[:, [0, -1]].any()
+        assert 0.2 < inked.mean() < 0.97
+
+
+def test_growth_of_windows_that_hold_nothing_is_not_drawn(tmp_path: Path) -> None:
+    case = make_growing_case(80, 60, 620.0)
+    result = score(case.estimate, case.truth, growth_window_px=200)
+    assert (
+        draw_growth(views_of(case.recording, case.estimate, case.truth), case.estimate, case.truth, result, tmp_path)
+        is None
+    )
 
 
 def test_frame_zero_is_shown_else_the_middle_one() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,17 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from scenetruth.errors import ScoreError
-from scenetruth.score.regions import REGIONS, edge_distance, region_masks
+from scenetruth.score.contrast import local_contrast, reference_images
+from scenetruth.score.regions import (
+    REGIONS,
+    edge_distance,
+    further_regions,
+    is_further_region,
+    region_masks,
+    seen_throughout,
+)
+from scenetruth.settings import ScoreSettings
+from tests.score.synthetic import Case, make_growing_case, with_regions
 
 shapes = some.tuples(some.integers(1, 2), some.integers(1, 9), some.integers(1, 9))
 
@@ -65,3 +76,129 @@ def test_frames_do_not_touch_each_other() -> None:
 def test_impossible_margin_is_refused(margin: float) -> None:
     with pytest.raises(ScoreError, match="margin_px: must be a finite number, not negative"):
         region_masks(np.ones((1, 1)), np.zeros((1, 1), dtype=bool), margin)
+
+
+@pytest.fixture(scope="module")
+def told() -> Case:
+    return with_regions(make_growing_case(80, 60, 620.0))
+
+
+def regions_of(case: Case, margin_px: float = 6.0, **settings: Any) -> dict[str, NDArray[np.bool_]]:
+    truth = case.truth
+    masks = region_masks(truth["depth"].values, truth["mixed"].values, margin_px)
+    chosen = ScoreSettings(**settings)
+    contrast = local_contrast(reference_images(case.recording, truth["t"].values), chosen.contrast_window_px)
+    return masks | further_regions(
+        truth, masks["interior"], chosen, throughout=seen_throughout(truth), contrast=contrast
+    )
+
+
+def test_visible_pixels_are_seen_in_every_way(told: Case) -> None:
+    regions, truth = regions_of(told), told.truth
+    y, x = np.indices((60, 80))
+    seen = np.isfinite(truth["depth"].values)
+    np.testing.assert_array_equal(regions["visible"], seen & (x >= 8) & (y >= 6) & (y < 54))
+    np.testing.assert_array_equal(regions["partly_hidden"], seen & ~regions["visible"])
+    # What is not seen throughout is told of t = 0 only.
+    late = Case(told.recording, told.estimate, truth.assign_coords(t=truth.t + 1))
+    masks = region_masks(truth["depth"].values, truth["mixed"].values)
+    later = further_regions(late.truth, masks["interior"], ScoreSettings(), throughout=seen_throughout(late.truth))
+    np.testing.assert_array_equal(later["visible"], seen & (x >= 8) & (y >= 6))
+    assert seen_throughout(truth.drop_vars("visible")) is None
+
+
+def test_visibility_of_a_grid_of_cameras_and_of_frames_counts(told: Case) -> None:
+    visible = told.truth["visible"]
+    grid = told.truth.assign(visible=visible.expand_dims(s_y=3).copy())
+    grid["visible"][2, 0, 0, 20] = False
+    expected = np.asarray(visible.values.all(axis=(0, 1)))
+    expected[20] = False
+    np.testing.assert_array_equal(seen_throughout(grid), expected)
+
+
+@pytest.mark.parametrize(
+    ("stem", "among"),
+    [("slope", ("visible", "interior")), ("edge", ("visible",)), ("contrast", ("visible", "interior"))],
+)
+def test_classes_divide_what_they_are_among(told: Case, stem: str, among: tuple[str, ...]) -> None:
+    regions = regions_of(told, contrast_classes=(0.06, 0.09))
+    classes = [mask for name, mask in regions.items() if name.startswith(stem)]
+    whole = np.logical_and.reduce([regions[name] for name in among])
+    np.testing.assert_array_equal(np.sum(classes, axis=0), whole)
+    assert sum(mask.any() for mask in classes) > 1
+
+
+def test_slopes_and_edges_are_told_by_their_bounds(told: Case) -> None:
+    truth = told.truth
+    regions = regions_of(told, margin_px=0.0)
+    angle = 90.0 * np.indices((60, 80))[1] / 79
+    inner = regions["interior"] & regions["visible"]
+    for low, high in ((0, 20), (20, 45), (45, 70), (70, 90)):
+        np.testing.assert_array_equal(regions[f"slope_{low}_{high}"], inner & (angle >= low) & (angle < high))
+    distance = brute_force_distance(truth["mixed"].values)
+    inner = regions["visible"]
+    np.testing.assert_array_equal(regions["edge_0_5"], inner & (distance < 5))
+    np.testing.assert_array_equal(regions["edge_20_inf"], inner & (distance >= 20))
+    # Without any edge everything is infinitely far; a truth that tells distances is believed.
+    nowhere = Case(told.recording, told.estimate, truth.assign(mixed=truth["mixed"] & False))
+    np.testing.assert_array_equal(regions_of(nowhere)["edge_20_inf"], inner)
+    at = Case(told.recording, told.estimate, truth.assign(boundary_distance=truth["depth"] * 0 + 7))
+    np.testing.assert_array_equal(regions_of(at)["edge_5_10"], inner)
+
+
+def test_surface_seen_edge_on_is_in_the_last_class_of_slopes(told: Case) -> None:
+    normal = told.truth["normal"] * 0 + np.array([1.0, 0.0, 0.0])[:, None, None, None]
+    regions = regions_of(Case(told.recording, told.estimate, told.truth.assign(normal=normal)))
+    np.testing.assert_array_equal(regions["slope_70_90"], regions["interior"] & regions["visible"])
+
+
+def test_without_occlusions_all_pixels_count(told: Case) -> None:
+    regions = regions_of(Case(told.recording, told.estimate, told.truth.drop_vars("occluded_in_t")))
+    assert "visible" not in regions
+    edges = [mask for name, mask in regions.items() if name.startswith("edge")]
+    np.testing.assert_array_equal(np.sum(edges, axis=0), regions["all"])
+
+
+def test_flags_may_have_become_numbers(told: Case) -> None:
+    truth = told.truth
+    seen = np.isfinite(truth["depth"])
+    flags = {name: truth[name].astype(np.float32).where(seen) for name in ("occluded_in_s", "occluded_in_t")}
+    numbers = regions_of(Case(told.recording, told.estimate, truth.assign(flags)))
+    for name, mask in regions_of(told).items():
+        np.testing.assert_array_equal(numbers[name], mask)
+
+
+@pytest.mark.parametrize("name", ["visible", "slope_0_22.5", "edge_20_inf", "edge_1e+03_inf", "contrast_mid"])
+def test_names_of_regions_are_known(name: str) -> None:
+    assert is_further_region(name)
+
+
+@pytest.mark.parametrize("name", ["all", "metadata", "slope", "slope_a_b", "contrast_huge", "visible2", "edge_-1_2"])
+def test_other_names_are_not(name: str) -> None:
+    assert not is_further_region(name)
+
+
+def test_contrast_is_the_standard_deviation_in_the_window() -> None:
+    rng = np.random.default_rng(4)
+    image = rng.random((1, 41, 47)) + 100.0
+    contrast = local_contrast(image, 3.0)
+    y, x = np.indices(image.shape[1:])
+    weights = np.exp(-((y - 20) ** 2 + (x - 23) ** 2) / 18.0)
+    weights[(abs(y - 20) > 12) | (abs(x - 23) > 12)] = 0
+    mean = np.average(image[0], weights=weights)
+    expected = math.sqrt(np.average((image[0] - mean) ** 2, weights=weights))
+    assert contrast[0, 20, 23] == pytest.approx(expected, rel=1e-10)
+    np.testing.assert_allclose(local_contrast(image * 0 + 0.3, 3.0), 0.0, atol=1e-12)
+
+
+def test_contrast_is_a_fraction_of_full_scale(told: Case) -> None:
+    frames = np.array([0])
+    image = told.recording["image"]
+    expected = image.sel(s=0, t=[0]).values / 255
+    np.testing.assert_allclose(reference_images(told.recording, frames), expected)
+    linear = told.recording.assign(image=image / 255).assign_attrs(full_scale=1.0)
+    np.testing.assert_allclose(reference_images(linear, frames), expected)
+    colours = told.recording.assign(image=image.expand_dims(channel=3, axis=-1))
+    np.testing.assert_allclose(reference_images(colours, frames), expected)
+    rows = told.recording.assign(image=image.expand_dims(s_y=[-1, 0, 1]))
+    np.testing.assert_allclose(reference_images(rows, frames), expected)

@@ -13,7 +13,7 @@ import pytest
 from scenetruth.score import QUANTITIES, score, write_report
 from scenetruth.score._format import format_number, format_percent
 from tests.score.conftest import Drawn
-from tests.score.synthetic import Case, make_case
+from tests.score.synthetic import Case, make_case, make_growing_case
 
 REASON = "pyrender (osmesa) does not run here"
 METADATA = {
@@ -103,7 +103,8 @@ def test_every_quantity_is_in_the_tables_of_both_regions(reader: Reader) -> None
 
 def test_error_bars_are_in_the_tables_of_both_regions(full_case: Case, reader: Reader) -> None:
     assert reader.text.count("error bars") == reader.text.count("calibration") - 1 == 2
-    for values in score(full_case.estimate, full_case.truth).regions.values():
+    regions = score(full_case.estimate, full_case.truth).regions
+    for values in (regions["all"], regions["interior"]):
         assert format_number(values["depth"]["calibration"]) in reader.text
         assert format_percent(values["depth"]["within_2_std"]) in reader.text
 
@@ -122,3 +123,25 @@ def test_data_from_elsewhere_have_a_report_too(tmp_path: Path) -> None:
     text = write_report(case.recording, case.estimate, case.truth, result, tmp_path).read_text(encoding="utf-8")
     assert "The scene in full" not in text
     assert "<h1>Estimate against truth</h1>" in text
+
+
+def test_regions_stand_beside_each_other(full_case: Case, reader: Reader) -> None:
+    for region, values in score(full_case.estimate, full_case.truth).regions.items():
+        assert region in reader.text
+        assert format_number(values["velocity_z"]["rms"]) in reader.text
+    assert not any("rowth" in text for text in reader.text)
+
+
+def test_growth_is_reported_where_it_is_scored(tmp_path: Path) -> None:
+    case = make_growing_case(80, 60, 620.0, velocity_noise=1e-4)
+    result = score(case.estimate, case.truth, case.recording, growth_window_px=6)
+    page = write_report(case.recording, case.estimate, case.truth, result, tmp_path)
+    reader = Reader()
+    reader.feed(page.read_text(encoding="utf-8"))
+    text = " ".join(reader.text)
+    assert reader.text.count("Growth rate") == 2
+    for name in ("growth_rate", "growth_rate_windowed"):
+        for region in ("all", "interior"):
+            assert format_number(result.regions[region][name]["rms"]) in reader.text
+    assert "Gaussian weights of 6 px" in text
+    assert (tmp_path / "figures" / "growth_rate.png").is_file()

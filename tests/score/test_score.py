@@ -9,6 +9,7 @@ import math
 import pickle
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +18,15 @@ from scenetruth.errors import ScoreError
 from scenetruth.recording import KIND_FULL
 from scenetruth.score import QUANTITIES, Score, score
 from scenetruth.score.statistics import RATES, STATISTICS
-from tests.score.synthetic import Case, make_case, of_one_camera, of_one_frame
+from scenetruth.settings import ScoreSettings
+from tests.score.synthetic import Case, make_case, make_growing_case, of_one_camera, of_one_frame, with_regions
 
 NAMES = (*QUANTITIES, "velocity_endpoint", "outliers")
 BARRED = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z")
+EDGES = ("edge_0_5", "edge_5_10", "edge_10_20", "edge_20_inf")
+SLOPES = ("slope_0_20", "slope_20_45", "slope_45_70", "slope_70_90")
+CONTRASTS = ("contrast_low", "contrast_mid", "contrast_high")
+GROWTH = ("growth_rate", "growth_rate_windowed")
 VELOCITY = ("velocity_x", "velocity_y", "velocity_z", "velocity_endpoint")
 
 
@@ -37,14 +43,73 @@ def strict(text: str) -> dict[str, object]:
 
 def test_json_has_exactly_the_agreed_keys(case: Case) -> None:
     content = strict(score(case.estimate, case.truth, metadata={"seed": 3}).to_json())
-    assert list(content) == ["all", "interior", "metadata"]
-    for region in ("all", "interior"):
+    assert list(content) == ["all", "interior", *EDGES, "metadata"]
+    for region in ("all", "interior", *EDGES):
         quantities = content[region]
         assert isinstance(quantities, dict)
         assert tuple(quantities) == NAMES
         for name, values in quantities.items():
             assert tuple(values) == (RATES if name == "outliers" else STATISTICS)
-    assert content["metadata"] == {"frames": [0], "image_size_px": [160, 120], "margin_px": 20.0, "seed": 3}
+    settings = json.loads(ScoreSettings().model_dump_json())
+    expected = {"frames": [0], "image_size_px": [160, 120], "margin_px": 20.0, "score_settings": settings, "seed": 3}
+    assert content["metadata"] == expected
+
+
+def test_regions_are_those_that_the_truth_can_tell() -> None:
+    case = with_regions(make_growing_case(48, 36, 380.0))
+    everything = score(case.estimate, case.truth, case.recording)
+    hidden = ("visible", "partly_hidden")
+    assert tuple(everything.regions) == ("all", "interior", *hidden, *SLOPES, *EDGES, *CONTRASTS)
+    truth = case.truth.drop_vars(["occluded_in_s", "normal"])
+    assert tuple(score(case.estimate, truth).regions) == ("all", "interior", *EDGES)
+    bounds: dict[str, Any] = {"slope_classes_deg": (0, 22.5, 90), "edge_classes_px": (3,)}
+    named = score(case.estimate, case.truth, **bounds).regions
+    assert tuple(named) == ("all", "interior", *hidden, "slope_0_22.5", "slope_22.5_90", "edge_3_inf")
+    for regions in (everything, score(case.estimate, case.truth, **bounds)):
+        assert Score.from_json(regions.to_json()) == regions
+
+
+def test_growth_comes_before_the_outliers() -> None:
+    case = make_growing_case(48, 36, 380.0)
+    result = score(case.estimate, case.truth, growth_window_px=4)
+    for values in result.regions.values():
+        assert tuple(values) == (*NAMES[:-1], *GROWTH, "outliers")
+    assert Score.from_json(result.to_json()) == result
+    content = json.loads(result.to_json())
+    del content["edge_0_5"]["growth_rate"]
+    del content["interior"]["growth_rate_windowed"]["rms"]
+    with pytest.raises(ScoreError) as caught:
+        Score.from_json(json.dumps(content))
+    paths = {problem.path for problem in caught.value.problems}
+    assert {"edge_0_5.growth_rate.bias", "interior.growth_rate_windowed.rms"} <= paths
+    assert all(path.startswith(("edge_0_5.growth_rate.", "interior.growth_rate_windowed.")) for path in paths)
+
+
+def test_recording_that_does_not_belong_is_refused(case: Case) -> None:
+    with pytest.raises(ScoreError, match=r"recording\.x: has the size 80, the estimate 160"):
+        score(case.estimate, case.truth, case.recording.isel(x=slice(80)))
+    estimate, truth = (dataset.assign_coords(t=dataset.t + 10) for dataset in (case.estimate, case.truth))
+    with pytest.raises(ScoreError, match=r"recording\.t: lacks frames of the estimate \(got \[10\]\)"):
+        score(estimate, truth, case.recording)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"slope_classes_deg": (0, 40, 30)}, "slope_classes_deg: must rise"),
+        ({"slope_classes_deg": (0, 100)}, "slope_classes_deg: must be two bounds or more between 0 and 90"),
+        ({"slope_classes_deg": (10,)}, "slope_classes_deg: must be two bounds"),
+        ({"edge_classes_px": ()}, "edge_classes_px"),
+        ({"edge_classes_px": (-1, 2)}, "edge_classes_px.0"),
+        ({"contrast_classes": (0.2, 0.1)}, "contrast_classes: must rise"),
+        ({"contrast_window_px": math.inf}, "contrast_window_px"),
+        ({"unknown": 1}, "unknown"),
+        ({"margin_px": -1.0}, "interior_margin_px"),
+    ],
+)
+def test_impossible_settings_are_refused(case: Case, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScoreError, match=message):
+        score(case.estimate, case.truth, **settings)
 
 
 def test_perfect_estimate_has_full_marks(case: Case) -> None:
@@ -102,7 +167,7 @@ def test_quantities_without_error_bars_have_no_calibration(full_case: Case) -> N
     assert "calibration" not in partly.regions["all"]["outliers"]
     strict(partly.to_json())
     frame = partly.to_frame()
-    assert frame["calibration"].notna().sum() == 2
+    assert frame["calibration"].notna().sum() == len(partly.regions)
     assert frame.loc[("all", "disparity"), "calibration"] == partly.regions["all"]["disparity"]["calibration"]
 
 
@@ -178,6 +243,8 @@ def test_json_and_pickle_round_trip(case: Case) -> None:
         ("[]", "must be a JSON object"),
         ('{"all": {}, "interior": {}}', "metadata: must be a JSON object"),
         ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is not one of the keys"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "visible": 1}', "visible: must be a JSON object"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "visible": {}}', "visible.depth.rms: is missing"),
         ('{"all": {"depth": {}}, "interior": 1, "metadata": {}}', "all.depth.rms: is missing"),
     ],
 )
@@ -213,7 +280,7 @@ def test_frame_holds_every_number(case: Case) -> None:
     result = score(case.estimate, case.truth)
     frame = result.to_frame()
     assert frame.index.names == ["region", "quantity"]
-    assert list(frame.index) == [(region, name) for region in ("all", "interior") for name in NAMES]
+    assert list(frame.index) == [(region, name) for region in ("all", "interior", *EDGES) for name in NAMES]
     assert frame.loc[("all", "depth"), "units"] == "mm"
     assert frame.loc[("interior", "velocity_endpoint"), "rms"] == result.regions["interior"]["velocity_endpoint"]["rms"]
     assert np.isnan(frame.loc[("all", "outliers"), "rms"])
@@ -223,7 +290,7 @@ def test_frame_holds_every_number(case: Case) -> None:
 def test_csv_leaves_undefined_values_empty(case: Case) -> None:
     result = score(case.estimate, case.truth)
     rows = {(row["region"], row["quantity"]): row for row in csv.DictReader(io.StringIO(result.to_csv()))}
-    assert len(rows) == 2 * len(NAMES)
+    assert len(rows) == 6 * len(NAMES)
     depth = rows["all", "depth"]
     assert depth["units"] == "mm"
     assert float(depth["rms"]) == result.regions["all"]["depth"]["rms"]

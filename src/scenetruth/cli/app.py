@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scenetruth.experiment.fidelity import Fidelity
     from scenetruth.scene import Scene
     from scenetruth.score import Score
-    from scenetruth.settings import EstimateSettings
+    from scenetruth.settings import EstimateSettings, ScoreSettings
 
 __all__ = ["app", "run_app"]
 
@@ -160,7 +160,7 @@ def run(
     with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
         recording, exact = _render(spec, folder, images, (truth, truth_poses, truth_content), report, ideal=ideal)
         estimated = _estimate(recording, spec.estimate, folder, report, overwrite=False)
-        scored = _score(estimated, exact, recording, spec.score.interior_margin_px, folder, report)
+        scored = _score(estimated, exact, recording, spec.score, folder, report)
         _report(recording, estimated, exact, scored, folder, report)
         del recording, exact, estimated
     _print_score(scored)
@@ -220,9 +220,11 @@ def score(folder: Folder, overrides: Overrides = None, overwrite: Overwrite = Fa
     _refuse_existing(targets, overwrite)
     estimated, exact = load(folder / "estimate.zarr", "estimate"), load(folder / "truth.zarr", "truth")
     recording = load(folder / "recording.zarr", "recording")
-    margin = _settings_in(recording, "score", overrides).get("interior_margin_px", 20.0)
+    from scenetruth.score import score_settings
+
+    settings = score_settings(**_settings_in(recording, "score", overrides))
     with reporting() as report:
-        scored = _score(estimated, exact, recording, float(margin), folder, report, overwrite=overwrite)
+        scored = _score(estimated, exact, recording, settings, folder, report, overwrite=overwrite)
     _print_score(scored)
     typer.echo(f"written: {', '.join(map(str, targets))}")
 
@@ -411,7 +413,7 @@ def _score(
     estimated: xr.Dataset,
     exact: xr.Dataset,
     recording: xr.Dataset,
-    margin_px: float,
+    settings: ScoreSettings,
     folder: Path,
     report: Reporter,
     *,
@@ -431,7 +433,7 @@ def _score(
         "estimate_settings": json.loads(estimated.attrs.get("settings", "{}")),
         "timings_s": dict(report.timings_s),
     }
-    scored = score_estimate(estimated, exact, margin_px=margin_px, metadata=metadata)
+    scored = score_estimate(estimated, exact, recording, metadata=metadata, **settings.model_dump())
     for name, text in (("score.json", scored.to_json()), ("score.csv", scored.to_csv())):
         with write_aside(folder / name, overwrite=overwrite) as aside:
             aside.write_text(text, encoding="utf-8")
@@ -507,7 +509,7 @@ def _print_score(scored: Score) -> None:
         "density": "density",
     }
     table = Table(title="region interior", title_justify="left")
-    table.add_column("quantity")
+    table.add_column("quantity", overflow="fold")
     table.add_column("unit")
     for name in headings.values():
         table.add_column(name, justify="right")
@@ -516,4 +518,29 @@ def _print_score(scored: Score) -> None:
             continue
         cells = [values.get(name) for name in headings]
         table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
+    _console().print(table)
+    _print_regions(scored)
+
+
+def _print_regions(scored: Score) -> None:
+    """Print the rms errors of some quantities in every region that has any pixel scored."""
+    from rich.table import Table
+
+    from scenetruth.score import units_of
+
+    names = [
+        name
+        for name in ("depth", "velocity_z", "velocity_endpoint", "growth_rate", "growth_rate_windowed")
+        if name in scored.regions["all"]
+    ]
+    table = Table(title="all regions, rms errors", title_justify="left")
+    table.add_column("region")
+    for name in ("pixels", "density", *(f"{name}\n{units_of(name)}" for name in names)):
+        table.add_column(name, justify="right")
+    for region, quantities in scored.regions.items():
+        depth = quantities["depth"]
+        if not depth["count"]:
+            continue
+        cells = [depth["density"], *(quantities[name]["rms"] for name in names)]
+        table.add_row(region, f"{depth['count']:,}", *("–" if value is None else f"{value:.3g}" for value in cells))
     _console().print(table)

@@ -13,10 +13,13 @@ from scenetruth.recording import KIND_FULL, VARIABLES
 
 __all__ = [
     "ENDPOINT",
+    "GROWTH_QUANTITIES",
     "OUTLIERS",
     "QUANTITIES",
+    "Pair",
     "Quantity",
     "full_pixels",
+    "read_pairs",
     "read_quantity",
     "read_std",
     "units_of",
@@ -29,6 +32,14 @@ ENDPOINT = "velocity_endpoint"
 
 OUTLIERS = "outliers"
 """Name of the rates of outliers."""
+
+
+GROWTH_QUANTITIES: Mapping[str, str] = {
+    "growth_rate": "Growth rate",
+    "growth_rate_windowed": "Growth rate, truth in the window too",
+}
+"""The titles of the two scores of the growth rate: against the truth of every pixel, and against the truth seen through
+the estimate's window."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +91,8 @@ def units_of(name: str) -> str:
     """Return the units of a scored quantity's errors, in plain text; ``"1"`` for rates."""
     if name == ENDPOINT:
         return QUANTITIES["velocity_z"].units
+    if name in GROWTH_QUANTITIES:
+        return "%/h"
     return QUANTITIES[name].units if name in QUANTITIES else "1"
 
 
@@ -148,6 +161,46 @@ def full_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
     for name in {kind if kind in estimate else "kind" for kind in _KINDS[variable]} & set(estimate):
         full &= estimate[name].values == KIND_FULL
     return full
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What is compared of one scalar quantity; all arrays have the same shape.
+
+    Parameters
+    ----------
+    estimate, truth
+        The two maps, in the same units; NaN where there is none.
+    full
+        Where the estimate claims to know the quantity; everywhere if None.
+    std
+        The standard deviation that the estimate states, or None.
+    """
+
+    estimate: Map
+    truth: Map
+    full: NDArray[np.bool_] | None = None
+    std: Map | None = None
+
+    def at(self, region: NDArray[np.bool_]) -> Pair:
+        """Return the values in a region, as one row."""
+        return Pair(
+            self.estimate[region],
+            self.truth[region],
+            None if self.full is None else self.full[region],
+            None if self.std is None else self.std[region],
+        )
+
+
+def read_pairs(estimate: xr.Dataset, truth: xr.Dataset) -> dict[str, Pair]:
+    """Read every quantity of `QUANTITIES` from two aligned data sets, arrays of the shape (t, y, x)."""
+    full = {entry.variable: full_pixels(estimate, entry.variable) for entry in QUANTITIES.values()}
+    return {
+        name: Pair(
+            read_quantity(estimate, name), read_quantity(truth, name), full[entry.variable], read_std(estimate, name)
+        )
+        for name, entry in QUANTITIES.items()
+    }
 
 
 def _read(dataset: xr.Dataset, variable: str, component: int | None) -> Map:

@@ -14,9 +14,10 @@ import xarray as xr
 from scenetruth.recording import intrinsics_of, scene_of
 from scenetruth.score._format import flatten, format_count, format_number, format_percent, humanise
 from scenetruth.score.figures import FigureInfo, draw_all
-from scenetruth.score.quantities import ENDPOINT, OUTLIERS, QUANTITIES, units_of
+from scenetruth.score.quantities import ENDPOINT, GROWTH_QUANTITIES, OUTLIERS, QUANTITIES, units_of
 from scenetruth.score.regions import REGIONS
 from scenetruth.score.score import Score
+from scenetruth.settings import ScoreSettings
 
 __all__ = ["write_report"]
 
@@ -31,7 +32,10 @@ _HEADLINES = (
     ("Density of depth", "depth", "density"),
     ("Scene flow outliers", OUTLIERS, "scene_flow_rate"),
 )
-_SHOWN_ELSEWHERE = ("warnings", "render_fallback_reason")
+_BY_REGION = ("depth", "disparity", "velocity_z", ENDPOINT, "growth_rate", "growth_rate_windowed")
+"""Quantities whose rms errors are shown for every region."""
+_SHORT = {ENDPOINT: "U, endpoint", "growth_rate": "growth rate", "growth_rate_windowed": "growth rate, windowed"}
+_SHOWN_ELSEWHERE = ("warnings", "render_fallback_reason", "score_settings")
 
 
 def write_report(
@@ -92,7 +96,10 @@ def _render(recording: xr.Dataset, estimate: xr.Dataset, score: Score, figures: 
         headlines=[_headline(score, *entry) for entry in _HEADLINES],
         regions=[(region, list(_rows(score.regions[region]))) for region in REGIONS],
         outliers=[(region, score.regions[region][OUTLIERS]) for region in REGIONS],
+        by_region=_by_region(score),
         margin=f"{margin:g}",
+        settings=_settings(score),
+        grows="growth_rate" in score.regions["all"],
         figures=[(figure, *_inline(folder / figure.file)) for figure in figures],
         metadata=list(_metadata_rows(recording, estimate, score)),
         scene=None if scene is None else json.dumps(scene, indent=2, ensure_ascii=False),
@@ -127,8 +134,35 @@ def _rows(
     quantities: Mapping[str, Mapping[str, float | int | None]],
 ) -> Iterator[tuple[str, str, Mapping[str, float | int | None]]]:
     titles = {name: entry.title for name, entry in QUANTITIES.items()} | {ENDPOINT: "Velocity endpoint"}
-    for name, title in titles.items():
-        yield title, units_of(name), quantities[name]
+    for name, title in {**titles, **GROWTH_QUANTITIES}.items():
+        if name in quantities:
+            yield title, units_of(name), quantities[name]
+
+
+def _by_region(score: Score) -> dict[str, Any]:
+    """Return the headings and rows of the table that sets all regions beside each other."""
+    shown = [name for name in _BY_REGION if name in score.regions["all"]]
+    return {
+        "quantities": [(_SHORT.get(name) or QUANTITIES[name].symbol, units_of(name)) for name in shown],
+        "rows": [
+            (region, values["depth"], [values[name]["rms"] for name in shown], values[OUTLIERS])
+            for region, values in score.regions.items()
+        ],
+    }
+
+
+def _settings(score: Score) -> dict[str, str]:
+    """Return the settings of the score as text; those by default where the score does not say."""
+    told = score.metadata.get("score_settings") or ScoreSettings().model_dump()
+    contrast = [format_percent(bound) for bound in told["contrast_classes"]]
+    return {
+        "contrast_low": contrast[0],
+        "contrast_high": contrast[1],
+        "contrast_window": f"{told['contrast_window_px']:g}",
+        "growth_window": f"{told['growth_window_px']:g}",
+        "growth_coverage": format_percent(told["growth_min_coverage"]),
+        "growth_slope": f"{told['growth_max_slope_deg']:g}",
+    }
 
 
 def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score) -> Iterator[tuple[str, str]]:

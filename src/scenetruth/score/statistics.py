@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.score.quantities import ENDPOINT, OUTLIERS, QUANTITIES, full_pixels, read_quantity, read_std
+from scenetruth.score.quantities import ENDPOINT, OUTLIERS, QUANTITIES, Pair
 
 __all__ = [
     "OUTLIER_FRACTION",
@@ -198,36 +198,42 @@ def standardised(error: Map, std: Map) -> Map:
     return ratio
 
 
-def region_statistics(estimate: xr.Dataset, truth: xr.Dataset, region: Mask) -> dict[str, Statistics]:
+def region_statistics(pairs: Mapping[str, Pair], region: Mask) -> dict[str, Statistics]:
     """Return the statistics of every quantity in one region.
 
     Parameters
     ----------
-    estimate, truth
-        Aligned data sets of the same frames and pixels.
+    pairs
+        What `read_pairs` returns, and perhaps further scalar quantities by their names.
     region
         Where to look, shape (t, y, x).
 
     Returns
     -------
     dict
-        The quantity's name (the keys of `QUANTITIES`, ``velocity_endpoint``, ``outliers``) to its statistics.
+        The quantity's name (the keys of `QUANTITIES`, ``velocity_endpoint``, further ones, ``outliers``) to its
+        statistics.
     """
-    full = {entry.variable: full_pixels(estimate, entry.variable) for entry in QUANTITIES.values()}
-    pairs = {name: (read_quantity(estimate, name), read_quantity(truth, name)) for name in QUANTITIES}
-    result = {
-        name: error_statistics(*pairs[name], region, full[entry.variable], read_std(estimate, name))
-        for name, entry in QUANTITIES.items()
+    # Regions may be many and small: only their own pixels are looked at.
+    here = {name: pair.at(region) for name, pair in pairs.items()}
+    everywhere = np.ones(int(region.sum()), dtype=bool)
+    single = {
+        name: error_statistics(pair.estimate, pair.truth, everywhere, pair.full, pair.std)
+        for name, pair in here.items()
     }
-    velocity = _stack(pairs, ("velocity_x", "velocity_y", "velocity_z"))
-    result[ENDPOINT] = endpoint_statistics(*velocity, region, full["velocity"])
-    both = full["disparity"] & full["flow"]
-    result[OUTLIERS] = outlier_rates(pairs["disparity"], _stack(pairs, ("flow_x", "flow_y")), region, both)
+    result = {name: single[name] for name in QUANTITIES}
+    velocity = _stack(here, ("velocity_x", "velocity_y", "velocity_z"))
+    result[ENDPOINT] = endpoint_statistics(*velocity, everywhere, here["velocity_z"].full)
+    result |= {name: values for name, values in single.items() if name not in QUANTITIES}
+    known = [here[name].full for name in ("disparity", "flow_x")]
+    both = np.logical_and.reduce([full for full in known if full is not None] or [everywhere])
+    disparity = here["disparity"].estimate, here["disparity"].truth
+    result[OUTLIERS] = outlier_rates(disparity, _stack(here, ("flow_x", "flow_y")), everywhere, both)
     return result
 
 
-def _stack(pairs: dict[str, tuple[Map, Map]], names: tuple[str, ...]) -> tuple[Map, Map]:
-    return np.stack([pairs[name][0] for name in names]), np.stack([pairs[name][1] for name in names])
+def _stack(pairs: Mapping[str, Pair], names: tuple[str, ...]) -> tuple[Map, Map]:
+    return np.stack([pairs[name].estimate for name in names]), np.stack([pairs[name].truth for name in names])
 
 
 @_diverged

@@ -13,6 +13,7 @@ from scenetruth.score.figures.arrows import draw_velocity_arrows
 from scenetruth.score.figures.confidence import draw_confidence
 from scenetruth.score.figures.depth import draw_depth
 from scenetruth.score.figures.error_bars import draw_error_bars
+from scenetruth.score.figures.growth import draw_growth
 from scenetruth.score.figures.histograms import draw_error_histograms
 from scenetruth.score.figures.image import draw_image
 from scenetruth.score.figures.surface import draw_surface
@@ -53,8 +54,8 @@ def draw_all(
     list of FigureInfo
         File names inside the folder, titles and captions, in reading order. The figures of depth and of velocity are
         left out where none is known, as by one camera or one frame, ``error_bars.png`` for an estimate without
-        standard deviations of either, and ``confidence.png`` for one that has neither ``confidence`` nor kinds nor
-        ``model_violation``.
+        standard deviations of either, ``growth_rate.png`` for a truth that does not know it, and ``confidence.png`` for
+        an estimate that has neither ``confidence`` nor kinds nor ``model_violation``.
 
     Raises
     ------
@@ -72,6 +73,7 @@ def draw_all(
         (velocity, lambda: draw_velocity_z_row(views, target)),
         (velocity, lambda: draw_velocity_arrows(views, target)),
         (depth, lambda: draw_depth(views, target)),
+        (velocity and "growth_rate" in truth, lambda: draw_growth(views, estimate, truth, score, target)),
         (True, lambda: draw_error_histograms(estimate, truth, score, target)),
         (True, lambda: draw_error_bars(views, estimate, truth, score, target)),
         (True, lambda: draw_confidence(views, target)),
