@@ -117,14 +117,6 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         ),
         "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
         "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a face edge of more than 1 degree"),
-        "growth_rate": Variable(_MAP, "1/frame", "relative areal growth rate of the surface element"),
-        "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
-        "visible": Variable(
-            ("s", *_MAP), "1", "surface point of the reference pixel at t = 0 is seen by camera s at frame t"
-        ),
-        "view_count": Variable(_MAP, "1", "number of cameras that see the pixel's point at its frame"),
-        "occluded_in_s": Variable(_MAP, "1", "some camera does not see the pixel's point at its frame"),
-        "occluded_in_t": Variable(_MAP, "1", "the camera does not see the pixel's point a frame earlier or later"),
         "camera_position_mm": Variable(("s", "t", "component"), "mm", "true position of the camera in the world"),
         "camera_rotation_rad": Variable(
             ("s", "t", "component"), "rad", "true rotation of the camera (rotation vector): pitch, yaw, roll"
