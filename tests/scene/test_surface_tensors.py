@@ -49,7 +49,7 @@ def flow_of(rate: Array) -> PointMap:
     """Return the motion with the velocity ``rate @ point`` at t = 0."""
 
     def move(points: Points, t: object) -> Points:
-        return tuple(x + sum(float(rate[i, j]) * points[j] for j in range(3)) * t for i, x in enumerate(points))  # type: ignore[return-value, operator]
+        return tuple(x + sum(float(rate[i, j]) * points[j] for j in range(3)) * t for i, x in enumerate(points))
 
     return move
 
