@@ -115,7 +115,7 @@ def test_rigid_motion_neither_grows_nor_bends_but_turns() -> None:
     axis /= np.linalg.norm(axis)
 
     def spin(points: Points, t: object) -> Points:
-        return turn(points, tuple(axis), rate * t, (0.5, 0.2, 7.0))  # type: ignore[operator, arg-type]
+        return turn(points, tuple(axis), rate * t, (0.5, 0.2, 7.0))  # type: ignore[operator]
 
     material, faces = lattice(6)
     found = tensors(SheetStart(material, faces), [bowl, spin], t=2.5)

@@ -13,7 +13,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.scene import spec
 from scenetruth.scene.motion import PointMap
 
-__all__ = ["TriangleMesh", "box", "load", "make_mesh", "plane"]
+__all__ = ["TriangleMesh", "box", "leaf", "load", "make_mesh", "plane"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,8 @@ class TriangleMesh:
         Coordinates (a, b) of the vertices on the flat sheet that the mesh is made from, shape (n, 2), or None.
     shape
         The map of that sheet, at (a, b, 0), to ``vertices_mm``; None if it is flat, or no sheet.
+    leaf
+        The leaf that it is, or None.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -56,6 +58,7 @@ class TriangleMesh:
     crease_deg: float = 1.0
     material_mm: NDArray[np.float64] | None = None
     shape: PointMap | None = None
+    leaf: spec.LeafMesh | None = None
 
 
 def make_mesh(entry: spec.Mesh, folder: Path) -> TriangleMesh:
@@ -77,6 +80,8 @@ def make_mesh(entry: spec.Mesh, folder: Path) -> TriangleMesh:
         return box(entry.size_mm)
     if isinstance(entry, spec.PlaneMesh):
         return plane(entry.size_mm)
+    if isinstance(entry, spec.LeafMesh):
+        return leaf(entry)
     return load(folder / entry.file, entry.unit_mm)
 
 
@@ -111,6 +116,36 @@ def box(size_mm: tuple[float, float, float]) -> TriangleMesh:
             chart.append(unit[list(corners)] * (across, down) + place)
             uv.append(unit[list(corners)])
     return TriangleMesh(vertices, np.array(faces, dtype=np.int32), np.array(chart), uv=np.array(uv))
+
+
+def leaf(entry: spec.LeafMesh) -> TriangleMesh:
+    """Return a leaf; its chart is the flat sheet itself, petiole included, and an image covers the blade.
+
+    Raises
+    ------
+    SceneError
+        If its margin meets itself; paths count from the mesh.
+    """
+    from scenetruth.scene.leaf_mesh import leaf_sheet
+    from scenetruth.scene.leaf_outline import entire_margin
+    from scenetruth.scene.leaf_shape import shape_of
+
+    material, faces = leaf_sheet(entry)
+    shape = shape_of(entry)
+    a, b = material.T
+    vertices = np.column_stack(shape((a, b, np.zeros_like(a)), np.zeros(1)))
+    behind, half = float(entire_margin(entry)[:, 0].min()), entry.full_width_mm / 2
+    image = (material - (behind, -half)) / (entry.length_mm - behind, 2 * half)
+    return TriangleMesh(
+        vertices,
+        faces,
+        chart_mm=material[faces],
+        uv=image[faces],
+        crease_deg=60.0,
+        material_mm=material,
+        shape=shape,
+        leaf=entry,
+    )
 
 
 def load(file: Path, unit_mm: float = 1.0) -> TriangleMesh:

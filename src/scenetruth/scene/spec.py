@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator,
 from scenetruth.camera import Camera, EmvaSensor, Frames, Optics, Sensor, Shutter, Stage
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
 from scenetruth.scene.deformation_spec import Deformation
+from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture
 from scenetruth.scene.lighting_spec import Lighting
 from scenetruth.scene.motion_spec import ConstantRotation, ConstantVelocity, Motion, nonzero
 from scenetruth.settings import EstimateSettings, ScoreSettings
@@ -19,6 +20,8 @@ __all__ = [
     "ConstantVelocity",
     "FileMesh",
     "ImageTexture",
+    "LeafMesh",
+    "LeafTexture",
     "Lighting",
     "Mesh",
     "Motion",
@@ -67,7 +70,7 @@ class FileMesh(FrozenModel):
     """Length of one unit of the file in mm."""
 
 
-Mesh = Annotated[BoxMesh | PlaneMesh | FileMesh, Field(discriminator="kind")]
+Mesh = Annotated[BoxMesh | PlaneMesh | LeafMesh | FileMesh, Field(discriminator="kind")]
 
 
 class NoiseTexture(FrozenModel):

@@ -1,0 +1,239 @@
+"""The leaf of a scene: its outline, how the blade is bent, and what is seen on it."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator
+
+from scenetruth.model import Finite, FrozenModel, Positive
+
+__all__ = ["LeafMesh", "LeafTexture", "Petiole", "Serration", "Undulation"]
+
+_MOST_TRIANGLES = 5_000_000
+_WIDTHS = {"ovate": 0.62, "lanceolate": 0.28, "cordate": 0.85, "elliptic": 0.55}
+_PARTS_OF_WIDTH = 4  # triangles across the blade, at least
+_PARTS_OF_TOOTH = 4  # edges along a tooth, at least
+
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Turn = Annotated[float, Field(gt=-360, lt=360, allow_inf_nan=False)]
+
+
+class Serration(FrozenModel):
+    """Teeth of the margin, which point forward to the tip."""
+
+    count_per_side: Annotated[int, Field(ge=1, le=500)] = 16
+    """Teeth on each side of the blade."""
+    depth_mm: Positive
+    """How deep the notches are cut into the outline, in mm."""
+
+
+class Undulation(FrozenModel):
+    """Waves of the margin: the blade rises and sinks, the more the farther from the midrib."""
+
+    amplitude_mm: Finite
+    """Height of the waves at the widest place of the margin in mm; it grows with the square of the distance from the
+    midrib."""
+    waves_per_side: Positive = 3.0
+    """Waves from base to tip."""
+
+
+class Petiole(FrozenModel):
+    """The stalk: a strip of the same sheet that leaves the base backwards (to -X) and widens into the blade."""
+
+    length_mm: Positive
+    """Its length in mm."""
+    diameter_mm: Positive = 2.0
+    """Its width in mm."""
+
+
+class LeafMesh(FrozenModel):
+    """A leaf: X along the midrib from the base (the origin) to the tip, Y across, upper side towards -Z.
+
+    In the flat it is a sheet with coordinates (a, b) in mm; undulation, fold, bending across and bending along give
+    it its form, in this order.
+    """
+
+    # The default resolution may be too coarse for a small leaf.
+    model_config = ConfigDict(validate_default=True)
+
+    kind: Literal["leaf"]
+    """``leaf``."""
+    outline: Literal["ovate", "lanceolate", "cordate", "elliptic"] = "ovate"
+    """Form of the margin: widest below the middle, slender, heart-shaped with lobes behind the base, or widest in the
+    middle."""
+    tip: Literal["acuminate", "acute", "round"] | None = None
+    """End of the blade: drawn out to a point, pointed, or round; None: round for elliptic, else acuminate."""
+    length_mm: Positive = 80.0
+    """Length of the midrib from base to tip in mm."""
+    width_mm: Positive | None = None
+    """Largest width in mm; None: 0.62, 0.28, 0.85 or 0.55 of the length for ovate, lanceolate, cordate, elliptic."""
+    lobe_depth: Annotated[float, Field(ge=0, le=0.35)] | None = None
+    """How far the lobes of a cordate leaf reach behind its base, as a part of the length; None: 0.16."""
+    serration: Serration | None = None
+    """Teeth; None: an entire margin."""
+    petiole: Petiole | None = None
+    """The stalk; None: none."""
+    bend_along_deg: Turn = 0.0
+    """Angle in degrees between base and tip of the midrib, which is a circular arc; positive curls the tip towards the
+    upper side. The petiole continues the arc. Keeps lengths."""
+    bend_across_deg: Turn = 0.0
+    """Angle in degrees between the margins at the widest place, on a circular arc; positive curls them towards the
+    upper side. Keeps lengths."""
+    fold_deg: Annotated[float, Field(gt=-180, lt=180, allow_inf_nan=False)] = 0.0
+    """Fold along the midrib in degrees: the halves meet at 180° less this angle; positive lifts the margins towards the
+    upper side."""
+    fold_width_mm: Positive | None = None
+    """Width of the rounding of the fold in mm; None: a tenth of the width."""
+    undulation: Undulation | None = None
+    """Waves of the margin; None: none."""
+    resolution_mm: Positive = 1.0
+    """Length of the edges of the triangles in mm."""
+
+    @property
+    def full_width_mm(self) -> float:
+        """Largest width in mm."""
+        return _WIDTHS[self.outline] * self.length_mm if self.width_mm is None else self.width_mm
+
+    @property
+    def lobe_mm(self) -> float:
+        """How far the lobes are drawn behind the base, in mm."""
+        if self.outline != "cordate":
+            return 0.0
+        return (0.16 if self.lobe_depth is None else self.lobe_depth) * self.length_mm
+
+    @field_validator("width_mm")
+    @classmethod
+    def _leaf_like(cls, value: float | None, info: ValidationInfo) -> float | None:
+        length = info.data.get("length_mm")
+        if value is not None and length is not None and not length / 50 <= value <= 2 * length:
+            msg = f"must lie between 1/50 and 2 of length_mm = {length:g}"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("lobe_depth")
+    @classmethod
+    def _has_lobes(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is not None and info.data.get("outline", "cordate") != "cordate":
+            msg = f"only a cordate outline has lobes, not {info.data['outline']}"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("serration")
+    @classmethod
+    def _shallow(cls, value: Serration | None, info: ValidationInfo) -> Serration | None:
+        size = _size(info)
+        if value is not None and size is not None:
+            most = min(size[1] / 8, size[0] / value.count_per_side)
+            if value.depth_mm > most:
+                msg = f"depth_mm must not exceed {most:g}: an eighth of the width, and the distance of the teeth"
+                raise ValueError(msg)
+        return value
+
+    @field_validator("petiole")
+    @classmethod
+    def _slender(cls, value: Petiole | None, info: ValidationInfo) -> Petiole | None:
+        size = _size(info)
+        if value is not None and size is not None and value.diameter_mm > size[1] / 5:
+            msg = f"diameter_mm must not exceed a fifth of the blade's width, {size[1] / 5:g}"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("bend_along_deg")
+    @classmethod
+    def _does_not_meet_itself(cls, value: float, info: ValidationInfo) -> float:
+        size, stalk = _size(info), info.data.get("petiole")
+        if size is not None and stalk is not None and abs(value) * (1 + stalk.length_mm / size[0]) >= 360:
+            total = abs(value) * (1 + stalk.length_mm / size[0])
+            msg = f"bends blade and petiole together by {total:g}°; only below 360° they do not meet"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("resolution_mm")
+    @classmethod
+    def _resolves(cls, value: float, info: ValidationInfo) -> float:
+        size = _size(info)
+        if size is None:
+            return value
+        (length, width), teeth, stalk = size, info.data.get("serration"), info.data.get("petiole")
+        coarsest, area = width / _PARTS_OF_WIDTH, 0.8 * width * length
+        if teeth is not None:
+            coarsest = min(coarsest, length / teeth.count_per_side / _PARTS_OF_TOOTH)
+        if stalk is not None:
+            coarsest = min(coarsest, 1.2 * stalk.diameter_mm, stalk.length_mm / 2)
+            area += stalk.length_mm * stalk.diameter_mm
+        if value > coarsest:
+            msg = f"must not exceed {coarsest:.4g} for width, teeth and petiole to be resolved"
+            raise ValueError(msg)
+        count = area / (math.sqrt(3) / 4 * value**2)
+        if count > _MOST_TRIANGLES:
+            least = value * math.sqrt(count / _MOST_TRIANGLES)
+            msg = f"would make about {count:.3g} triangles; at most 5e6 are made, from {least:.3g} mm on"
+            raise ValueError(msg)
+        return value
+
+
+def _size(info: ValidationInfo) -> tuple[float, float] | None:
+    """Return length and width as far as they are valid."""
+    if not {"outline", "length_mm", "width_mm"} <= info.data.keys():
+        return None
+    length, width = info.data["length_mm"], info.data["width_mm"]
+    return length, _WIDTHS[info.data["outline"]] * length if width is None else width
+
+
+class LeafTexture(FrozenModel):
+    """What is seen on a leaf: veins of four orders, mottling between them, and hairs; two-sided."""
+
+    kind: Literal["leaf"]
+    """``leaf``."""
+    channel: Literal["green", "near_infrared"] = "green"
+    """Sets the defaults: in green light the blade is dark and its veins bright; in the near infrared it is bright and
+    its veins are a little darker."""
+    mean: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """Mean radiance of the upper side between the veins; None: 0.30 green, 0.62 near infrared."""
+    vein_contrast: Annotated[float, Field(ge=-0.9, le=2)] | None = None
+    """Radiance of the midrib relative to its surroundings, less 1; None: 0.85 green, -0.22 near infrared."""
+    mottling_wavelength_mm: tuple[Positive, Positive] = (0.8, 5.0)
+    """Shortest and longest wavelength of the mottling in mm."""
+    mottling_contrast: Annotated[float, Field(ge=0, le=1 / 3)] | None = None
+    """Standard deviation of the mottling, divided by the mean; None: 0.13 green, 0.09 near infrared."""
+    speckle_density_per_mm2: Annotated[float, Field(ge=0, le=50)] = 1.0
+    """Hairs (trichomes) per mm²: bright dots at random places."""
+    speckle_size_mm: Positive = 0.2
+    """Full width of a dot at half its height in mm."""
+    speckle_contrast: Annotated[float, Field(ge=0, le=2)] | None = None
+    """Radiance of a dot relative to its surroundings, less 1; None: 0.35 green, 0.15 near infrared."""
+    secondary_veins: Annotated[int, Field(ge=1, le=40)] = 9
+    """Side veins on each side of the midrib."""
+    secondary_angle_deg: Annotated[float, Field(ge=20, le=90)] = 55.0
+    """Angle at which they leave the midrib; they curve to the tip as they come near the margin."""
+    tertiary_spacing_mm: Positive | None = None
+    """Mean distance of the veins that join side veins; None: 0.035 of the leaf's length. The finest net has a third
+    of it."""
+    texels_per_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Points of the raster per mm; None: what dots and mottling need, as far as 64 million points allow."""
+    underside_lightness: Annotated[float, Field(gt=0, le=3)] | None = None
+    """Radiance of the underside relative to the upper side; None: 1.35 green, 1.05 near infrared."""
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """Values of the fields that depend on the channel."""
+        green = self.channel == "green"
+        defaults = {
+            "mean": 0.30 if green else 0.62,
+            "vein_contrast": 0.85 if green else -0.22,
+            "mottling_contrast": 0.13 if green else 0.09,
+            "speckle_contrast": 0.35 if green else 0.15,
+            "underside_lightness": 1.35 if green else 1.05,
+        }
+        given = {name: getattr(self, name) for name in defaults}
+        return {name: default if given[name] is None else given[name] for name, default in defaults.items()}
+
+    @field_validator("mottling_wavelength_mm")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] >= value[1]:
+            msg = "must be (shortest, longest) with shortest < longest"
+            raise ValueError(msg)
+        return value
