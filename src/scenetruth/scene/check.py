@@ -12,6 +12,7 @@ from scenetruth.errors import Problem, SceneError, SceneWarning
 from scenetruth.scene import spec
 from scenetruth.scene.lamps import lighting_problems
 from scenetruth.scene.spec import Scene
+from scenetruth.scene.times import times_of
 from scenetruth.scene.world import World
 
 __all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene"]
@@ -170,7 +171,7 @@ def _camera_problems(scene: Scene) -> list[Problem]:
 def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], list[Problem]]:
     reports, problems = [], []
     offsets = world.vertex_offsets
-    moments = [world.at(float(t)).vertices_mm for t in _times(scene)]
+    moments = [world.at(float(t)).vertices_mm for t in times_of(scene)]
     for index, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
         vertices = np.stack([moment[offsets[index] : offsets[index + 1]] for moment in moments])
         depth = vertices[..., 2]
@@ -196,16 +197,6 @@ def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], lis
             )
         )
     return reports, problems
-
-
-def _times(scene: Scene) -> list[float]:
-    """Return the times of the frames, and those of the first and of the last image, in frames."""
-    stage, frames = scene.stage, scene.frames.t.tolist()
-    per_image = stage.time_per_position_s / scene.frames.frame_interval_s
-    before, last = stage.number_in_scan(0, frames[0]), stage.number_in_scan(0, frames[-1])
-    after = stage.positions * stage.rows - 1 - last
-    ends = [frames[0] - before * per_image, frames[-1] + after * per_image] if per_image > 0 else []
-    return [*map(float, frames), *ends]
 
 
 def _in_view(scene: Scene, vertices: np.ndarray) -> bool:

@@ -267,6 +267,11 @@ def _log(x: Floats) -> _Parts:
     return np.log(x), inverse, -inverse * inverse
 
 
+def _log1p(x: Floats) -> _Parts:
+    inverse = 1 / (1 + x)
+    return np.log1p(x), inverse, -inverse * inverse
+
+
 def _reciprocal(x: Floats) -> _Parts:
     inverse = 1 / x
     return inverse, -inverse * inverse, 2 * inverse * inverse * inverse
@@ -288,6 +293,7 @@ _UNARY: dict[Any, Callable[[Floats], _Parts]] = {
     np.exp: _exp,
     np.expm1: _expm1,
     np.log: _log,
+    np.log1p: _log1p,
     np.sin: _sin,
     np.cos: _cos,
     np.tan: _tan,

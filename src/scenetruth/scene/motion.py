@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scene import deformation_spec, motion_spec
+from scenetruth.scene import motion_spec
 from scenetruth.scene.jets import Field, Jet
-from scenetruth.scene.time_curve import value_at
+from scenetruth.scene.smooth import sinc_root
+from scenetruth.scene.time_curve import SplineThrough, value_at
 
 __all__ = [
     "Moved",
     "PointMap",
     "Points",
     "compose",
-    "deformation_map",
     "motion_map",
     "motions_about",
+    "moved_of",
     "pose_map",
     "turn",
+    "turn_by",
 ]
 
 Points = tuple[Any, Any, Any]
@@ -101,16 +103,9 @@ def motions_about(entries: Sequence[motion_spec.Motion], position_mm: tuple[floa
 
 def motion_map(entry: motion_spec.Motion, position_mm: tuple[float, float, float]) -> PointMap:
     """Return the map of one motion in the world; what has no point of its own turns about a position."""
-    if isinstance(entry, motion_spec.ConstantVelocity):
-        return _translation(entry.velocity_mm_per_frame)
-    centre = position_mm if entry.point_mm is None else entry.point_mm
-    rate = np.deg2rad(entry.rate_deg_per_frame)
-    return lambda points, t: turn(points, entry.axis, rate * t, centre)
-
-
-def deformation_map(entry: deformation_spec.Deformation) -> PointMap:
-    """Return the map of one deformation in an object's own frame."""
-    return lambda points, t: turn(points, entry.axis, np.pi / 180 * value_at(entry.angle_deg, t), entry.point_mm)
+    make = _MAPS[type(entry)]
+    result: PointMap = make(entry, position_mm)
+    return result
 
 
 def pose_map(
@@ -152,9 +147,121 @@ def turn(points: Points, axis: tuple[float, float, float], angle: Any, centre: t
     )
 
 
-def _translation(velocity: tuple[float, float, float]) -> PointMap:
+def turn_by(points: Points, vector_rad: Points, centre: tuple[float, float, float]) -> Points:
+    """Turn points by a rotation vector, which may vanish, about a centre.
+
+    Parameters
+    ----------
+    points
+        Coordinates, mm.
+    vector_rad
+        The axis, its length the angle in rad (right-hand rule): three fields.
+    centre
+        Point that stays in place, mm.
+    """
+    x, y, z = (field - at for field, at in zip(points, centre, strict=True))
+    u, v, w = vector_rad
+    square = u * u + v * v + w * w
+    half = sinc_root(square * 0.25)
+    once, twice = sinc_root(square), half * half * 0.5
+    i, j, k = v * z - w * y, w * x - u * z, u * y - v * x
+    return (
+        x + once * i + twice * (v * k - w * j) + centre[0],
+        y + once * j + twice * (w * i - u * k) + centre[1],
+        z + once * k + twice * (u * j - v * i) + centre[2],
+    )
+
+
+Vector = tuple[float, float, float]
+
+
+def _velocity(entry: motion_spec.ConstantVelocity, _: Vector) -> PointMap:
+    velocity = entry.velocity_mm_per_frame
+
     def move(points: Points, t: Field) -> Points:
         x, y, z = points
         return x + velocity[0] * t, y + velocity[1] * t, z + velocity[2] * t
 
     return move
+
+
+def _acceleration(entry: motion_spec.Acceleration, _: Vector) -> PointMap:
+    velocity, acceleration = entry.velocity_mm_per_frame, entry.acceleration_mm_per_frame2
+
+    def move(points: Points, t: Field) -> Points:
+        shifts = (v * t + (a / 2) * (t * t) for v, a in zip(velocity, acceleration, strict=True))
+        x, y, z = (field + shift for field, shift in zip(points, shifts, strict=True))
+        return x, y, z
+
+    return move
+
+
+def _shift(entry: motion_spec.Shift, _: Vector) -> PointMap:
+    direction = np.asarray(entry.direction) / np.linalg.norm(entry.direction)
+
+    def move(points: Points, t: Field) -> Points:
+        distance = value_at(entry.distance_mm, t)
+        x, y, z = (field + n * distance for field, n in zip(points, direction, strict=True))
+        return x, y, z
+
+    return move
+
+
+def _rotation(entry: motion_spec.ConstantRotation, position_mm: Vector) -> PointMap:
+    centre = position_mm if entry.point_mm is None else entry.point_mm
+    rate = np.deg2rad(entry.rate_deg_per_frame)
+    return lambda points, t: turn(points, entry.axis, rate * t, centre)
+
+
+def _turn(entry: motion_spec.Turn, position_mm: Vector) -> PointMap:
+    centre = position_mm if entry.point_mm is None else entry.point_mm
+    return lambda points, t: turn(points, entry.axis, np.pi / 180 * value_at(entry.angle_deg, t), centre)
+
+
+def _nutation(entry: motion_spec.Nutation, position_mm: Vector) -> PointMap:
+    centre = position_mm if entry.point_mm is None else entry.point_mm
+    direction = np.asarray(entry.direction) / np.linalg.norm(entry.direction)
+    aside = np.asarray(entry.towards) - (direction @ np.asarray(entry.towards)) * direction
+    first = np.cross(direction, aside / np.linalg.norm(aside))
+    second = np.cross(direction, first)
+    amplitude_first, amplitude_second = np.deg2rad(entry.amplitudes_deg)
+
+    def move(points: Points, t: Field) -> Points:
+        phase = 2 * np.pi / entry.period_frames * t + np.deg2rad(entry.phase_deg)
+        cosine, sine = amplitude_first * np.cos(phase), amplitude_second * np.sin(phase)
+        u, v, w = (one * cosine + other * sine for one, other in zip(first, second, strict=True))
+        return turn_by(points, (u, v, w), centre)
+
+    return move
+
+
+def _keyframes(entry: motion_spec.Keyframes, position_mm: Vector) -> PointMap:
+    centre = position_mm if entry.point_mm is None else entry.point_mm
+    shifts = _splines(entry.times_frames, entry.positions_mm, 1.0)
+    turns = _splines(entry.times_frames, entry.rotations_deg, np.pi / 180)
+
+    def move(points: Points, t: Field) -> Points:
+        if turns:
+            points = turn_by(points, (turns[0](t), turns[1](t), turns[2](t)), centre)
+        if shifts:
+            points = (points[0] + shifts[0](t), points[1] + shifts[1](t), points[2] + shifts[2](t))
+        return points
+
+    return move
+
+
+def _splines(times: Sequence[float], values: Sequence[Vector] | None, unit: float) -> list[SplineThrough]:
+    if values is None:
+        return []
+    return [SplineThrough(times, column) for column in np.asarray(values, dtype=np.float64).T * unit]
+
+
+_MAPS: dict[type, Callable[[Any, Vector], PointMap]] = {
+    motion_spec.ConstantVelocity: _velocity,
+    motion_spec.ConstantRotation: _rotation,
+    motion_spec.Acceleration: _acceleration,
+    motion_spec.Shift: _shift,
+    motion_spec.Turn: _turn,
+    motion_spec.Nutation: _nutation,
+    motion_spec.Keyframes: _keyframes,
+}

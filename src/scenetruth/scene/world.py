@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, SceneError
+from scenetruth.scene.deformation import DeformationStep, Surroundings, deformation_map
 from scenetruth.scene.jets import Jet
 from scenetruth.scene.mesh import TriangleMesh, make_mesh
-from scenetruth.scene.motion import Moved, PointMap, deformation_map, motions_about, moved_of, pose_map
+from scenetruth.scene.motion import Moved, PointMap, motions_about, moved_of, pose_map
+from scenetruth.scene.movement_check import movement_problems
 from scenetruth.scene.spec import Scene, SceneObject
 from scenetruth.scene.start import RestStart, SheetStart, Start
 from scenetruth.scene.texture import SurfaceTexture, make_texture
+from scenetruth.scene.times import times_of
 
 __all__ = ["Body", "Snapshot", "World", "build_world", "generator_for", "maps_of"]
 
@@ -197,7 +200,7 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
     Raises
     ------
     SceneError
-        With every mesh and texture that cannot be made.
+        With every mesh and texture that cannot be made, and every deformation or motion that cannot be.
     """
     bodies: list[Body] = []
     problems: list[Problem] = []
@@ -213,25 +216,32 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
                 for problem in error.problems
             ]
             continue
-        bodies.append(Body(item.name, mesh, _start_of(mesh), uv, texture, maps_of(item, mesh)))
+        start, maps = _start_of(mesh), maps_of(item, mesh, scene.frames.frame_interval_s)
+        problems += movement_problems(scene, index, start, maps, mesh.faces, times_of(scene))
+        bodies.append(Body(item.name, mesh, start, uv, texture, maps))
     if problems:
         raise SceneError(problems)
     return World(tuple(bodies))
 
 
-def maps_of(item: SceneObject, mesh: TriangleMesh) -> list[PointMap]:
+def maps_of(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> list[PointMap]:
     """Return how an object is deformed, placed and moved, first applied first.
 
     What grows in the flat of a sheet comes before the shape of the sheet, all other deformations after it.
     """
+    x = mesh.vertices_mm[:, 0] if mesh.material_mm is None else mesh.material_mm[:, 0]
+    around = Surroundings((float(x.min()), float(x.max())), frame_interval_s)
+    steps = [
+        DeformationStep(number, entry, around, deformation_map(entry, around))
+        for number, entry in enumerate(item.deformation)
+    ]
+    in_the_flat = [step for step in steps if mesh.shape is not None and step.entry.in_the_flat]
     shape = [] if mesh.shape is None else [mesh.shape]
-    in_the_flat = [entry for entry in item.deformation if mesh.shape is not None and entry.in_the_flat]
-    later = [entry for entry in item.deformation if not any(entry is other for other in in_the_flat)]
     rotations = [(rotation.axis, rotation.angle_deg) for rotation in item.pose.rotations]
     return [
-        *map(deformation_map, in_the_flat),
+        *in_the_flat,
         *shape,
-        *map(deformation_map, later),
+        *(step for step in steps if step not in in_the_flat),
         pose_map(item.pose.position_mm, rotations),
         *motions_about(item.motion, item.pose.position_mm),
     ]

@@ -1,0 +1,97 @@
+"""Refuses deformations and motions that cannot be: triangles turned inside out, sheets through themselves, clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.errors import Problem
+from scenetruth.scene.deformation import DeformationStep, deformation_problem
+from scenetruth.scene.motion import PointMap, Points
+from scenetruth.scene.motion_presets import FRAME_INTERVAL_S
+from scenetruth.scene.spec import Scene, SceneObject
+from scenetruth.scene.start import Start
+
+__all__ = ["movement_problems"]
+
+# A triangle whose area falls below this share of what it was has shrunk to nothing; float64 leaves 1e-16.
+_LEAST_AREA = 1e-9
+# Triangles that stand upright on X and Y have no sign there.
+_UPRIGHT = 1e-6
+
+
+def movement_problems(
+    scene: Scene, index: int, start: Start, maps: Sequence[PointMap], faces: NDArray[np.int32], times: Sequence[float]
+) -> list[Problem]:
+    """Return what is wrong with how an object is deformed and moved.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    index
+        The object's place in it.
+    start, maps, faces
+        The object's points at rest, how they move, and its faces, shape (m, 3).
+    times
+        Times to look at, in frames.
+
+    Returns
+    -------
+    list
+        One problem at most for each deformation, at the first time at which there is one.
+    """
+    found: dict[int, Problem] = {}
+    last = max((n for n, item in enumerate(maps) if isinstance(item, DeformationStep)), default=-1)
+    for t in times:
+        at = np.array([float(t)])
+        points = start.at(at)
+        for item in maps[: last + 1]:
+            if not isinstance(item, DeformationStep):
+                points = item(points, at)
+                continue
+            field, message = deformation_problem(item, points, at)
+            moved = points if field else item(points, at)
+            if not field and item.entry.in_the_flat:
+                message = _inside_out(points, moved, faces)
+            if message:
+                path = f"objects.{index}.deformation.{item.number}" + (f".{field}" if field else "")
+                found.setdefault(item.number, Problem(path, f"{message} (at t = {t:g})"))
+                break
+            points = moved
+    return [found[number] for number in sorted(found)] + _clock_problems(scene, index, scene.objects[index])
+
+
+def _inside_out(before: Points, after: Points, faces: NDArray[np.int32]) -> str:
+    """Say how many triangles a map along X and Y inverts or makes vanish, or return nothing."""
+    one, other = _areas(before, faces), _areas(after, faces)
+    sides = [np.ptp(np.broadcast_to(field, before[0].shape)[faces], axis=1) for field in before]
+    flat = np.abs(one) > _UPRIGHT * np.max(sides, axis=0) ** 2
+    bad = flat & ~(other * np.sign(one) > _LEAST_AREA * np.abs(one))
+    count = int(np.count_nonzero(bad))
+    return f"turns {count} of {len(faces)} triangles inside out, or shrinks them to nothing" if count else ""
+
+
+def _areas(points: Points, faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return twice the signed areas along X and Y."""
+    x, y = (np.asarray(field)[faces] for field in points[:2])
+    areas: NDArray[np.float64] = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    return areas
+
+
+def _clock_problems(scene: Scene, index: int, item: SceneObject) -> list[Problem]:
+    """Return which presets, made for one frame a minute, are used at another interval."""
+    interval: Any = scene.frames.frame_interval_s
+    if interval == FRAME_INTERVAL_S:
+        return []
+    message = (
+        f"is a rate at one frame a minute, but frames.frame_interval_s is {interval:g}: make that 60, or give a rate"
+    )
+    return [
+        Problem(f"objects.{index}.motion.{number}.preset", message, preset)
+        for number, motion in enumerate(item.motion)
+        if (preset := getattr(motion, "preset", None)) is not None
+    ]
