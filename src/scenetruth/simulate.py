@@ -172,7 +172,7 @@ def make_truth(
     if stage.rows > 1:
         visible = visible.reshape(stage.rows, stage.positions, *visible.shape[1:])
     arrays |= {"visible": visible, **_poses(scene, schedule)}
-    names = json.dumps([item.name for item in scene.objects])
+    names = json.dumps([item.name for _, item in scene.parts])
     return label(
         "truth",
         {name: arrays[name] for name in VARIABLES["truth"] if name in arrays},

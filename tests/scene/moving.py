@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.scene.deformation import Surroundings, deformation_map
 from scenetruth.scene.deformation_spec import DeformationModel
 from scenetruth.scene.jets import Jet
+from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.motion import PointMap, motion_map
 from scenetruth.scene.motion_spec import Motion
 from scenetruth.scene.start import SheetStart
@@ -37,7 +38,10 @@ def _halves(corner: Any, right: Any, below: Any, across: Any) -> tuple[tuple[Any
 
 def body(start: SheetStart, maps: Sequence[PointMap]) -> Body:
     texture: SurfaceTexture = None  # type: ignore[assignment]
-    return Body("leaf", start, start.faces, np.zeros((len(start.faces), 3, 2)), texture, maps)
+    flat = start.material_mm
+    chart = flat[start.faces]
+    mesh = TriangleMesh(np.column_stack([flat, np.zeros(len(flat))]), start.faces, chart, material_mm=flat)
+    return Body("leaf", mesh, start, chart, texture, maps)
 
 
 def made(entry: Any, around: Surroundings = HOUR) -> PointMap:

@@ -172,18 +172,18 @@ def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], lis
     reports, problems = [], []
     offsets = world.vertex_offsets
     moments = [world.at(float(t)).vertices_mm for t in times_of(scene)]
-    for index, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
+    for index, ((path, item), body) in enumerate(zip(scene.parts, world.bodies, strict=True)):
         vertices = np.stack([moment[offsets[index] : offsets[index + 1]] for moment in moments])
         depth = vertices[..., 2]
         if depth.min() <= 0:
             where = "is behind the camera" if depth.max() <= 0 else "reaches behind the camera"
             value = f"Z from {depth.min():.6g} to {depth.max():.6g} mm"
             remedy = "move it to Z > 0 for all frames"
-            problems.append(Problem(f"objects.{index}.pose.position_mm", f"'{item.name}' {where}; {remedy}", value))
+            problems.append(Problem(f"{path}.pose.position_mm", f"'{item.name}' {where}; {remedy}", value))
             continue
         if not _in_view(scene, vertices):
             message = f"'{item.name}' is outside every image; move it, or widen the view"
-            problems.append(Problem(f"objects.{index}.pose.position_mm", message, item.pose.position_mm))
+            problems.append(Problem(f"{path}.pose.position_mm", message, item.pose.position_mm))
             continue
         near, far = float(depth.min()), float(depth.max())
         disparity = sorted(scene.camera.focal_px * scene.stage.baseline_mm / np.array([near, far]))

@@ -24,7 +24,13 @@ _UPRIGHT = 1e-6
 
 
 def movement_problems(
-    scene: Scene, index: int, start: Start, maps: Sequence[PointMap], faces: NDArray[np.int32], times: Sequence[float]
+    scene: Scene,
+    where: str,
+    thing: SceneObject,
+    start: Start,
+    maps: Sequence[PointMap],
+    faces: NDArray[np.int32],
+    times: Sequence[float],
 ) -> list[Problem]:
     """Return what is wrong with how an object is deformed and moved.
 
@@ -32,8 +38,8 @@ def movement_problems(
     ----------
     scene
         The scene.
-    index
-        The object's place in it.
+    where, thing
+        The object's path in it, and the object.
     start, maps, faces
         The object's points at rest, how they move, and its faces, shape (m, 3).
     times
@@ -58,11 +64,11 @@ def movement_problems(
             if not field and item.entry.in_the_flat:
                 message = _inside_out(points, moved, faces)
             if message:
-                path = f"objects.{index}.deformation.{item.number}" + (f".{field}" if field else "")
+                path = f"{where}.deformation.{item.number}" + (f".{field}" if field else "")
                 found.setdefault(item.number, Problem(path, f"{message} (at t = {t:g})"))
                 break
             points = moved
-    return [found[number] for number in sorted(found)] + _clock_problems(scene, index, scene.objects[index])
+    return [found[number] for number in sorted(found)] + _clock_problems(scene, where, thing)
 
 
 def _inside_out(before: Points, after: Points, faces: NDArray[np.int32]) -> str:
@@ -82,7 +88,7 @@ def _areas(points: Points, faces: NDArray[np.int32]) -> NDArray[np.float64]:
     return areas
 
 
-def _clock_problems(scene: Scene, index: int, item: SceneObject) -> list[Problem]:
+def _clock_problems(scene: Scene, where: str, item: SceneObject) -> list[Problem]:
     """Return which presets, made for one frame a minute, are used at another interval."""
     interval: Any = scene.frames.frame_interval_s
     if interval == FRAME_INTERVAL_S:
@@ -91,7 +97,7 @@ def _clock_problems(scene: Scene, index: int, item: SceneObject) -> list[Problem
         f"is a rate at one frame a minute, but frames.frame_interval_s is {interval:g}: make that 60, or give a rate"
     )
     return [
-        Problem(f"objects.{index}.motion.{number}.preset", message, preset)
+        Problem(f"{where}.motion.{number}.preset", message, preset)
         for number, motion in enumerate(item.motion)
         if (preset := getattr(motion, "preset", None)) is not None
     ]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
 from scenetruth.camera import Camera, EmvaSensor, Frames, Optics, Sensor, Shutter, Stage
-from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
+from scenetruth.model import Finite, FrozenModel, NonNegative, Positive
 from scenetruth.scene.deformation_spec import Deformation
 from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture
 from scenetruth.scene.lighting_spec import Lighting
-from scenetruth.scene.motion_spec import ConstantRotation, ConstantVelocity, Motion, nonzero
+from scenetruth.scene.motion_spec import ConstantRotation, ConstantVelocity, Motion
+from scenetruth.scene.plant_spec import Plant, Rosette, Seedling
+from scenetruth.scene.pose_spec import Pose, Rotation
 from scenetruth.settings import EstimateSettings, ScoreSettings
 
 __all__ = [
@@ -29,11 +32,14 @@ __all__ = [
     "OwnTexture",
     "PlaidTexture",
     "PlaneMesh",
+    "Plant",
     "Pose",
     "RenderSettings",
+    "Rosette",
     "Rotation",
     "Scene",
     "SceneObject",
+    "Seedling",
     "Texture",
     "UniformTexture",
 ]
@@ -160,29 +166,6 @@ Texture = Annotated[
 ]
 
 
-class Rotation(FrozenModel):
-    """A rotation about an axis through the object's origin (right-hand rule: X towards Y about Z)."""
-
-    axis: Vector3
-    """Direction of the axis."""
-    angle_deg: Finite
-    """Angle in degrees."""
-
-    @field_validator("axis")
-    @classmethod
-    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return nonzero(value)
-
-
-class Pose(FrozenModel):
-    """Where an object stands at t = 0: rotated first, in the given order, then moved to its position."""
-
-    position_mm: Vector3 = (0.0, 0.0, 0.0)
-    """World position of the mesh's origin in mm."""
-    rotations: tuple[Rotation, ...] = ()
-    """Rotations about fixed axes, applied one after the other."""
-
-
 class SceneObject(FrozenModel):
     """A textured mesh that stands and moves before the camera."""
 
@@ -234,8 +217,10 @@ class Scene(FrozenModel):
     """Its linear stage."""
     frames: Frames
     """When it takes images."""
-    objects: tuple[SceneObject, ...]
+    objects: tuple[SceneObject, ...] = ()
     """What stands before it."""
+    plants: Annotated[tuple[Plant, ...], Field(validate_default=True)] = ()
+    """Plants that stand before it; each leaf is an object."""
     background: Radiance = 0.0
     """Radiance where no object is seen."""
     lighting: Lighting = Lighting()
@@ -271,18 +256,33 @@ class Scene(FrozenModel):
             raise ValueError(msg)
         return value
 
-    @field_validator("objects")
+    @field_validator("plants")
     @classmethod
-    def _unique_names(cls, value: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
-        if not value:
-            msg = "a scene needs at least one object"
+    def _unique_names(cls, value: tuple[Plant, ...], info: ValidationInfo) -> tuple[Plant, ...]:
+        objects = info.data.get("objects")
+        if objects is None:
+            return value
+        names = [item.name for item in (*objects, *value)]
+        if not names:
+            msg = "a scene needs at least one object or plant"
             raise ValueError(msg)
-        names = [item.name for item in value]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             msg = f"names must be unique; used more than once: {', '.join(twice)}"
             raise ValueError(msg)
         return value
+
+    @cached_property
+    def parts(self) -> tuple[tuple[str, SceneObject], ...]:
+        """All objects, those of plants too, each with its path in the scene: ``objects.0``, ``plants.0.leaves.2``."""
+        from scenetruth.scene.plants import leaves_of
+
+        own = [(f"objects.{index}", item) for index, item in enumerate(self.objects)]
+        return tuple(own) + tuple(
+            (f"plants.{index}.leaves.{number}", leaf)
+            for index, plant in enumerate(self.plants)
+            for number, leaf in enumerate(leaves_of(plant))
+        )
 
     @property
     def needs_rays(self) -> str:

@@ -204,7 +204,7 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
     """
     bodies: list[Body] = []
     problems: list[Problem] = []
-    for index, item in enumerate(scene.objects):
+    for path, item in scene.parts:
         part = "mesh"
         try:
             mesh = make_mesh(item.mesh, folder)
@@ -212,12 +212,11 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
             texture, uv = make_texture(item.texture, mesh, folder, generator_for(scene.seed, "texture", item.name))
         except SceneError as error:
             problems += [
-                Problem(f"objects.{index}.{part}.{problem.path}", problem.message, problem.value)
-                for problem in error.problems
+                Problem(f"{path}.{part}.{problem.path}", problem.message, problem.value) for problem in error.problems
             ]
             continue
         start, maps = _start_of(mesh), maps_of(item, mesh, scene.frames.frame_interval_s)
-        problems += movement_problems(scene, index, start, maps, mesh.faces, times_of(scene))
+        problems += movement_problems(scene, path, item, start, maps, mesh.faces, times_of(scene))
         bodies.append(Body(item.name, mesh, start, uv, texture, maps))
     if problems:
         raise SceneError(problems)
