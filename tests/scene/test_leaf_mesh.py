@@ -68,8 +68,8 @@ def check_sheet(mesh: TriangleMesh, entry: spec.LeafMesh) -> None:
     assert all((min(i, j), max(i, j)) in present for i, j in pairwise(axis))
     behind = 0.0 if entry.petiole is None else -entry.petiole.length_mm
     np.testing.assert_allclose(flat[axis[[0, -1]], 0], [behind, entry.length_mm])
-    # The worst that hypothesis has found is 12.6 degrees, where a tooth ends near the tip.
-    assert corner_angles(flat, faces).min() > 10
+    # The smallest of 300 random leaves was 22.8 degrees.
+    assert corner_angles(flat, faces).min() > 15
 
 
 @pytest.mark.parametrize("outline", OUTLINES)
@@ -80,7 +80,6 @@ def test_triangles_are_even_and_follow_the_margin(outline: str, full: bool) -> N
     mesh = leaf(outline=outline, resolution_mm=1.0, **more)
     check_sheet(mesh, entry)
     assert mesh.material_mm is not None
-    assert corner_angles(mesh.material_mm, mesh.faces).min() > 15
     edges, _ = edges_of(mesh.faces)
     lengths = np.linalg.norm(np.diff(mesh.material_mm[edges], axis=1)[:, 0], axis=1)
     assert np.median(lengths) == pytest.approx(1.0, abs=0.02)

@@ -214,6 +214,8 @@ def _in_view(scene: Scene, vertices: np.ndarray) -> bool:
 def _wavelengths_px(texture: spec.Texture, focal: float, near: float, far: float) -> tuple[float, float] | None:
     if isinstance(texture, spec.NoiseTexture | spec.PlaidTexture):
         return min(texture.wavelength_mm) * focal / far, max(texture.wavelength_mm) * focal / near
+    if isinstance(texture, spec.LeafTexture):
+        return texture.mottling_wavelength_mm[0] * focal / far, texture.mottling_wavelength_mm[1] * focal / near
     return None
 
 

@@ -87,48 +87,54 @@ def net(
     y: NDArray[np.float32],
     seeds: NDArray[np.float64],
     strengths: NDArray[np.float64],
-    sigma: NDArray[np.float32],
+    cell: tuple[float, float],
+    sigma: float,
 ) -> Any:
     """Return lines with a Gaussian profile along the borders of Voronoi cells, shape (h, w) float32.
 
     Parameters
     ----------
     x, y
-        Where every texel is, in cells, shape (h, w); any real number, the net repeats.
+        Where every texel is, shape (h, w); any real number, the net repeats.
     seeds
-        Place of the one seed in every cell of the grid, 0 to 1, shape (n, m, 2): x, y.
+        Place (x, y) of the one seed in every cell of a grid, in cells, 0 to 1, shape (n, m, 2).
     strengths
         One number for every seed, shape (n, m); a border is as strong as the mean of its two.
+    cell
+        Width and height of the grid's cells, in the unit of x and y; the height is not below the width.
     sigma
-        Half width of the lines in cells at every texel, shape (h, w).
+        Standard deviation of the profile in that unit.
     """
     rows, columns = x.shape
     high, wide = strengths.shape
+    width, height = cell
     out = np.zeros((rows, columns), dtype=np.float32)
+    # Seeds and strengths of the cells around, as far as their borders can come near.
+    around = 7 * 5
     for i in numba.prange(rows):
+        dx, dy, power = np.empty(around), np.empty(around), np.empty(around)
         for j in range(columns):
-            px, py = x[i, j], y[i, j]
-            column, row = int(np.floor(px)), int(np.floor(py))
-            best, bx, by, bs = 1e30, 0.0, 0.0, 0.0
+            px, py = np.float64(x[i, j]), np.float64(y[i, j])
+            column, row = int(np.floor(px / width)), int(np.floor(py / height))
+            nearest, best, k = 0, 1e30, 0
             for r in range(row - 2, row + 3):
-                for c in range(column - 2, column + 3):
-                    sx = c + seeds[r % high, c % wide, 0] - px
-                    sy = r + seeds[r % high, c % wide, 1] - py
-                    square = sx * sx + sy * sy
+                for c in range(column - 3, column + 4):
+                    dx[k] = (c + seeds[r % high, c % wide, 0]) * width - px
+                    dy[k] = (r + seeds[r % high, c % wide, 1]) * height - py
+                    power[k] = strengths[r % high, c % wide]
+                    square = dx[k] * dx[k] + dy[k] * dy[k]
                     if square < best:
-                        best, bx, by, bs = square, sx, sy, strengths[r % high, c % wide]
+                        nearest, best = k, square
+                    k += 1
             value = 0.0
-            width = 2.0 * sigma[i, j] * sigma[i, j]
-            for r in range(row - 2, row + 3):
-                for c in range(column - 2, column + 3):
-                    sx = c + seeds[r % high, c % wide, 0] - px
-                    sy = r + seeds[r % high, c % wide, 1] - py
-                    ex, ey = sx - bx, sy - by
-                    apart = ex * ex + ey * ey
-                    if apart > 1e-9:
-                        # Distance to the line half-way between both seeds.
-                        distance = (0.5 * (sx + bx) * ex + 0.5 * (sy + by) * ey) / np.sqrt(apart)
-                        line = 0.5 * (bs + strengths[r % high, c % wide]) * np.exp(-distance * distance / width)
-                        value = max(value, line)
+            bx, by, bp = dx[nearest], dy[nearest], power[nearest]
+            for k in range(around):
+                if k != nearest:
+                    ex, ey = dx[k] - bx, dy[k] - by
+                    # Distance to the line half-way between both seeds.
+                    across = 0.5 * ((dx[k] + bx) * ex + (dy[k] + by) * ey)
+                    square = across * across / ((ex * ex + ey * ey) * sigma * sigma)
+                    if square < 16.0:
+                        value = max(value, 0.5 * (bp + power[k]) * np.exp(-0.5 * square))
             out[i, j] = value
     return out

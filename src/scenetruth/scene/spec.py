@@ -162,7 +162,7 @@ class OwnTexture(FrozenModel):
 
 
 Texture = Annotated[
-    NoiseTexture | ImageTexture | UniformTexture | PlaidTexture | OwnTexture, Field(discriminator="kind")
+    NoiseTexture | ImageTexture | UniformTexture | PlaidTexture | LeafTexture | OwnTexture, Field(discriminator="kind")
 ]
 
 

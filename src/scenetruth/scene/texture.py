@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from scenetruth.scene import spec
 from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.noise import BandLimitedNoise, band_limited_noise
 
-__all__ = ["SurfaceTexture", "make_texture", "noise_limit"]
+__all__ = ["Painted", "SurfaceTexture", "make_texture", "noise_limit"]
 
 UV = NDArray[np.float64]
 Floats = NDArray[np.float64]
@@ -62,6 +62,17 @@ class SurfaceTexture(Protocol):
         Texel (i, j) stands at ((j + 1/2) / w, (i + 1/2) / h).
         """
         ...
+
+
+class Painted(NamedTuple):
+    """A texture, and where the corners of a mesh's faces are on it."""
+
+    texture: SurfaceTexture
+    """The texture."""
+    uv: UV
+    """Texture coordinates at every corner of every face, shape (m, 3, 2)."""
+    uv_back: UV | None = None
+    """Those of the side that faces wind clockwise on, if it shows something else; shape (m, 3, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,9 +185,7 @@ class _Ramp:
         return np.tile(np.linspace(0, 1, _RAMP, dtype=np.float32), (2, 1))
 
 
-def make_texture(
-    entry: spec.Texture, mesh: TriangleMesh, folder: Path, generator: np.random.Generator
-) -> tuple[SurfaceTexture, UV]:
+def make_texture(entry: spec.Texture, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
     """Make a texture and the texture coordinates of a mesh.
 
     Parameters
@@ -192,8 +201,8 @@ def make_texture(
 
     Returns
     -------
-    tuple
-        The texture, and texture coordinates at every corner of every face, shape (m, 3, 2).
+    Painted
+        The texture with its coordinates.
 
     Raises
     ------
@@ -210,18 +219,23 @@ def make_texture(
             exponent=entry.spectrum_exponent,
             peak=noise_limit(entry),
         )
-        return _Noise(noise, entry.mean, entry.mean * entry.rms_contrast), (mesh.chart_mm - low) / noise.period
+        texture = _Noise(noise, entry.mean, entry.mean * entry.rms_contrast)
+        return Painted(texture, (mesh.chart_mm - low) / noise.period)
     if isinstance(entry, spec.PlaidTexture):
         phases = np.asarray(entry.phase_deg) / 360.0
-        return _Plaid(entry.mean, entry.amplitude), mesh.chart_mm / entry.wavelength_mm + phases
+        return Painted(_Plaid(entry.mean, entry.amplitude), mesh.chart_mm / entry.wavelength_mm + phases)
     if isinstance(entry, spec.UniformTexture):
-        return _Uniform(entry.radiance), np.zeros_like(mesh.chart_mm)
+        return Painted(_Uniform(entry.radiance), np.zeros_like(mesh.chart_mm))
+    if isinstance(entry, spec.LeafTexture):
+        from scenetruth.scene.leaf_texture import paint_leaf
+
+        return Painted(*paint_leaf(entry, mesh, generator))
     if isinstance(entry, spec.ImageTexture):
         if mesh.uv is None:
             remedy = "the mesh has no UV coordinates to lay an image on; use a noise, plaid or uniform texture"
             raise SceneError([Problem("kind", remedy, entry.kind)])
-        return _Image(_luminance(_read_image(folder / entry.file), entry.encoding), mesh.tiled), mesh.uv
-    return _own_texture(entry, mesh)
+        return Painted(_Image(_luminance(_read_image(folder / entry.file), entry.encoding), mesh.tiled), mesh.uv)
+    return Painted(*_own_texture(entry, mesh))
 
 
 def noise_limit(entry: spec.NoiseTexture) -> float:

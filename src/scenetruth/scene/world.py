@@ -209,7 +209,7 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
         try:
             mesh = make_mesh(item.mesh, folder)
             part = "texture"
-            texture, uv = make_texture(item.texture, mesh, folder, generator_for(scene.seed, "texture", item.name))
+            texture, uv, _ = make_texture(item.texture, mesh, folder, generator_for(scene.seed, "texture", item.name))
         except SceneError as error:
             problems += [
                 Problem(f"{path}.{part}.{problem.path}", problem.message, problem.value) for problem in error.problems

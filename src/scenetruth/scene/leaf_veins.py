@@ -1,0 +1,165 @@
+"""The large veins of a leaf: midrib and side veins that curve towards the tip as they come near the margin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.scene.leaf_outline import entire_margin
+from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture
+
+__all__ = ["Vein", "midrib_of", "side_veins_of"]
+
+Floats = NDArray[np.float64]
+
+# Widths at half height of midrib and side veins at their beginnings and ends, as parts of the leaf's length.
+_MIDRIB = (0.017, 0.004)
+_SIDE = (0.0090, 0.0028)
+_STEPS = 400  # steps of a side vein, each this part of the length:
+_STEP = 0.0025
+_NEAR = 0.22  # part of the way from margin to midrib on which they turn along the margin,
+_END = 0.05  # and on which they end
+_GRID = 240  # points of the grid of distances along the leaf
+
+
+@dataclass(frozen=True, eq=False)
+class Vein:
+    """One vein as a polyline.
+
+    Parameters
+    ----------
+    points_mm
+        Points (a, b) of the flat sheet, shape (n, 2).
+    width_mm
+        Full width at half height there, shape (n,).
+    strength
+        Contrast there relative to that of the midrib at the base, shape (n,).
+    """
+
+    points_mm: Floats
+    width_mm: Floats
+    strength: Floats
+
+
+def midrib_of(leaf: LeafMesh) -> Vein:
+    """Return the midrib, with the petiole before it."""
+    length = leaf.length_mm
+    a = np.linspace(0, length, 200)
+    width = length * (_MIDRIB[1] + (_MIDRIB[0] - _MIDRIB[1]) * (1 - a / length) ** 1.2)
+    strength = 1 - 0.45 * (a / length) ** 1.5
+    if leaf.petiole is not None:
+        thick = 0.8 * leaf.petiole.diameter_mm
+        width += max(thick - width[0], 0.0) * np.exp(-a / (2 * leaf.petiole.diameter_mm))
+        a = np.concatenate([[-2 * leaf.petiole.length_mm], a])
+        width, strength = np.concatenate([[width[0]], width]), np.concatenate([[1.0], strength])
+    return Vein(np.column_stack([a, np.zeros_like(a)]), width, strength)
+
+
+def side_veins_of(leaf: LeafMesh, texture: LeafTexture, generator: np.random.Generator) -> list[Vein]:
+    """Return the side veins of both sides, each a little different.
+
+    Parameters
+    ----------
+    leaf, texture
+        The leaf and how its veins are.
+    generator
+        Source of their irregularity.
+    """
+    count, length = texture.secondary_veins, leaf.length_mm
+    depth = _Depth(leaf)
+    start, angle, side = [], [], []
+    for sign in (-1, 1):
+        place = (np.arange(count) + (0.35 if sign > 0 else 0.0) + 0.15 * generator.uniform(-1, 1, count)) / count
+        place = 0.015 + 0.86 * np.clip(place, 0, 1) ** 0.95
+        # Side veins near the base leave the midrib at larger angles than those near the tip.
+        turn = texture.secondary_angle_deg * (1.12 - 0.30 * place) + generator.normal(0, 2.0, count)
+        if leaf.outline == "cordate":
+            place = np.concatenate([[0.004, 0.008, 0.012], place])
+            turn = np.concatenate([np.array([118.0, 97.0, 76.0]) + generator.normal(0, 3.0, 3), turn])
+        start.append(place * length)
+        angle.append(np.radians(turn))
+        side.append(np.full(len(place), sign))
+    here = np.column_stack([np.concatenate(start), np.zeros(sum(map(len, start)))])
+    heading = np.concatenate(angle)
+    direction = np.column_stack([np.cos(heading), np.sin(heading)])
+    wobble = np.cumsum(generator.normal(0, 0.018, (_STEPS, len(here))), axis=0)
+    wobble -= np.linspace(0, 1, _STEPS)[:, None] * wobble[-1]
+    path, near_margin, inner = [here], [np.zeros(len(here))], [np.ones(len(here))]
+    step, young = _STEP * length, 0.05 * leaf.full_width_mm
+    for k in range(_STEPS):
+        distance, outward = depth.at(here)
+        # Along the margin, towards the tip.
+        along = np.column_stack([outward[:, 1], -outward[:, 0]])
+        # Where they are between midrib, 1, and margin, 0.
+        share = np.clip(distance / np.maximum(distance + here[:, 1], 1e-9), 0, 1)
+        # Near the midrib the margin of base and tip does not draw them yet.
+        pull = np.exp(-((share / _NEAR) ** 2)) * (1 - np.exp(-((here[:, 1] / young) ** 2)))
+        direction = direction + (0.16 * pull)[:, None] * (along - direction)
+        # Everywhere they bend a little towards the tip.
+        direction = direction + 0.0035 * np.array([1.0, 0.0])
+        direction /= np.linalg.norm(direction, axis=1)[:, None]
+        turn = wobble[k] * 0.25
+        moving = np.column_stack(
+            [
+                direction[:, 0] * np.cos(turn) - direction[:, 1] * np.sin(turn),
+                direction[:, 0] * np.sin(turn) + direction[:, 1] * np.cos(turn),
+            ]
+        )
+        here = here + step * moving
+        path.append(here)
+        near_margin.append(near_margin[-1] + step * pull)
+        inner.append(np.where(here[:, 1] > young, share, 1.0))
+    tracks, travelled, depths = np.stack(path), np.stack(near_margin), np.stack(inner)
+    veins = []
+    spacing = 0.9 * length / count
+    for index, sign in enumerate(np.concatenate(side)):
+        # They end where they have run along the margin to about the next one, come too near to it, or turn back inwards.
+        off = tracks[:, index, 1]
+        over = (travelled[:, index] > 1.1 * spacing) | (depths[:, index] < _END)
+        over |= off < 0.75 * np.maximum.accumulate(off)
+        last = int(np.argmax(over)) if over.any() else _STEPS
+        if last < 8:
+            continue
+        share = np.linspace(0, 1, last + 1)
+        thick = length * (_SIDE[1] + (_SIDE[0] - _SIDE[1]) * (1 - share) ** 1.3)
+        vigour = 1 - 0.35 * max(here[index, 0] / length - 0.5, 0)
+        strength = vigour * (0.95 - 0.55 * share**1.5) * np.clip((1 - share) / 0.12, 0, 1)
+        veins.append(Vein(tracks[: last + 1, index] * (1, sign), thick * vigour, strength))
+    return veins
+
+
+class _Depth:
+    """Distance from the entire margin inside the blade, on the side b >= 0, and the way out."""
+
+    def __init__(self, leaf: LeafMesh) -> None:
+        from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+        from scenetruth.scene.leaf_kernels import inside
+
+        margin = entire_margin(leaf, 800)
+        behind = -float(margin[:, 0].min())
+        self._pitch = (leaf.length_mm + behind) / _GRID
+        edge = 6 * self._pitch
+        self._low = np.array([-behind - edge, -leaf.full_width_mm / 2 - edge])
+        counts = np.ceil((np.array([leaf.length_mm + edge, leaf.full_width_mm / 2 + edge]) - self._low) / self._pitch)
+        a, b = (low + self._pitch * np.arange(int(n) + 1) for low, n in zip(self._low, counts, strict=True))
+        grid = np.stack(np.meshgrid(a, b), axis=-1)
+        outline = np.concatenate([margin, margin[-2:0:-1] * (1, -1)])
+        within = inside(grid.reshape(-1, 2), outline).reshape(grid.shape[:2])
+        signed = distance_transform_edt(within) - distance_transform_edt(~within)
+        self._values: Any = gaussian_filter(signed * self._pitch, 1.5)
+        self._slopes: Any = np.gradient(gaussian_filter(signed * self._pitch, 4.0), self._pitch)
+
+    def at(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return the distance, negative outside, shape (n,), and the unit vector towards the margin, shape (n, 2)."""
+        from scipy.ndimage import map_coordinates
+
+        place = ((points - self._low) / self._pitch).T[::-1]
+        distance, down, right = (
+            map_coordinates(field, place, order=1, mode="nearest") for field in (self._values, *self._slopes)
+        )
+        out = -np.column_stack([right, down])
+        return distance, out / np.maximum(np.linalg.norm(out, axis=1), 1e-9)[:, None]
