@@ -127,7 +127,7 @@ def make_truth(
     moment_of = schedule.moment if truth_poses == "real" else schedule.nominal
     reference = truth_views == "reference"
     views = [(0, 0)] if reference else [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
-    topology = Topology.of(world.at(0).vertices_mm, world.faces)
+    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
     geometry = None
     arrays: dict[str, NDArray[Any]] = {}
     seen: list[list[PixelPoints]] = [[] for _ in views]

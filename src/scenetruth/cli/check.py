@@ -29,7 +29,7 @@ def print_check(scene: Scene, file: Path) -> None:
         world = build_world(scene)
         vertices = world.at(0).vertices_mm
         if (vertices[:, 2] > 0).any():
-            geometry = GeometryPass(world, Topology.of(vertices, world.faces), 0.0)
+            geometry = GeometryPass(world, Topology.of(vertices, world.faces, world.crease_deg), 0.0)
             depth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm)["depth"]
         else:
             depth = vertices[:0, 2]

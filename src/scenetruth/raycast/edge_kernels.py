@@ -1,4 +1,4 @@
-"""A kernel that cuts projected edges into pieces."""
+"""Kernels that find the edges of a mesh that stand out, and cut them into pieces in the image."""
 
 from __future__ import annotations
 
@@ -8,7 +8,53 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cut_segments"]
+__all__ = ["contour_edges", "cut_segments", "face_sides"]
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def face_sides(vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64]) -> Any:
+    """Return unit normals of faces by the order of their corners, shape (m, 3), and whether a point is before them."""
+    count = faces.shape[0]
+    normals = np.empty((count, 3), dtype=np.float64)
+    front = np.empty(count, dtype=np.bool_)
+    for face in numba.prange(count):
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, az = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+        ux, uy, uz = vertices[j, 0] - ax, vertices[j, 1] - ay, vertices[j, 2] - az
+        vx, vy, vz = vertices[k, 0] - ax, vertices[k, 1] - ay, vertices[k, 2] - az
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
+        nx, ny, nz = nx / length, ny / length, nz / length
+        normals[face, 0], normals[face, 1], normals[face, 2] = nx, ny, nz
+        front[face] = nx * (origin[0] - ax) + ny * (origin[1] - ay) + nz * (origin[2] - az) > 0.0
+    return normals, front
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def contour_edges(
+    normals: NDArray[np.float64],
+    front: NDArray[np.bool_],
+    edge_faces: NDArray[np.int32],
+    flipped: NDArray[np.bool_],
+    crowded: NDArray[np.bool_],
+    crease_cosine: NDArray[np.float64],
+) -> Any:
+    """Tell which edges are boundaries, lie between a front and a back face, or are sharp; the rest as in `Topology`."""
+    count = edge_faces.shape[0]
+    chosen = np.empty(count, dtype=np.bool_)
+    for edge in numba.prange(count):
+        one, two = edge_faces[edge, 0], edge_faces[edge, 1]
+        if two < 0 or crowded[edge]:
+            chosen[edge] = True
+            continue
+        cosine = (
+            normals[one, 0] * normals[two, 0] + normals[one, 1] * normals[two, 1] + normals[one, 2] * normals[two, 2]
+        )
+        if flipped[edge]:
+            cosine = -cosine
+        turned = (front[one] != front[two]) != flipped[edge]
+        chosen[edge] = turned or cosine < crease_cosine[edge]
+    return chosen
 
 
 @numba.njit(cache=True, nogil=True)

@@ -12,7 +12,6 @@ from scenetruth.raycast.caster import RayCaster
 
 __all__ = ["mixed_pixels"]
 
-_SHARP_DEG = 1.0
 _NEAR = 1e-6
 _TOUCH_PX = 1e-6
 # Length of the pieces of lines that a lens bends: a pixel of which less is touched may go unmarked.
@@ -26,8 +25,9 @@ def mixed_pixels(
 ) -> NDArray[np.bool_]:
     """Mark the pixels whose footprint [x ± 1/2] x [y ± 1/2] crosses a visible silhouette or sharp edge.
 
-    Every silhouette edge (boundary of the mesh, or between a front and a back face) and every edge with more than 1°
-    between its faces is projected as a line, cut at the pixels' borders, and each piece is kept if it is seen.
+    Every silhouette edge (boundary of the mesh, or between a front and a back face) and every sharp edge (its faces
+    differ by more than their crease angle) is projected as a line, cut at the pixels' borders, and each piece is kept
+    if it is seen.
 
     Parameters
     ----------
@@ -70,17 +70,19 @@ def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
 
 
 def _contour_edges(caster: RayCaster, origin_mm: NDArray[np.float64]) -> NDArray[np.int64]:
+    from scenetruth.raycast.edge_kernels import contour_edges, face_sides
+
     topology = caster.topology
-    corners = caster.vertices_mm[topology.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    front = np.einsum("ij,ij->i", normals, origin_mm - corners[:, 0]) > 0
-    one, two = topology.edge_faces.T
-    cosine = np.einsum("ij,ij->i", normals[one], normals[two])
-    cosine = np.where(topology.edge_flipped, -cosine, cosine)
-    turned = (front[one] != front[two]) != topology.edge_flipped
-    sharp = cosine < np.cos(np.deg2rad(_SHARP_DEG))
-    return np.flatnonzero((two < 0) | topology.edge_crowded | turned | sharp)
+    normals, front = face_sides(caster.vertices_mm, topology.faces, np.asarray(origin_mm, dtype=np.float64))
+    chosen: NDArray[np.bool_] = contour_edges(
+        normals,
+        front,
+        topology.edge_faces,
+        topology.edge_flipped,
+        topology.edge_crowded,
+        topology.edge_crease_cosine,
+    )
+    return np.flatnonzero(chosen)
 
 
 def _cut_at_pixels(

@@ -52,7 +52,7 @@ class RaycastRenderer(Renderer):
         self._world = world
         self._camera = camera
         self._background = np.float32(background)
-        self._topology = topology or Topology.of(world.at(0).vertices_mm, world.faces)
+        self._topology = topology or Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
         self._caster: tuple[float, RayCaster] | None = None
         rays = pixel_rays(camera)
         self._directions = rays.directions

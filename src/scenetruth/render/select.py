@@ -73,7 +73,7 @@ def _raycast(scene: Scene, world: World) -> Renderer:
     from scenetruth.raycast import Topology
     from scenetruth.render.raycast_backend import RaycastRenderer
 
-    topology = Topology.of(world.at(0).vertices_mm, world.faces)
+    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
 
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
         return RaycastRenderer(world, camera, scene.background, supersampling, scene.lighting, topology)

@@ -46,6 +46,9 @@ class TriangleMesh:
         The map of that sheet, at (a, b, 0), to ``vertices_mm``; None if it is flat, or no sheet.
     leaf
         The leaf that it is, or None.
+    uv_back
+        As ``uv``, for whoever sees a face from behind, so that its corners run the other way round; None if both sides
+        show the same.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -59,6 +62,7 @@ class TriangleMesh:
     material_mm: NDArray[np.float64] | None = None
     shape: PointMap | None = None
     leaf: spec.LeafMesh | None = None
+    uv_back: NDArray[np.float64] | None = None
 
 
 def make_mesh(entry: spec.Mesh, folder: Path) -> TriangleMesh:

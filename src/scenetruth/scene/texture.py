@@ -234,7 +234,8 @@ def make_texture(entry: spec.Texture, mesh: TriangleMesh, folder: Path, generato
         if mesh.uv is None:
             remedy = "the mesh has no UV coordinates to lay an image on; use a noise, plaid or uniform texture"
             raise SceneError([Problem("kind", remedy, entry.kind)])
-        return Painted(_Image(_luminance(_read_image(folder / entry.file), entry.encoding), mesh.tiled), mesh.uv)
+        values = _luminance(_read_image(folder / entry.file), entry.encoding)
+        return Painted(_Image(values, mesh.tiled), mesh.uv, mesh.uv_back)
     return Painted(*_own_texture(entry, mesh))
 
 

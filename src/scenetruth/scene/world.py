@@ -42,6 +42,10 @@ class Body:
         What is painted on it.
     maps
         How it is deformed, placed and moved, first applied first.
+    crease_deg
+        Edges between faces that differ by more are edges of the object; others are parts of a smooth surface.
+    uv_back
+        Texture coordinates for whoever sees a face from behind, shape (m, 3, 2); None if both sides show the same.
     """
 
     name: str
@@ -50,6 +54,7 @@ class Body:
     uv: NDArray[np.float64]
     texture: SurfaceTexture
     maps: Sequence[PointMap]
+    uv_back: NDArray[np.float64] | None = None
 
     @property
     def faces(self) -> NDArray[np.int32]:
@@ -144,6 +149,16 @@ class World:
     def chart_mm(self) -> NDArray[np.float64]:
         """Coordinates on the surface in mm at the corners of all faces, shape (m, 3, 2)."""
         return np.concatenate([body.mesh.chart_mm for body in self.bodies])
+    def uv_back(self) -> NDArray[np.float64]:
+        """Those for whoever sees a face from behind, shape (m, 3, 2); ``uv`` itself if all bodies show it there too."""
+        if all(body.uv_back is None for body in self.bodies):
+            return self.uv
+        return np.concatenate([body.uv if body.uv_back is None else body.uv_back for body in self.bodies])
+
+    @cached_property
+    def crease_deg(self) -> NDArray[np.float64]:
+        """The angle of every face's body above which its edges are edges of the object, shape (m,)."""
+        return np.repeat([float(body.mesh.crease_deg) for body in self.bodies], np.diff(self.face_offsets))
 
     @cached_property
     def face_body(self) -> NDArray[np.int32]:
@@ -209,7 +224,8 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
         try:
             mesh = make_mesh(item.mesh, folder)
             part = "texture"
-            texture, uv, _ = make_texture(item.texture, mesh, folder, generator_for(scene.seed, "texture", item.name))
+            generator = generator_for(scene.seed, "texture", item.name)
+            texture, uv, uv_back = make_texture(item.texture, mesh, folder, generator)
         except SceneError as error:
             problems += [
                 Problem(f"{path}.{part}.{problem.path}", problem.message, problem.value) for problem in error.problems
@@ -217,7 +233,7 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
             continue
         start, maps = _start_of(mesh), maps_of(item, mesh, scene.frames.frame_interval_s)
         problems += movement_problems(scene, path, item, start, maps, mesh.faces, times_of(scene))
-        bodies.append(Body(item.name, mesh, start, uv, texture, maps))
+        bodies.append(Body(item.name, mesh, start, uv, texture, maps, uv_back))
     if problems:
         raise SceneError(problems)
     return World(tuple(bodies))
