@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import RayCaster, Topology, mixed_pixels
+from scenetruth.raycast import Hits, RayCaster, Topology, mixed_pixels
 from scenetruth.render.protocol import Renderer
 from scenetruth.render.quadrature import gauss_rule
 from scenetruth.render.shading import Shader
+from scenetruth.render.sides import seen_uv
 from scenetruth.scene.spec import Lighting
 from scenetruth.scene.world import World
 
@@ -17,6 +20,27 @@ __all__ = ["RaycastRenderer"]
 
 _PIXELS_PER_PIECE = 1 << 16
 _RAYS_PER_PIECE = 1 << 19
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What one image starts from: rays through the pixels' centres, row by row, and what they meet."""
+
+    caster: RayCaster
+    t: float
+    origin: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    across: NDArray[np.float64]
+    down: NDArray[np.float64]
+    hits: Hits
+    body: NDArray[np.int32]
+    uv: NDArray[np.float64]
+
+    def rays(self, pixels: NDArray[np.int64], offsets_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the directions of the samples of pixels, shape (pixels x samples, 3)."""
+        across, down = (item[pixels] if len(item) > 1 else item for item in (self.across, self.down))
+        offsets = offsets_px[:, :1] * across[:, None] + offsets_px[:, 1:] * down[:, None]
+        return (self.directions[pixels][:, None] + offsets).reshape(-1, 3)
 
 
 class RaycastRenderer(Renderer):
@@ -71,8 +95,9 @@ class RaycastRenderer(Renderer):
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`.
 
-        Where a pixel's footprint stays on one face, its samples map to the texture through that face's plane; only
-        pixels at edges, of objects or of light, need rays of their own.
+        Where a pixel's footprint stays on one face, its samples map to the texture through that face's plane; where it
+        stays on one smooth surface, they are found by walking over its faces; only at edges, they need rays of their
+        own.
         """
         return self._render(t, viewpoint, None)
 
@@ -101,20 +126,23 @@ class RaycastRenderer(Renderer):
         )
         hits = caster.cast(origin, directions, grid_width=camera.width)
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
-        mixed = mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
-        light = None if self._shader is None else self._shader.on_pixels(caster, t, origin, directions, hits, mixed)
-        mixed = mixed.ravel()
-        leaving = np.zeros_like(mixed)
+        edges = mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
+        light = None if self._shader is None else self._shader.on_pixels(caster, t, origin, directions, hits, edges)
+        edges = edges.ravel()
+        view = _View(
+            caster, t, origin, directions, across, down, hits, body, seen_uv(world, caster.vertices_mm, origin)
+        )
+        mixed, leaving = edges, np.zeros_like(edges)
         image = np.full(len(body), self._background, dtype=np.float32) if albedo is None else albedo.ravel().copy()
         offsets, weights = self._smooth
         for index, item in enumerate(world.bodies if albedo is None else ()):
-            inner = np.flatnonzero((body == index) & ~mixed)
+            inner = np.flatnonzero((body == index) & ~edges)
             for first in range(0, len(inner), _PIXELS_PER_PIECE):
                 pixels = inner[first : first + _PIXELS_PER_PIECE]
                 forms, whole = footprint_forms(
                     caster.vertices_mm,
                     world.faces,
-                    world.uv,
+                    view.uv,
                     origin,
                     directions,
                     across,
@@ -123,7 +151,7 @@ class RaycastRenderer(Renderer):
                     pixels,
                     self._reach_px,
                 )
-                image[pixels] = item.texture.mean_radiance(forms, offsets, weights)
+                image[pixels[whole]] = item.texture.mean_radiance(forms[whole], offsets, weights)
                 leaving[pixels[~whole]] = True
         if light is not None:
             variance = float(weights @ offsets[:, 0] ** 2)
@@ -131,38 +159,73 @@ class RaycastRenderer(Renderer):
             # Across the borders of light, as across silhouettes, even samples are best.
             mixed = mixed | light.borders.ravel()
             leaving = (leaving | light.uneven.ravel()) & ~mixed
-        at_once = max(1, _RAYS_PER_PIECE // len(weights))
         for chosen, rule in ((leaving, self._smooth), (mixed, self._mixed)):
-            remaining = np.flatnonzero(chosen)
+            pixels = np.flatnonzero(chosen)
+            at_once = max(1, _RAYS_PER_PIECE // len(rule[1]))
+            smooth = pixels[~edges[pixels] & (body[pixels] >= 0)]
+            given_up = edges[pixels] | (body[pixels] < 0)
+            for first in range(0, len(smooth), at_once):
+                piece = smooth[first : first + at_once]
+                arrived, image[piece] = self._walk(view, piece, *rule)
+                given_up[np.searchsorted(pixels, piece[~arrived])] = True
+            remaining = pixels[given_up]
             for first in range(0, len(remaining), at_once):
-                pixels = remaining[first : first + at_once]
-                right, below = (item[pixels] if len(item) > 1 else item for item in (across, down))
-                image[pixels] = self._trace(caster, t, origin, directions[pixels], right, below, *rule)
+                piece = remaining[first : first + at_once]
+                image[piece] = self._trace(view, piece, *rule)
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
 
+    def _walk(
+        self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Return means over footprints that no edge crosses, found without rays, and which of them were found."""
+        from scenetruth.raycast.walk_kernels import walk_footprints
+
+        caster, world = view.caster, self._world
+        arrived, face, depth, barycentric, uv = walk_footprints(
+            caster.vertices_mm,
+            world.faces,
+            caster.topology.face_neighbours,
+            world.face_body,
+            view.uv,
+            view.origin,
+            view.directions,
+            view.across,
+            view.down,
+            view.hits.face,
+            self._camera.width,
+            pixels,
+            offsets,
+        )
+        radiance = np.zeros(face.shape, dtype=np.float32)
+        body = np.where(arrived, view.body[pixels], -1)
+        for index, item in enumerate(world.bodies):
+            chosen = np.flatnonzero(body == index)
+            if len(chosen):
+                found = item.texture.radiance(uv[chosen].reshape(-1, 2))
+                radiance[chosen] = found.reshape(len(chosen), -1)
+        if self._shader is not None:
+            here = np.flatnonzero(arrived)
+            hits = Hits(face[here].ravel(), depth[here].ravel(), barycentric[here].reshape(-1, 2))
+            rays = view.rays(pixels[here], offsets)
+            factors = self._shader.factors(caster, view.t, view.origin, rays, hits)[0].astype(np.float32)
+            radiance[here] *= factors.reshape(len(here), -1)
+        return arrived, np.einsum("ps,s->p", radiance, weights)
+
     def _trace(
-        self,
-        caster: RayCaster,
-        t: float,
-        origin: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        across: NDArray[np.float64],
-        down: NDArray[np.float64],
-        offsets_px: NDArray[np.float64],
-        weights: NDArray[np.float64],
+        self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        offsets = offsets_px[:, :1] * across[:, None] + offsets_px[:, 1:] * down[:, None]
-        rays = (directions[:, None] + offsets).reshape(-1, 3)
-        hits = caster.cast(origin, rays)
+        """Return means over footprints by a ray for every sample."""
+        rays = view.rays(pixels, offsets)
+        hits = view.caster.cast(view.origin, rays)
         body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
-        uv = hits.interpolate_corners(self._world.uv)
+        uv = hits.interpolate_corners(view.uv)
         radiance = np.full(len(rays), self._background, dtype=np.float32)
         for index, item in enumerate(self._world.bodies):
             chosen = body == index
             if chosen.any():
                 radiance[chosen] = item.texture.radiance(uv[chosen])
         if self._shader is not None:
-            radiance *= self._shader.factors(caster, t, origin, rays, hits)[0].astype(np.float32)
+            radiance *= self._shader.factors(view.caster, view.t, view.origin, rays, hits)[0].astype(np.float32)
         means: NDArray[np.float64] = np.einsum("ps,s->p", radiance.reshape(-1, len(weights)), weights)
         return means
 

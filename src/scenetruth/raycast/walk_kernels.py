@@ -1,0 +1,149 @@
+"""A kernel that walks from the face at a pixel's centre to those that the samples around it meet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["walk_footprints"]
+
+# Steps of one sample after which a pixel is given up: some hundred facets across a pixel.
+_MOST_STEPS = 512
+
+
+@numba.njit(cache=True, nogil=True)
+def _load(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
+    form: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write the linear forms of a face: those of `prepare_faces`, by the same operations."""
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
+    bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
+    cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
+    form[0], form[1], form[2] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    form[3], form[4], form[5] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+    form[6], form[7], form[8] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    ux, uy, uz = bx - ax, by - ay, bz - az
+    vx, vy, vz = cx - ax, cy - ay, cz - az
+    form[9], form[10], form[11] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    form[12] = form[9] * ax + form[10] * ay + form[11] * az
+
+
+@numba.njit(cache=True, nogil=True)
+def _ways_out(w0: float, w1: float, w2: float) -> Any:
+    """Return beyond how many edges a ray passes, one of them (corner k to k + 1), and the corner between if two."""
+    if w0 < 0.0:
+        if w1 < 0.0:
+            return (3, -1, -1) if w2 < 0.0 else (2, 1, 2)
+        return (2, 0, 1) if w2 < 0.0 else (1, 1, -1)
+    if w1 < 0.0:
+        return (2, 2, 0) if w2 < 0.0 else (1, 2, -1)
+    return (1, 0, -1) if w2 < 0.0 else (0, -1, -1)
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def walk_footprints(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+    face_body: NDArray[np.int32],
+    uv: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    across: NDArray[np.float64],
+    down: NDArray[np.float64],
+    hits: NDArray[np.int32],
+    width: int,
+    pixels: NDArray[np.int64],
+    offsets: NDArray[np.float64],
+) -> Any:
+    """Find what the samples of pixels meet whose footprints no edge crosses.
+
+    From the face at the centre the way leads straight in the image to the first sample, from there to the next one, and
+    so on, face by face across the edges that this line crosses. The line stays in the footprint; where no silhouette
+    and no sharp edge is seen in it, the surface seen there is one sheet, and every face on the way belongs to it.
+
+    Directions, steps and hits are those of the whole image of a ``width``, of which ``pixels`` are taken; steps have
+    one row for every pixel, or one for all. ``offsets`` are those of the samples in px, shape (k, 2). Returns, for n
+    pixels, whether the walk arrived, shape (n,); face, shape (n, k), depth, (n, k), and weights, (n, k, 2), as of
+    `Hits`; and texture coordinates, shape (n, k, 2).
+
+    A walk is given up where the surface ends, turns its other side, or is another body's; where one of the eight
+    pixels around sees another body (they may cut into each other); and after too many steps.
+    """
+    count, samples = pixels.shape[0], offsets.shape[0]
+    height = hits.shape[0] // width
+    apart = 1 if across.shape[0] > 1 else 0
+    arrived = np.zeros(count, dtype=np.bool_)
+    face_out = np.full((count, samples), -1, dtype=np.int32)
+    depth_out = np.empty((count, samples), dtype=np.float64)
+    weights = np.empty((count, samples, 2), dtype=np.float64)
+    uv_out = np.empty((count, samples, 2), dtype=np.float64)
+    for n in numba.prange(count):
+        pixel = pixels[n]
+        face = hits[pixel]
+        body = face_body[face]
+        alone = True
+        row, column = pixel // width, pixel % width
+        for y in range(max(row - 1, 0), min(row + 2, height)):
+            for x in range(max(column - 1, 0), min(column + 2, width)):
+                other = hits[y * width + x]
+                alone = alone and other >= 0 and face_body[other] == body
+        if not alone:
+            continue
+        form = np.empty(13, dtype=np.float64)
+        _load(vertices, faces, face, origin, form)
+        side = 1.0 if form[12] > 0.0 else -1.0
+        step_x, step_y = across[pixel * apart], down[pixel * apart]
+        # Where the line to the next sample begins.
+        px, py, pz = directions[pixel, 0], directions[pixel, 1], directions[pixel, 2]
+        for sample in range(samples):
+            right, below = offsets[sample, 0], offsets[sample, 1]
+            dx = directions[pixel, 0] + (right * step_x[0] + below * step_y[0])
+            dy = directions[pixel, 1] + (right * step_x[1] + below * step_y[1])
+            dz = directions[pixel, 2] + (right * step_x[2] + below * step_y[2])
+            found = False
+            for _step in range(_MOST_STEPS):
+                w2 = dx * form[6] + dy * form[7] + dz * form[8]
+                w0 = dx * form[0] + dy * form[1] + dz * form[2]
+                w1 = dx * form[3] + dy * form[4] + dz * form[5]
+                ways, edge, corner = _ways_out(side * w0, side * w1, side * w2)
+                if ways == 0:
+                    found = True
+                    break
+                if ways == 3:
+                    break
+                if ways == 2:
+                    # Beyond a corner: the line passes it on one side. Seen along the line from inside, the edge that
+                    # arrives at the corner is to the right, the one that leaves it to the left.
+                    vertex = faces[face, corner]
+                    nx, ny, nz = py * dz - pz * dy, pz * dx - px * dz, px * dy - py * dx
+                    left = (
+                        nx * (vertices[vertex, 0] - origin[0])
+                        + ny * (vertices[vertex, 1] - origin[1])
+                        + nz * (vertices[vertex, 2] - origin[2])
+                    )
+                    edge = (corner + 2) % 3 if side * left > 0.0 else corner
+                face = neighbours[face, edge]
+                if face < 0 or face_body[face] != body:
+                    break
+                _load(vertices, faces, face, origin, form)
+                if not side * form[12] > 0.0:
+                    break
+            total = w0 + w1 + w2
+            slope = form[9] * dx + form[10] * dy + form[11] * dz
+            if not found or total == 0.0 or not side * slope > 0.0:
+                break
+            b1, b2 = w1 / total, w2 / total
+            face_out[n, sample], depth_out[n, sample] = face, form[12] / slope
+            weights[n, sample, 0], weights[n, sample, 1] = b1, b2
+            for k in range(2):
+                first = uv[face, 0, k]
+                uv_out[n, sample, k] = first + b1 * (uv[face, 1, k] - first) + b2 * (uv[face, 2, k] - first)
+            px, py, pz = dx, dy, dz
+            arrived[n] = sample == samples - 1
+    return arrived, face_out, depth_out, weights, uv_out
