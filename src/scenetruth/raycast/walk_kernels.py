@@ -73,7 +73,8 @@ def walk_footprints(
     `Hits`; and texture coordinates, shape (n, k, 2).
 
     A walk is given up where the surface ends, turns its other side, or is another body's; where one of the eight
-    pixels around sees another body (they may cut into each other); and after too many steps.
+    pixels around sees another body (they may cut into each other); at a ray exactly through an edge, which two faces
+    meet; and after too many steps.
     """
     count, samples = pixels.shape[0], offsets.shape[0]
     height = hits.shape[0] // width
@@ -136,7 +137,8 @@ def walk_footprints(
                     break
             total = w0 + w1 + w2
             slope = form[9] * dx + form[10] * dy + form[11] * dz
-            if not found or total == 0.0 or not side * slope > 0.0:
+            # A ray exactly through an edge is in two faces: which of them counts is left to those who see all faces.
+            if not found or w0 == 0.0 or w1 == 0.0 or w2 == 0.0 or not side * slope > 0.0:
                 break
             b1, b2 = w1 / total, w2 / total
             face_out[n, sample], depth_out[n, sample] = face, form[12] / slope

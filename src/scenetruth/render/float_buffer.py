@@ -137,7 +137,7 @@ def largest_side() -> int:
     return int(min(GL.glGetIntegerv(GL.GL_MAX_RENDERBUFFER_SIZE), *GL.glGetIntegerv(GL.GL_MAX_VIEWPORT_DIMS)))
 
 
-def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool) -> Any:
+def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two_sided: bool = False) -> Any:
     """Make a material for meshes whose texture coordinates count in texels.
 
     Parameters
@@ -148,6 +148,9 @@ def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool) -> 
         Whether it repeats; otherwise its border extends.
     cubic
         Whether the values are coefficients.
+    two_sided
+        Whether the meshes bring texture coordinates for the backs of their faces, as tangents (x, y, z, w): (x, y) in
+        place of their first ones, (z, w) in place of their second.
 
     Returns
     -------
@@ -188,5 +191,7 @@ def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool) -> 
     material = pyrender.MetallicRoughnessMaterial(
         baseColorFactor=[1.0, 1.0, 1.0, 1.0], baseColorTexture=texture, doubleSided=True
     )
-    material.texture_defines = tuple(name for name, wanted in (("TILED", tiled), ("CUBIC", cubic)) if wanted)
+    material.texture_defines = tuple(
+        name for name, wanted in (("TILED", tiled), ("CUBIC", cubic), ("TWO_SIDED", two_sided)) if wanted
+    )
     return material

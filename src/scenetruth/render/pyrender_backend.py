@@ -15,7 +15,7 @@ from scenetruth.render.protocol import Renderer
 from scenetruth.render.quadrature import even_rule
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.spec import Lighting
-from scenetruth.scene.world import Body, World
+from scenetruth.scene.world import World
 
 __all__ = ["PyrenderRenderer"]
 
@@ -91,11 +91,19 @@ class PyrenderRenderer(Renderer):
         self._camera_node = self._scene.add(self._camera, pose=_TURN)
         self._materials: list[Any] = []
         self._texels: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+        self._texels_back: list[NDArray[np.float32] | None] = []
         try:
             for body in world.bodies:
                 raster = body.texture.raster()
-                self._materials.append(float_material(raster, tiled=body.texture.tiled, cubic=body.texture.cubic))
-                self._texels.append(_texels(body, raster.shape))
+                tiled, two_sided = body.texture.tiled, body.uv_back is not None
+                self._materials.append(
+                    float_material(raster, tiled=tiled, cubic=body.texture.cubic, two_sided=two_sided)
+                )
+                self._texels.append(_texels(body.uv, raster.shape, tiled=tiled))
+                if body.uv_back is None:
+                    self._texels_back.append(None)
+                else:
+                    self._texels_back.append(np.hstack(_texels(body.uv_back, raster.shape, tiled=tiled)))
             self._tile = _tile_size(*self._size, supersampling, largest_side())
             self._buffer = FloatBuffer(
                 self._context._renderer, (self._tile[0] * supersampling, self._tile[1] * supersampling)
@@ -151,6 +159,8 @@ class PyrenderRenderer(Renderer):
                 positions=corners.reshape(-1, 3).astype(np.float32),
                 texcoord_0=coordinates[0],
                 texcoord_1=coordinates[1],
+                # OpenGL tells the sides of a face apart by the order of its corners in the image, as we do.
+                tangents=self._texels_back[index],
                 material=material,
                 mode=pyrender.GLTF.TRIANGLES,
             )
@@ -179,15 +189,17 @@ def _tile_size(width: int, height: int, n: int, limit: int) -> tuple[int, int]:
     return across, math.ceil(height / math.ceil(height / rows))
 
 
-def _texels(body: Body, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _texels(
+    uv: NDArray[np.float64], shape: tuple[int, ...], *, tiled: bool
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return positions of all corners on the raster, counted from a whole texel amid their face, and that texel.
 
     Counted from the raster's corner, 32-bit floats would know them to a few ten-thousandths of a texel only.
     """
     size = np.array(shape[::-1])
-    texels = body.uv * size - 0.5
+    texels = uv * size - 0.5
     origins = np.floor(texels.mean(axis=1, keepdims=True))
     relative = texels - origins
-    if body.texture.tiled:
+    if tiled:
         origins %= size
     return relative.reshape(-1, 2).astype(np.float32), np.repeat(origins[:, 0], 3, axis=0).astype(np.float32)

@@ -8,8 +8,19 @@ struct Material {
 };
 uniform Material material;
 
+#ifdef TWO_SIDED
+in vec2 texel_back;
+flat in vec2 origin_back;
 in vec2 texel;
 flat in vec2 origin;
+#define TEXEL (gl_FrontFacing ? texel : texel_back)
+#define ORIGIN (gl_FrontFacing ? origin : origin_back)
+#else
+in vec2 texel;
+flat in vec2 origin;
+#define TEXEL texel
+#define ORIGIN origin
+#endif
 
 out vec4 frag_color;
 
@@ -24,12 +35,12 @@ void main()
     vec2 texels = vec2(textureSize(material.base_color_texture, 0));
     vec2 size = texels - 3.0;
 #ifdef TILED
-    vec2 first = floor(texel);
-    vec2 a = texel - first;
-    first += origin;
+    vec2 first = floor(TEXEL);
+    vec2 a = TEXEL - first;
+    first += ORIGIN;
     first -= size * floor(first / size);
 #else
-    vec2 inside = clamp(texel + origin, vec2(0.0), size - 1.0);
+    vec2 inside = clamp(TEXEL + ORIGIN, vec2(0.0), size - 1.0);
     vec2 first = floor(inside);
     vec2 a = inside - first;
 #endif

@@ -2,9 +2,16 @@
 // Carries vertices into the image, and positions on the texture's raster along.
 
 layout(location = 0) in vec3 position;
-layout(location = 1) in vec2 texcoord_0;  // texels, from texel `origin` on
-layout(location = 2) in vec2 texcoord_1;  // whole texels; the same for all corners of a face
+#ifdef TWO_SIDED
+layout(location = 1) in vec4 tangent;     // the same two for the back of the face
+layout(location = 2) in vec2 texcoord_0;  // texels, from texel `origin` on
+layout(location = 3) in vec2 texcoord_1;  // whole texels; the same for all corners of a face
+layout(location = 4) in mat4 inst_m;
+#else
+layout(location = 1) in vec2 texcoord_0;
+layout(location = 2) in vec2 texcoord_1;
 layout(location = 3) in mat4 inst_m;
+#endif
 
 uniform mat4 M;
 uniform mat4 V;
@@ -12,10 +19,18 @@ uniform mat4 P;
 
 out vec2 texel;
 flat out vec2 origin;
+#ifdef TWO_SIDED
+out vec2 texel_back;
+flat out vec2 origin_back;
+#endif
 
 void main()
 {
     gl_Position = P * (V * (M * (inst_m * vec4(position, 1.0))));
     texel = texcoord_0;
     origin = texcoord_1;
+#ifdef TWO_SIDED
+    texel_back = tangent.xy;
+    origin_back = tangent.zw;
+#endif
 }

@@ -1,0 +1,95 @@
+"""Images of smooth surfaces of many facets: walked over as if every sample were traced."""
+
+from __future__ import annotations
+
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+from numpy.typing import NDArray
+
+from scenetruth.camera import Viewpoint
+from scenetruth.raycast import RayCaster
+from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.scene import Scene
+from scenetruth.scene.world import World
+from tests.surfaces import ball, relief, scene_of, world_of
+
+CAMERA = {"width": 80, "height": 60, "focal_length_px": 600}
+LIGHTS: dict[str, dict[str, Any]] = {
+    "unlit": {},
+    "lit": {
+        "lighting": {"ambient": 0.2, "lights": [{"kind": "directional", "direction": [0.3, 0.2, 1], "irradiance": 0.8}]}
+    },
+    "spot": {
+        "lighting": {
+            "ambient": 0.1,
+            "shadows": False,
+            "lights": [
+                {
+                    "kind": "spot",
+                    "position_mm": [10, -20, 400],
+                    "target_mm": [0, 0, 660],
+                    "inner_angle_deg": 3.0,
+                    "outer_angle_deg": 5.0,
+                    "reference_distance_mm": 260.0,
+                    "irradiance": 0.8,
+                }
+            ],
+        }
+    },
+}
+
+
+def both_ways(world: World, scene: Scene, t: float = 0.0) -> tuple[NDArray[np.float32], NDArray[np.float32], int, int]:
+    """Return an image, the same with rays for all samples, and how many rays each took."""
+
+    def given_up(_self: object, _view: object, pixels: NDArray[np.int64], *_rule: object) -> Any:
+        return np.zeros(len(pixels), dtype=bool), np.zeros(len(pixels))
+
+    images, rays = [], []
+    original = RayCaster.cast
+    for patches in ({"_walk": RaycastRenderer._walk}, {"_walk": given_up}):
+        counts: list[int] = []
+
+        def cast(self: RayCaster, *arguments: Any, counted: list[int] = counts, **named: Any) -> Any:
+            counted.append(len(arguments[1]))
+            return original(self, *arguments, **named)
+
+        with patch.multiple(RaycastRenderer, **patches), patch.object(RayCaster, "cast", cast):
+            renderer = RaycastRenderer(
+                world, scene.camera, scene.background, scene.render.supersampling, scene.lighting
+            )
+            images.append(renderer.render(t, Viewpoint.on_axis(3.0)))
+        rays.append(sum(counts))
+    return images[0], images[1], rays[0], rays[1]
+
+
+@pytest.mark.parametrize("light", list(LIGHTS))
+@settings(max_examples=8, deadline=None)
+@given(seed=some.integers(0, 10_000), fine=some.booleans(), tilt_deg=some.floats(-70, 70))
+def test_a_leaf_and_a_ball_are_the_same_traced(light: str, seed: int, fine: bool, tilt_deg: float) -> None:
+    turned = {"position_mm": [-15, 0, 660], "rotations": [{"axis": [0.3, 1, 0], "angle_deg": tilt_deg}]}
+    scene = scene_of({"pose": turned}, {"pose": {"position_mm": [15, 5, 680]}}, camera=CAMERA, **LIGHTS[light])
+    world = world_of(scene, relief(seed, 60 if fine else 20), ball(seed, 4 if fine else 3))
+    walked, traced, few, many = both_ways(world, scene)
+    np.testing.assert_array_equal(walked, traced)
+    assert few < 0.6 * many
+    assert np.ptp(walked) > 0.1
+
+
+def test_a_sheet_through_another_is_traced_where_they_meet() -> None:
+    through = {"rotations": [{"axis": [0, 1, 0], "angle_deg": 25}], "position_mm": [0, 0, 660]}
+    scene = scene_of({}, {"pose": through}, camera=CAMERA)
+    walked, traced, few, many = both_ways(world_of(scene, relief(1, 60), relief(2, 60)), scene)
+    np.testing.assert_array_equal(walked, traced)
+    assert few < 0.6 * many
+
+
+def test_the_border_of_a_spot_on_a_smooth_sheet_is_walked_too() -> None:
+    scene = scene_of({}, camera=CAMERA, render={"backend": "raycast", "supersampling": 4}, **LIGHTS["spot"])
+    walked, traced, _few, _many = both_ways(world_of(scene, relief(4, 40)), scene)
+    np.testing.assert_array_equal(walked, traced)
