@@ -116,7 +116,7 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             _MAP, "1", "whether this camera does not see the surface point at the frame before or after"
         ),
         "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
-        "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a face edge of more than 1 degree"),
+        "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a sharp edge"),
         "camera_position_mm": Variable(("s", "t", "component"), "mm", "true position of the camera in the world"),
         "camera_rotation_rad": Variable(
             ("s", "t", "component"), "rad", "true rotation of the camera (rotation vector): pitch, yaw, roll"

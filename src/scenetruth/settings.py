@@ -60,7 +60,7 @@ class ScoreSettings(FrozenModel):
     """How an estimate is scored."""
 
     interior_margin_px: NonNegative = 20.0
-    """Least distance of the region ``interior`` from silhouettes and from face edges of more than 1°, in px."""
+    """Least distance of the region ``interior`` from silhouettes and from sharp edges, in px."""
     slope_classes_deg: Bounds = (0.0, 20.0, 45.0, 70.0, 90.0)
     """Bounds of the regions ``slope_LOW_HIGH``: angles between surface normal and optical axis, in degrees."""
     edge_classes_px: Bounds = (0.0, 5.0, 10.0, 20.0)

@@ -202,13 +202,13 @@ class RaycastRenderer(Renderer):
             chosen = np.flatnonzero(body == index)
             if len(chosen):
                 found = item.texture.radiance(uv[chosen].reshape(-1, 2))
-                radiance[chosen] = found.reshape(len(chosen), -1)
+                radiance[chosen] = found.reshape(len(chosen), len(weights))
         if self._shader is not None:
             here = np.flatnonzero(arrived)
             hits = Hits(face[here].ravel(), depth[here].ravel(), barycentric[here].reshape(-1, 2))
             rays = view.rays(pixels[here], offsets)
             factors = self._shader.factors(caster, view.t, view.origin, rays, hits)[0].astype(np.float32)
-            radiance[here] *= factors.reshape(len(here), -1)
+            radiance[here] *= factors.reshape(len(here), len(weights))
         return arrived, np.einsum("ps,s->p", radiance, weights)
 
     def _trace(

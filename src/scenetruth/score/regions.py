@@ -31,7 +31,7 @@ def region_masks(depth: NDArray[np.floating], mixed: Mask, margin_px: float = 20
 
     ``all`` holds every pixel with a surface in the truth. ``interior`` holds those of them whose centre is at least
     ``margin_px`` away from the centre of every mixed pixel of the same frame, that is, away from silhouettes and from
-    face edges of more than 1 degree. The border of the image is neither.
+    sharp edges. The border of the image is neither.
 
     Parameters
     ----------

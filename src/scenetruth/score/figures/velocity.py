@@ -85,7 +85,7 @@ def draw_velocity_z_row(views: Views, folder: Path) -> FigureInfo:
     save(figure, folder / "velocity_z_row.png")
     caption = (
         "Estimate and truth along the marked row. Grey bands mark mixed pixels, whose footprint crosses a silhouette "
-        "or a face edge of more than 1 degree; gaps have no full estimate."
+        "or a sharp edge; gaps have no full estimate."
     )
     if outside:
         caption += f" {outside} estimate{'s lie' if outside > 1 else ' lies'} outside the range shown."
