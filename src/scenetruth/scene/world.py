@@ -42,8 +42,6 @@ class Body:
         What is painted on it.
     maps
         How it is deformed, placed and moved, first applied first.
-    crease_deg
-        Edges between faces that differ by more are edges of the object; others are parts of a smooth surface.
     uv_back
         Texture coordinates for whoever sees a face from behind, shape (m, 3, 2); None if both sides show the same.
     """
@@ -149,6 +147,8 @@ class World:
     def chart_mm(self) -> NDArray[np.float64]:
         """Coordinates on the surface in mm at the corners of all faces, shape (m, 3, 2)."""
         return np.concatenate([body.mesh.chart_mm for body in self.bodies])
+
+    @cached_property
     def uv_back(self) -> NDArray[np.float64]:
         """Those for whoever sees a face from behind, shape (m, 3, 2); ``uv`` itself if all bodies show it there too."""
         if all(body.uv_back is None for body in self.bodies):
