@@ -214,7 +214,7 @@ class LeafTexture(FrozenModel):
     of it."""
     texels_per_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """Points of the raster per mm; None: what dots and mottling need, or less than
-    that if it would be more than 12 million points."""
+    that if it would be more than 4 million points."""
     underside_lightness: Annotated[float, Field(gt=0, le=3)] | None = None
     """Radiance of the underside relative to the upper side; None: 1.3 green, 1.05 near infrared."""
     underside_relief: Annotated[float, Field(ge=0, le=3)] = 1.25

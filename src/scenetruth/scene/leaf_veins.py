@@ -116,7 +116,7 @@ def side_veins_of(leaf: LeafMesh, texture: LeafTexture, generator: np.random.Gen
     veins = []
     spacing = 0.9 * length / count
     for index, sign in enumerate(np.concatenate(side)):
-        # They end where they have run along the margin to about the next one, come too near to it, or turn back inwards.
+        # They end where they have run along the margin to about the next one, are too near to it, or turn inwards.
         off = tracks[:, index, 1]
         over = (travelled[:, index] > 1.1 * spacing) | (depths[:, index] < _END)
         over |= off < 0.75 * np.maximum.accumulate(off)

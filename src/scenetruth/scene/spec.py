@@ -76,7 +76,7 @@ class FileMesh(FrozenModel):
     """Length of one unit of the file in mm."""
 
 
-Mesh = Annotated[BoxMesh | PlaneMesh | LeafMesh | FileMesh, Field(discriminator="kind")]
+Mesh = Annotated[BoxMesh | PlaneMesh | FileMesh | LeafMesh, Field(discriminator="kind")]
 
 
 class NoiseTexture(FrozenModel):
