@@ -151,7 +151,11 @@ class RaycastRenderer(Renderer):
                     pixels,
                     self._reach_px,
                 )
-                image[pixels[whole]] = item.texture.mean_radiance(forms[whole], offsets, weights)
+                if np.count_nonzero(whole) < len(pixels) / 2:
+                    image[pixels[whole]] = item.texture.mean_radiance(forms[whole], offsets, weights)
+                else:
+                    # The few others are found again below.
+                    image[pixels] = item.texture.mean_radiance(forms, offsets, weights)
                 leaving[pixels[~whole]] = True
         if light is not None:
             variance = float(weights @ offsets[:, 0] ** 2)
