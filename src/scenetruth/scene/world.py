@@ -14,7 +14,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.scene.deformation import DeformationStep, Surroundings, deformation_map
 from scenetruth.scene.jets import Jet
 from scenetruth.scene.mesh import TriangleMesh, make_mesh
-from scenetruth.scene.motion import Moved, PointMap, motions_about, moved_of, pose_map
+from scenetruth.scene.motion import Moved, PointMap, apply, motions_about, moved_of, pose_map
 from scenetruth.scene.movement_check import movement_problems
 from scenetruth.scene.spec import Scene, SceneObject
 from scenetruth.scene.start import RestStart, SheetStart, Start
@@ -68,10 +68,7 @@ class Body:
         """Return all vertices with their velocities and accelerations at time t (in frames)."""
         time = Jet.variable(np.array([float(t)]), 0, 1)
         points = self.start.at(time)
-        count = len(points[0])
-        for item in self.maps:
-            points = item(points, time)
-        return moved_of(points, count)
+        return moved_of(apply(self.maps, points, time), len(points[0]))
 
     def surface_at(self, t: float) -> NDArray[np.float64]:
         """Return the tensors of motion and form of all surface points at time t; see `surface_tensors`."""
@@ -80,11 +77,8 @@ class Body:
         time = Jet.variable(np.array([float(t)]), 0, 3)
         points = self.start.surface(time)
         shape = points[0].coefficients.shape
-        for item in self.maps:
-            points = item(points, time)
-        tensors: NDArray[np.float64] = surface_tensors(
-            *(np.broadcast_to(field.coefficients, shape) for field in points)
-        )
+        moved = apply(self.maps, points, time)
+        tensors: NDArray[np.float64] = surface_tensors(*(np.broadcast_to(field.coefficients, shape) for field in moved))
         return tensors
 
 
