@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from scenetruth.scene import motion
 from scenetruth.scene.deformation_spec import Deformation
 from scenetruth.scene.motion import compose
 from scenetruth.scene.motion_spec import Motion
@@ -64,7 +65,7 @@ ENTRIES: dict[str, dict[str, Any]] = {
     "bending": {"kind": "bending", "angle_deg": swing(40), "from_mm": 5, "length_mm": 30},
     "bending across": {"kind": "bending", "angle_deg": swing(40), "from_mm": 2, "length_mm": 7, "across": True},
     "unrolling": {**ROLL, "front_mm": {"kind": "linear", "start": 15, "rate_per_frame": 0.7}, "tightening": 0.05},
-    "unrolling, a circle": {**ROLL, "front_mm": swing(2, 40), "tightening": 0, "side": "lower"},
+    "unrolling, a circle": {**ROLL, "radius_mm": 8, "front_mm": swing(2, 25), "tightening": 0, "side": "lower"},
     "star": {"kind": "star", "amplitude_mm": swing(0.5), "period_mm": [5, 30]},
 }
 MOTIONS: TypeAdapter[Any] = TypeAdapter(Motion | Deformation)
@@ -162,6 +163,20 @@ def test_a_leaf_of_all_parts_moves_consistently() -> None:
     tensors = leaf.surface_at(0.7)
     assert tensors.shape == (len(start.material_mm), 18)
     assert np.isfinite(tensors).all()
+
+
+def test_points_in_blocks_are_moved_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = sheet(90, 60)
+    leaf = body(start, [made(entry(name)) for name in ("growth", "bending", "nutation")])
+    assert len(start.material_mm) > motion._BLOCK
+    blocks, tensors = leaf.at(0.7), leaf.surface_at(0.7)
+    monkeypatch.setattr(motion, "_BLOCK", 10**9)
+    whole = leaf.at(0.7)
+    np.testing.assert_array_equal(blocks.accelerations, whole.accelerations)
+    np.testing.assert_array_equal(blocks.positions_mm, whole.positions_mm)
+    np.testing.assert_array_equal(tensors, leaf.surface_at(0.7))
+    at_rest = body(start, [])
+    np.testing.assert_array_equal(at_rest.at(3.0).positions_mm[:, :2], start.material_mm)
 
 
 def test_steady_acceleration() -> None:

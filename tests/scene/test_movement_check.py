@@ -138,7 +138,7 @@ def test_presets_per_frame_ask_for_one_frame_a_minute(leaf: Path, interval: floa
         build_world(made)
         return
     with pytest.raises(
-        st.SceneError, match="is a rate at one frame a minute, but frames.frame_interval_s is 30"
+        st.SceneError, match=r"is a rate at one frame a minute, but frames\.frame_interval_s is 30"
     ) as caught:
         build_world(made)
     assert [problem.path for problem in caught.value.problems] == [
