@@ -49,6 +49,9 @@ class TriangleMesh:
     uv_back
         As ``uv``, for whoever sees a face from behind, so that its corners run the other way round; None if both sides
         show the same.
+    along
+        Derivatives (a, b, aa, ab, bb) of the vertices' positions by two coordinates along the smooth surface that the
+        mesh stands for, shape (5, n, 3), with a x b to the outside; None if it has no formula, or is a sheet.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -63,6 +66,7 @@ class TriangleMesh:
     shape: PointMap | None = None
     leaf: spec.LeafMesh | None = None
     uv_back: NDArray[np.float64] | None = None
+    along: NDArray[np.float64] | None = None
 
 
 def make_mesh(entry: spec.Mesh, folder: Path) -> TriangleMesh:
@@ -82,11 +86,35 @@ def make_mesh(entry: spec.Mesh, folder: Path) -> TriangleMesh:
     """
     if isinstance(entry, spec.BoxMesh):
         return box(entry.size_mm)
-    if isinstance(entry, spec.PlaneMesh):
+    if isinstance(entry, spec.PlaneMesh) and entry.resolution_mm is None:
         return plane(entry.size_mm)
     if isinstance(entry, spec.LeafMesh):
         return leaf(entry)
+    if not isinstance(entry, spec.FileMesh):
+        return _surface(entry)
     return load(folder / entry.file, entry.unit_mm)
+
+
+def _surface(
+    entry: spec.PlaneMesh | spec.SphereMesh | spec.CylinderMesh | spec.SaddleMesh | spec.ReliefMesh | spec.StairsMesh,
+) -> TriangleMesh:
+    from scenetruth.scene import surfaces
+
+    if isinstance(entry, spec.PlaneMesh):
+        return surfaces.sheet(entry.size_mm, entry.resolution_mm or max(entry.size_mm))
+    if isinstance(entry, spec.SphereMesh):
+        if entry.cap_deg is not None:
+            return surfaces.spherical_cap(entry.radius_mm, entry.cap_deg, entry.resolution_mm)
+        return surfaces.sphere(entry.radius_mm, entry.resolution_mm)
+    if isinstance(entry, spec.CylinderMesh):
+        return surfaces.cylinder(entry.radius_mm, entry.length_mm, entry.resolution_mm, entry.caps)
+    if isinstance(entry, spec.SaddleMesh):
+        return surfaces.saddle(entry.size_mm, entry.curvature_per_mm, entry.resolution_mm)
+    if isinstance(entry, spec.ReliefMesh):
+        return surfaces.relief(
+            entry.size_mm, entry.amplitude_mm, entry.wavelength_mm, entry.phase_deg, entry.resolution_mm
+        )
+    return surfaces.stairs(entry.tread_mm, entry.steps_mm, entry.risers)
 
 
 def plane(size_mm: tuple[float, float]) -> TriangleMesh:

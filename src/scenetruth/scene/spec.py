@@ -15,12 +15,14 @@ from scenetruth.scene.lighting_spec import Lighting
 from scenetruth.scene.motion_spec import ConstantRotation, ConstantVelocity, Motion
 from scenetruth.scene.plant_spec import Plant, Rosette, Seedling
 from scenetruth.scene.pose_spec import Pose, Rotation
+from scenetruth.scene.surface_spec import CylinderMesh, PlaneMesh, ReliefMesh, SaddleMesh, SphereMesh, StairsMesh
 from scenetruth.settings import EstimateSettings, ScoreSettings
 
 __all__ = [
     "BoxMesh",
     "ConstantRotation",
     "ConstantVelocity",
+    "CylinderMesh",
     "FileMesh",
     "ImageTexture",
     "LeafMesh",
@@ -34,12 +36,16 @@ __all__ = [
     "PlaneMesh",
     "Plant",
     "Pose",
+    "ReliefMesh",
     "RenderSettings",
     "Rosette",
     "Rotation",
+    "SaddleMesh",
     "Scene",
     "SceneObject",
     "Seedling",
+    "SphereMesh",
+    "StairsMesh",
     "Texture",
     "UniformTexture",
 ]
@@ -56,15 +62,6 @@ class BoxMesh(FrozenModel):
     """Edge lengths along X, Y, Z in mm."""
 
 
-class PlaneMesh(FrozenModel):
-    """A rectangle in the XY plane that faces the camera (normal -Z), centred on its origin."""
-
-    kind: Literal["plane"]
-    """``plane``."""
-    size_mm: tuple[Positive, Positive]
-    """Edge lengths along X and Y in mm."""
-
-
 class FileMesh(FrozenModel):
     """A triangle mesh from a file (OBJ, PLY, GLB, STL); its coordinates X right, Y down, Z forward."""
 
@@ -76,7 +73,18 @@ class FileMesh(FrozenModel):
     """Length of one unit of the file in mm."""
 
 
-Mesh = Annotated[BoxMesh | PlaneMesh | FileMesh | LeafMesh, Field(discriminator="kind")]
+Mesh = Annotated[
+    BoxMesh
+    | PlaneMesh
+    | SphereMesh
+    | CylinderMesh
+    | SaddleMesh
+    | ReliefMesh
+    | StairsMesh
+    | LeafMesh
+    | FileMesh,
+    Field(discriminator="kind"),
+]
 
 
 class NoiseTexture(FrozenModel):

@@ -13,7 +13,7 @@ from scenetruth.scene.jets import Field, Jet
 from scenetruth.scene.motion import Points
 from scenetruth.scene.osculation import Osculation, osculate
 
-__all__ = ["RestStart", "SheetStart", "Start"]
+__all__ = ["RestStart", "SheetStart", "SmoothStart", "Start"]
 
 TIME, ALONG, ACROSS = range(3)
 """Numbers of the variables of jets: t, and the surface coordinates a and b."""
@@ -104,6 +104,43 @@ class RestStart:
         """Return the mesh with the derivatives of fits to it."""
         fields = [osculating_jet(self.osculation, column[None]) for column in self.vertices_mm.T]
         return fields[0], fields[1], fields[2]
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothStart:
+    """A mesh at rest on a smooth surface whose formula is known.
+
+    Parameters
+    ----------
+    vertices_mm
+        Positions in the own frame, shape (n, 3).
+    faces
+        Vertex indices, shape (m, 3).
+    along
+        Derivatives (a, b, aa, ab, bb) of the positions along the surface, shape (5, n, 3).
+    """
+
+    vertices_mm: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    along: NDArray[np.float64]
+
+    @property
+    def corners(self) -> NDArray[np.int32]:
+        """Vertices are surface points."""
+        return self.faces
+
+    def at(self, t: Field) -> Points:
+        """Return the mesh."""
+        x, y, z = self.vertices_mm.T
+        return like(x, t), like(y, t), like(z, t)
+
+    def surface(self, t: Jet) -> Points:
+        """Return the mesh with its derivatives."""
+        coefficients = np.zeros((3, 10, len(self.vertices_mm)))
+        coefficients[:, 0] = self.vertices_mm.T
+        coefficients[:, [2, 3, 7, 8, 9]] = np.moveaxis(self.along, 2, 0)
+        x, y, z = map(Jet, coefficients)
+        return x, y, z
 
 
 def like(values: NDArray[np.float64], t: Field) -> Any:

@@ -17,7 +17,7 @@ from scenetruth.scene.mesh import TriangleMesh, make_mesh
 from scenetruth.scene.motion import Moved, PointMap, apply, motions_about, moved_of, pose_map
 from scenetruth.scene.movement_check import movement_problems
 from scenetruth.scene.spec import Scene, SceneObject
-from scenetruth.scene.start import RestStart, SheetStart, Start
+from scenetruth.scene.start import RestStart, SheetStart, SmoothStart, Start
 from scenetruth.scene.texture import SurfaceTexture, make_texture
 from scenetruth.scene.times import times_of
 
@@ -259,4 +259,6 @@ def maps_of(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> l
 def _start_of(mesh: TriangleMesh) -> Start:
     if mesh.material_mm is not None:
         return SheetStart(mesh.material_mm, mesh.faces)
+    if mesh.along is not None:
+        return SmoothStart(mesh.vertices_mm, mesh.faces, mesh.along)
     return RestStart(mesh.vertices_mm, mesh.faces, mesh.crease_deg)
