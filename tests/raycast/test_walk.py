@@ -71,7 +71,7 @@ def test_walks_arrive_where_rays_do(form: str, seed: int, fine: int, tilt: float
 
 
 def test_lenses_that_bend_have_steps_of_their_own() -> None:
-    camera = Camera(width=80, height=60, focal_length_px=700, distortion={"k1": -4.0, "p1": 0.05})  # type: ignore[arg-type]
+    camera = Camera(width=80, height=60, focal_length_px=700, distortion={"k1": -4.0, "p1": 0.05})
     mesh = relief(3, 40)
     bodies = np.zeros(len(mesh.faces), np.int32)
     walked, cast, uv, _pixels = walk_and_cast(mesh.vertices_mm + [0, 0, 660], mesh, bodies, camera)

@@ -53,7 +53,7 @@ def test_yaml_and_python_are_equal(tmp_path: Path) -> None:
         ("objects=[]", r"objects: a scene needs at least one object"),
         ("objects.0.mesh.size_mm=[49, 49]", r"objects\.0\.mesh\.size_mm\.2: is missing"),
         ("objects.0.mesh.size_mm=[49, -49, 49]", r"objects\.0\.mesh\.size_mm\.1: .*greater than 0 \(got -49\)"),
-        ("objects.0.mesh.kind=ball", r"objects\.0\.mesh: .*'ball'.*'box', 'plane', 'file'"),
+        ("objects.0.mesh.kind=ball", r"objects\.0\.mesh: .*'ball'.*'box', 'plane', 'sphere'"),
         ("objects.0.texture.wavelength_mm=[4, 1]", r"wavelength_mm: must be \(shortest, longest\)"),
         ("objects.0.texture.mean=0.9", r"mean ± 3 rms_contrast mean must stay within \[0, 1\]"),
         ("objects.0.pose.rotations.0.axis=[0, 0, 0]", r"axis: must not be the zero vector"),

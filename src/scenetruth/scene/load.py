@@ -126,6 +126,12 @@ def _make_paths_absolute(plain: dict[str, Any], folder: Path) -> None:
             entry = item.get(part) if isinstance(item, dict) else None
             if isinstance(entry, dict) and isinstance(entry.get("file"), str):
                 entry["file"] = str(folder / entry["file"])
+        deformations = item.get("deformation") if isinstance(item, dict) else None
+        for entry in deformations if isinstance(deformations, list) else ():
+            if isinstance(entry, dict) and isinstance(entry.get("file"), str):
+                entry["file"] = str(folder / entry["file"])
+            if isinstance(entry, dict) and isinstance(entry.get("files"), list):
+                entry["files"] = [str(folder / name) if isinstance(name, str) else name for name in entry["files"]]
 
 
 def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:

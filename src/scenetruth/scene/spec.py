@@ -13,6 +13,7 @@ from scenetruth.scene.deformation_spec import Deformation
 from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture
 from scenetruth.scene.lighting_spec import Lighting
 from scenetruth.scene.motion_spec import ConstantRotation, ConstantVelocity, Motion
+from scenetruth.scene.nodal_spec import MeshSeries, Morph, Nodal, NodalModel
 from scenetruth.scene.plant_spec import Plant, Rosette, Seedling
 from scenetruth.scene.pose_spec import Pose, Rotation
 from scenetruth.scene.surface_spec import CylinderMesh, PlaneMesh, ReliefMesh, SaddleMesh, SphereMesh, StairsMesh
@@ -74,15 +75,7 @@ class FileMesh(FrozenModel):
 
 
 Mesh = Annotated[
-    BoxMesh
-    | PlaneMesh
-    | SphereMesh
-    | CylinderMesh
-    | SaddleMesh
-    | ReliefMesh
-    | StairsMesh
-    | LeafMesh
-    | FileMesh,
+    BoxMesh | PlaneMesh | SphereMesh | CylinderMesh | SaddleMesh | ReliefMesh | StairsMesh | LeafMesh | FileMesh,
     Field(discriminator="kind"),
 ]
 
@@ -174,6 +167,9 @@ Texture = Annotated[
 ]
 
 
+AnyDeformation = Annotated[Deformation | Nodal | MeshSeries | Morph, Field(discriminator="kind")]
+
+
 class SceneObject(FrozenModel):
     """A textured mesh that stands and moves before the camera."""
 
@@ -185,10 +181,23 @@ class SceneObject(FrozenModel):
     """Its surface."""
     pose: Pose = Pose()
     """Where it stands at t = 0."""
-    deformation: tuple[Deformation, ...] = ()
+    deformation: tuple[AnyDeformation, ...] = ()
     """How it changes in its own frame, before it is posed; several deformations are applied one after the other."""
     motion: tuple[Motion, ...] = ()
     """How it moves in the world; several motions are applied one after the other."""
+
+    @field_validator("deformation")
+    @classmethod
+    def _vertices_come_first(
+        cls, value: tuple[AnyDeformation, ...], info: ValidationInfo
+    ) -> tuple[AnyDeformation, ...]:
+        given = [index for index, entry in enumerate(value) if isinstance(entry, NodalModel)]
+        mesh = info.data.get("mesh")
+        if given and (given != [0] or not (mesh is None or isinstance(mesh, FileMesh))):
+            msg = f"'{value[given[-1]].kind}' says where the vertices of a mesh file are: "
+            msg += "it must be the first deformation and the only one of its sort, of a mesh of kind 'file'"
+            raise ValueError(msg)
+        return value
 
 
 class RenderSettings(FrozenModel):

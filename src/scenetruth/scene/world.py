@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.camera import Frames
 from scenetruth.errors import Problem, SceneError
 from scenetruth.scene.deformation import DeformationStep, Surroundings, deformation_map
 from scenetruth.scene.jets import Jet
 from scenetruth.scene.mesh import TriangleMesh, make_mesh
 from scenetruth.scene.motion import Moved, PointMap, apply, motions_about, moved_of, pose_map
 from scenetruth.scene.movement_check import movement_problems
-from scenetruth.scene.spec import Scene, SceneObject
+from scenetruth.scene.nodal_spec import NodalModel
+from scenetruth.scene.spec import FileMesh, Scene, SceneObject
 from scenetruth.scene.start import RestStart, SheetStart, SmoothStart, Start
 from scenetruth.scene.texture import SurfaceTexture, make_texture
 from scenetruth.scene.times import times_of
@@ -220,12 +222,14 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
             part = "texture"
             generator = generator_for(scene.seed, "texture", item.name)
             texture, uv, uv_back = make_texture(item.texture, mesh, folder, generator)
+            part = "deformation.0"
+            start = _start_of(item, mesh, folder, scene.frames)
         except SceneError as error:
             problems += [
                 Problem(f"{path}.{part}.{problem.path}", problem.message, problem.value) for problem in error.problems
             ]
             continue
-        start, maps = _start_of(mesh), maps_of(item, mesh, scene.frames.frame_interval_s)
+        maps = maps_of(item, mesh, scene.frames.frame_interval_s)
         problems += movement_problems(scene, path, item, start, maps, mesh.faces, times_of(scene))
         bodies.append(Body(item.name, mesh, start, uv, texture, maps, uv_back))
     if problems:
@@ -243,6 +247,7 @@ def maps_of(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> l
     steps = [
         DeformationStep(number, entry, around, deformation_map(entry, around))
         for number, entry in enumerate(item.deformation)
+        if not isinstance(entry, NodalModel)
     ]
     in_the_flat = [step for step in steps if mesh.shape is not None and step.entry.in_the_flat]
     shape = [] if mesh.shape is None else [mesh.shape]
@@ -256,7 +261,12 @@ def maps_of(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> l
     ]
 
 
-def _start_of(mesh: TriangleMesh) -> Start:
+def _start_of(item: SceneObject, mesh: TriangleMesh, folder: Path, frames: Frames) -> Start:
+    given = item.deformation[0] if item.deformation else None
+    if isinstance(given, NodalModel) and isinstance(item.mesh, FileMesh):
+        from scenetruth.scene.nodal import nodal_start
+
+        return nodal_start(given, mesh, folder / item.mesh.file, item.mesh.unit_mm, folder, frames)
     if mesh.material_mm is not None:
         return SheetStart(mesh.material_mm, mesh.faces)
     if mesh.along is not None:
