@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 # The width is xi^base (1 - xi^m)^tip, with m such that it is largest at a stated place, less what is drawn out.
 _BASE = {"ovate": 0.55, "lanceolate": 0.6, "cordate": 0.5, "elliptic": 0.5}
 _WIDEST = {"ovate": 0.36, "lanceolate": 0.38, "cordate": 0.36, "elliptic": 0.5}
-_TIP = {"acuminate": 0.75, "acute": 0.85, "round": 0.5}
-_DRAWN_OUT = 0.78  # part of the width that is missing at the very end of an acuminate tip,
+_TIP = {"acuminate": 1.0, "acute": 0.9, "round": 0.5}
+_DRAWN_OUT = 0.7  # part of the width that is missing at the very end of an acuminate tip,
 _DRAWN_LENGTH = 0.13  # and less by a factor e in this part of the length
 
 _FINE = 4000  # points of the formula that lengths are measured on
