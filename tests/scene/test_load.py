@@ -50,7 +50,7 @@ def test_yaml_and_python_are_equal(tmp_path: Path) -> None:
         ("camera.focal_length_px=.nan", r"camera\.focal_length_px: .*finite"),
         ("stage.baseline_mm=0", r"stage\.baseline_mm: must not be zero"),
         ("frames.count=0", r"frames\.count: .*greater than or equal to 1"),
-        ("objects=[]", r"objects: a scene needs at least one object"),
+        ("objects=[]", r"plants: a scene needs at least one object or plant"),
         ("objects.0.mesh.size_mm=[49, 49]", r"objects\.0\.mesh\.size_mm\.2: is missing"),
         ("objects.0.mesh.size_mm=[49, -49, 49]", r"objects\.0\.mesh\.size_mm\.1: .*greater than 0 \(got -49\)"),
         ("objects.0.mesh.kind=ball", r"objects\.0\.mesh: .*'ball'.*'box', 'plane', 'sphere'"),
