@@ -5,9 +5,30 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene, load_scene, scene_from_plain
 
 SCENES = Path(__file__).parents[1] / "scenes"
+
+
+LIBRARY = sorted(SCENES.glob("*.yaml"))
+"""All scenes of the library."""
+
+
+def small(file: Path, parts: int = 4, **changes: Any) -> Scene:
+    """Return a scene of the library with an image that is some times smaller, ideal, and coarse leaf textures."""
+    scene = load_scene(file)
+    camera = scene.camera
+    plants = [f"plants.{index}.texture.texels_per_mm=2" for index in range(len(scene.plants))]
+    leaves = [
+        f"objects.{index}.texture.texels_per_mm=2"
+        for index, item in enumerate(scene.objects)
+        if item.texture.kind == "leaf"
+    ]
+    size = {"width": camera.width // parts, "height": camera.height // parts}
+    lens = {"focal_length_px": camera.focal_px / parts, "focal_length_mm": "null", "pixel_pitch_um": "null"}
+    values = [f"camera.{name}={value}" for name, value in {**size, **lens}.items()]
+    more = [f"{name.replace('__', '.')}={value}" for name, value in changes.items()]
+    return load_scene(file, [*values, *plants, *leaves, "sensor=ideal", *more])
 
 
 def cube(**changes: Any) -> Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.world import build_world
 from scenetruth.simulate import make_truth
 from scenetruth.truth import GeometryPass, truth_maps
-from tests.scenes import SCENES, cube
+from tests.scenes import LIBRARY, SCENES, cube, small
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def analytic_box_depth(scene: Scene, x_mm: float, t: float) -> Array:
 def test_cube_against_the_analytic_box_for_every_camera_and_frame() -> None:
     scene = load_scene(SCENES / "cube.yaml", ["camera.width=640", "sensor=ideal"])
     world = build_world(scene)
-    topology = Topology.of(world.at(0).vertices_mm, world.faces)
+    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
     unsure = worst = 0.0
     for t in scene.frames.t:
         geometry = GeometryPass(world, topology, float(t))
@@ -65,7 +66,7 @@ def test_cube_against_the_analytic_box_for_every_camera_and_frame() -> None:
 def identities(scene: Scene) -> dict[str, float]:
     """Return the largest disagreements in px between depth, disparity, flow, velocity and reprojection."""
     world = build_world(scene)
-    topology = Topology.of(world.at(0).vertices_mm, world.faces)
+    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
     camera, baseline = scene.camera, scene.stage.baseline_mm
     worst = {"reprojection": 0.0, "disparity": 0.0, "flow": 0.0}
     step = 1e-3
@@ -121,6 +122,14 @@ def test_depth_disparity_flow_and_reprojection_agree(file: str, changes: list[st
     assert worst["reprojection"] <= 1e-9
     assert worst["disparity"] <= 1e-9
     # The central difference itself loses rounding / step: 1e-13 px * 1e3.
+    assert worst["flow"] <= 1e-9
+
+
+@pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
+def test_every_scene_of_the_library_agrees_with_itself(file: Path) -> None:
+    worst = identities(small(file, parts=8))
+    assert worst["reprojection"] <= 1e-9
+    assert worst["disparity"] <= 1e-9
     assert worst["flow"] <= 1e-9
 
 
