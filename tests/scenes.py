@@ -15,20 +15,19 @@ LIBRARY = sorted(SCENES.glob("*.yaml"))
 
 
 def small(file: Path, parts: int = 4, **changes: Any) -> Scene:
-    """Return a scene of the library with an image that is some times smaller, ideal, and coarse leaf textures."""
+    """Return a scene of the library with an image that is some times smaller, ideal, and textures that are soon made."""
     scene = load_scene(file)
     camera = scene.camera
-    plants = [f"plants.{index}.texture.texels_per_mm=2" for index in range(len(scene.plants))]
-    leaves = [
-        f"objects.{index}.texture.texels_per_mm=2"
-        for index, item in enumerate(scene.objects)
-        if item.texture.kind == "leaf"
+    plants = [
+        f"plants.{index}.texture.texels_per_mm={4.01 / plant.texture.mottling_wavelength_mm[0]}"
+        for index, plant in enumerate(scene.plants)
     ]
+    objects = [f"objects.{index}.texture={{kind: uniform}}" for index in range(len(scene.objects))]
     size = {"width": camera.width // parts, "height": camera.height // parts}
     lens = {"focal_length_px": camera.focal_px / parts, "focal_length_mm": "null", "pixel_pitch_um": "null"}
     values = [f"camera.{name}={value}" for name, value in {**size, **lens}.items()]
     more = [f"{name.replace('__', '.')}={value}" for name, value in changes.items()]
-    return load_scene(file, [*values, *plants, *leaves, "sensor=ideal", *more])
+    return load_scene(file, [*values, *plants, *objects, "sensor=ideal", *more])
 
 
 def cube(**changes: Any) -> Scene:

@@ -219,6 +219,13 @@ def _sensor_kind(value: object) -> str:
     return str(kind)
 
 
+def _refuse_twice(names: list[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        msg = f"names must be unique; used more than once: {', '.join(twice)}"
+        raise ValueError(msg)
+
+
 class Scene(FrozenModel):
     """Everything that a recording and its truth are made from."""
 
@@ -273,9 +280,15 @@ class Scene(FrozenModel):
             raise ValueError(msg)
         return value
 
+    @field_validator("objects")
+    @classmethod
+    def _unique_names(cls, value: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
+        _refuse_twice([item.name for item in value])
+        return value
+
     @field_validator("plants")
     @classmethod
-    def _unique_names(cls, value: tuple[Plant, ...], info: ValidationInfo) -> tuple[Plant, ...]:
+    def _unique_among_objects(cls, value: tuple[Plant, ...], info: ValidationInfo) -> tuple[Plant, ...]:
         objects = info.data.get("objects")
         if objects is None:
             return value
@@ -283,10 +296,7 @@ class Scene(FrozenModel):
         if not names:
             msg = "a scene needs at least one object or plant"
             raise ValueError(msg)
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            msg = f"names must be unique; used more than once: {', '.join(twice)}"
-            raise ValueError(msg)
+        _refuse_twice(names)
         return value
 
     @cached_property
