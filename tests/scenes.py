@@ -15,7 +15,7 @@ LIBRARY = sorted(SCENES.glob("*.yaml"))
 
 
 def small(file: Path, parts: int = 4, **changes: Any) -> Scene:
-    """Return a scene of the library with an image that is some times smaller, ideal, and textures that are soon made."""
+    """Return a scene of the library with a smaller image, ideal, and textures that are soon made."""
     scene = load_scene(file)
     camera = scene.camera
     plants = [
