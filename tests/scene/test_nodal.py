@@ -231,6 +231,11 @@ def test_nodes_of_an_obj_file_are_its_lines_though_seams_split_them(tmp_path: Pa
     expected = {(-20.0, -20.0): 1, (20.0, -20.0): 2, (20.0, 20.0): 3, (-20.0, 20.0): 4}
     assert [expected[(x, y)] for x, y, _ in rest] == pytest.approx((moved - rest)[:, 2])
     assert len(rest) == 5
+    text = (tmp_path / "mesh.obj").read_text().replace("v 9 9 9", "v 20 20 0")
+    (tmp_path / "mesh.obj").write_text(text)
+    with pytest.raises(st.SceneError, match="has several nodes at one place and seams") as caught:
+        build_world(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, nodal, frames=3))
+    assert caught.value.problems[0].path == "objects.0.deformation.0.file"
 
 
 def mutated(states: Array, index: tuple[int, ...], value: float) -> Array:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 
 from scenetruth.camera import Frames
 from scenetruth.errors import Problem, SceneError
@@ -207,14 +208,12 @@ def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] |
     nodes = np.array([[float(word) for word in line[1:4]] for line in lines if line and line[0] == "v"])
     if nodes.shape == vertices.shape and np.allclose(nodes, vertices, rtol=1e-9, atol=0):
         return None
-    scale = float(np.abs(nodes).max()) * 1e-9
-    keys, first, counts = np.unique(np.rint(nodes / scale), axis=0, return_index=True, return_counts=True)
-    number = {tuple(key): index for index, key in enumerate(keys)}
-    found = [number.get(tuple(key), -1) for key in np.rint(vertices / scale)]
-    if min(found) < 0 or counts[found].max() > 1:
+    near = 1e-9 * float(np.abs(nodes).max())
+    distance, found = cKDTree(nodes).query(vertices, k=2)
+    if distance[:, 0].max() > near or distance[:, 1].min() <= near:
         message = "has several nodes at one place and seams in its texture: which node is which is not clear"
         raise SceneError([Problem("file", message, str(file))])
-    return first[found], len(nodes)
+    return found[:, 0], len(nodes)
 
 
 def _series(entry: MeshSeries, mesh: TriangleMesh, folder: Path) -> Floats:
