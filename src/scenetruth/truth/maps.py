@@ -148,7 +148,8 @@ def truth_maps(
     }
     if maps == "complete":
         accelerations = viewpoint.directions_to_camera(geometry.snapshot.accelerations)
-        with np.errstate(divide="ignore"):
+        # Of upright faces the slope is infinite along X or Y, and undefined along the other if that is level.
+        with np.errstate(divide="ignore", invalid="ignore"):
             slope = -normal[:2] / normal[2]
         found |= {
             "acceleration": hits.interpolate(world.faces, accelerations).T,
