@@ -41,6 +41,8 @@ def case(request: pytest.FixtureRequest) -> tuple[Scene, World, Topology]:
     scene = scene_from_plain(
         {
             "camera": {"width": 640, "height": 480, "focal_length_px": 6500},
+            "stage": {"positions": 5, "baseline_mm": 5.0},
+            "frames": {"count": 9},
             "objects": [
                 {
                     "name": "sheet",
