@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
@@ -83,6 +83,7 @@ def test_brightness_must_stay_positive() -> None:
         check_scene(scene, build_world(scene))
 
 
+@settings(deadline=None)
 @given(t=some.floats(-20, 20))
 def test_lamps_move_as_one_rigid_body(t: float) -> None:
     turn = {"kind": "rotation", "axis": [0, 1, 0], "rate_deg_per_frame": 5, "point_mm": CENTRE}
