@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.inside_kernels import blurs, inside
+
 __all__ = ["footprint_forms", "refine_hits"]
 
 _MOST_CANDIDATES = 40
@@ -20,8 +22,7 @@ def _meet(
 ) -> Any:  # fmt: skip
     """Return (inside, depth, b1, b2, angular distance to the nearest edge) of a ray and a face.
 
-    The three signed volumes d · (p_i x p_j) of an edge have exactly opposite signs for the two faces that share it, so
-    that no ray can slip through between them.
+    Inside is by the three signed volumes d · (p_i x p_j): `inside_kernels.inside`.
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
@@ -43,14 +44,15 @@ def _meet(
     if total == 0.0 or slope == 0.0:
         return False, np.inf, 0.0, 0.0, 0.0
     depth = (nx * ax + ny * ay + nz * az) / slope
-    inside = depth > 0.0 and ((w0 >= 0 and w1 >= 0 and w2 >= 0) or (w0 <= 0 and w1 <= 0 and w2 <= 0))
+    blur_x, blur_y, blur_z = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
+    within = depth > 0.0 and inside(w0, w1, w2, abs(dx) * blur_x + abs(dy) * blur_y + abs(dz) * blur_z)
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
     nearest = min(
         abs(w2) / np.sqrt(abx * abx + aby * aby + abz * abz + 1e-300),
         abs(w0) / np.sqrt(bcx * bcx + bcy * bcy + bcz * bcz + 1e-300),
         abs(w1) / np.sqrt(cax * cax + cay * cay + caz * caz + 1e-300),
     )
-    return inside, depth, w1 / total, w2 / total, nearest / length
+    return within, depth, w1 / total, w2 / total, nearest / length
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -113,8 +115,8 @@ def refine_hits(
                                 used += 1
         for k in range(used):
             face = candidates[k]
-            inside, depth, b1, b2, _gap = _meet(vertices, faces, face, origin, dx, dy, dz)
-            if inside and (depth < best_depth or (depth == best_depth and face < best)):
+            within, depth, b1, b2, _gap = _meet(vertices, faces, face, origin, dx, dy, dz)
+            if within and (depth < best_depth or (depth == best_depth and face < best)):
                 best, best_depth, best_1, best_2 = face, depth, b1, b2
         if best < 0 and own >= 0 and width == 0:
             # Without neighbours to ask, a ray that only just misses keeps the face that Embree found.

@@ -8,14 +8,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.inside_kernels import blurs, inside
+
 __all__ = ["TILE", "prepare_faces", "raster_hits", "tile_bounds"]
 
 TILE = 16
 """Side of the square tiles in rays."""
 
 # Columns of a prepared face: normals of the planes through the eye and the edges opposite to its three corners, its own
-# normal, and the plane's constant.
-_FORMS = 13
+# normal, the plane's constant, and how far rounding may blur its edges per |d_x|, |d_y| and |d_z|.
+_FORMS = 16
 # What lies nearer to the plane of the eye than this share of its distance is taken to be anywhere in the image.
 _GRAZING = 1e-6
 # Tests that only skip work err by so much on the safe side, relative to the numbers' size; rounding is below 1e-9 even
@@ -68,7 +70,7 @@ def prepare_faces(
 ) -> Any:
     """Compute what the rays from one point share: the linear forms of every face, and where it lies.
 
-    Returns the forms, shape (m, 13), and (lowest u, highest u, lowest v, highest v) of every face in the projection of
+    Returns the forms, shape (m, 16), and (lowest u, highest u, lowest v, highest v) of every face in the projection of
     ``frame``, shape (m, 4), with margins for rounding; an empty range for what lies behind.
     """
     count = faces.shape[0]
@@ -113,6 +115,7 @@ def prepare_faces(
         vx, vy, vz = cx - ax, cy - ay, cz - az
         form[9], form[10], form[11] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         form[12] = form[9] * ax + form[10] * ay + form[11] * az
+        form[13], form[14], form[15] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
     return forms, boxes
 
 
@@ -126,7 +129,8 @@ def _edges_of_tile(form: NDArray[np.float64], frame: NDArray[np.float64], bounds
         along_u = nx * frame[0, 0] + ny * frame[0, 1] + nz * frame[0, 2]
         along_v = nx * frame[1, 0] + ny * frame[1, 1] + nz * frame[1, 2]
         constant = nx * frame[2, 0] + ny * frame[2, 1] + nz * frame[2, 2]
-        margin = _PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) * (1.0 + largest_u + largest_v)
+        blur = form[13] + form[14] + form[15]
+        margin = (_PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * (1.0 + largest_u + largest_v)
         one_u, two_u = along_u * bounds[0], along_u * bounds[1]
         one_v, two_v = along_v * bounds[2], along_v * bounds[3]
         lowest = min(one_u, two_u) + min(one_v, two_v) + constant - margin
@@ -185,9 +189,8 @@ def raster_hits(
                             w2 = dx * form[6] + dy * form[7] + dz * form[8]
                             w0 = dx * form[0] + dy * form[1] + dz * form[2]
                             w1 = dx * form[3] + dy * form[4] + dz * form[5]
-                            if not ((w0 >= 0 and w1 >= 0 and w2 >= 0) or (w0 <= 0 and w1 <= 0 and w2 <= 0)):
-                                continue
-                            if w0 + w1 + w2 == 0.0:
+                            blur = abs(dx) * form[13] + abs(dy) * form[14] + abs(dz) * form[15]
+                            if not inside(w0, w1, w2, blur):
                                 continue
                         slope = form[9] * dx + form[10] * dy + form[11] * dz
                         if slope == 0.0:

@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.inside_kernels import inside
+
 __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
 
 _LEAST_COSINE = 0.05  # as of `raster_kernels.tile_bounds`
@@ -154,9 +156,7 @@ def scatter_hits(
                 w2 = dx * form[6] + dy * form[7] + dz * form[8]
                 w0 = dx * form[0] + dy * form[1] + dz * form[2]
                 w1 = dx * form[3] + dy * form[4] + dz * form[5]
-                if not ((w0 >= 0 and w1 >= 0 and w2 >= 0) or (w0 <= 0 and w1 <= 0 and w2 <= 0)):
-                    continue
-                if w0 + w1 + w2 == 0.0:
+                if not inside(w0, w1, w2, abs(dx) * form[13] + abs(dy) * form[14] + abs(dz) * form[15]):
                     continue
                 slope = form[9] * dx + form[10] * dy + form[11] * dz
                 if slope == 0.0:

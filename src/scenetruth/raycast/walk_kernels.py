@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.inside_kernels import blurs
+
 __all__ = ["walk_footprints"]
 
 # Steps of one sample after which a pixel is given up: some hundred facets across a pixel.
@@ -31,6 +33,7 @@ def _load(
     vx, vy, vz = cx - ax, cy - ay, cz - az
     form[9], form[10], form[11] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     form[12] = form[9] * ax + form[10] * ay + form[11] * az
+    form[13], form[14], form[15] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -96,7 +99,7 @@ def walk_footprints(
                 alone = alone and other >= 0 and face_body[other] == body
         if not alone:
             continue
-        form = np.empty(13, dtype=np.float64)
+        form = np.empty(16, dtype=np.float64)
         _load(vertices, faces, face, origin, form)
         side = 1.0 if form[12] > 0.0 else -1.0
         step_x, step_y = across[pixel * apart], down[pixel * apart]
@@ -137,8 +140,9 @@ def walk_footprints(
                     break
             total = w0 + w1 + w2
             slope = form[9] * dx + form[10] * dy + form[11] * dz
-            # A ray exactly through an edge is in two faces: which of them counts is left to those who see all faces.
-            if not found or w0 == 0.0 or w1 == 0.0 or w2 == 0.0 or not side * slope > 0.0:
+            # A ray through an edge, but for rounding, is in two faces: those who see all of them tell which one counts.
+            blur = abs(dx) * form[13] + abs(dy) * form[14] + abs(dz) * form[15]
+            if not found or min(abs(w0), abs(w1), abs(w2)) <= blur or not side * slope > 0.0:
                 break
             b1, b2 = w1 / total, w2 / total
             face_out[n, sample], depth_out[n, sample] = face, form[12] / slope

@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.inside_kernels import blurs, inside
+
 __all__ = ["hide_points", "place_points", "sort_into_cells"]
 
 # What is nearer to the camera by less than this share of the point's depth does not hide it: roundings in float64.
@@ -84,7 +86,7 @@ def hide_points(
     """Return which points a face hides from the origin.
 
     ``vertices`` and ``points`` are in the camera's frame, the points in front of it (Z > 0) and sorted into cells of
-    (X / Z, Y / Z). A face hides a point if the ray to it meets the face (by the signs of three volumes, edges included)
+    (X / Z, Y / Z). A face hides a point if the ray to it meets the face (`scenetruth.raycast.inside_kernels.inside`)
     nearer than the point; a point's own face does not.
     """
     hidden = np.zeros(points.shape[0], dtype=np.bool_)
@@ -116,6 +118,7 @@ def hide_points(
         vx, vy, vz = cx - ax, cy - ay, cz - az
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         constant = nx * ax + ny * ay + nz * az
+        blur_x, blur_y, blur_z = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
         for row in range(top, bottom + 1):
             for entry in range(starts[row * columns + left], starts[row * columns + right + 1]):
                 n = order[entry]
@@ -127,7 +130,7 @@ def hide_points(
                 w0 = px * bcx + py * bcy + pz * bcz
                 w1 = px * cax + py * cay + pz * caz
                 w2 = px * abx + py * aby + pz * abz
-                if not ((w0 >= 0.0 and w1 >= 0.0 and w2 >= 0.0) or (w0 <= 0.0 and w1 <= 0.0 and w2 <= 0.0)):
+                if not inside(w0, w1, w2, abs(px) * blur_x + abs(py) * blur_y + abs(pz) * blur_z):
                     continue
                 slope = nx * px + ny * py + nz * pz
                 if slope == 0.0:

@@ -1,0 +1,123 @@
+"""Draws the gallery of scenes: what the reference camera sees, how far it is, how it moves and how it grows."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from rich.progress import track
+
+import scenetruth as st
+from scenetruth.camera import Viewpoint
+from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.scene import Scene
+from scenetruth.scene.world import World, build_world
+from scenetruth.simulate import make_truth
+
+ROOT = Path(__file__).parents[1]
+PICTURES = ROOT / "docs" / "gallery"
+HEADER = """# Scenes to run and to copy
+
+Every scene of `scenes/`, as its comment describes it: the reference image, depth, the velocity along the camera's axis, and
+the velocity across it (colour: its size; arrows: its direction) or, where something grows, the growth rate of the area.
+`make gallery` draws the pictures anew; `scenetruth run scenes/NAME.yaml -o outputs/NAME` runs a scene.
+"""
+
+
+def comment_of(file: Path) -> str:
+    """Return the comment that a scene file opens with."""
+    lines = []
+    for line in file.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)
+
+
+def see(scene: Scene) -> tuple[NDArray[np.float32], xr.Dataset]:
+    """Return the reference image and its truth."""
+    only = scene.model_copy(
+        update={
+            "frames": scene.frames.model_copy(update={"count": 1}),
+            "stage": scene.stage.model_copy(update={"positions": 1}),
+        }
+    )
+    world: World = build_world(scene, ROOT)
+    with RaycastRenderer(world, scene.camera, scene.background, 4, scene.lighting) as renderer:
+        image = renderer.render(0.0, Viewpoint.on_axis(0.0))
+    return image, make_truth(only, world).sel(t=0)
+
+
+def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, target: Path) -> None:
+    """Draw one scene's row of pictures."""
+    height, width = image.shape
+    figure, axes = plt.subplots(1, 4, figsize=(12.8, 12.8 / 4 * height / width + 0.42), layout="constrained")
+    panel(axes[0], image, "image", "gray", (0.0, float(np.percentile(image, 99.8))))
+    panel(axes[1], truth["depth"].values, "depth Z, mm", "viridis_r")
+    velocity = truth["velocity"].values
+    largest = float(np.nanmax(np.abs(velocity)))
+    along = spread(velocity[2], largest)
+    panel(axes[2], velocity[2], "U_Z, mm/frame", "RdBu_r", along)
+    growth = truth["growth_rate"].values / hours_per_frame * 100
+    if float(np.nanmax(np.abs(growth))) > 1e-9:
+        panel(axes[3], growth, "growth rate, %/h", "RdBu_r", spread(growth, 0.0))
+    else:
+        across = np.hypot(velocity[0], velocity[1])
+        panel(
+            axes[3], across, "(U_X, U_Y), mm/frame", "magma", (0.0, max(float(np.nanmax(across)), 1e-3 * largest, 1e-9))
+        )
+        step = max(width // 20, 8)
+        y, x = np.mgrid[step // 2 : height : step, step // 2 : width : step]
+        axes[3].quiver(x, y, velocity[0][y, x], velocity[1][y, x], color="white", angles="xy", width=0.004)
+    figure.savefig(target, dpi=100)
+    plt.close(figure)
+
+
+def spread(values: NDArray[np.float64], largest: float) -> tuple[float, float]:
+    """Return limits that are alike on both sides of zero, not so narrow that roundings show."""
+    limit = max(float(np.nanpercentile(np.abs(values), 99.5)), 1e-6 * largest, 1e-12)
+    return -limit, limit
+
+
+def panel(
+    axes: plt.Axes, values: NDArray[np.floating], title: str, colours: str, limits: tuple[float, float] | None = None
+) -> None:
+    """Draw one map with its scale."""
+    low, high = limits or (None, None)
+    shown = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
+    axes.set_title(title, fontsize=10)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_facecolor("0.85")
+    if colours != "gray":
+        axes.figure.colorbar(shown, ax=axes, shrink=0.85, pad=0.015).ax.tick_params(labelsize=7)
+
+
+def main(names: list[str]) -> None:
+    """Draw all scenes, or those that are named, and write the page."""
+    files = sorted((ROOT / "scenes").glob("*.yaml"))
+    PICTURES.mkdir(exist_ok=True)
+    for file in track([file for file in files if not names or file.stem in names], "gallery"):
+        scene = st.load_scene(file)
+        image, truth = see(scene)
+        draw(image, truth, scene.frames.frame_interval_s / 3600, PICTURES / f"{file.stem}.png")
+    parts = [HEADER]
+    for file in files:
+        description = re.sub(r"\s+", " ", comment_of(file))
+        parts.append(
+            f"## [{file.stem}](../scenes/{file.name})\n\n{description}\n\n![{file.stem}](gallery/{file.stem}.png)\n"
+        )
+    (ROOT / "docs" / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
