@@ -4,12 +4,13 @@ PYTHON_BIN := .venv/bin
 PATH ?= /usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 export PATH
 
-.PHONY: help setup demo test bench lint format clean
+.PHONY: help setup demo test bench gallery lint format clean
 
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
 	@echo "make test    environment, then lint, types and all tests"
 	@echo "make bench   environment, then the benchmarks"
+	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md)"
 	@echo "make format  environment, then the formatter"
 	@echo "make clean   remove the environment, caches and results"
 
@@ -30,6 +31,9 @@ test: lint
 
 bench: setup
 	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only
+
+gallery: setup
+	$(PYTHON_BIN)/python docs/make_gallery.py
 
 format: setup
 	$(PYTHON_BIN)/ruff check --fix .

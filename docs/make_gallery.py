@@ -27,8 +27,8 @@ ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "gallery"
 HEADER = """# Scenes to run and to copy
 
-Every scene of `scenes/`, as its comment describes it: the reference image, depth, the velocity along the camera's axis, and
-the velocity across it (colour: its size; arrows: its direction) or, where something grows, the growth rate of the area.
+Every scene of `scenes/`, as its comment describes it: the reference image, depth, the velocity along the camera's axis,
+and the velocity across it (colour: its size; arrows: its direction) or, where something grows, the rate of its area.
 `make gallery` draws the pictures anew; `scenetruth run scenes/NAME.yaml -o outputs/NAME` runs a scene.
 """
 
@@ -77,7 +77,12 @@ def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, 
         )
         step = max(width // 20, 8)
         y, x = np.mgrid[step // 2 : height : step, step // 2 : width : step]
-        axes[3].quiver(x, y, velocity[0][y, x], velocity[1][y, x], color="white", angles="xy", width=0.004)
+        moving = across[y, x] > 0.05 * np.nanmax(across)
+        y, x = y[moving], x[moving]
+        if len(x) and np.nanmax(across) > 1e-9:
+            arrows = velocity[:2, y, x] / np.nanmax(across)
+            # A length in pixels that does not depend on how many move.
+            axes[3].quiver(x, y, *arrows, color="white", angles="xy", scale_units="xy", scale=0.8 / step, width=0.004)
     figure.savefig(target, dpi=100)
     plt.close(figure)
 

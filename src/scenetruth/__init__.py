@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from scenetruth.score import Score, score
     from scenetruth.simulate import simulate
     from scenetruth.storage import load, save
+    from scenetruth.truth import track_points
 
 __version__ = "0.1.0"
 
@@ -53,6 +54,7 @@ __all__ = [
     "scene_from_plain",
     "score",
     "simulate",
+    "track_points",
     "two_point_correction",
 ]
 
@@ -67,6 +69,7 @@ _HOMES = {
     "score": "score",
     "load": "storage",
     "save": "storage",
+    "track_points": "truth",
     "two_point_correction": "camera",
 }
 

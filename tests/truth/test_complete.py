@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+import scenetruth as st
 from scenetruth.recording import VARIABLES
 from scenetruth.scene import Scene
 from scenetruth.scene.world import World, build_world
@@ -106,3 +107,15 @@ def test_boundary_distance_is_that_of_the_nearest_mixed_pixel() -> None:
         y, x = np.mgrid[: image.sizes["y"], : image.sizes["x"]]
         nearest = np.hypot(y[..., None] - rows, x[..., None] - columns).min(axis=-1)
         np.testing.assert_allclose(image["boundary_distance"].values, nearest, atol=1e-12)
+
+
+def test_tracked_points_are_the_points_displaced() -> None:
+    scene, world, truth = example()
+    tracks = st.track_points(scene, truth, [0, 1, -1, 0.25])
+    image = truth.sel(s=0, t=0)
+    here = image["object_id"].values >= 0
+    assert (np.isfinite(tracks).all(axis=(0, 1)) == here).all()
+    for track, way in zip(tracks[1:3], ("next", "previous"), strict=True):
+        step = image[f"displacement_{way}"].values[:, here]
+        np.testing.assert_allclose((track - tracks[0])[:, here], step, atol=1e-9)
+    np.testing.assert_allclose(tracks[3][:, here].T, points_at(world, image, 0.25), atol=1e-9)

@@ -3,6 +3,7 @@
 from scenetruth.truth.following import PixelPoints, follow_points
 from scenetruth.truth.maps import GeometryPass, TruthMaps, truth_maps
 from scenetruth.truth.rolling import truth_by_rows
+from scenetruth.truth.tracks import track_points
 from scenetruth.truth.visibility import SurfacePoints, points_seen
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "TruthMaps",
     "follow_points",
     "points_seen",
+    "track_points",
     "truth_by_rows",
     "truth_maps",
 ]
