@@ -229,11 +229,14 @@ def test_missing_pieces_are_named(tmp_path: Path) -> None:
 def test_ctrl_c_during_a_render_leaves_nothing_behind(tmp_path: Path) -> None:
     command = [sys.executable, "-u", "-m", "scenetruth", "run", str(SCENES / "cube.yaml"), "-o", str(tmp_path / "cube")]
     command += ["--set", "render.backend=raycast", "--set", "render.supersampling=8"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
-    # The renderer is open once Embree is loaded.
-    while "embree" not in Path(f"/proc/{process.pid}/maps").read_text() and time.monotonic() < deadline:
-        time.sleep(0.05)
+    environment = {**os.environ, "FORCE_COLOR": "1"}  # draws the progress as on a terminal
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    assert process.stderr is not None
+    shown = ""
+    while "render" not in shown:
+        letter = process.stderr.read(1)
+        assert letter, shown
+        shown += letter
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
