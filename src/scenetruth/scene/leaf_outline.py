@@ -81,7 +81,15 @@ def half_width_mm(spec: LeafMesh, a_mm: Floats) -> Floats:
         The leaf.
     a_mm
         Places along the midrib, from 0 at the base to the length at the tip; beyond them the width is zero.
+
+    Raises
+    ------
+    ValueError
+        If the leaf is palmate: its margin is no function of the place along the midrib.
     """
+    if spec.outline == "palmate":
+        msg = "the margin of a palmate leaf is no function of the place along the midrib"
+        raise ValueError(msg)
     xi = np.clip(np.asarray(a_mm, dtype=np.float64) / spec.length_mm, 0, 1)
     width: Floats = spec.full_width_mm / 2 * _relative_width(spec, xi) / _largest(spec)
     return width
@@ -90,8 +98,12 @@ def half_width_mm(spec: LeafMesh, a_mm: Floats) -> Floats:
 def entire_margin(spec: LeafMesh, count: int = _FINE) -> Floats:
     """Return the margin without teeth and petiole from base to tip, shape (count, 2).
 
-    The lobes of a cordate leaf shear the formula along the midrib.
+    The lobes of a cordate leaf shear the formula along the midrib; those of a palmate one are curves of their own.
     """
+    if spec.lobe_sides:
+        points = _palmate(spec, toothed=False)[0]
+        place = np.linspace(0, len(points) - 1, count)
+        return np.column_stack([np.interp(place, np.arange(len(points)), column) for column in points.T])
     angle = np.linspace(0, np.pi, count)
     xi = np.sin(angle / 2) ** 2
     b = half_width_mm(spec, xi * spec.length_mm)
@@ -123,6 +135,11 @@ def _shear_mm(spec: LeafMesh) -> float:
 
 def margin_of(spec: LeafMesh) -> Margin:
     """Return the margin with its teeth, and with the petiole if there is one."""
+    if spec.lobe_sides:
+        points, corners = _palmate(spec)
+        if spec.petiole is not None:
+            points, corners = _stalked(points, corners, spec.petiole.length_mm, spec.petiole.diameter_mm / 2)
+        return Margin(points, corners)
     teeth = 0 if spec.serration is None else spec.serration.count_per_side
     points = entire_margin(spec, max(_FINE, 120 * teeth))
     corners = np.array([0, len(points) - 1])
@@ -131,6 +148,33 @@ def margin_of(spec: LeafMesh) -> Margin:
     if spec.petiole is not None:
         points, corners = _stalked(points, corners, spec.petiole.length_mm, spec.petiole.diameter_mm / 2)
     return Margin(points, corners)
+
+
+def _palmate(spec: LeafMesh, toothed: bool = True) -> tuple[Floats, NDArray[np.intp]]:
+    """Return the margin of a palmate leaf from the insertion to the tip of the middle lobe."""
+    sides = spec.lobe_sides
+    teeth = spec.serration if toothed else None
+    pieces, corners, used = [], [], 0
+    for side in sides:
+        points, kept = side.points_mm, np.array([0, len(side.points_mm) - 1])
+        if teeth is not None:
+            # The same distance of the teeth on all lobes, as nearly as a whole number of them allows.
+            share = side.margin_mm / sides[-1].margin_mm
+            count = max(round(teeth.count_per_side * share), 1)
+            fine = np.linspace(0, len(points) - 1, max(len(points), 120 * count))
+            points = np.column_stack([np.interp(fine, np.arange(len(points)), column) for column in points.T])
+            points, kept = _serrated(points, count, teeth.depth_mm * min(1.0, share))
+        points = side.in_leaf(points)
+        if side.hand < 0:
+            points, kept = points[::-1], len(points) - 1 - kept[::-1]
+        # Each piece ends where the next one begins.
+        pieces.append(points[:-1])
+        corners.append(used + kept[:-1])
+        used += len(points) - 1
+    end = np.array([[spec.length_mm, 0.0]])
+    margin = np.concatenate([*pieces, end])
+    margin[0] = 0.0
+    return margin, np.concatenate([*corners, [used]])
 
 
 def _arc_length(points: Floats) -> Floats:

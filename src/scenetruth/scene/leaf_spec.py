@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from scenetruth.model import Finite, FrozenModel, Positive
 
+if TYPE_CHECKING:
+    from scenetruth.scene.leaf_lobes import LobeSide
+
 __all__ = ["LeafMesh", "LeafTexture", "Petiole", "Serration", "Undulation"]
 
 _MOST_TRIANGLES = 5_000_000
-_WIDTHS = {"ovate": 0.62, "lanceolate": 0.28, "cordate": 0.85, "elliptic": 0.55}
+_WIDTHS = {"ovate": 0.62, "lanceolate": 0.28, "cordate": 0.85, "elliptic": 0.55, "palmate": 1.5}
 _MOTTLING_PEAK = 4.1  # standard deviations that mottling may reach
 _PARTS_OF_WIDTH = 4  # triangles across the blade, at least
 _PARTS_OF_TOOTH = 4  # edges along a tooth, at least
+_PARTS_OF_LOBE = 5  # triangles across a lobe, at least
+_NARROWEST_PALMATE = 0.8  # least width of a palmate leaf as a part of its length
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Turn = Annotated[float, Field(gt=-360, lt=360, allow_inf_nan=False)]
@@ -25,7 +30,8 @@ class Serration(FrozenModel):
     """Teeth of the margin, which point forward to the tip."""
 
     count_per_side: Annotated[int, Field(ge=1, le=500)] = 16
-    """Teeth on each side of the blade."""
+    """Teeth on each side of the blade; of a palmate one, on each side of its middle lobe, and on the others as many as
+    fit."""
     depth_mm: Positive
     """How deep the notches are cut into the outline, in mm."""
 
@@ -61,17 +67,23 @@ class LeafMesh(FrozenModel):
 
     kind: Literal["leaf"]
     """``leaf``."""
-    outline: Literal["ovate", "lanceolate", "cordate", "elliptic"] = "ovate"
-    """Form of the margin: widest below the middle, slender, heart-shaped with lobes behind the base, or widest in the
-    middle."""
+    outline: Literal["ovate", "lanceolate", "cordate", "elliptic", "palmate"] = "ovate"
+    """Form of the margin: widest below the middle, slender, heart-shaped with lobes behind the base, widest in the
+    middle, or with lobes like the fingers of a hand (castor-oil plant), which all begin where the petiole joins."""
     tip: Literal["acuminate", "acute", "round"] | None = None
-    """End of the blade: drawn out to a point, pointed, or round; None: round for elliptic, else acuminate."""
+    """End of the blade: drawn out to a point, pointed, or round; None: round for elliptic, else acuminate. A
+    palmate leaf has such a tip on every lobe, and no round one."""
     length_mm: Positive = 80.0
-    """Length of the midrib from base to tip in mm."""
+    """Length of the midrib from base to tip in mm; the base is where the petiole joins."""
     width_mm: Positive | None = None
-    """Largest width in mm; None: 0.62, 0.28, 0.85 or 0.55 of the length for ovate, lanceolate, cordate, elliptic."""
+    """Largest width in mm; None: 0.62, 0.28, 0.85, 0.55 or 1.5 of the length for ovate, lanceolate, cordate, elliptic,
+    palmate."""
     lobe_depth: Annotated[float, Field(ge=0, le=0.35)] | None = None
     """How far the lobes of a cordate leaf reach behind its base, as a part of the length; None: 0.16."""
+    lobes: Annotated[int, Field(ge=5, le=11)] | None = None
+    """Lobes of a palmate leaf, an odd number; None: 7."""
+    lobe_cut: Annotated[float, Field(ge=0, le=0.7)] | None = None
+    """How far the sinuses of a palmate leaf reach from the line between two tips to the petiole, as a part; None: 0.5."""
     serration: Serration | None = None
     """Teeth; None: an entire margin."""
     petiole: Petiole | None = None
@@ -104,6 +116,21 @@ class LeafMesh(FrozenModel):
             return 0.0
         return (0.16 if self.lobe_depth is None else self.lobe_depth) * self.length_mm
 
+    @property
+    def lobe_sides(self) -> tuple[LobeSide, ...]:
+        """Sides of the lobes of a palmate leaf's half with b >= 0, from rear to tip; none for other outlines."""
+        if self.outline != "palmate":
+            return ()
+        return _lobe_sides(self.tip, self.length_mm, self.full_width_mm, self.lobes, self.lobe_cut)
+
+    @field_validator("tip")
+    @classmethod
+    def _pointed_lobes(cls, value: str | None, info: ValidationInfo) -> str | None:
+        if value == "round" and info.data.get("outline") == "palmate":
+            msg = "the lobes of a palmate outline are acuminate or acute"
+            raise ValueError(msg)
+        return value
+
     @field_validator("width_mm")
     @classmethod
     def _leaf_like(cls, value: float | None, info: ValidationInfo) -> float | None:
@@ -111,6 +138,11 @@ class LeafMesh(FrozenModel):
         if value is not None and length is not None and not length / 50 <= value <= 2 * length:
             msg = f"must lie between 1/50 and 2 of length_mm = {length:g}"
             raise ValueError(msg)
+        if value is not None and length is not None and info.data.get("outline") == "palmate":
+            least = _NARROWEST_PALMATE * length
+            if value < least:
+                msg = f"must be at least {least:g}, {_NARROWEST_PALMATE:g} of the length, for palmate lobes to spread"
+                raise ValueError(msg)
         return value
 
     @field_validator("lobe_depth")
@@ -121,14 +153,29 @@ class LeafMesh(FrozenModel):
             raise ValueError(msg)
         return value
 
+    @field_validator("lobes", "lobe_cut")
+    @classmethod
+    def _is_palmate(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is not None and info.data.get("outline", "palmate") != "palmate":
+            msg = f"only a palmate outline has it, not {info.data['outline']}"
+            raise ValueError(msg)
+        if value is not None and info.field_name == "lobes" and value % 2 == 0:
+            msg = f"must be odd: one lobe in the middle and as many on each side; {value - 1:g} or {value + 1:g}"
+            raise ValueError(msg)
+        return value
+
     @field_validator("serration")
     @classmethod
     def _shallow(cls, value: Serration | None, info: ValidationInfo) -> Serration | None:
         size = _size(info)
         if value is not None and size is not None:
-            most = min(size[1] / 8, size[0] / value.count_per_side)
+            of, wide, toothed = "width", size[1], size[0]
+            lobes = _lobes(info)
+            if lobes is not None:
+                of, wide, toothed = "narrowest lobe", *lobes
+            most = min(wide / 8, toothed / value.count_per_side)
             if value.depth_mm > most:
-                msg = f"depth_mm must not exceed {most:g}: an eighth of the width, and the distance of the teeth"
+                msg = f"depth_mm must not exceed {most:g}: an eighth of the {of}, and the distance of the teeth"
                 raise ValueError(msg)
         return value
 
@@ -158,14 +205,17 @@ class LeafMesh(FrozenModel):
         if size is None:
             return value
         (length, width), teeth, stalk = size, info.data.get("serration"), info.data.get("petiole")
-        coarsest, area = width / _PARTS_OF_WIDTH, 0.8 * width * length
+        coarsest, area, toothed, parts = width / _PARTS_OF_WIDTH, 0.8 * width * length, length, "width"
+        lobes = _lobes(info)
+        if lobes is not None:
+            coarsest, toothed, parts = lobes[0] / _PARTS_OF_LOBE, lobes[1], "lobes (the deeper cut, the narrower)"
         if teeth is not None:
-            coarsest = min(coarsest, length / teeth.count_per_side / _PARTS_OF_TOOTH)
+            coarsest = min(coarsest, toothed / teeth.count_per_side / _PARTS_OF_TOOTH)
         if stalk is not None:
             coarsest = min(coarsest, 1.2 * stalk.diameter_mm, stalk.length_mm / 2)
             area += stalk.length_mm * stalk.diameter_mm
         if value > coarsest:
-            msg = f"must not exceed {coarsest:.4g} for width, teeth and petiole to be resolved"
+            msg = f"must not exceed {coarsest:.4g} for {parts}, teeth and petiole to be resolved"
             raise ValueError(msg)
         count = area / (math.sqrt(3) / 4 * value**2)
         if count > _MOST_TRIANGLES:
@@ -181,6 +231,25 @@ def _size(info: ValidationInfo) -> tuple[float, float] | None:
         return None
     length, width = info.data["length_mm"], info.data["width_mm"]
     return length, _WIDTHS[info.data["outline"]] * length if width is None else width
+
+
+def _lobes(info: ValidationInfo) -> tuple[float, float] | None:
+    """Return the width of the narrowest lobe and the length of the middle lobe's side; None if there are no lobes."""
+    size = _size(info)
+    if size is None or info.data["outline"] != "palmate" or not {"tip", "lobes", "lobe_cut"} <= info.data.keys():
+        return None
+    from scenetruth.scene.leaf_lobes import narrowest_lobe_mm
+
+    sides = _lobe_sides(info.data["tip"], *size, info.data["lobes"], info.data["lobe_cut"])
+    return narrowest_lobe_mm(sides), sides[-1].margin_mm
+
+
+def _lobe_sides(
+    tip: str | None, length: float, width: float, lobes: int | None, cut: float | None
+) -> tuple[LobeSide, ...]:
+    from scenetruth.scene.leaf_lobes import lobe_sides
+
+    return lobe_sides(7 if lobes is None else lobes, 0.5 if cut is None else cut, tip or "acuminate", length, width)
 
 
 class LeafTexture(FrozenModel):

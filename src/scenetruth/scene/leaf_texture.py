@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scenetruth.errors import Problem, SceneError
 from scenetruth.scene.leaf_outline import entire_margin
 from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture
-from scenetruth.scene.leaf_veins import Vein, midrib_of, side_veins_of
+from scenetruth.scene.leaf_veins import Vein, main_veins_of, side_veins_of
 from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.noise import band_limited_noise
 
@@ -164,7 +164,8 @@ def _veins(entry: LeafTexture, leaf: LeafMesh, canvas: _Canvas, generator: np.ra
 
     side_veins = side_veins_of(leaf, entry, generator)
     midrib, large = np.zeros(canvas.shape, dtype=np.float32), np.zeros(canvas.shape, dtype=np.float32)
-    _draw(midrib, midrib_of(leaf), canvas)
+    for vein in main_veins_of(leaf):
+        _draw(midrib, vein, canvas)
     for vein in side_veins:
         _draw(large, vein, canvas)
     ladder, areoles = _nets(entry, leaf, canvas, generator)
@@ -194,9 +195,9 @@ def _nets(entry: LeafTexture, leaf: LeafMesh, canvas: _Canvas, generator: np.ran
     across, along = (_warp(spacing, canvas, generator) for _ in range(2))
     # Places along and across the side veins: they leave the midrib at an angle and bend towards the tip.
     angle = np.radians(entry.secondary_angle_deg)
-    out = np.abs(b)
-    rung = (a - out / np.float32(np.tan(angle)) - np.float32(0.55 / leaf.full_width_mm) * out**2) * np.sin(angle)
-    far = out / np.float32(np.sin(angle)) + np.where(b < 0, np.float32(53.7 * spacing), np.float32(0))
+    ahead, out, number = _beside_veins(leaf, a, b, across)
+    rung = (ahead - out / np.float32(np.tan(angle)) - np.float32(0.55 / leaf.full_width_mm) * out**2) * np.sin(angle)
+    far = out / np.float32(np.sin(angle)) + np.float32(53.7 * spacing) * number
     texel = 1 / canvas.texels_per_mm
     layers = []
     for x, y, cell, (strength, part) in (
@@ -209,6 +210,23 @@ def _nets(entry: LeafTexture, leaf: LeafMesh, canvas: _Canvas, generator: np.ran
         lines = net(x.astype(np.float32), y.astype(np.float32), seeds, powers, cell, sigma)
         layers.append(np.float32(strength) * lines)
     return layers[0], layers[1]
+
+
+def _beside_veins(leaf: LeafMesh, a: Image, b: Image, wander: Image) -> tuple[Image, Image, Image]:
+    """Return places along the nearest main vein and off it, and a number that differs between the sides of veins.
+
+    In a palmate leaf the border between lobes wanders about the line through the sinus.
+    """
+    below = np.where(b < 0, np.float32(1), np.float32(0))
+    if not leaf.lobe_sides:
+        return a, np.abs(b), below
+    turns = np.array([side.azimuth_rad for side in leaf.lobe_sides if side.hand > 0][::-1], dtype=np.float32)
+    turn = np.arctan2(np.abs(b) + np.float32(0.3) * wander, a)
+    lobe = np.searchsorted((turns[1:] + turns[:-1]) / 2, turn)
+    c, s = np.cos(turns)[lobe], np.sin(turns)[lobe]
+    ahead, off = c * a + s * np.abs(b), c * np.abs(b) - s * a
+    number = 2 * lobe + np.where(off < 0, np.float32(1), np.float32(0)) + 2 * len(turns) * below
+    return ahead, np.abs(off), number.astype(np.float32)
 
 
 def _warp(spacing: float, canvas: _Canvas, generator: np.random.Generator) -> Image:

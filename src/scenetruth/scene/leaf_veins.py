@@ -1,4 +1,4 @@
-"""The large veins of a leaf: midrib and side veins that curve towards the tip as they come near the margin."""
+"""The large veins of a leaf: midrib, or one for each lobe, and side veins that curve to the tip near the margin."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.scene.leaf_lobes import LobeSide
 from scenetruth.scene.leaf_outline import entire_margin
 from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture
 
-__all__ = ["Vein", "midrib_of", "side_veins_of"]
+__all__ = ["Vein", "main_veins_of", "midrib_of", "side_veins_of"]
 
 Floats = NDArray[np.float64]
 
@@ -58,6 +59,18 @@ def midrib_of(leaf: LeafMesh) -> Vein:
     return Vein(np.column_stack([a, np.zeros_like(a)]), width, strength)
 
 
+def main_veins_of(leaf: LeafMesh) -> list[Vein]:
+    """Return the midrib, and the veins that lead to the tips of the other lobes of a palmate leaf."""
+    veins = [midrib_of(leaf)]
+    for side in leaf.lobe_sides:
+        if side.hand > 0 and side.azimuth_rad > 0:
+            share = np.linspace(0, 1, 200)
+            ahead = side.in_leaf(np.column_stack([share * side.length_mm, np.zeros_like(share)]))
+            width = side.length_mm * (_MIDRIB[1] + (0.85 * _MIDRIB[0] - _MIDRIB[1]) * (1 - share) ** 1.2)
+            veins.extend(Vein(ahead * (1, sign), width, 0.95 - 0.45 * share**1.5) for sign in (-1, 1))
+    return veins
+
+
 def side_veins_of(leaf: LeafMesh, texture: LeafTexture, generator: np.random.Generator) -> list[Vein]:
     """Return the side veins of both sides, each a little different.
 
@@ -68,15 +81,53 @@ def side_veins_of(leaf: LeafMesh, texture: LeafTexture, generator: np.random.Gen
     generator
         Source of their irregularity.
     """
-    count, length = texture.secondary_veins, leaf.length_mm
-    depth = _Depth(leaf)
+    if leaf.lobe_sides:
+        return _veins_of_lobes(leaf.lobe_sides, texture, generator)
+    blade = _Blade(leaf.length_mm, leaf.full_width_mm, entire_margin(leaf, 800))
+    return _veins_of_blade(blade, texture.secondary_veins, texture, generator, leaf.outline == "cordate")
+
+
+@dataclass(frozen=True, eq=False)
+class _Blade:
+    """What side veins run in: a midrib and the margin on the side b >= 0 of it, from base to tip, shape (n, 2)."""
+
+    length_mm: float
+    width_mm: float
+    margin_mm: Floats
+
+
+def _veins_of_lobes(sides: tuple[LobeSide, ...], texture: LeafTexture, generator: np.random.Generator) -> list[Vein]:
+    """Return the side veins of a palmate leaf: each side of a lobe is a blade from the insertion to the tip.
+
+    Towards the neighbouring lobe the line through the sinus is its margin.
+    """
+    longest = sides[-1].length_mm
+    veins = []
+    for side in sides:
+        sinus = side.points_mm[0] * np.linspace(0, 1, 60, endpoint=False)[:, None]
+        margin = np.concatenate([sinus, side.points_mm[::8], side.points_mm[-1:]])
+        blade = _Blade(side.length_mm, 2 * float(margin[:, 1].max()), margin)
+        count = max(round(texture.secondary_veins * side.length_mm / longest), 1)
+        for vein in _veins_of_blade(blade, count, texture, generator, False):
+            # Those with b < 0 belong to the other half of the leaf.
+            points, sign = vein.points_mm, np.sign(vein.points_mm[-1, 1])
+            points = side.in_leaf(points * (1, sign)) * (1, sign)
+            veins.append(Vein(points, vein.width_mm, vein.strength))
+    return veins
+
+
+def _veins_of_blade(
+    blade: _Blade, count: int, texture: LeafTexture, generator: np.random.Generator, lobed_base: bool
+) -> list[Vein]:
+    length = blade.length_mm
+    depth = _Depth(blade)
     start, angle, side = [], [], []
     for sign in (-1, 1):
         place = (np.arange(count) + (0.35 if sign > 0 else 0.0) + 0.15 * generator.uniform(-1, 1, count)) / count
         place = 0.015 + 0.86 * np.clip(place, 0, 1) ** 0.95
         # Side veins near the base leave the midrib at larger angles than those near the tip.
         turn = texture.secondary_angle_deg * (1.12 - 0.30 * place) + generator.normal(0, 2.0, count)
-        if leaf.outline == "cordate":
+        if lobed_base:
             place = np.concatenate([[0.004, 0.008, 0.012], place])
             turn = np.concatenate([np.array([118.0, 97.0, 76.0]) + generator.normal(0, 3.0, 3), turn])
         start.append(place * length)
@@ -88,7 +139,7 @@ def side_veins_of(leaf: LeafMesh, texture: LeafTexture, generator: np.random.Gen
     wobble = np.cumsum(generator.normal(0, 0.018, (_STEPS, len(here))), axis=0)
     wobble -= np.linspace(0, 1, _STEPS)[:, None] * wobble[-1]
     path, near_margin, inner = [here], [np.zeros(len(here))], [np.ones(len(here))]
-    step, young = _STEP * length, 0.05 * leaf.full_width_mm
+    step, young = _STEP * length, 0.05 * blade.width_mm
     for k in range(_STEPS):
         distance, outward = depth.at(here)
         # Along the margin, towards the tip.
@@ -134,17 +185,17 @@ def side_veins_of(leaf: LeafMesh, texture: LeafTexture, generator: np.random.Gen
 class _Depth:
     """Distance from the entire margin inside the blade, on the side b >= 0, and the way out."""
 
-    def __init__(self, leaf: LeafMesh) -> None:
+    def __init__(self, blade: _Blade) -> None:
         from scipy.ndimage import distance_transform_edt, gaussian_filter
 
         from scenetruth.scene.leaf_kernels import inside
 
-        margin = entire_margin(leaf, 800)
+        margin, length, width = blade.margin_mm, blade.length_mm, blade.width_mm
         behind = -float(margin[:, 0].min())
-        self._pitch = (leaf.length_mm + behind) / _GRID
+        self._pitch = (length + behind) / _GRID
         edge = 6 * self._pitch
-        self._low = np.array([-behind - edge, -leaf.full_width_mm / 2 - edge])
-        counts = np.ceil((np.array([leaf.length_mm + edge, leaf.full_width_mm / 2 + edge]) - self._low) / self._pitch)
+        self._low = np.array([-behind - edge, -width / 2 - edge])
+        counts = np.ceil((np.array([length + edge, width / 2 + edge]) - self._low) / self._pitch)
         a, b = (low + self._pitch * np.arange(int(n) + 1) for low, n in zip(self._low, counts, strict=True))
         grid = np.stack(np.meshgrid(a, b), axis=-1)
         outline = np.concatenate([margin, margin[-2:0:-1] * (1, -1)])
