@@ -127,7 +127,7 @@ def _side(length: float, sinus: float, half: float, form: float, sharp: float) -
 
 
 def _rear(length: float, gap: float, sharp: float) -> Floats:
-    """Return the rear side of the hindmost lobe, from the insertion; the gap is the angle between it and the petiole."""
+    """Return the rear side of the hindmost lobe, from the insertion; the gap is its angle with the petiole."""
     control = [
         (0.0, 0.0),
         (0.22 * length, 0.22 * length * np.tan(0.1 * gap)),

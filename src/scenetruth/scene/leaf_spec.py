@@ -83,7 +83,8 @@ class LeafMesh(FrozenModel):
     lobes: Annotated[int, Field(ge=5, le=11)] | None = None
     """Lobes of a palmate leaf, an odd number; None: 7."""
     lobe_cut: Annotated[float, Field(ge=0, le=0.7)] | None = None
-    """How far the sinuses of a palmate leaf reach from the line between two tips to the petiole, as a part; None: 0.5."""
+    """How far the sinuses of a palmate leaf reach from the line between two tips to the petiole, as a part; None:
+    0.5."""
     serration: Serration | None = None
     """Teeth; None: an entire margin."""
     petiole: Petiole | None = None
