@@ -21,6 +21,7 @@ from scenetruth.scene.mesh import TriangleMesh, make_mesh
 from tests.scenes import cube
 
 OUTLINES = ["ovate", "lanceolate", "cordate", "elliptic"]
+WITH_LOBES = [*OUTLINES, "palmate"]
 STALK = {"length_mm": 20.0, "diameter_mm": 2.0}
 
 
@@ -72,7 +73,7 @@ def check_sheet(mesh: TriangleMesh, entry: spec.LeafMesh) -> None:
     assert corner_angles(flat, faces).min() > 15
 
 
-@pytest.mark.parametrize("outline", OUTLINES)
+@pytest.mark.parametrize("outline", WITH_LOBES)
 @pytest.mark.parametrize("full", [False, True])
 def test_triangles_are_even_and_follow_the_margin(outline: str, full: bool) -> None:
     more = {"serration": {"count_per_side": 9, "depth_mm": 0.8}, "petiole": STALK} if full else {}
@@ -114,6 +115,75 @@ def test_sheets_of_any_leaf_are_sound(
         resolution_mm=resolution,
     )
     check_sheet(make_mesh(entry, Path()), entry)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+@given(
+    lobes=some.sampled_from([5, 7, 9, 11]),
+    cut=some.floats(0, 0.7),
+    tip=some.sampled_from(["acuminate", "acute", None]),
+    width=some.floats(75, 120),
+    teeth=some.integers(0, 4),
+    depth=some.floats(0.1, 0.5),
+    stalk=some.floats(0, 3.0),
+)
+def test_sheets_of_any_palmate_leaf_are_sound(
+    lobes: int, cut: float, tip: str | None, width: float, teeth: int, depth: float, stalk: float
+) -> None:
+    entry = leaf_entry(
+        outline="palmate",
+        lobes=lobes,
+        lobe_cut=cut,
+        tip=tip,
+        width_mm=width,
+        serration={"count_per_side": teeth, "depth_mm": depth} if teeth else None,
+        petiole={"length_mm": 20.0, "diameter_mm": stalk} if stalk > 1.3 else None,
+        resolution_mm=0.75,
+    )
+    check_sheet(make_mesh(entry, Path()), entry)
+    margin = entire_margin(entry)
+    assert margin[0].tolist() == [0, 0]
+    assert margin[-1].tolist() == [60, 0]
+    # Half a step between the points of the margin, or less than that, is missing at the tip.
+    assert margin[:, 1].max() == pytest.approx(width / 2, abs=0.1)
+
+
+@pytest.mark.parametrize("lobes", [5, 7, 9, 11])
+def test_lobes_are_as_many_as_asked_and_their_sinuses_as_deep(lobes: int) -> None:
+    entry = leaf_entry(outline="palmate", lobes=lobes, lobe_cut=0.6)
+    margin = entire_margin(entry, 20_000)
+    away = np.hypot(*margin.T)
+    inner = away[1:-1]
+    tips = 1 + np.flatnonzero((inner > away[:-2]) & (inner > away[2:]))
+    sinuses = 1 + np.flatnonzero((inner < away[:-2]) & (inner < away[2:]))
+    assert len(tips) == len(sinuses) == (lobes - 1) // 2
+    # From the hindmost lobe on, which is the shortest, to the middle one; over about 300 degrees together.
+    lengths = away[[*tips, len(away) - 1]]
+    assert (np.diff(lengths) > 0).all()
+    assert 270 < 2 * np.degrees(np.arctan2(*margin[tips[0], ::-1])) < 310
+    # The line through a sinus half-way between two tips, crossed by the line that joins these.
+    tops = margin[[*tips, len(margin) - 1]]
+    for one, other, sinus in zip(tops[:-1], tops[1:], sinuses, strict=True):
+        middle = one / np.hypot(*one) + other / np.hypot(*other)
+        middle /= np.hypot(*middle)
+        share, crossing = np.linalg.solve(np.column_stack([one - other, middle]), one)
+        assert 0 < share < 1
+        # Points of the margin stand 0.02 mm apart at most, and the sinus is flat there.
+        assert away[sinus] == pytest.approx(0.4 * crossing, rel=0.05)
+        assert away[sinus] <= 0.4 * crossing + 0.02
+
+
+def test_deeper_cuts_leave_less_of_the_leaf() -> None:
+    areas = []
+    for cut in (0.0, 0.2, 0.4, 0.6, 0.7):
+        x, y = entire_margin(leaf_entry(outline="palmate", lobe_cut=cut, resolution_mm=0.5)).T
+        areas.append(float(np.sum((x[:-1] - x[1:]) * (y[:-1] + y[1:]))))
+    assert (np.diff(np.abs(areas)) < 0).all()
+
+
+def test_width_along_the_midrib_is_refused_for_lobes() -> None:
+    with pytest.raises(ValueError, match="no function of the place"):
+        half_width_mm(leaf_entry(outline="palmate"), np.array([1.0]))
 
 
 @pytest.mark.parametrize("outline", OUTLINES)
@@ -223,6 +293,16 @@ def test_inside_is_the_even_odd_rule() -> None:
         ({"serration": {"depth_mm": 20}}, "serration", "depth_mm must not exceed"),
         ({"serration": {"count_per_side": 60, "depth_mm": 0.1}}, "resolution_mm", "teeth and petiole to be resolved"),
         ({"petiole": {"length_mm": 20, "diameter_mm": 30}}, "petiole", "diameter_mm must not exceed"),
+        ({"outline": "ovate", "lobes": 7}, "lobes", "only a palmate outline has it, not ovate"),
+        ({"lobe_cut": 0.4}, "lobe_cut", "only a palmate outline has it, not ovate"),
+        ({"outline": "palmate", "lobes": 6}, "lobes", "must be odd"),
+        ({"outline": "palmate", "lobes": 13}, "lobes", "less than or equal to 11"),
+        ({"outline": "palmate", "lobe_cut": 0.8}, "lobe_cut", "less than or equal to 0.7"),
+        ({"outline": "palmate", "lobes": 11, "lobe_cut": 0.7, "resolution_mm": 2}, "resolution_mm", "the deeper cut, the narrower"),
+        ({"outline": "palmate", "tip": "round"}, "tip", "acuminate or acute"),
+        ({"outline": "palmate", "width_mm": 30}, "width_mm", "must be at least 48"),
+        ({"outline": "palmate", "serration": {"depth_mm": 3}}, "serration", "an eighth of the narrowest lobe"),
+        ({"outline": "palmate", "petiole": {"length_mm": 20, "diameter_mm": 5}}, "petiole", "a twentieth"),
         ({"bend_along_deg": 360}, "bend_along_deg", "less than 360"),
         ({"bend_along_deg": -300, "petiole": STALK}, "bend_along_deg", "blade and petiole together by 400"),
         ({"bend_across_deg": -360}, "bend_across_deg", "greater than -360"),

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.scene import spec
 from scenetruth.scene.check import describe_scene
-from scenetruth.scene.leaf_kernels import draw_dots, draw_veins, net
+from scenetruth.scene.leaf_kernels import draw_dots, draw_veins, inside, net
 from scenetruth.scene.leaf_outline import entire_margin, half_width_mm
-from scenetruth.scene.leaf_veins import side_veins_of
+from scenetruth.scene.leaf_veins import main_veins_of, side_veins_of
 from scenetruth.scene.mesh import TriangleMesh, make_mesh, plane
 from scenetruth.scene.texture import Painted, make_texture
 from scenetruth.scene.world import build_world
@@ -167,6 +167,57 @@ def test_side_veins_curve_to_the_margin_inside_the_blade(outline: str) -> None:
         assert (np.diff(vein.width_mm) < 0).all()
     reach = max(np.abs(vein.points_mm[:, 1]).max() for vein in veins)
     assert reach > 0.6 * half_width_mm(entry, np.linspace(0, LENGTH, 99)).max()
+
+
+def test_every_lobe_has_its_veins_inside_the_blade() -> None:
+    plain = {"kind": "leaf", "outline": "palmate", "lobes": 9, "length_mm": LENGTH, "resolution_mm": 1}
+    entry = spec.LeafMesh.model_validate(plain)
+    margin = entire_margin(entry)
+    outline = np.concatenate([margin, margin[-2:0:-1] * (1, -1)])
+    main = main_veins_of(entry)
+    assert len(main) == 9
+    ends = np.array([vein.points_mm[-1] for vein in main])
+    for vein, end in zip(main, ends, strict=True):
+        assert (vein.points_mm[0] == 0).all()
+        # Points of the margin stand 0.1 mm apart.
+        assert np.hypot(*(margin * (1, np.sign(end[1]) or 1.0) - end).T).min() < 0.1
+        assert inside(vein.points_mm[1:-1] * 0.999, outline).all()
+    veins = side_veins_of(entry, texture_of(secondary_veins=7), np.random.default_rng(1))
+    starts = np.array([vein.points_mm[0] for vein in veins])
+    turns = np.arctan2(ends[:, 1], ends[:, 0])
+    # Each starts on a main vein, and every main vein has several on each side.
+    apart = np.abs(starts[:, None, 1] * np.cos(turns) - starts[:, None, 0] * np.sin(turns))
+    apart[starts @ np.array([np.cos(turns), np.sin(turns)]) <= 0] = np.inf
+    lobe = apart.argmin(axis=1)
+    assert apart.min(axis=1).max() < 1e-9
+    for number, turn in enumerate(turns):
+        across = [
+            vein.points_mm[-1] @ (-np.sin(turn), np.cos(turn))
+            for vein, at in zip(veins, lobe, strict=True)
+            if at == number
+        ]
+        assert min(np.sum(np.array(across) > 0), np.sum(np.array(across) < 0)) >= 3
+    for vein in veins:
+        # They end where they come near to the margin.
+        out = vein.points_mm[1:][~inside(vein.points_mm[1:], outline)]
+        assert all(np.hypot(*(outline - point).T).min() < 0.01 * LENGTH for point in out)
+
+
+def test_veins_of_lobes_are_seen() -> None:
+    mesh = leaf_of(outline="palmate", resolution_mm=1.0)
+    item = make_texture(texture_of(**PLAIN), mesh, Path(), np.random.default_rng(4))
+    flat = np.column_stack([mesh.chart_mm.reshape(-1, 2), np.ones(3 * len(mesh.faces))])
+    linear = np.linalg.lstsq(flat, item.uv.reshape(-1, 2), rcond=None)[0]
+    assert mesh.leaf is not None
+    for vein in main_veins_of(mesh.leaf):
+        on = vein.points_mm[len(vein.points_mm) // 4 : 3 * len(vein.points_mm) // 4]
+        step = on[-1] - on[0]
+        beside = on + 1.5 * np.array([-step[1], step[0]]) / np.hypot(*step)
+        bright, dark = (
+            item.texture.radiance(np.column_stack([points, np.ones(len(points))]) @ linear).mean()
+            for points in (on, beside)
+        )
+        assert bright > 1.2 * dark
 
 
 def test_dots_are_as_many_as_a_poisson_process_has() -> None:

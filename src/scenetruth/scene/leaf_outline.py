@@ -94,7 +94,9 @@ def half_width_mm(spec: LeafMesh, a_mm: Floats) -> Floats:
     if _tip_of(spec) == "round":
         return width
     # A slender end would be too sharp for even triangles; elsewhere the wedge adds nothing that could be seen.
-    return np.hypot(width, np.tan(np.radians(_WEDGE_DEG)) * spec.length_mm * (1 - xi) * xi**_WEDGE)
+    wedge = np.tan(np.radians(_WEDGE_DEG)) * spec.length_mm * (1 - xi) * xi**_WEDGE
+    pointed: Floats = np.hypot(width, wedge)
+    return pointed
 
 
 def entire_margin(spec: LeafMesh, count: int = _FINE) -> Floats:

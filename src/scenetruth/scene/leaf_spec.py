@@ -184,8 +184,12 @@ class LeafMesh(FrozenModel):
     @classmethod
     def _slender(cls, value: Petiole | None, info: ValidationInfo) -> Petiole | None:
         size = _size(info)
-        if value is not None and size is not None and value.diameter_mm > size[1] / 5:
-            msg = f"diameter_mm must not exceed a fifth of the blade's width, {size[1] / 5:g}"
+        if value is None or size is None:
+            return value
+        # Between the hindmost lobes of a palmate leaf there is less room.
+        part, words = (1 / 20, "a twentieth") if info.data["outline"] == "palmate" else (1 / 5, "a fifth")
+        if value.diameter_mm > part * size[1]:
+            msg = f"diameter_mm must not exceed {words} of the blade's width, {part * size[1]:g}"
             raise ValueError(msg)
         return value
 
