@@ -298,7 +298,11 @@ def test_inside_is_the_even_odd_rule() -> None:
         ({"outline": "palmate", "lobes": 6}, "lobes", "must be odd"),
         ({"outline": "palmate", "lobes": 13}, "lobes", "less than or equal to 11"),
         ({"outline": "palmate", "lobe_cut": 0.8}, "lobe_cut", "less than or equal to 0.7"),
-        ({"outline": "palmate", "lobes": 11, "lobe_cut": 0.7, "resolution_mm": 2}, "resolution_mm", "the deeper cut, the narrower"),
+        (
+            {"outline": "palmate", "lobes": 11, "lobe_cut": 0.7, "resolution_mm": 2},
+            "resolution_mm",
+            "the deeper cut, the narrower",
+        ),
         ({"outline": "palmate", "tip": "round"}, "tip", "acuminate or acute"),
         ({"outline": "palmate", "width_mm": 30}, "width_mm", "must be at least 48"),
         ({"outline": "palmate", "serration": {"depth_mm": 3}}, "serration", "an eighth of the narrowest lobe"),

@@ -22,6 +22,7 @@ _TIP = {"acuminate": 1.0, "acute": 0.9, "round": 0.5}
 _DRAWN_OUT = 0.7  # part of the width that is missing at the very end of an acuminate tip,
 _DRAWN_LENGTH = 0.13  # and less by a factor e in this part of the length
 
+_GAP = 1.5  # edges between a petiole and the lobes beside it, where they part
 _FINE = 4000  # points of the formula that lengths are measured on
 _WEDGE_DEG = 26.0  # half the angle at the very end of a pointed tip, which keeps triangles there even,
 _WEDGE = 15  # and how quickly it fades: with this power of the place along the midrib
@@ -142,7 +143,10 @@ def margin_of(spec: LeafMesh) -> Margin:
     if spec.lobe_sides:
         points, corners = _palmate(spec)
         if spec.petiole is not None:
-            points, corners = _stalked(points, corners, spec.petiole.length_mm, spec.petiole.diameter_mm / 2)
+            # The hindmost lobes leave the petiole backwards: triangles need a gap between them.
+            radius = spec.petiole.diameter_mm / 2
+            leaves = max(1.6 * radius, radius + _GAP * spec.resolution_mm)
+            points, corners = _stalked(points, corners, spec.petiole.length_mm, radius, leaves)
         return Margin(points, corners)
     teeth = 0 if spec.serration is None else spec.serration.count_per_side
     points = entire_margin(spec, max(_FINE, 120 * teeth))
@@ -150,7 +154,8 @@ def margin_of(spec: LeafMesh) -> Margin:
     if spec.serration is not None:
         points, corners = _serrated(points, spec.serration.count_per_side, spec.serration.depth_mm)
     if spec.petiole is not None:
-        points, corners = _stalked(points, corners, spec.petiole.length_mm, spec.petiole.diameter_mm / 2)
+        radius = spec.petiole.diameter_mm / 2
+        points, corners = _stalked(points, corners, spec.petiole.length_mm, radius, 1.6 * radius)
     return Margin(points, corners)
 
 
@@ -208,18 +213,18 @@ def _serrated(points: Floats, count: int, depth: float) -> tuple[Floats, NDArray
 
 
 def _stalked(
-    points: Floats, corners: NDArray[np.intp], length: float, radius: float
+    points: Floats, corners: NDArray[np.intp], length: float, radius: float, leaves: float
 ) -> tuple[Floats, NDArray[np.intp]]:
     """Put a petiole before a margin; a quarter of a wave blends its edge into the margin."""
     step = np.hypot(*np.diff(points[:2], axis=0)[0])
     # The margin leaves the petiole where it is farther than this from the axis for the first time.
-    join = int(np.argmax(points[:, 1] > 1.6 * radius))
+    join = int(np.argmax(points[:, 1] > leaves))
     start = points[join]
-    reach = min(3 * radius, 0.8 * length)
+    reach = min(3 * radius, 0.8 * length, 0.5 * max(length + min(start[0], 0.0), 0.0))
     ahead = points[join + 1] - points[join]
     ahead /= np.linalg.norm(ahead)
     # A cubic from the edge of the petiole to the margin, tangent to both.
-    foot = np.array([min(0.0, start[0]) - reach, radius]) if start[0] > -length + 2 * reach else start
+    foot = np.array([min(0.0, start[0]) - reach, radius]) if reach > 0 else start
     pull = np.linalg.norm(start - foot) * 0.9
     t = np.linspace(0, 1, 60)[:-1, None]
     blend = (
