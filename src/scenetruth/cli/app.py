@@ -497,15 +497,16 @@ def _print_score(scored: Score) -> None:
     from rich.table import Table
 
     from scenetruth.score import units_of
+    from scenetruth.score.quantities import GROWTH_QUANTITIES
 
     headings = {
         "bias": "bias",
         "rms": "rms",
         "median_abs": "median",
         "p95_abs": "95 %",
-        "relative_rms": "rms, rel.",
-        "calibration": "err/std",
-        "within_2_std": "in 2 std",
+        "relative_rms": "rms,\nrel.",
+        "calibration": "err/\nstd",
+        "within_2_std": "in 2\nstd",
         "density": "density",
     }
     table = Table(title="region interior", title_justify="left")
@@ -514,7 +515,7 @@ def _print_score(scored: Score) -> None:
     for name in headings.values():
         table.add_column(name, justify="right")
     for quantity, values in scored.regions["interior"].items():
-        if quantity == "outliers":
+        if quantity == "outliers" or (quantity in GROWTH_QUANTITIES and not _grows(scored)):
             continue
         cells = [values.get(name) for name in headings]
         table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
@@ -527,11 +528,12 @@ def _print_regions(scored: Score) -> None:
     from rich.table import Table
 
     from scenetruth.score import units_of
+    from scenetruth.score.quantities import GROWTH_QUANTITIES
 
     names = [
         name
         for name in ("depth", "velocity_z", "velocity_endpoint", "growth_rate", "growth_rate_windowed")
-        if name in scored.regions["all"]
+        if name in scored.regions["all"] and (name not in GROWTH_QUANTITIES or _grows(scored))
     ]
     table = Table(title="all regions, rms errors", title_justify="left")
     table.add_column("region")
@@ -544,3 +546,9 @@ def _print_regions(scored: Score) -> None:
         cells = [depth["density"], *(quantities[name]["rms"] for name in names)]
         table.add_row(region, f"{depth['count']:,}", *("–" if value is None else f"{value:.3g}" for value in cells))
     _console().print(table)
+
+
+def _grows(scored: Score) -> bool:
+    """Tell whether any true growth rate is more than rounding: what moves rigidly has no growth to be right about."""
+    growth = scored.regions["all"].get("growth_rate", {}).get("relative_rms")
+    return growth is not None and growth < 1e9
