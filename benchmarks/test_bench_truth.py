@@ -1,19 +1,22 @@
-"""How long the truth of one frame takes."""
+"""How long the truth of one frame takes, and the complete truth of many triangles."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import load_scene
 from scenetruth.scene.world import build_world
+from scenetruth.simulate import make_truth
 from scenetruth.truth import GeometryPass, truth_maps
 
-SCENE = load_scene(Path(__file__).parents[1] / "scenes" / "cube.yaml")
+SCENES = Path(__file__).parents[1] / "scenes"
+SCENE = load_scene(SCENES / "cube.yaml")
 
 
 def test_truth_of_a_frame(benchmark: BenchmarkFixture) -> None:
@@ -30,3 +33,17 @@ def test_truth_of_a_frame(benchmark: BenchmarkFixture) -> None:
     depth = maps["depth"]
     np.testing.assert_allclose(maps["disparity"], SCENE.camera.focal_px * baseline / depth, rtol=1e-15)
     assert np.isfinite(depth).any()
+
+
+@pytest.mark.parametrize("resolution_mm", [1.6, 0.5, 0.158])
+def test_complete_truth_of_a_rosette(benchmark: BenchmarkFixture, resolution_mm: float) -> None:
+    """Nine frames of the reference camera; about ten thousand, a hundred thousand and a million triangles."""
+    changes = ["plants.0.texture.texels_per_mm=5.1", f"plants.0.leaf.resolution_mm={resolution_mm}"]
+    scene = load_scene(SCENES / "rosette.yaml", changes)
+    world = build_world(scene)
+    one = load_scene(SCENES / "rosette.yaml", [*changes, "frames.count=1"])
+    make_truth(one, world, truth_content="complete")  # compiles the kernels
+    truth = benchmark.pedantic(make_truth, (scene, world), {"truth_content": "complete"}, rounds=1)
+    benchmark.extra_info["triangles"] = len(world.faces)
+    assert truth.sizes["t"] == scene.frames.count
+    assert np.isfinite(truth["growth_rate"].values).any()
