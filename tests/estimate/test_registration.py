@@ -6,7 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
-from scenetruth.estimate.registration import find_working_point, find_working_point_of_flow
+from scenetruth.estimate.registration import (
+    find_working_point,
+    find_working_point_of_flow,
+    registrations_along_surfaces,
+)
 
 
 def shifted_noise(disparity: int, seed: int, width: int = 160) -> NDArray[np.float32]:
@@ -50,6 +54,20 @@ def test_periodic_patterns_take_the_smallest_displacement() -> None:
     x = np.arange(128)
     images = np.stack([np.tile(np.cos(2 * np.pi * (x + 1.0 * s) / 8), (8, 1)) for s in range(-2, 3)]).astype(np.float32)
     assert find_working_point(images) == 1
+
+
+@settings(max_examples=60, deadline=None)
+@given(disparity=some.integers(10, 30), seed=some.integers(0, 10_000), bars=some.integers(1, 12))
+def test_no_cell_asks_for_another_disparity_where_cameras_lose_sight(disparity: int, seed: int, bars: int) -> None:
+    # Bright bars on a dim pattern: beside the border, what stands in for pixels out of view would match dim places.
+    random = np.random.default_rng(seed)
+    pattern = 0.02 * random.random((48, 640)).astype(np.float32)
+    for start in random.integers(0, 620, bars):
+        pattern[:, start : start + 8] = 0.5 + 0.5 * random.random((48, 1))
+    positions = np.arange(-2.0, 3.0)
+    images = np.stack([pattern[:, 200 + disparity * s : 400 + disparity * s] for s in range(-2, 3)])
+    found = registrations_along_surfaces(images[None], positions, 60)
+    assert {item.disparity for item in found} == set(range(disparity - 2, disparity + 3))
 
 
 @settings(max_examples=20, deadline=None)

@@ -13,6 +13,9 @@ __all__ = ["STEP", "matching_costs"]
 STEP = 4
 """Distance of the grid points at which images are compared, in px."""
 
+UNSEEN = np.float32(1e30)
+"""Cost where no two neighbouring cameras see a place: more than any images differ by."""
+
 # Half the edge of the square over which differences are summed up, in grid points of STEP px.
 _HALF = 2
 
@@ -21,20 +24,30 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @_jit
 def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: Any) -> None:
-    """Sum up, for blocks of STEP pixels of a row, the squared differences of neighbouring cameras' images."""
+    """Sum up, for blocks of STEP pixels of a row, the squared differences of neighbouring cameras' images.
+
+    Pixels that a camera does not see are not compared: a border that stands in for them matches anything plain.
+    """
     width = images.shape[3]
+    seen = np.zeros((2, out.shape[0]), dtype=np.float32)
     out[:] = 0.0
     for channel in range(images.shape[0]):
         for s in range(images.shape[1] - 1):
             a, b = images[channel, s, y], images[channel, s + 1, y]
             for block in range(out.shape[0]):
+                start, end = block * STEP, min((block + 1) * STEP, width)
+                low = max(start, -first[s], -second[s])
+                high = min(end, width - first[s], width - second[s])
                 total = np.float32(0.0)
-                for x in range(block * STEP, min((block + 1) * STEP, width)):
-                    one = min(max(x + first[s], 0), width - 1)
-                    two = min(max(x + second[s], 0), width - 1)
-                    difference = a[one] - b[two]
+                for x in range(low, high):
+                    difference = a[x + first[s]] - b[x + second[s]]
                     total += difference * difference
                 out[block] += total * weights[s]
+                seen[0, block] += max(high - low, 0) * weights[s]
+                seen[1, block] += (end - start) * weights[s]
+    for block in range(out.shape[0]):
+        # What leaves the view of some cameras is judged by the others.
+        out[block] = out[block] * seen[1, block] / seen[0, block] if seen[0, block] > 0 else UNSEEN
 
 
 @_jit
@@ -75,7 +88,7 @@ def matching_costs(
     weights
         What each pair of neighbouring cameras counts, shape (s - 1,).
     costs
-        Output, shape (n, y / STEP, x / STEP), rounded up.
+        Output, shape (n, y / STEP, x / STEP), rounded up; `UNSEEN` or more where no two neighbours see a place.
     some
         First and last + 1 of the registrations to do.
     """
