@@ -251,8 +251,11 @@ def _carry(maps: Maps, index: int, rig: Rig) -> None:
     maps.eigenvalues[:, index] = carried[14:]
     maps.flags[:, index] = kinds[:4]
     # What is interpolated from pixels of which not all had a value has none; its kind says so.
-    for flag, value in ((1, maps.floats[4, index]), (2, maps.floats[7, index])):
-        maps.flags[flag, index][~np.isfinite(value)] = 0
+    floats = maps.floats[:, index]
+    for flag, parts in ((1, [0, 4]), (2, [5, 6, 7])):
+        lost = ~np.isfinite(floats[parts]).all(axis=0)
+        maps.flags[flag, index][lost] = 0
+        floats[[*parts, 1, 2, 3]] = np.where(lost, np.nan, floats[[*parts, 1, 2, 3]])
     lesser = np.minimum if rig.sees_depth and rig.sees_motion else np.maximum
     maps.flags[0, index] = lesser(maps.flags[1, index], maps.flags[2, index])
     singles[6] = np.where(maps.flags[0, index] > 0, kinds[4], np.nan)

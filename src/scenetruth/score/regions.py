@@ -23,7 +23,9 @@ REGIONS = ("all", "interior")
 """The names of the regions that every score has, in the order in which they are reported."""
 
 _NUMBER = r"[0-9][0-9.e+-]*"
-_FURTHER = re.compile(rf"visible|partly_hidden|(slope|edge)_{_NUMBER}_({_NUMBER}|inf)|contrast_(low|mid|high)")
+_FURTHER = re.compile(
+    rf"visible|partly_hidden|(slope|edge)_{_NUMBER}_({_NUMBER}|inf)|contrast_(low|mid|high)|object_.+"
+)
 
 
 def region_masks(depth: NDArray[np.floating], mixed: Mask, margin_px: float = 20.0) -> dict[str, Mask]:
@@ -128,7 +130,10 @@ def further_regions(
     - ``slope_LOW_HIGH`` (degrees) are classes of the angle between ``normal`` and the optical axis, from LOW on and
       below HIGH, over the visible pixels of the interior, so that edges are not taken for slopes.
     - ``edge_LOW_HIGH`` (px) are classes of the distance to the nearest mixed pixel, over all visible pixels.
-    - ``contrast_low``, ``contrast_mid`` and ``contrast_high`` are classes of the texture's contrast, over the same.
+    - ``contrast_low``, ``contrast_mid`` and ``contrast_high`` are classes of the texture's contrast, over the same
+      pixels as slopes.
+    - ``object_NAME`` are the objects, over the same pixels as slopes, that have any of them; of a truth of several
+      objects (``object_id`` and the attribute ``object_names``).
 
     Where the truth does not tell which pixels are visible, all are taken as such.
 
@@ -178,7 +183,17 @@ def further_regions(
             "contrast_mid": inner & (contrast >= low) & (contrast < high),
             "contrast_high": inner & (contrast >= high),
         }
-    return regions
+    return regions | _objects(truth, inner)
+
+
+def _objects(truth: xr.Dataset, among: Mask) -> dict[str, Mask]:
+    names = truth.attrs.get("object_names", [])
+    if "object_id" not in truth or len(names) < 2:
+        return {}
+    # Numbers that have been read as floats are NaN where there is no object.
+    number = np.nan_to_num(truth["object_id"].values.astype(np.float64), nan=-1)
+    masks = {f"object_{name}": among & (number == index) for index, name in enumerate(names)}
+    return {region: mask for region, mask in masks.items() if mask.any()}
 
 
 def _classes(name: str, values: NDArray[np.float64], bounds: Sequence[float], among: Mask) -> dict[str, Mask]:
