@@ -28,6 +28,7 @@ __all__ = [
     "intrinsics_of",
     "label",
     "make_recording",
+    "object_names_of",
     "scene_of",
 ]
 
@@ -227,6 +228,17 @@ def scene_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     """Return the scene that a data set was made from, as plain values, or None for data from elsewhere."""
     text = dataset.attrs.get("scene")
     return None if text is None else dict(json.loads(text))
+
+
+def object_names_of(dataset: xr.Dataset) -> list[str]:
+    """Return the names of the objects that ``object_id`` counts, from 0 on; empty for data from elsewhere.
+
+    Examples
+    --------
+    >>> object_names_of(xr.Dataset(attrs={"object_names": '["leaf", "soil"]'}))
+    ['leaf', 'soil']
+    """
+    return [str(name) for name in json.loads(dataset.attrs.get("object_names", "[]"))]
 
 
 def label(

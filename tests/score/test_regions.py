@@ -171,7 +171,7 @@ def test_flags_may_have_become_numbers(told: Case) -> None:
 def test_objects_are_told_apart(told: Case) -> None:
     x = np.broadcast_to(np.indices((60, 80))[1], told.truth["depth"].shape)
     number = told.truth["depth"].copy(data=np.where(x < 30, 1, np.where(x < 70, 0, -1)).astype(np.int32))
-    names = {"object_names": ["soil", "plant.leaf_1", "never seen"]}
+    names = {"object_names": '["soil", "plant.leaf_1", "never seen"]'}
     several = told.truth.assign(object_id=number).assign_attrs(names)
     regions = regions_of(Case(told.recording, told.estimate, several))
     inner = regions["interior"] & regions["visible"]
@@ -179,7 +179,7 @@ def test_objects_are_told_apart(told: Case) -> None:
     np.testing.assert_array_equal(regions["object_plant.leaf_1"], inner & (x < 30))
     assert "object_never seen" not in regions
     # Of one object there is nothing to tell apart; numbers may have been read as floats.
-    one = several.assign_attrs(object_names=["soil"])
+    one = several.assign_attrs(object_names='["soil"]')
     assert not any(name.startswith("object") for name in regions_of(Case(told.recording, told.estimate, one)))
     floats = several.assign(object_id=number.where(number >= 0).astype(np.float32))
     again = regions_of(Case(told.recording, told.estimate, floats))

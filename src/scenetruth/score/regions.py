@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from scenetruth.errors import Problem, ScoreError
+from scenetruth.recording import object_names_of
 from scenetruth.settings import ScoreSettings
 
 __all__ = ["REGIONS", "edge_distance", "further_regions", "is_further_region", "region_masks", "seen_throughout"]
@@ -187,7 +188,7 @@ def further_regions(
 
 
 def _objects(truth: xr.Dataset, among: Mask) -> dict[str, Mask]:
-    names = truth.attrs.get("object_names", [])
+    names = object_names_of(truth)
     if "object_id" not in truth or len(names) < 2:
         return {}
     # Numbers that have been read as floats are NaN where there is no object.
