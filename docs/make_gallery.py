@@ -67,9 +67,12 @@ def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, 
     largest = float(np.nanmax(np.abs(velocity)))
     along = spread(velocity[2], largest)
     panel(axes[2], velocity[2], "U_Z, mm/frame", "RdBu_r", along)
-    growth = truth["growth_rate"].values / hours_per_frame * 100
+    growth = truth["growth_rate"].values * 100
     if float(np.nanmax(np.abs(growth))) > 1e-9:
-        panel(axes[3], growth, "growth rate, %/h", "RdBu_r", spread(growth, 0.0))
+        # What is watched by the second is strain rather than growth.
+        slow = hours_per_frame >= 1 / 60
+        growth, units = (growth / hours_per_frame, "%/h") if slow else (growth, "%/frame")
+        panel(axes[3], growth, f"growth rate, {units}", "RdBu_r", spread(growth, 0.0))
     else:
         across = np.hypot(velocity[0], velocity[1])
         panel(
