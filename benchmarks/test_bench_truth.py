@@ -38,7 +38,12 @@ def test_truth_of_a_frame(benchmark: BenchmarkFixture) -> None:
 @pytest.mark.parametrize("resolution_mm", [1.6, 0.5, 0.158])
 def test_complete_truth_of_a_rosette(benchmark: BenchmarkFixture, resolution_mm: float) -> None:
     """Nine frames of the reference camera; about ten thousand, a hundred thousand and a million triangles."""
-    changes = ["plants.0.texture.texels_per_mm=5.1", f"plants.0.leaf.resolution_mm={resolution_mm}"]
+    changes = [
+        "plants.0.texture.texels_per_mm=5.1",
+        f"plants.0.leaf.resolution_mm={resolution_mm}",
+        "objects.0.mesh.resolution_mm=8",
+        "objects.1.mesh.resolution_mm=8",
+    ]
     scene = load_scene(SCENES / "rosette.yaml", changes)
     world = build_world(scene)
     one = load_scene(SCENES / "rosette.yaml", [*changes, "frames.count=1"])
