@@ -6,11 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
+import scenetruth as st
 from scenetruth.estimate.registration import (
     find_working_point,
     find_working_point_of_flow,
     registrations_along_surfaces,
 )
+from scenetruth.recording import KIND_NONE
 
 
 def shifted_noise(disparity: int, seed: int, width: int = 160) -> NDArray[np.float32]:
@@ -60,14 +62,27 @@ def test_periodic_patterns_take_the_smallest_displacement() -> None:
 @given(disparity=some.integers(10, 30), seed=some.integers(0, 10_000), bars=some.integers(1, 12))
 def test_no_cell_asks_for_another_disparity_where_cameras_lose_sight(disparity: int, seed: int, bars: int) -> None:
     # Bright bars on a dim pattern: beside the border, what stands in for pixels out of view would match dim places.
+    found = registrations_along_surfaces(barred(disparity, seed, bars)[None], np.arange(-2.0, 3.0), 60)
+    assert {item.disparity for item in found} == set(range(disparity - 2, disparity + 3))
+
+
+def barred(disparity: int, seed: int, bars: int) -> NDArray[np.float32]:
     random = np.random.default_rng(seed)
     pattern = 0.02 * random.random((48, 640)).astype(np.float32)
     for start in random.integers(0, 620, bars):
         pattern[:, start : start + 8] = 0.5 + 0.5 * random.random((48, 1))
-    positions = np.arange(-2.0, 3.0)
-    images = np.stack([pattern[:, 200 + disparity * s : 400 + disparity * s] for s in range(-2, 3)])
-    found = registrations_along_surfaces(images[None], positions, 60)
-    assert {item.disparity for item in found} == set(range(disparity - 2, disparity + 3))
+    return np.stack([pattern[:, 200 + disparity * s : 400 + disparity * s] for s in range(-2, 3)])
+
+
+@settings(max_examples=25, deadline=None)
+@given(disparity=some.integers(10, 30), seed=some.integers(0, 10_000), bars=some.integers(1, 12))
+def test_no_disparity_is_false_beside_the_border(disparity: int, seed: int, bars: int) -> None:
+    still = np.repeat(barred(disparity, seed, bars)[:, None], 5, axis=1)
+    recording = st.make_recording(still + np.random.default_rng(seed).normal(0, 0.002, still.shape), 500.0, 5.0)
+    estimate = st.estimate(recording, tau=0.0, flow_working_point_px=(0, 0))
+    known = estimate["kind_disparity"].values != KIND_NONE
+    assert known.any()
+    assert np.abs(estimate["disparity"].values[known] - disparity).max() < 1
 
 
 @settings(max_examples=20, deadline=None)

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as some
+from hypothesis.extra import numpy as arrays
+from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.estimate import run, threads
+from scenetruth.estimate.registration import CELL, Registration
 from tests.estimate.analytic import Plane
 
 
@@ -40,6 +45,40 @@ def test_one_thread_and_several(monkeypatch: pytest.MonkeyPatch) -> None:
         found.append(st.estimate(recording))
     same(found[0], found[1])
     same(found[0], found[2])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    items=some.lists(
+        some.tuples(
+            some.integers(0, 2),
+            arrays.arrays(bool, (3, 4)),
+            some.tuples(some.integers(0, 30), some.integers(0, 50), some.integers(0, 30), some.integers(0, 60)),
+        ),
+        min_size=1,
+        max_size=4,
+    ),
+    first_row=some.sampled_from([0, 8, 19]),
+    seed=some.integers(0, 99),
+)
+def test_what_could_not_be_tried_everywhere_is_not_chosen(
+    items: list[tuple[int, NDArray[np.bool_], tuple[int, int, int, int]]], first_row: int, seed: int
+) -> None:
+    registrations = [Registration(n, (flow, 0), None, fits) for n, (flow, fits, _) in enumerate(items)]
+    areas = [area for *_, area in items]
+    before = np.random.default_rng(seed).integers(-1, len(items), (2, 21, 55)).astype(np.int16)
+    after = before.copy()
+    run._forget_second_best(after, registrations, areas, first_row)
+    for t, y, x in np.ndindex(before.shape):
+        chosen = before[t, y, x]
+        lacks = any(
+            item.fits is not None
+            and item.flow == registrations[chosen].flow
+            and item.fits[(first_row + y) // CELL, x // CELL]
+            and not (top <= first_row + y < bottom and left <= x < right)
+            for item, (top, bottom, left, right) in zip(registrations, areas, strict=True)
+        )
+        assert after[t, y, x] == (-1 if lacks else chosen)
 
 
 def test_errors_of_threads_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,6 +46,8 @@ class Registration:
     """Flow along x and y, px per frame: frame t is read ``flow t`` further."""
     cells: NDArray[np.bool_] | None = None
     """Which cells of `CELL` px need it; None for all."""
+    fits: NDArray[np.bool_] | None = None
+    """Those of them where it fits, and is not only tried beside one that fits; None if that is not known."""
 
 
 def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None = None) -> int:
@@ -215,6 +217,7 @@ def _for_cells(
     rows, columns = (-(-size // CELL) for size in shape)
     step = CELL // scale
     gathered: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
+    fits: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
     for index, (disparity, flow_x, flow_y) in enumerate(wanted):
         here = np.zeros((rows * step, columns * step), dtype=np.float32)
         part = chosen[: rows * step, : columns * step] == index
@@ -226,7 +229,9 @@ def _for_cells(
         if cells.any():
             # A cell's pixels see surfaces of its neighbours at its border.
             grown = ndimage.binary_dilation(cells)
+            fits[disparity, flow_x, flow_y] = grown
             for off in _OFF:
                 near = (int(np.clip(disparity + off, -largest, largest)), flow_x, flow_y)
                 gathered[near] = gathered.get(near, False) | grown
-    return [Registration(key[0], key[1:], cells) for key, cells in gathered.items()]
+    nowhere = np.zeros((rows, columns), dtype=bool)
+    return [Registration(key[0], key[1:], cells, fits.get(key, nowhere)) for key, cells in gathered.items()]

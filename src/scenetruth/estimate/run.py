@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from scenetruth.estimate.carry import carry_to_reference
 from scenetruth.estimate.filters import DERIVATIVE_MOMENT, PAPER, gaussian_window
-from scenetruth.estimate.registration import Registration
+from scenetruth.estimate.registration import CELL, Registration
 from scenetruth.estimate.rig import Rig
 from scenetruth.estimate.shift import registered
 from scenetruth.estimate.task import Task, columns_of_s, common_area
 from scenetruth.estimate.threads import bands, in_threads, thread_count
-from scenetruth.estimate.tiling import tiles_of
+from scenetruth.estimate.tiling import Rectangle, tiles_of
 from scenetruth.estimate.uncertainty import STRIDE, texture_transfer
 
 __all__ = ["Maps", "Progress", "Scratch", "run", "run_kernel"]
@@ -179,12 +179,43 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
             run_kernel(part, item, tiles, scratch, top, number, images, weight_t)
             if progress is not None:
                 progress("estimate", done * len(registrations) + number + 1, steps)
+        _forget_second_best(scratch.choice, registrations, areas, top)
         for index in range(last - first):
             _to_world(part, registrations, scratch, maps, index, first + index, top, bottom)
     if elsewhere:
         for index in range(frames):
             _carry(maps, index, task.rig)
     return maps
+
+
+def _forget_second_best(
+    choice: NDArray[np.int16], registrations: Sequence[Registration], areas: Sequence[Rectangle], first_row: int
+) -> None:
+    """Take back choices, shape (t, y, x), where a disparity that fits could not be tried.
+
+    Beside the border of the image, large disparities leave the common view first. Those that are left are false there,
+    and may look right: they are off by more than filters can tell.
+    """
+    _, rows, columns = choice.shape
+    flows = [item.flow for item in registrations]
+    # Registrations by another flow have a view of their own.
+    chosen = np.array([*map(flows.index, flows), -1], dtype=np.int16)[choice]
+    for item, (top, bottom, left, right) in zip(registrations, areas, strict=True):
+        if item.fits is None:
+            continue
+        fits = item.fits.repeat(CELL, axis=0)[first_row : first_row + rows].repeat(CELL, axis=1)[:, :columns]
+        top, bottom, every = max(top - first_row, 0), max(bottom - first_row, 0), slice(None)
+        if bottom > top and right > left:
+            outside = [
+                (every, slice(left)),
+                (every, slice(right, None)),
+                (slice(top), every),
+                (slice(bottom, None), every),
+            ]
+        else:
+            outside = [(every, every)]
+        for part in outside:
+            choice[:, *part][fits[part] & (chosen[:, *part] == flows.index(item.flow))] = -1
 
 
 def _to_world(

@@ -43,6 +43,7 @@ def choose_registrations(task: Task) -> list[Registration]:
                     disparity if isinstance(disparity, int) else item.disparity,
                     flow if flow != "auto" else item.flow,
                     item.cells,
+                    item.fits,
                 )
                 for item in coarse
             )
@@ -66,10 +67,13 @@ def _merge(registrations: Iterable[Registration]) -> list[Registration]:
     merged: dict[tuple[int, tuple[int, int]], Registration] = {}
     for item in registrations:
         key = (item.disparity, item.flow)
-        known = merged[key].cells if key in merged else None
-        both = known | item.cells if known is not None and item.cells is not None else item.cells
-        merged[key] = replace(item, cells=both)
+        known = merged.get(key, item)
+        merged[key] = replace(item, cells=_either(known.cells, item.cells), fits=_either(known.fits, item.fits))
     return list(merged.values())
+
+
+def _either(one: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    return other if one is None or other is None else one | other
 
 
 def _coarse_registrations(task: Task, frame: int, largest: int) -> list[Registration]:
