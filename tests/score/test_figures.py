@@ -17,10 +17,10 @@ from scenetruth.recording import KIND_FULL, KIND_NONE
 from scenetruth.score import draw_all, score
 from scenetruth.score.figures import _mesh
 from scenetruth.score.figures._views import views_of
-from scenetruth.score.figures.arrows import arrow_factor
+from scenetruth.score.figures.arrows import arrow_factor, draw_velocity_arrows
 from scenetruth.score.figures.confidence import draw_confidence
 from scenetruth.score.figures.error_bars import draw_error_bars
-from scenetruth.score.figures.growth import draw_growth
+from scenetruth.score.figures.growth import draw_growth, growth_limits
 from scenetruth.score.figures.image import draw_image
 from scenetruth.score.figures.velocity import draw_velocity_z, pick_row
 from tests.score.conftest import Drawn
@@ -265,6 +265,34 @@ def test_view_is_a_right_handed_frame() -> None:
 )
 def test_arrows_are_five_times_the_velocity_unless_illegible(speed: float, factor: float) -> None:
     assert arrow_factor(np.tile([0.0, 0.0, -speed], (4, 1)), extent=60.0) == pytest.approx(factor)
+
+
+def test_arrows_are_as_long_as_those_of_what_moves() -> None:
+    mostly_still = np.zeros((40, 3))
+    mostly_still[:8, 2] = -0.01
+    assert arrow_factor(mostly_still, extent=60.0) == pytest.approx(500.0)
+
+
+def test_a_single_wild_velocity_does_not_make_all_else_small(case: Case, tmp_path: Path) -> None:
+    velocity = case.estimate["velocity"]
+    height, width = velocity.sizes["y"], velocity.sizes["x"]
+    away = (abs(velocity.x - width / 2) < 0.1 * width) & (abs(velocity.y - height / 2) < 0.1 * height)
+    wild = velocity.where(~away | (velocity.component != "Z"), velocity + 1e4)
+    calm = draw_velocity_arrows(views_of(case.recording, case.estimate, case.truth), tmp_path)
+    views = views_of(case.recording, case.estimate.assign(velocity=wild), case.truth)
+    cut = draw_velocity_arrows(views, tmp_path)
+    assert "Orange arrows are longer than drawn" in cut.caption
+    assert "Orange" not in calm.caption
+    assert cut.title == calm.title
+
+
+def test_scale_of_growth_is_that_of_the_truth() -> None:
+    exact = np.linspace(0.0, 3.0, 100).reshape(10, 10)
+    noisy = exact + np.linspace(-500, 500, 100).reshape(10, 10)
+    assert growth_limits(noisy, exact) == (-6.0, 6.0)
+    low, high = growth_limits(noisy, 0 * exact)
+    assert low < -300
+    assert high > 300
 
 
 def test_recording_of_floats_is_drawn(case: Case, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.score.figures._common import BLUE, FigureInfo, new_figure, save
+from scenetruth.score.figures._common import BLUE, ORANGE, FigureInfo, new_figure, save
 from scenetruth.score.figures._mesh import (
     Surface,
     View,
@@ -29,6 +29,8 @@ _ACROSS = 20
 """Arrows along the longer side of the image."""
 _FACTOR = 5.0
 """Length of an arrow in mm for 1 mm per frame, as in the paper."""
+_LONGEST = 0.4
+"""Longest arrow as a part of the extent: single wrong velocities would make everything else small."""
 
 
 def draw_velocity_arrows(views: Views, folder: Path) -> FigureInfo:
@@ -41,6 +43,9 @@ def draw_velocity_arrows(views: Views, folder: Path) -> FigureInfo:
     vectors = vectors * factor
     shown = _in_front(tails, surface, extent)
     tails, vectors = tails[shown], vectors[shown]
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    cut = lengths[:, 0] > _LONGEST * extent
+    vectors = np.where(cut[:, None], vectors * (_LONGEST * extent / np.where(cut[:, None], lengths, 1.0)), vectors)
 
     figure = new_figure(7.4, 5.8, layout=None)
     tips = tails + vectors
@@ -50,15 +55,17 @@ def draw_velocity_arrows(views: Views, folder: Path) -> FigureInfo:
     axes = surface_axes(figure, (0.0, 0.02, 0.93, 0.92), limits, _VIEW)
     grey = 0.62 + 0.33 * texture(views.image, surface)
     add_surface(axes, surface, np.repeat(grey[:, None], 3, axis=1))
-    add_polygons(axes, _arrows(tails, vectors, extent), color=BLUE, zorder=2)
+    arrows = _arrows(tails, vectors, extent)
+    add_polygons(axes, arrows[~cut], color=BLUE, zorder=2)
+    add_polygons(axes, arrows[cut], color=ORANGE, zorder=2)
     title = f"Estimated velocities × {factor:g} on the surface, t = {views.frame}"
     figure.text(0.03, 0.95, title, fontsize="large")
     save(figure, folder / "velocity_arrows.png")
     caption = (
         f"Arrows stand on the reconstructed surface; 1 mm/frame is drawn {factor:g}\N{NO-BREAK SPACE}mm long. "
         "Only single pixels are shown, nothing is averaged, and arrows behind the surface are left out. "
-        "Where a rigid object translates, "
-        "arrows should be parallel and equally long."
+        + ("Orange arrows are longer than drawn. " if cut.any() else "")
+        + "Where a rigid object translates, arrows should be parallel and equally long."
     )
     return FigureInfo("velocity_arrows.png", title, caption)
 
@@ -76,10 +83,11 @@ def arrow_factor(vectors: Points, extent: float) -> float:
     Returns
     -------
     float
-        5, or the number 1, 2 or 5 times a power of ten with which half the arrows are shorter than about a tenth
-        of the extent.
+        5, or the number 1, 2 or 5 times a power of ten with which nine tenths of the arrows are shorter than about
+        a tenth of the extent.
     """
-    length = float(np.median(np.linalg.norm(vectors, axis=1))) if len(vectors) else 0.0
+    # Most of the picture may be at rest.
+    length = float(np.percentile(np.linalg.norm(vectors, axis=1), 90)) if len(vectors) else 0.0
     # Velocities that are all but zero are noise; enlarging them would show nothing else.
     if length < 1e-6 * extent or 0.015 * extent <= _FACTOR * length <= 0.4 * extent:
         return _FACTOR

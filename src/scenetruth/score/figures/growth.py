@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from scenetruth.recording import intrinsics_of
 from scenetruth.score.alignment import align
@@ -25,7 +26,7 @@ from scenetruth.score.growth import growth_maps, percent_per_hour
 from scenetruth.score.score import Score
 from scenetruth.settings import ScoreSettings
 
-__all__ = ["draw_growth"]
+__all__ = ["draw_growth", "growth_limits"]
 
 
 def draw_growth(views: Views, estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path) -> FigureInfo | None:
@@ -38,7 +39,7 @@ def draw_growth(views: Views, estimate: xr.Dataset, truth: xr.Dataset, score: Sc
     factor = percent_per_hour(intrinsics_of(estimate))
     found, exact, windowed = (factor * values[0] for values in (maps.estimate, maps.truth, maps.truth_windowed))
     error = found - windowed
-    low, high = robust_limits(found, exact)
+    low, high = growth_limits(found, exact)
     bound = robust_limits(np.abs(error), percent=2.0)[1]
 
     figure = new_figure(8.6, 2 * map_height(error, 3.2, 0.65) + 0.3)
@@ -58,8 +59,29 @@ def draw_growth(views: Views, estimate: xr.Dataset, truth: xr.Dataset, score: Sc
     save(figure, folder / "growth_rate.png")
     caption = (
         f"Relative growth of the surface's area, from depths and velocities in a Gaussian window of "
-        f"{settings.growth_window_px:g} px standard deviation. The first three share one scale, which holds 98 % of "
-        "the estimates and true values; that of the error is symmetric about zero and holds 98 % of the errors. "
+        f"{settings.growth_window_px:g} px standard deviation. The first three share one scale: up to twice the "
+        "largest true rate, or if nothing grows 98 % of the estimates. That of the error is symmetric about zero and "
+        "holds 98 % of the errors. "
         "The truth is shown for every pixel's own element, and as it comes out of the same windows."
     )
     return FigureInfo("growth_rate.png", f"Growth rate: estimate, truth and error, t = {views.frame}", caption)
+
+
+def growth_limits(found: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float, float]:
+    """Return limits that let the truth be seen, however noisy the estimate is.
+
+    Parameters
+    ----------
+    found, exact
+        Estimated and true growth rates, NaN where there is none.
+
+    Returns
+    -------
+    tuple of float
+        Low and high: what `robust_limits` says, and no more than twice the largest true rate, if anything grows.
+    """
+    low, high = robust_limits(found, exact)
+    grows = float(np.nanmax(np.abs(exact), initial=0.0))
+    if grows > 1e-9 * max(abs(low), abs(high)):
+        return max(low, -2 * grows), min(high, 2 * grows)
+    return low, high
