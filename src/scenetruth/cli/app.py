@@ -536,7 +536,7 @@ def _print_regions(scored: Score) -> None:
         if name in scored.regions["all"] and (name not in GROWTH_QUANTITIES or _grows(scored))
     ]
     table = Table(title="all regions, rms errors", title_justify="left")
-    table.add_column("region")
+    table.add_column("region", overflow="fold")
     for name in ("pixels", "density", *(f"{name}\n{units_of(name)}" for name in names)):
         table.add_column(name, justify="right")
     for region, quantities in scored.regions.items():
