@@ -9,11 +9,12 @@ import pytest
 
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
-LEAVES = {"errors", "model", "settings", "indexing"}
+LEAVES = {"errors", "model", "settings", "indexing", "presets"}
 MAY_IMPORT = {
     "errors": set(),
     "model": set(),
     "indexing": set(),
+    "presets": set(),
     "settings": {"model"},
     "recording": {"errors", "indexing"},
     "camera": LEAVES,

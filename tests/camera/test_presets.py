@@ -111,7 +111,7 @@ def preset_table() -> str:
 def source_list() -> str:
     lines = []
     for name, preset in PRESETS.items():
-        lines += [f"### `{name}`: {preset.product}", ""]
+        lines += [f"### `{name}`: {preset.title}", ""]
         by_source: dict[str, list[str]] = {}
         for field, source in preset.sources.items():
             by_source.setdefault(source, []).append(f"`{field}`")

@@ -234,4 +234,4 @@ def test_every_figure_of_a_preset_has_a_source_and_the_page_tells_them() -> None
         assert preset.values.keys() == preset.sources.keys()
         assert all(preset.sources.values())
         assert f"`{name}`" in page
-        assert preset.description in page
+        assert preset.title in page

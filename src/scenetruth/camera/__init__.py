@@ -6,7 +6,7 @@ from scenetruth.camera.emva import EmvaSensor
 from scenetruth.camera.optics import AiryPsf, Defocus, GaussianPsf, Optics, Vignetting
 from scenetruth.camera.photon_transfer import PhotonTransfer, photon_transfer
 from scenetruth.camera.pinhole import Camera
-from scenetruth.camera.presets import PRESETS, Preset
+from scenetruth.camera.presets import PRESETS
 from scenetruth.camera.rays import PixelRays, pixel_rays
 from scenetruth.camera.schedule import Moment, Schedule
 from scenetruth.camera.sensor import Sensor
@@ -28,7 +28,6 @@ __all__ = [
     "Optics",
     "PhotonTransfer",
     "PixelRays",
-    "Preset",
     "Schedule",
     "Sensor",
     "Shutter",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-__all__ = ["CHOSEN", "PRESETS", "TYPICAL", "Preset", "PresetName"]
+from scenetruth.presets import Preset, preset
+
+__all__ = ["CHOSEN", "PRESETS", "TYPICAL", "PresetName"]
 
 PresetName = Literal["scientific_cmos", "industrial_cmos", "ccd_2002"]
 
@@ -35,36 +36,10 @@ _SBIG = (
 )
 _OFFSET = "usual offset of scientific cameras, https://www.tucsen.com/ja/learning/demystifying-specifications-prnu"
 
-
-@dataclass(frozen=True)
-class Preset:
-    """A sensor that can be called by name.
-
-    Parameters
-    ----------
-    product
-        The camera and its sensor.
-    values
-        Fields of `EmvaSensor` and their values, in its units.
-    sources
-        Where each of them is from: the same keys.
-    """
-
-    product: str
-    values: Mapping[str, float]
-    sources: Mapping[str, str]
-
-
-def _preset(product: str, **fields: tuple[float, str]) -> Preset:
-    values = {name: value for name, (value, _) in fields.items()}
-    sources = {name: source for name, (_, source) in fields.items()}
-    return Preset(product, MappingProxyType(values), MappingProxyType(sources))
-
-
 # The photon rates let radiance 1 fill 80 % of what each sensor can say in the preset's exposure time.
 PRESETS: Mapping[str, Preset] = MappingProxyType(
     {
-        "scientific_cmos": _preset(
+        "scientific_cmos": preset(
             "Andor Zyla 4.2 (sCMOS, 6.5 µm)",
             photon_rate_per_s=(2.873e6, CHOSEN),
             exposure_time_s=(0.01, CHOSEN),
@@ -78,7 +53,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             dsnu_e=(0.3, TYPICAL),
             prnu=(0.005, TYPICAL),
         ),
-        "industrial_cmos": _preset(
+        "industrial_cmos": preset(
             "Allied Vision Alvium 1800 U-507 (Sony IMX264, 3.45 µm)",
             photon_rate_per_s=(1.3e6, CHOSEN),
             exposure_time_s=(0.01, CHOSEN),
@@ -92,7 +67,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             dsnu_e=(0.5, TYPICAL),
             prnu=(0.005, TYPICAL),
         ),
-        "ccd_2002": _preset(
+        "ccd_2002": preset(
             "SBIG ST-2000XM (Kodak KAI-2000M, interline CCD, 7.4 µm), read with 12 bits",
             photon_rate_per_s=(7.2e6, CHOSEN),
             exposure_time_s=(0.01, CHOSEN),

@@ -1,12 +1,14 @@
-"""The one rule by which a ray is inside a triangle, and how far rounding may blur it."""
+"""A triangle as linear forms of a ray's direction, and the one rule by which a ray is inside it."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["blurs", "inside"]
+__all__ = ["blurs", "inside", "weigh", "write_forms"]
 
 # A volume d . (p x q) is rounded by at most 3 roundings (of 2^-53) of a sum of six products, and twice as a whole.
 _ROUNDINGS = 8 * 2.0**-52
@@ -42,3 +44,36 @@ def inside(w0: float, w1: float, w2: float, blur: float) -> Any:
     if max(w0, w1, w2) <= blur:
         return total < -_EDGE_ON * blur
     return False
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def write_forms(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
+    form: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write the linear forms of a face: of three volumes, of its normal, its distance, and how far rounding blurs them.
+
+    The operations and their order are those of `kernels._meet`, so that both find the same bits.
+    """
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
+    bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
+    cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
+    form[0], form[1], form[2] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    form[3], form[4], form[5] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+    form[6], form[7], form[8] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    ux, uy, uz = bx - ax, by - ay, bz - az
+    vx, vy, vz = cx - ax, cy - ay, cz - az
+    form[9], form[10], form[11] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    form[12] = form[9] * ax + form[10] * ay + form[11] * az
+    form[13], form[14], form[15] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Return the barycentric weights of a face's second and third corner where a ray meets it."""
+    w2 = dx * form[6] + dy * form[7] + dz * form[8]
+    w0 = dx * form[0] + dy * form[1] + dz * form[2]
+    w1 = dx * form[3] + dy * form[4] + dz * form[5]
+    total = w0 + w1 + w2
+    return w1 / total, w2 / total

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import blurs, inside
+from scenetruth.raycast.inside_kernels import inside, weigh, write_forms
 
 __all__ = ["TILE", "prepare_faces", "raster_hits", "tile_bounds"]
 
@@ -102,20 +102,7 @@ def prepare_faces(
             margin_v = _BOX_MARGIN * (1.0 + max(abs(low_v), abs(high_v)))
             low_u, high_u, low_v, high_v = low_u - margin_u, high_u + margin_u, low_v - margin_v, high_v + margin_v
         boxes[face, 0], boxes[face, 1], boxes[face, 2], boxes[face, 3] = low_u, high_u, low_v, high_v
-        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
-        ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
-        bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
-        cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
-        # The operations and their order are those of `kernels._meet`, so that both find the same bits.
-        form = forms[face]
-        form[0], form[1], form[2] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        form[3], form[4], form[5] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
-        form[6], form[7], form[8] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        ux, uy, uz = bx - ax, by - ay, bz - az
-        vx, vy, vz = cx - ax, cy - ay, cz - az
-        form[9], form[10], form[11] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        form[12] = form[9] * ax + form[10] * ay + form[11] * az
-        form[13], form[14], form[15] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
+        write_forms(vertices, faces, face, origin, forms[face])
     return forms, boxes
 
 
@@ -202,11 +189,6 @@ def raster_hits(
             if face_out[n] < 0:
                 depth_out[n], weights[n, 0], weights[n, 1] = np.nan, 0.0, 0.0
                 continue
-            form = forms[face_out[n]]
             dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
-            w2 = dx * form[6] + dy * form[7] + dz * form[8]
-            w0 = dx * form[0] + dy * form[1] + dz * form[2]
-            w1 = dx * form[3] + dy * form[4] + dz * form[5]
-            total = w0 + w1 + w2
-            weights[n, 0], weights[n, 1] = w1 / total, w2 / total
+            weights[n, 0], weights[n, 1] = weigh(forms[face_out[n]], dx, dy, dz)
     return face_out, depth_out, weights

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import inside
+from scenetruth.raycast.inside_kernels import inside, weigh
 
 __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
 
@@ -170,13 +170,7 @@ def scatter_hits(
             if best[n] < 0:
                 depth_out[ray], weights[ray, 0], weights[ray, 1] = np.nan, 0.0, 0.0
                 continue
-            form = forms[best[n]]
-            dx, dy, dz = rays[n, 0], rays[n, 1], rays[n, 2]
-            w2 = dx * form[6] + dy * form[7] + dz * form[8]
-            w0 = dx * form[0] + dy * form[1] + dz * form[2]
-            w1 = dx * form[3] + dy * form[4] + dz * form[5]
-            total = w0 + w1 + w2
-            weights[ray, 0], weights[ray, 1] = w1 / total, w2 / total
+            weights[ray, 0], weights[ray, 1] = weigh(forms[best[n]], rays[n, 0], rays[n, 1], rays[n, 2])
     for n in range(cell_start[side * side], count):
         ray = order[n]
         face_out[ray], depth_out[ray], weights[ray, 0], weights[ray, 1] = -1, np.nan, 0.0, 0.0

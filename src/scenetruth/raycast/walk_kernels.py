@@ -8,32 +8,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import blurs
+from scenetruth.raycast.inside_kernels import write_forms
 
 __all__ = ["walk_footprints"]
 
 # Steps of one sample after which a pixel is given up: some hundred facets across a pixel.
 _MOST_STEPS = 512
-
-
-@numba.njit(cache=True, nogil=True)
-def _load(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
-    form: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """Write the linear forms of a face: those of `prepare_faces`, by the same operations."""
-    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
-    ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
-    bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
-    cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
-    form[0], form[1], form[2] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-    form[3], form[4], form[5] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
-    form[6], form[7], form[8] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    ux, uy, uz = bx - ax, by - ay, bz - az
-    vx, vy, vz = cx - ax, cy - ay, cz - az
-    form[9], form[10], form[11] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    form[12] = form[9] * ax + form[10] * ay + form[11] * az
-    form[13], form[14], form[15] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -100,7 +80,7 @@ def walk_footprints(
         if not alone:
             continue
         form = np.empty(16, dtype=np.float64)
-        _load(vertices, faces, face, origin, form)
+        write_forms(vertices, faces, face, origin, form)
         side = 1.0 if form[12] > 0.0 else -1.0
         step_x, step_y = across[pixel * apart], down[pixel * apart]
         # Where the line to the next sample begins.
@@ -135,7 +115,7 @@ def walk_footprints(
                 face = neighbours[face, edge]
                 if face < 0 or face_body[face] != body:
                     break
-                _load(vertices, faces, face, origin, form)
+                write_forms(vertices, faces, face, origin, form)
                 if not side * form[12] > 0.0:
                     break
             total = w0 + w1 + w2

@@ -8,9 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
-from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
+from scenetruth.model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
 from scenetruth.scene.motion_presets import GrowthPreset, filled_in, preset_or_fields
-from scenetruth.scene.motion_spec import nonzero
 from scenetruth.scene.time_curve import TimeCurve, value_at
 
 __all__ = ["Bending", "Deformation", "DeformationModel", "Growth", "Hinge", "Star", "Unrolling", "roll_problem"]
@@ -28,17 +27,12 @@ class Hinge(DeformationModel):
 
     kind: Literal["hinge"]
     """``hinge``."""
-    axis: Vector3 = (0.0, 1.0, 0.0)
+    axis: Direction = (0.0, 1.0, 0.0)
     """Direction of the axis in the own frame."""
     point_mm: Vector3 = (0.0, 0.0, 0.0)
     """Point on the axis in the own frame."""
     angle_deg: TimeCurve
     """Angle in degrees (right-hand rule)."""
-
-    @field_validator("axis")
-    @classmethod
-    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return nonzero(value)
 
 
 class Growth(DeformationModel):

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
-from scenetruth.scene.motion_spec import Motion, nonzero
+from scenetruth.model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
+from scenetruth.scene.motion_spec import Motion
 
 __all__ = ["DirectionalLight", "Flicker", "Light", "Lighting", "PointLight", "SpotLight"]
 
@@ -18,17 +18,12 @@ class DirectionalLight(FrozenModel):
 
     kind: Literal["directional"]
     """``directional``."""
-    direction: Vector3
+    direction: Direction
     """Direction in which the light travels at t = 0, of any length."""
     irradiance: NonNegative
     """Irradiance E of a surface that faces the light; 1 makes a surface as bright as its texture says."""
     motion: tuple[Motion, ...] = ()
     """How it moves; only rotations change it."""
-
-    @field_validator("direction")
-    @classmethod
-    def _has_direction(cls, value: Vector3) -> Vector3:
-        return nonzero(value)
 
 
 class PointLight(FrozenModel):
@@ -53,7 +48,7 @@ class SpotLight(FrozenModel):
     """``spot``."""
     position_mm: Vector3
     """World position at t = 0 in mm."""
-    direction: Vector3 | None = None
+    direction: Direction | None = None
     """Direction of the cone's axis at t = 0, of any length; give this or ``target_mm``."""
     target_mm: Vector3 | None = None
     """World point on the cone's axis at t = 0; it moves along with the lamp, as one rigid body."""
@@ -67,11 +62,6 @@ class SpotLight(FrozenModel):
     """Distance from the lamp where ``irradiance`` holds."""
     motion: tuple[Motion, ...] = ()
     """How position and axis move; rotations without a point of their own turn about its position."""
-
-    @field_validator("direction")
-    @classmethod
-    def _has_direction(cls, value: Vector3 | None) -> Vector3 | None:
-        return None if value is None else nonzero(value)
 
     @field_validator("outer_angle_deg")
     @classmethod

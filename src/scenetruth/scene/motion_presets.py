@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
+
+from scenetruth.presets import Preset, preset
 
 __all__ = [
     "FRAME_INTERVAL_S",
     "MOTION_PRESETS",
     "TYPICAL",
     "GrowthPreset",
-    "MotionPreset",
     "ShiftPreset",
     "TurnPreset",
     "filled_in",
@@ -46,31 +46,6 @@ _LIDAR = (
 _MINUTE = "at one frame a minute"
 
 
-@dataclass(frozen=True)
-class MotionPreset:
-    """A motion that can be called by name.
-
-    Parameters
-    ----------
-    description
-        What it is.
-    values
-        Fields of the motion and their values.
-    sources
-        Where each of them is from: the same keys.
-    """
-
-    description: str
-    values: Mapping[str, Any]
-    sources: Mapping[str, str]
-
-
-def _preset(description: str, **fields: tuple[Any, str]) -> MotionPreset:
-    values = {name: value for name, (value, _) in fields.items()}
-    sources = {name: source for name, (_, source) in fields.items()}
-    return MotionPreset(description, MappingProxyType(values), MappingProxyType(sources))
-
-
 _PATTERN: Mapping[str, tuple[Any, str]] = MappingProxyType(
     {
         "base_to_tip": (
@@ -82,14 +57,14 @@ _PATTERN: Mapping[str, tuple[Any, str]] = MappingProxyType(
     }
 )
 
-MOTION_PRESETS: Mapping[str, MotionPreset] = MappingProxyType(
+MOTION_PRESETS: Mapping[str, Preset] = MappingProxyType(
     {
-        "leaf_growth_1_percent": _preset(
+        "leaf_growth_1_percent": preset(
             "1 %/h of a leaf's area",
             rate_per_hour=(0.01, f"growth can be detected at under 1 % per hour: {_SCHMUNDT}"),
             **_PATTERN,
         ),
-        "leaf_growth_3_percent": _preset(
+        "leaf_growth_3_percent": preset(
             "3 %/h of a leaf's area, a fast young leaf",
             rate_per_hour=(
                 0.03,
@@ -97,14 +72,14 @@ MOTION_PRESETS: Mapping[str, MotionPreset] = MappingProxyType(
             ),
             **_PATTERN,
         ),
-        "leaf_movement": _preset(
+        "leaf_movement": preset(
             "0.1 mm/min",
             distance_mm=(
                 {"kind": "linear", "rate_per_frame": 0.1},
                 f"{_MINUTE}; leaves moved 36.7 mm in 5.5 h on average, 0.11 mm/min: {_LIDAR}",
             ),
         ),
-        "leaf_tilt": _preset(
+        "leaf_tilt": preset(
             "0.2°/min",
             angle_deg=(
                 {"kind": "linear", "rate_per_frame": 0.2},

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
-from scenetruth.model import Finite, FrozenModel, Positive, Vector3
+from scenetruth.model import Direction, Finite, FrozenModel, Positive, Vector3
 from scenetruth.scene.motion_presets import ShiftPreset, TurnPreset, filled_in, preset_or_fields
 from scenetruth.scene.time_curve import TimeCurve, increasing
 
@@ -20,16 +20,7 @@ __all__ = [
     "Nutation",
     "Shift",
     "Turn",
-    "nonzero",
 ]
-
-
-def nonzero(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Refuse the zero vector, for fields that need a direction."""
-    if not any(value):
-        msg = "must not be the zero vector"
-        raise ValueError(msg)
-    return value
 
 
 class ConstantVelocity(FrozenModel):
@@ -46,17 +37,12 @@ class ConstantRotation(FrozenModel):
 
     kind: Literal["rotation"]
     """``rotation``."""
-    axis: Vector3
+    axis: Direction
     """Direction of the axis in the world frame."""
     rate_deg_per_frame: Finite
     """Angle per frame in degrees."""
     point_mm: Vector3 | None = None
     """World point on the axis; the position of what moves if not given."""
-
-    @field_validator("axis")
-    @classmethod
-    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return nonzero(value)
 
 
 class Acceleration(FrozenModel):
@@ -79,7 +65,7 @@ class Shift(FrozenModel):
     """``shift``."""
     preset: ShiftPreset | None = None
     """A movement by name, whose values stand for all fields that are not given; null for none."""
-    direction: Vector3
+    direction: Direction
     """Direction in the world frame, of any length."""
     distance_mm: TimeCurve
     """Distance along it in mm."""
@@ -88,11 +74,6 @@ class Shift(FrozenModel):
     @classmethod
     def _fill_in(cls, given: Any) -> Any:
         return filled_in(given)
-
-    @field_validator("direction")
-    @classmethod
-    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return nonzero(value)
 
 
 class Turn(FrozenModel):
@@ -104,7 +85,7 @@ class Turn(FrozenModel):
     """``turn``."""
     preset: TurnPreset | None = None
     """A movement by name, whose values stand for all fields that are not given; null for none."""
-    axis: Vector3
+    axis: Direction
     """Direction of the axis in the world frame."""
     angle_deg: TimeCurve
     """Angle in degrees."""
@@ -116,11 +97,6 @@ class Turn(FrozenModel):
     def _fill_in(cls, given: Any) -> Any:
         return filled_in(given)
 
-    @field_validator("axis")
-    @classmethod
-    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return nonzero(value)
-
 
 class Nutation(FrozenModel):
     """Circumnutation: the tilt of an organ goes round, so that its tip draws an ellipse about its mean direction.
@@ -131,7 +107,7 @@ class Nutation(FrozenModel):
 
     kind: Literal["nutation"]
     """``nutation``."""
-    direction: Vector3
+    direction: Direction
     """Mean direction d of the organ in the world frame, of any length."""
     towards: Vector3
     """Where the organ is tilted to at phase 0; from there it goes round d by the right-hand rule."""
@@ -143,11 +119,6 @@ class Nutation(FrozenModel):
     """Phase at t = 0 in degrees."""
     point_mm: Vector3 | None = None
     """World point that rests; the position of what moves if not given."""
-
-    @field_validator("direction")
-    @classmethod
-    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return nonzero(value)
 
     @field_validator("towards")
     @classmethod

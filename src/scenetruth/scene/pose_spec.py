@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import field_validator
-
-from scenetruth.model import Finite, FrozenModel, Vector3
-from scenetruth.scene.motion_spec import nonzero
+from scenetruth.model import Direction, Finite, FrozenModel, Vector3
 
 __all__ = ["Pose", "Rotation"]
 
@@ -13,15 +10,10 @@ __all__ = ["Pose", "Rotation"]
 class Rotation(FrozenModel):
     """A rotation about an axis through the object's origin (right-hand rule: X towards Y about Z)."""
 
-    axis: Vector3
+    axis: Direction
     """Direction of the axis."""
     angle_deg: Finite
     """Angle in degrees."""
-
-    @field_validator("axis")
-    @classmethod
-    def _has_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        return nonzero(value)
 
 
 class Pose(FrozenModel):

@@ -68,8 +68,8 @@ class SheetStart:
 
 
 @dataclass(frozen=True, eq=False)
-class RestStart:
-    """A mesh at rest, whose surface has no formula.
+class MeshAtRest:
+    """Vertices that stay where they are in the own frame.
 
     Parameters
     ----------
@@ -77,12 +77,29 @@ class RestStart:
         Positions in the own frame, shape (n, 3).
     faces
         Vertex indices, shape (m, 3).
-    crease_deg
-        Faces that meet at a larger angle belong to different pieces of the surface.
     """
 
     vertices_mm: NDArray[np.float64]
     faces: NDArray[np.int32]
+
+    def at(self, t: Field) -> Points:
+        """Return the mesh."""
+        x, y, z = self.vertices_mm.T
+        return like(x, t), like(y, t), like(z, t)
+
+
+@dataclass(frozen=True, eq=False)
+class RestStart(MeshAtRest):
+    """A mesh at rest, whose surface has no formula.
+
+    Parameters
+    ----------
+    vertices_mm, faces
+        Of `MeshAtRest`.
+    crease_deg
+        Faces that meet at a larger angle belong to different pieces of the surface.
+    """
+
     crease_deg: float
 
     @cached_property
@@ -95,11 +112,6 @@ class RestStart:
         """Vertices on sharp edges are several surface points."""
         return self.osculation.corners
 
-    def at(self, t: Field) -> Points:
-        """Return the mesh."""
-        x, y, z = self.vertices_mm.T
-        return like(x, t), like(y, t), like(z, t)
-
     def surface(self, t: Jet) -> Points:
         """Return the mesh with the derivatives of fits to it."""
         fields = [osculating_jet(self.osculation, column[None]) for column in self.vertices_mm.T]
@@ -107,32 +119,23 @@ class RestStart:
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothStart:
+class SmoothStart(MeshAtRest):
     """A mesh at rest on a smooth surface whose formula is known.
 
     Parameters
     ----------
-    vertices_mm
-        Positions in the own frame, shape (n, 3).
-    faces
-        Vertex indices, shape (m, 3).
+    vertices_mm, faces
+        Of `MeshAtRest`.
     along
         Derivatives (a, b, aa, ab, bb) of the positions along the surface, shape (5, n, 3).
     """
 
-    vertices_mm: NDArray[np.float64]
-    faces: NDArray[np.int32]
     along: NDArray[np.float64]
 
     @property
     def corners(self) -> NDArray[np.int32]:
         """Vertices are surface points."""
         return self.faces
-
-    def at(self, t: Field) -> Points:
-        """Return the mesh."""
-        x, y, z = self.vertices_mm.T
-        return like(x, t), like(y, t), like(z, t)
 
     def surface(self, t: Jet) -> Points:
         """Return the mesh with its derivatives."""
