@@ -515,7 +515,7 @@ def _print_score(scored: Score) -> None:
     for name in headings.values():
         table.add_column(name, justify="right")
     for quantity, values in scored.regions["interior"].items():
-        if quantity == "outliers" or (quantity in GROWTH_QUANTITIES and not _grows(scored)):
+        if quantity == "outliers" or (quantity in GROWTH_QUANTITIES and not scored.grows):
             continue
         cells = [values.get(name) for name in headings]
         table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
@@ -533,7 +533,7 @@ def _print_regions(scored: Score) -> None:
     names = [
         name
         for name in ("depth", "velocity_z", "velocity_endpoint", "growth_rate", "growth_rate_windowed")
-        if name in scored.regions["all"] and (name not in GROWTH_QUANTITIES or _grows(scored))
+        if name in scored.regions["all"] and (name not in GROWTH_QUANTITIES or scored.grows)
     ]
     table = Table(title="all regions, rms errors", title_justify="left")
     table.add_column("region", overflow="fold")
@@ -546,9 +546,3 @@ def _print_regions(scored: Score) -> None:
         cells = [depth["density"], *(quantities[name]["rms"] for name in names)]
         table.add_row(region, f"{depth['count']:,}", *("–" if value is None else f"{value:.3g}" for value in cells))
     _console().print(table)
-
-
-def _grows(scored: Score) -> bool:
-    """Tell whether any true growth rate is more than rounding: what moves rigidly has no growth to be right about."""
-    growth = scored.regions["all"].get("growth_rate", {}).get("relative_rms")
-    return growth is not None and growth < 1e9

@@ -36,7 +36,7 @@ OUTLIERS = "outliers"
 
 GROWTH_QUANTITIES: Mapping[str, str] = {
     "growth_rate": "Growth rate",
-    "growth_rate_windowed": "Growth rate, truth in the window too",
+    "growth_rate_windowed": "Growth rate, windowed",
 }
 """The titles of the two scores of the growth rate: against the truth of every pixel, and against the truth seen through
 the estimate's window."""

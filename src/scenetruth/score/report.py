@@ -34,7 +34,7 @@ _HEADLINES = (
 )
 _BY_REGION = ("depth", "disparity", "velocity_z", ENDPOINT, "growth_rate", "growth_rate_windowed")
 """Quantities whose rms errors are shown for every region."""
-_SHORT = {ENDPOINT: "U, endpoint", "growth_rate": "growth rate", "growth_rate_windowed": "growth rate, windowed"}
+_SHORT = {ENDPOINT: "U, endpoint", "growth_rate": "growth rate", "growth_rate_windowed": "growth, windowed"}
 _SHOWN_ELSEWHERE = ("warnings", "render_fallback_reason", "score_settings")
 
 
@@ -94,12 +94,12 @@ def _render(recording: xr.Dataset, estimate: xr.Dataset, score: Score, figures: 
         name=(scene or {}).get("description"),
         notices=list(_notices(score.metadata)),
         headlines=[_headline(score, *entry) for entry in _HEADLINES],
-        regions=[(region, list(_rows(score.regions[region]))) for region in REGIONS],
+        regions=[(region, list(_rows(score, region))) for region in REGIONS],
         outliers=[(region, score.regions[region][OUTLIERS]) for region in REGIONS],
         by_region=_by_region(score),
         margin=f"{margin:g}",
         settings=_settings(score),
-        grows="growth_rate" in score.regions["all"],
+        grows=score.grows,
         figures=[(figure, *_inline(folder / figure.file)) for figure in figures],
         metadata=list(_metadata_rows(recording, estimate, score)),
         scene=None if scene is None else json.dumps(scene, indent=2, ensure_ascii=False),
@@ -130,23 +130,23 @@ def _spell(value: float | None, statistic: str) -> str:
     return format_number(value) if statistic == "rms" else format_percent(value)
 
 
-def _rows(
-    quantities: Mapping[str, Mapping[str, float | int | None]],
-) -> Iterator[tuple[str, str, Mapping[str, float | int | None]]]:
+def _rows(score: Score, region: str) -> Iterator[tuple[str, str, Mapping[str, float | int | None]]]:
     titles = {name: entry.title for name, entry in QUANTITIES.items()} | {ENDPOINT: "Velocity endpoint"}
-    for name, title in {**titles, **GROWTH_QUANTITIES}.items():
-        if name in quantities:
-            yield title, units_of(name), quantities[name]
+    for name, title in {**titles, **(GROWTH_QUANTITIES if score.grows else {})}.items():
+        if name in score.regions[region]:
+            yield title, units_of(name), score.regions[region][name]
 
 
 def _by_region(score: Score) -> dict[str, Any]:
-    """Return the headings and rows of the table that sets all regions beside each other."""
-    shown = [name for name in _BY_REGION if name in score.regions["all"]]
+    """Return the headings and rows of the table that sets all regions with any pixel beside each other."""
+    known = [name for name in _BY_REGION if name in score.regions["all"]]
+    shown = [name for name in known if score.grows or name not in GROWTH_QUANTITIES]
     return {
         "quantities": [(_SHORT.get(name) or QUANTITIES[name].symbol, units_of(name)) for name in shown],
         "rows": [
             (region, values["depth"], [values[name]["rms"] for name in shown], values[OUTLIERS])
             for region, values in score.regions.items()
+            if values["depth"]["count"] or region in REGIONS
         ],
     }
 

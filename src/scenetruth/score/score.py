@@ -37,6 +37,10 @@ _EXPECTED = {**dict.fromkeys((*QUANTITIES, ENDPOINT), STATISTICS), OUTLIERS: RAT
 _GROWTH = set(GROWTH_QUANTITIES)
 
 
+_ROUNDING = 1e9
+"""Errors that are so many times larger than the truth have only roundings for a truth."""
+
+
 @dataclass(frozen=True)
 class Score:
     """The figures of merit of one estimate.
@@ -53,6 +57,12 @@ class Score:
 
     regions: Mapping[str, Mapping[str, Mapping[str, float | int | None]]]
     metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def grows(self) -> bool:
+        """Whether any true growth rate is more than rounding; of what moves rigidly, growth is not worth showing."""
+        error = self.regions["all"].get("growth_rate", {}).get("relative_rms")
+        return error is not None and error < _ROUNDING
 
     def to_json(self) -> str:
         """Return strict JSON with the regions and ``metadata`` as its top-level keys."""

@@ -54,7 +54,7 @@ def draw_all(
     list of FigureInfo
         File names inside the folder, titles and captions, in reading order. The figures of depth and of velocity are
         left out where none is known, as by one camera or one frame, ``error_bars.png`` for an estimate without
-        standard deviations of either, ``growth_rate.png`` for a truth that does not know it, and ``confidence.png`` for
+        standard deviations of either, ``growth_rate.png`` where nothing grows, and ``confidence.png`` for
         an estimate that has neither ``confidence`` nor kinds nor ``model_violation``.
 
     Raises
@@ -73,7 +73,7 @@ def draw_all(
         (velocity, lambda: draw_velocity_z_row(views, target)),
         (velocity, lambda: draw_velocity_arrows(views, target)),
         (depth, lambda: draw_depth(views, target)),
-        (velocity and "growth_rate" in truth, lambda: draw_growth(views, estimate, truth, score, target)),
+        (velocity and score.grows, lambda: draw_growth(views, estimate, truth, score, target)),
         (True, lambda: draw_error_histograms(estimate, truth, score, target)),
         (True, lambda: draw_error_bars(views, estimate, truth, score, target)),
         (True, lambda: draw_confidence(views, target)),
