@@ -9,8 +9,8 @@ import argparse
 from typing import Any
 
 import numpy as np
-from tests.estimate.analytic import Plane
-from tests.estimate.test_uncertainty import NOISE, calibration
+from tests.estimators.structure_tensor.analytic import Plane
+from tests.estimators.structure_tensor.test_uncertainty import NOISE, calibration
 from tests.scenes import SCENES, plaid
 
 import scenetruth as st

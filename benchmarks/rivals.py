@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.score import region_masks
+from scenetruth.scoring import region_masks
 
 SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
 Map = NDArray[np.float64]

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from pytest_benchmark.fixture import BenchmarkFixture
-from tests.estimate.plain import estimate_plain
+from tests.estimators.structure_tensor.plain import estimate_plain
 
-from scenetruth.estimate import estimate
-from scenetruth.recording import make_recording
+from scenetruth.estimators import estimate
 from scenetruth.scene import load_scene
+from scenetruth.schema import make_recording
 from scenetruth.settings import EstimateSettings
-from scenetruth.simulate import simulate
+from scenetruth.simulation import simulate
 
 SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
 ONE_POINT: dict[str, Any] = {"working_point_px": 37, "flow_working_point_px": (0, 0)}

@@ -9,7 +9,7 @@ import xarray as xr
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from scenetruth.scene import load_scene
-from scenetruth.simulate import simulate
+from scenetruth.simulation import simulate
 from scenetruth.storage import load, save
 
 SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"

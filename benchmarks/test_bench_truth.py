@@ -12,7 +12,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import load_scene
 from scenetruth.scene.world import build_world
-from scenetruth.simulate import make_truth
+from scenetruth.simulation import make_truth
 from scenetruth.truth import GeometryPass, truth_maps
 
 SCENES = Path(__file__).parents[1] / "scenes"

@@ -21,7 +21,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.world import World, build_world
-from scenetruth.simulate import make_truth
+from scenetruth.simulation import make_truth
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "gallery"

@@ -16,17 +16,17 @@ MAY_IMPORT = {
     "indexing": set(),
     "presets": set(),
     "settings": {"model"},
-    "recording": {"errors", "indexing"},
+    "schema": {"errors", "indexing"},
     "camera": LEAVES,
     "scene": {*LEAVES, "camera"},
     "raycast": {*LEAVES, "camera"},
     "render": {*LEAVES, "scene", "camera", "raycast"},
     "truth": {*LEAVES, "scene", "camera", "raycast"},
-    "storage": {"errors", "recording"},
-    "simulate": {*LEAVES, "scene", "camera", "raycast", "render", "truth", "recording"},
-    "estimate": {*LEAVES, "recording"},
-    "score": {*LEAVES, "recording"},
-    "experiment": {*LEAVES, "scene", "camera", "render", "recording", "estimate"},
+    "storage": {"errors", "schema"},
+    "simulation": {*LEAVES, "scene", "camera", "raycast", "render", "truth", "schema"},
+    "estimators": {*LEAVES, "schema"},
+    "scoring": {*LEAVES, "schema"},
+    "experiment": {*LEAVES, "scene", "camera", "render", "schema", "estimators"},
 }
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
 
@@ -15,10 +18,12 @@ def test_every_public_name_exists_and_is_documented(name: str) -> None:
     assert getattr(st, name).__doc__
 
 
-@pytest.mark.parametrize("name", ["estimate", "score", "simulate"])
-def test_functions_are_not_hidden_by_their_rooms(name: str) -> None:
-    __import__(f"scenetruth.{name}")
-    assert callable(getattr(st, name))
+def test_rooms_are_modules_and_none_is_called_like_a_public_name() -> None:
+    rooms = [room.name for room in pkgutil.iter_modules(st.__path__) if room.name != "__main__"]
+    assert not set(rooms) & set(st.__all__)
+    for room in rooms:
+        assert isinstance(importlib.import_module(f"scenetruth.{room}"), ModuleType)
+        assert isinstance(getattr(st, room), ModuleType)
 
 
 def test_unknown_name_is_an_attribute_error() -> None:

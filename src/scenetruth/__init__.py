@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,11 +20,11 @@ if TYPE_CHECKING:
         ScoreError,
         StoreError,
     )
-    from scenetruth.estimate import estimate
-    from scenetruth.recording import make_recording
+    from scenetruth.estimators import estimate
     from scenetruth.scene import Scene, load_scene, scene_from_plain
-    from scenetruth.score import Score, score
-    from scenetruth.simulate import simulate
+    from scenetruth.schema import make_recording
+    from scenetruth.scoring import Score, score
+    from scenetruth.simulation import simulate
     from scenetruth.storage import load, save
     from scenetruth.truth import track_points
 
@@ -62,11 +60,11 @@ _HOMES = {
     "Scene": "scene",
     "load_scene": "scene",
     "scene_from_plain": "scene",
-    "simulate": "simulate",
-    "make_recording": "recording",
-    "estimate": "estimate",
-    "Score": "score",
-    "score": "score",
+    "simulate": "simulation",
+    "make_recording": "schema",
+    "estimate": "estimators",
+    "Score": "scoring",
+    "score": "scoring",
     "load": "storage",
     "save": "storage",
     "track_points": "truth",
@@ -85,16 +83,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-class _Package(ModuleType):
-    """The package itself; keeps functions such as ``estimate`` from being hidden by the rooms of the same name."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        # The import system binds every imported submodule as an attribute of its package.
-        if name in _HOMES and isinstance(value, ModuleType):
-            return
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

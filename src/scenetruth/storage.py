@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import OutputExistsError, RecordingError, StoreError
-from scenetruth.recording import FORMAT_VERSION, check_dataset
+from scenetruth.schema import FORMAT_VERSION, check_dataset
 
 __all__ = ["load", "save", "write_aside", "write_images"]
 

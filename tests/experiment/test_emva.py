@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor, PhotonTransfer
 from scenetruth.cli.app import app
-from scenetruth.experiment import emva
-from scenetruth.experiment.emva import compare, measure_sensor, run_emva
+from scenetruth.experiment.emva import run as emva
+from scenetruth.experiment.emva.run import compare, measure_sensor, run_emva
 
 # What a measurement must recover. Scatter, as one standard error with 300 x 400 pixels: gain 0.1 %, spatial standard
 # deviations 0.2 % to 0.4 %, saturation as the gain, a level's mean 0.01 %.

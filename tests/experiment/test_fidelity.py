@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 import scenetruth as st
 from scenetruth import experiment
 from scenetruth.cli.app import app
-from scenetruth.experiment.fidelity import SHIFTS_PX, TEXTURES_PX, noise_plane, reference_image, run_fidelity
-from scenetruth.experiment.fidelity_reference import PlaneImage
-from scenetruth.experiment.fidelity_registration import shift_errors
+from scenetruth.experiment.fidelity.reference import PlaneImage
+from scenetruth.experiment.fidelity.registration import shift_errors
+from scenetruth.experiment.fidelity.run import SHIFTS_PX, TEXTURES_PX, noise_plane, reference_image, run_fidelity
 from scenetruth.render import opengl
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.world import build_world

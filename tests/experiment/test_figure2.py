@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 import scenetruth as st
 from scenetruth.cli.app import app
-from scenetruth.estimate.filters import transfer
-from scenetruth.experiment import figure2
-from scenetruth.experiment.figure2 import conditions, measure, run_figure2
-from scenetruth.experiment.figure2_points import Condition
-from scenetruth.experiment.pattern import pattern_recording
+from scenetruth.estimators.structure_tensor.filters import transfer
+from scenetruth.experiment.figure2 import run as figure2
+from scenetruth.experiment.figure2.pattern import pattern_recording
+from scenetruth.experiment.figure2.points import Condition
+from scenetruth.experiment.figure2.run import conditions, measure, run_figure2
 from tests.scenes import plaid
 
 

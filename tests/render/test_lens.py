@@ -170,7 +170,7 @@ def test_what_opengl_cannot_render_is_ray_cast_or_refused() -> None:
     choice = choose_renderer(scene, build_world(scene))
     assert choice.renderer.name == "raycast"
     assert "rolling shutter" in choice.fallback_reason
-    from scenetruth.simulate import simulate
+    from scenetruth.simulation import simulate
 
     for part in (
         {"shutter": {"readout_time_s": 0.05}},
@@ -192,14 +192,14 @@ def test_what_opengl_cannot_render_is_ray_cast_or_refused() -> None:
     ],
 )
 def test_optics_that_do_not_fit_the_scene_are_refused(changes: dict[str, Any], message: str) -> None:
-    from scenetruth.simulate import simulate
+    from scenetruth.simulation import simulate
 
     with pytest.raises(SceneError, match=message):
         simulate(edge(24.0, **changes))
 
 
 def test_truth_of_a_rolling_shutter_is_where_its_images_show_the_edge() -> None:
-    from scenetruth.simulate import simulate
+    from scenetruth.simulation import simulate
 
     shutter = {"readout_time_s": 0.05, "stage_speed_mm_per_s": -100.0}
     recording, truth = simulate(edge(24.0, speed=20.0, shutter=shutter))

@@ -10,10 +10,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.recording import VARIABLES
 from scenetruth.scene import Scene
 from scenetruth.scene.world import World, build_world
-from scenetruth.simulate import make_truth
+from scenetruth.schema import VARIABLES
+from scenetruth.simulation import make_truth
 from tests.truth.test_visibility import gate
 
 

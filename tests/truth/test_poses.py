@@ -14,7 +14,7 @@ import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.scene import Scene
 from scenetruth.scene.world import build_world
-from scenetruth.simulate import TruthPoses, TruthViews, make_truth
+from scenetruth.simulation import TruthPoses, TruthViews, make_truth
 from tests.scenes import cube
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene import Scene, scene_from_plain
 from scenetruth.scene.world import build_world
-from scenetruth.simulate import make_truth
+from scenetruth.simulation import make_truth
 from tests.scenes import cube
 
 Array = NDArray[np.float64]

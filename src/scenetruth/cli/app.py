@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from scenetruth.cli.console import Reporter
-    from scenetruth.experiment.fidelity import Fidelity
+    from scenetruth.experiment.fidelity.run import Fidelity
     from scenetruth.scene import Scene
-    from scenetruth.score import Score
+    from scenetruth.scoring import Score
     from scenetruth.settings import EstimateSettings, ScoreSettings
 
 __all__ = ["app", "run_app"]
@@ -142,7 +142,7 @@ def run(
 ) -> None:
     """Render a scene, estimate, score and report, in one go."""
     from scenetruth.cli.console import reporting
-    from scenetruth.estimate.rig import requirements
+    from scenetruth.estimators.structure_tensor.rig import requirements
     from scenetruth.storage import write_aside
 
     spec = _load(scene, overrides)
@@ -199,7 +199,7 @@ def estimate(folder: Folder, overrides: Overrides = None, overwrite: Overwrite =
     _refuse_existing([target], overwrite)
     recording = load(folder / "recording.zarr", "recording")
     settings = _settings_in(recording, "estimate", overrides)
-    from scenetruth.estimate import estimate_settings
+    from scenetruth.estimators import estimate_settings
 
     with reporting() as report:
         _estimate(recording, estimate_settings(**settings), folder, report, overwrite=overwrite)
@@ -220,7 +220,7 @@ def score(folder: Folder, overrides: Overrides = None, overwrite: Overwrite = Fa
     _refuse_existing(targets, overwrite)
     estimated, exact = load(folder / "estimate.zarr", "estimate"), load(folder / "truth.zarr", "truth")
     recording = load(folder / "recording.zarr", "recording")
-    from scenetruth.score import score_settings
+    from scenetruth.scoring import score_settings
 
     settings = score_settings(**_settings_in(recording, "score", overrides))
     with reporting() as report:
@@ -234,7 +234,7 @@ def report(folder: Folder, overwrite: Overwrite = False) -> None:
     """Draw the pictures and the report of FOLDER."""
     from scenetruth.cli.console import reporting
     from scenetruth.errors import StoreError
-    from scenetruth.score import Score
+    from scenetruth.scoring import Score
     from scenetruth.storage import load
 
     _refuse_existing([folder / "report.html", folder / "figures"], overwrite)
@@ -343,8 +343,8 @@ def _refuse_existing(targets: list[Path], overwrite: bool) -> None:
 def _settings_in(recording: xr.Dataset, section: str, overrides: list[str] | None) -> dict[str, Any]:
     """Return a section of the recorded scene with overrides; everything else of the scene is past changing."""
     from scenetruth.errors import Problem, SceneError
-    from scenetruth.recording import scene_of
     from scenetruth.scene.load import apply_overrides, scene_from_plain
+    from scenetruth.schema import scene_of
 
     fixed = [text for text in overrides or () if not text.startswith(f"{section}.")]
     if fixed:
@@ -370,7 +370,7 @@ def _render(
 ) -> tuple[xr.Dataset, xr.Dataset]:
     import yaml
 
-    from scenetruth.simulate import simulate
+    from scenetruth.simulation import simulate
     from scenetruth.storage import save, write_images
 
     with report.timed("simulate"):
@@ -400,7 +400,7 @@ def _render(
 def _estimate(
     recording: xr.Dataset, settings: EstimateSettings, folder: Path, report: Reporter, *, overwrite: bool
 ) -> xr.Dataset:
-    from scenetruth.estimate import estimate as estimate_maps
+    from scenetruth.estimators import estimate as estimate_maps
     from scenetruth.storage import save
 
     with report.timed("estimate"):
@@ -419,7 +419,7 @@ def _score(
     *,
     overwrite: bool = False,
 ) -> Score:
-    from scenetruth.score import score as score_estimate
+    from scenetruth.scoring import score as score_estimate
     from scenetruth.storage import write_aside
 
     attrs = recording.attrs
@@ -452,7 +452,7 @@ def _report(
 ) -> None:
     from tempfile import TemporaryDirectory
 
-    from scenetruth.score import write_report
+    from scenetruth.scoring import write_report
     from scenetruth.storage import write_aside
 
     with TemporaryDirectory(prefix=".report-", dir=folder) as made:
@@ -496,8 +496,8 @@ def _console() -> Console:
 def _print_score(scored: Score) -> None:
     from rich.table import Table
 
-    from scenetruth.score import units_of
-    from scenetruth.score.quantities import GROWTH_QUANTITIES
+    from scenetruth.scoring import units_of
+    from scenetruth.scoring.quantities import GROWTH_QUANTITIES
 
     headings = {
         "bias": "bias",
@@ -527,8 +527,8 @@ def _print_regions(scored: Score) -> None:
     """Print the rms errors of some quantities in every region that has any pixel scored."""
     from rich.table import Table
 
-    from scenetruth.score import units_of
-    from scenetruth.score.quantities import GROWTH_QUANTITIES
+    from scenetruth.scoring import units_of
+    from scenetruth.scoring.quantities import GROWTH_QUANTITIES
 
     names = [
         name

@@ -19,7 +19,7 @@ __all__ = ["print_check"]
 
 def print_check(scene: Scene, file: Path) -> None:
     """Validate a scene down to its meshes and textures, and print what will be made from it."""
-    from scenetruth.estimate.rig import requirements
+    from scenetruth.estimators.structure_tensor.rig import requirements
     from scenetruth.raycast import Topology
     from scenetruth.scene.check import describe_scene
     from scenetruth.scene.world import build_world

@@ -87,7 +87,7 @@ def truth_maps(
     Returns
     -------
     dict
-        The variables of a truth by name (`scenetruth.recording.VARIABLES`), vector components first. Of the triangle
+        The variables of a truth by name (`scenetruth.schema.VARIABLES`), vector components first. Of the triangle
         that is seen, and therefore consistent with each other to rounding:
 
         - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame, ``acceleration`` in mm per frame squared,

@@ -1,0 +1,118 @@
+"""The paper's estimator: one 4D structure tensor gives disparity and 3D motion of every pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.structure_tensor.filters import PAPER
+from scenetruth.estimators.structure_tensor.registration import Registration
+from scenetruth.estimators.structure_tensor.rig import requirements, rig_of
+from scenetruth.estimators.structure_tensor.run import Maps, Progress, run
+from scenetruth.estimators.structure_tensor.task import check_common_view, make_task, plain_images
+from scenetruth.estimators.structure_tensor.threshold import with_threshold
+from scenetruth.estimators.structure_tensor.working_points import choose_registrations
+from scenetruth.schema import intrinsics_of, label
+from scenetruth.settings import EstimateSettings
+
+__all__ = ["estimate_structure_tensor"]
+
+
+def estimate_structure_tensor(
+    recording: xr.Dataset, settings: EstimateSettings, progress: Progress | None = None
+) -> xr.Dataset:
+    """Estimate depth, disparity, flow and velocity with the 4D structure tensor (paper, sections 2 to 4).
+
+    Parameters
+    ----------
+    recording
+        A checked recording.
+    settings
+        Window, threshold and working points.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    xarray.Dataset
+        An estimate for every frame whose window lies inside the recording. Pixels whose filters and window do not lie
+        inside the registered images are NaN with ``kind`` none. One camera gives no depth and no velocity, one frame
+        neither flow nor velocity.
+
+    Raises
+    ------
+    EstimateError
+        If the recording is too small for the filters, or the working point leaves no common view.
+    """
+    images = plain_images(recording)
+    count_s, count_t, height, width = images.shape[1:]
+    problems = requirements(settings, count_s, count_t, width, height)
+    intrinsics = intrinsics_of(recording)
+    positions = recording["stage_x_mm"].values / (intrinsics.baseline_mm if count_s > 1 else 1.0)
+    if np.any(np.diff(positions) <= 1e-6):
+        message = "must grow with s in the direction of baseline_mm, no two positions the same"
+        problems.append(Problem("stage_x_mm", message, recording["stage_x_mm"].values.tolist()))
+    elif abs(positions[recording["s"].values == 0][0]) > 1e-6:
+        problems.append(Problem("stage_x_mm", "must be 0 at s = 0", recording["stage_x_mm"].values.tolist()))
+    # A sum is finite if all is, unless it overflows; the count is exact.
+    if images.dtype.kind == "f" and not np.isfinite(images.sum()):
+        missing = sum(int((~np.isfinite(part)).sum()) for channel in images for part in channel)
+    else:
+        missing = 0
+    if missing:
+        problems.append(
+            Problem("image", f"holds {missing} values that are not finite in float32; the filters would spread them")
+        )
+    if problems:
+        raise EstimateError(problems)
+    rig = rig_of(positions, count_t, settings)
+    task = make_task(images, rig, settings, intrinsics, float(recording.attrs["full_scale"]))
+    registrations = choose_registrations(task)
+    check_common_view(task, registrations)
+    task, sigma = with_threshold(task, registrations)
+    maps = run(task, registrations, progress)
+    frames = task.outputs
+    return label(
+        "estimate",
+        {
+            "depth": maps.floats[0],
+            "velocity": maps.floats[1:4],
+            "disparity": maps.floats[4],
+            "flow": maps.floats[5:7],
+            "divergence": maps.floats[7],
+            "kind": maps.flags[0],
+            "kind_disparity": maps.flags[1],
+            "kind_motion": maps.flags[2],
+            "model_violation": maps.flags[3].astype(bool),
+            "depth_std": maps.singles[0],
+            "velocity_std": maps.singles[1:4],
+            "disparity_std": maps.singles[4],
+            "confidence": maps.singles[5],
+            "working_point": maps.singles[6],
+            "eigenvalues": maps.eigenvalues,
+        },
+        intrinsics,
+        t=recording["t"].values[frames],
+        attrs={
+            **{key: recording.attrs[key] for key in ("scene", "scene_hash") if key in recording.attrs},
+            "method": "structure_tensor",
+            "settings": settings.model_dump_json(),
+            "filters_s": task.over_s.name,
+            "filters_t": task.over_t.name,
+            "filters_xy": PAPER.name,
+            "window_taps_frames": len(rig.window_t),
+            "working_point_px": _usual(maps, registrations),
+            "working_points_px": sorted([item.disparity, *item.flow] for item in registrations),
+            "tau": float(task.settings.tau),
+            **({"noise_std": sigma} if np.isfinite(sigma) else {}),
+        },
+    )
+
+
+def _usual(maps: Maps, registrations: Sequence[Registration]) -> int:
+    """Return the disparity at which most pixels were registered."""
+    chosen = maps.singles[6][np.isfinite(maps.singles[6])]
+    return int(np.median(chosen)) if chosen.size else registrations[0].disparity

@@ -1,0 +1,237 @@
+"""By how many whole pixels images are moved along s and t before filtering, and where which of that may be best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, ndimage
+
+from scenetruth.estimators.threads import bands, in_threads
+
+__all__ = [
+    "CELL",
+    "Registration",
+    "find_working_point",
+    "find_working_point_of_flow",
+    "registrations_along_surfaces",
+    "registrations_from_coarse",
+]
+
+CELL = 16
+"""Edge of the cells, in px, for which registrations are chosen."""
+
+_SMALLEST_RANGE = 16
+# A worse neighbour in disparity is never as far off as half; a false match in a periodic texture is as good.
+_CLEARLY_BETTER = 0.5
+# Motions up to this are estimated without registration, px per frame.
+_STILL = 0.75
+# Disparities off the nearest one that are tried as well: they tell more of motion in depth.
+_OFF = (0, -1, 1, -2, 2)
+# Cells that a surface only touches are left to its neighbours.
+_SHARE = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """One working point: integer disparity, integer flow, and the cells of the image for which it may be the best."""
+
+    disparity: int
+    """Disparity, px per step of s: image s is read ``disparity s`` columns to the left."""
+    flow: tuple[int, int] = (0, 0)
+    """Flow along x and y, px per frame: frame t is read ``flow t`` further."""
+    cells: NDArray[np.bool_] | None = None
+    """Which cells of `CELL` px need it; None for all."""
+    fits: NDArray[np.bool_] | None = None
+    """Those of them where it fits, and is not only tried beside one that fits; None if that is not known."""
+
+
+def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None = None) -> int:
+    """Find the integer disparity at which the images of all cameras agree best.
+
+    The horizontal differences of every two neighbouring cameras are correlated along x over all rows; the sums
+    over all pairs add up, as do those of cameras two steps apart. The surface with most texture wins.
+
+    Parameters
+    ----------
+    grey
+        Images of one frame, shape (s, y, x), in order of s; any scale. Channels stand as more rows.
+    positions
+        Where the cameras stand, in steps; 0, 1, 2, ... if not given.
+
+    Returns
+    -------
+    int
+        Disparity in px per step of s (positive: x_s = x_0 - disparity s); 0 for images without texture.
+    """
+    count, _, width = grey.shape
+    if count < 2:
+        return 0
+    steps = np.arange(count, dtype=np.float64) if positions is None else positions
+    detail = np.diff(grey.astype(np.float64), axis=2)
+    padded = fft.next_fast_len(2 * width, real=True)
+    spectra = fft.rfft(detail, padded, axis=2, workers=-1)
+    limit = int((width - 1) // (2 * np.diff(steps).min()))
+    candidates = np.arange(-limit, limit + 1)
+    total = np.zeros(len(candidates))
+    for step in (1, 2):
+        for first in range(count - step):
+            cross = np.sum(spectra[first] * np.conj(spectra[first + step]), axis=0)
+            correlation = fft.irfft(cross, padded)
+            moved = np.rint(candidates * (steps[first + step] - steps[first])).astype(np.int64)
+            inside = np.abs(moved) < width
+            total[inside] += correlation[moved[inside] % padded] / (count - step)
+    return int(candidates[_best(total, np.abs(candidates))])
+
+
+def find_working_point_of_flow(grey: NDArray[Any]) -> tuple[int, int]:
+    """Find the integer flow at which successive frames of one camera agree best.
+
+    Parameters
+    ----------
+    grey
+        Images of one camera, shape (t, y, x), or (channel, t, y, x); any scale.
+
+    Returns
+    -------
+    tuple of int
+        Flow (x, y) in px per frame; (0, 0) for images without texture, or at rest.
+    """
+    count, height, width = grey.shape[-3:]
+    if count < 2:
+        return 0, 0
+    images = grey.astype(np.float32).reshape(-1, count, height, width)
+    detail = images[..., 1:-1, 1:-1] * 4 - images[..., :-2, 1:-1] - images[..., 2:, 1:-1]
+    detail -= images[..., 1:-1, :-2] + images[..., 1:-1, 2:]
+    shape = [fft.next_fast_len(size + size // 2, real=True) for size in detail.shape[-2:]]
+    spectra = fft.rfft2(detail, shape, workers=-1)
+    cross = np.sum(np.conj(spectra[:, :-1]) * spectra[:, 1:], axis=(0, 1))
+    correlation = fft.irfft2(cross, shape, workers=-1)
+    reach_y, reach_x = height // 4, width // 4
+    rows, columns = np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1)
+    near = correlation[np.ix_(rows % shape[0], columns % shape[1])]
+    distance = np.hypot(rows[:, None], columns[None, :])
+    at = _best(near.ravel(), distance.ravel(), margin=1e-3)
+    y, x = np.unravel_index(at, near.shape)
+    return int(columns[x]), int(rows[y])
+
+
+def _best(total: NDArray[Any], distance: NDArray[Any], margin: float = 1e-9) -> int:
+    """Return the place of the highest peak; of equal ones (periodic patterns) the one that displaces least."""
+    peak = total.max()
+    peaks = np.flatnonzero(total >= peak * (1 - margin)) if peak > 0 else np.arange(total.size)
+    return int(peaks[np.argmin(distance[peaks])])
+
+
+def registrations_along_surfaces(
+    images: NDArray[Any], positions: NDArray[np.float64], largest: int
+) -> list[Registration]:
+    """Scan the integer disparities for those that the images of one frame want, and where.
+
+    Parameters
+    ----------
+    images
+        Images of one frame, shape (channel, s, y, x).
+    positions
+        Where the cameras stand, in steps.
+    largest
+        Largest disparity to look at.
+
+    Returns
+    -------
+    list of Registration
+        For every cell the disparities that fit somewhere in it or next to it.
+    """
+    channels = np.ascontiguousarray(images, dtype=np.float32)
+    middle = find_working_point(np.concatenate(channels, axis=1), positions)
+    reach = max(_SMALLEST_RANGE, images.shape[-1] // 16)
+    wanted = [middle + offset for offset in sorted(range(-reach, reach + 1), key=abs)]
+    disparities = np.array([value for value in wanted if abs(value) <= largest] or [0], dtype=np.int64)
+    chosen, step = _sweep(channels, positions, disparities)
+    return _for_cells([(int(value), 0, 0) for value in disparities], chosen, step, images.shape[-2:], largest)
+
+
+def _sweep(
+    images: NDArray[np.float32], positions: NDArray[np.float64], disparities: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], int]:
+    """Return which disparity fits best on a grid, as indices, and the grid's step in px.
+
+    Disparities are tried in their order. A later one wins if it is next to the best so far and better, or if it is
+    clearly better.
+    """
+    from scenetruth.estimators.structure_tensor.registration_kernels import STEP, matching_costs
+
+    height, width = images.shape[2:]
+    offsets = -np.rint(disparities[:, None] * positions).astype(np.int64)
+    # Far cameras move more: their differences count by the inverse square of the distance.
+    weights = (1 / np.diff(positions) ** 2).astype(np.float32)
+    costs = np.empty((len(disparities), -(-height // STEP), -(-width // STEP)), dtype=np.float32)
+    in_threads(partial(matching_costs, images, offsets, weights, costs), bands(len(disparities)))
+    best = np.zeros(costs.shape[1:], dtype=np.int64)
+    least = costs[0].copy()
+    for index in range(1, len(disparities)):
+        near = np.abs(disparities[index] - disparities[best]) <= 1
+        better = costs[index] < least * np.where(near, 1.0, _CLEARLY_BETTER)
+        best[better] = index
+        least[better] = costs[index][better]
+    return best, STEP
+
+
+def registrations_from_coarse(
+    disparity: NDArray[Any], flow: NDArray[Any], known: NDArray[np.bool_], shape: Sequence[int], largest: int
+) -> list[Registration]:
+    """Return the registrations that an estimate at half the resolution asks for.
+
+    Parameters
+    ----------
+    disparity, flow
+        Coarse estimates in px of the coarse image, shapes (y, x) and (2, y, x).
+    known
+        Where they are known, shape (y, x).
+    shape
+        Rows and columns of the fine image.
+    largest
+        Largest disparity that the fine image allows.
+    """
+    if not known.any():
+        return [Registration(0)]
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    triple = np.stack([disparity, flow[0], flow[1]])[:, *nearest] * 2
+    triple = ndimage.median_filter(triple, size=(1, 5, 5))
+    triple[0] = np.clip(triple[0], -largest, largest)
+    triple[1:][np.abs(triple[1:]) < _STILL] = 0
+    whole = np.rint(triple).astype(np.int64)
+    found, chosen = np.unique(whole.reshape(3, -1), axis=1, return_inverse=True)
+    wanted = [(int(w), int(x), int(y)) for w, x, y in found.T]
+    return _for_cells(wanted, chosen.reshape(disparity.shape), 2, shape, largest)
+
+
+def _for_cells(
+    wanted: Sequence[tuple[int, int, int]], chosen: NDArray[Any], scale: int, shape: Sequence[int], largest: int
+) -> list[Registration]:
+    """Gather a map of choices, on a grid of every ``scale``-th pixel, into the cells that need each of them."""
+    rows, columns = (-(-size // CELL) for size in shape)
+    step = CELL // scale
+    gathered: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
+    fits: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
+    for index, (disparity, flow_x, flow_y) in enumerate(wanted):
+        here = np.zeros((rows * step, columns * step), dtype=np.float32)
+        part = chosen[: rows * step, : columns * step] == index
+        if not part.any():
+            continue
+        here[: part.shape[0], : part.shape[1]] = part
+        share = here.reshape(rows, step, columns, step).mean(axis=(1, 3))
+        cells = share > _SHARE
+        if cells.any():
+            # A cell's pixels see surfaces of its neighbours at its border.
+            grown = ndimage.binary_dilation(cells)
+            fits[disparity, flow_x, flow_y] = grown
+            for off in _OFF:
+                near = (int(np.clip(disparity + off, -largest, largest)), flow_x, flow_y)
+                gathered[near] = gathered.get(near, False) | grown
+    nowhere = np.zeros((rows, columns), dtype=bool)
+    return [Registration(key[0], key[1:], cells, fits.get(key, nowhere)) for key, cells in gathered.items()]

@@ -1,0 +1,140 @@
+"""Everything of an estimate that stays the same over registrations, bands of rows and frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.structure_tensor.filters import PAPER, FilterPair
+from scenetruth.estimators.structure_tensor.registration import Registration
+from scenetruth.estimators.structure_tensor.rig import REACH, Rig
+from scenetruth.estimators.structure_tensor.tiling import Rectangle
+from scenetruth.estimators.structure_tensor.uncertainty import NoiseModel, noise_model
+from scenetruth.schema import Intrinsics
+from scenetruth.settings import EstimateSettings
+
+__all__ = ["Task", "check_common_view", "columns_of_s", "common_area", "largest_disparity", "make_task", "plain_images"]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What to estimate, and with what."""
+
+    images: NDArray[Any]
+    """Images, shape (channel, s, t, y, x)."""
+    rig: Rig
+    settings: EstimateSettings
+    intrinsics: Intrinsics
+    over_s: FilterPair
+    """Filters along s for grey values, the derivative scaled to the noise of the others."""
+    over_t: FilterPair
+    scales: tuple[float, float]
+    """By what the derivatives along s and t were scaled."""
+    noise: NoiseModel
+    outputs: NDArray[np.int64]
+    """Indices of the frames to estimate."""
+
+
+def plain_images(recording: xr.Dataset) -> NDArray[Any]:
+    """Return the images in a form that the kernels know, shape (channel, s, t, y, x).
+
+    That is uint8 or uint16 as recorded, all else in float32.
+    """
+    images = recording["image"].values
+    native = images.dtype.newbyteorder("=")
+    images = np.moveaxis(images, -1, 0) if "channel" in recording["image"].dims else images[None]
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(images, dtype=native if native in (np.uint8, np.uint16) else np.float32)
+
+
+def make_task(
+    images: NDArray[Any], rig: Rig, settings: EstimateSettings, intrinsics: Intrinsics, full_scale: float
+) -> Task:
+    """Scale the filters of a rig to grey values and to equal noise.
+
+    Parameters
+    ----------
+    images
+        Images, shape (channel, s, t, y, x).
+    rig, settings, intrinsics
+        What they were taken with, and what to do with them.
+    full_scale
+        Value of the images that stands for the grey value 1.
+    """
+    # Grey values in [-1, 1] are 2 image / full scale - 1; the filters take no notice of the constant.
+    grey = 2 / full_scale
+    # Total least squares takes the errors of all derivatives for equal.
+    equal = np.sqrt(PAPER.noise_ratio)
+    scale_s = equal / np.sqrt(rig.over_s.noise_ratio) if rig.sees_depth else 1.0
+    scale_t = equal / np.sqrt(rig.over_t.noise_ratio) if rig.sees_motion else 1.0
+    over_s = replace(rig.over_s, derivative=rig.over_s.derivative * scale_s)
+    over_t = replace(rig.over_t, derivative=rig.over_t.derivative * scale_t)
+    noise = noise_model(rig, over_s, over_t, images.shape[0], settings)
+    return Task(
+        images=images,
+        rig=rig,
+        settings=settings,
+        intrinsics=intrinsics,
+        over_s=replace(over_s, smoothing=over_s.smoothing * grey, derivative=over_s.derivative * grey),
+        over_t=over_t,
+        scales=(float(scale_s), float(scale_t)),
+        noise=noise,
+        outputs=rig.outputs(images.shape[2]),
+    )
+
+
+def columns_of_s(rig: Rig, disparity: int) -> NDArray[np.int64]:
+    """Return by how many columns the image of each camera is read to the right at a working point."""
+    return -np.rint(disparity * rig.positions).astype(np.int64)
+
+
+def common_area(task: Task, registration: Registration) -> Rectangle:
+    """Return where all registered images reach as far as filters and window."""
+    height, width = task.images.shape[-2:]
+    reach = REACH + task.settings.window_taps_px // 2
+    after = task.rig.frames - 1 - task.rig.before
+    x = np.add.outer(
+        columns_of_s(task.rig, registration.disparity), registration.flow[0] * np.array([-task.rig.before, after])
+    )
+    y = registration.flow[1] * np.array([-task.rig.before, after])
+    return (
+        max(0, -int(y.min())) + reach,
+        height - max(0, int(y.max())) - reach,
+        max(0, -int(x.min())) + reach,
+        width - max(0, int(x.max())) - reach,
+    )
+
+
+def largest_disparity(task: Task) -> int:
+    """Return the largest disparity at which the registered images still share room for filters and window."""
+    width = task.images.shape[-1]
+    reach = REACH + task.settings.window_taps_px // 2
+    span = task.rig.positions.max() - task.rig.positions.min()
+    return int((width - 2 * reach - 1) / max(span, 1.0))
+
+
+def check_common_view(task: Task, registrations: Sequence[Registration]) -> None:
+    """Check that the images of at least one registration share room for filters and window.
+
+    Raises
+    ------
+    EstimateError
+        If there is none.
+    """
+    areas = [common_area(task, item) for item in registrations]
+    if any(bottom > top and right > left for top, bottom, left, right in areas):
+        return
+    item = registrations[0]
+    needed = 2 * REACH + task.settings.window_taps_px
+    rows, columns = (max(last - first + needed - 1, 0) for first, last in (areas[0][:2], areas[0][2:]))
+    message = f"images registered by {item.disparity} px per step"
+    if item.flow != (0, 0):
+        message += f" and {item.flow} px per frame"
+    message += f" share only {rows} rows and {columns} columns; filters and window need {needed}"
+    raise EstimateError([Problem("estimate.working_point_px", message)])

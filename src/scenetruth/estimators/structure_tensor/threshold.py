@@ -1,0 +1,60 @@
+"""The threshold of the eigenvalues, from the images' noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from scenetruth.estimators.structure_tensor.registration import Registration
+from scenetruth.estimators.structure_tensor.run import Scratch, run_kernel
+from scenetruth.estimators.structure_tensor.shift import registered
+from scenetruth.estimators.structure_tensor.task import Task, common_area
+
+__all__ = ["with_threshold"]
+
+# Eigenvalues of noise scatter around their mean; a texture must stand out from them.
+_TAU_OVER_NOISE = 5.0
+# Rows and columns of pixels at which noise is estimated.
+_SAMPLES = 9
+
+
+def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[Task, float]:
+    """Settle τ, from the images' noise if it is to be automatic; return the noise as well, NaN if it was not needed."""
+    settings = task.settings
+    if settings.tau != "auto":
+        return task, float(settings.noise_std) if settings.noise_std != "auto" else float("nan")
+    power = _sample_noise(task, registrations) if settings.noise_std == "auto" else float(settings.noise_std) ** 2
+    tau = _TAU_OVER_NOISE * power * task.noise.gradient
+    return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
+
+
+def _sample_noise(task: Task, registrations: Sequence[Registration]) -> float:
+    """Estimate the power of the images' noise from what the model leaves unexplained, at pixels all over the image.
+
+    Each pixel takes the registration that suits it best, as in the estimate itself.
+    """
+    plain = replace(task, settings=task.settings.model_copy(update={"tau": 0.0}), outputs=task.outputs[:1])
+    model, (height, width) = task.noise, task.images.shape[-2:]
+    rows, columns = (np.linspace(0, size - 1, _SAMPLES + 2).astype(np.int64)[1:-1] for size in (height, width))
+    lines = [(int(y), Scratch.empty(1, 1, width)) for y in rows]
+    for number, item in enumerate(registrations):
+        top, bottom, left, right = common_area(task, item)
+        images = registered(task, item.disparity)
+        inside = columns[(columns >= left) & (columns < right)]
+        for y, line in lines:
+            if top <= y < bottom:
+                tiles = np.array([(y, y + 1, x, x + 1) for x in inside], dtype=np.int64).reshape(-1, 4)
+                run_kernel(plain, item, tiles, line, y, number, images, 0.0)
+    powers = []
+    for _, line in lines:
+        at = (0, 0, np.flatnonzero(line.choice[0, 0] >= 0))
+        v, u = line.solved[0][at], line.solved[1:3, *at]
+        if task.rig.sees_depth:
+            powers.append(line.found[5][at] / (model.residual_s[0] + model.residual_s[1] * v**2))
+        if task.rig.sees_motion:
+            powers.append(line.found[8][at] / (model.residual_t[0] + model.residual_t[1] * np.sum(u**2, axis=0)))
+    values = np.concatenate(powers)
+    values = values[np.isfinite(values)]
+    return float(max(np.median(values), 0.0)) if values.size else 0.0

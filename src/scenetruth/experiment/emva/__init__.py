@@ -1,0 +1,1 @@
+"""Sensors measured as EMVA 1288 does."""

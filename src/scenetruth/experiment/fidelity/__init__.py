@@ -1,0 +1,1 @@
+"""How true the renderers are to the exact pixel integral."""

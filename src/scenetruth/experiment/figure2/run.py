@@ -1,0 +1,168 @@
+"""The paper's figure 2: relative errors of U_X, U_Z and Z over their size, without and with noise."""
+
+from __future__ import annotations
+
+import csv
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from scenetruth.experiment.figure2.pattern import FOCAL_LENGTH_PX, REFERENCE_DEPTH, pattern_recording
+from scenetruth.experiment.figure2.points import Condition, Quantity, Result
+from scenetruth.schema import KIND_FULL
+
+__all__ = ["conditions", "measure", "run_figure2"]
+
+Progress = Callable[[str, int, int], None]
+
+WAVELENGTHS_PX = (4, 8, 16, 32)
+NOISE_STDS = (0.0, 0.025)
+PHASES = 8
+NOISE_RUNS = 60
+_PER_DECADE = 5
+_RANGES: dict[Quantity, tuple[float, float]] = {"U_X": (0.01, 30.0), "U_Z": (0.001, 3.0), "V_X": (0.01, 30.0)}
+
+
+def conditions() -> list[Condition]:
+    """Return all conditions of the figure."""
+    return [
+        Condition(quantity, float(value), wavelength, noise)
+        for quantity, (low, high) in _RANGES.items()
+        for value in np.geomspace(low, high, round(_PER_DECADE * np.log10(high / low)) + 1)
+        for wavelength in WAVELENGTHS_PX
+        for noise in NOISE_STDS
+    ]
+
+
+def measure(condition: Condition, divergence: Literal["paper", "consistent"], runs: int | None = None) -> Result:
+    """Measure one point of the figure at the image's centre, where x_0 = y_0 = 0.
+
+    U_X and U_Z are those of the estimated optical flow at the known depth, u_x Z_0 / f and -u_z Z_0, so that the error
+    of Z, which has panels of its own, is not counted twice.
+
+    Parameters
+    ----------
+    condition
+        What to measure.
+    divergence
+        Setting of the estimator.
+    runs
+        How many phases and noise seeds; 8 without and 60 with noise if not given.
+    """
+    from scenetruth.estimators import estimate
+
+    if runs is None:
+        runs = NOISE_RUNS if condition.noise_std > 0 else PHASES
+    value, quantity = condition.value, condition.quantity
+    velocity = {"U_X": (value, 0.0, 0.0), "U_Z": (0.0, 0.0, value), "V_X": (0.0, 0.0, 0.0)}[quantity]
+    errors = []
+    for generator in _generators(condition, runs):
+        phase_x, phase_y = generator.uniform(0, 2 * np.pi, 2)
+        recording = pattern_recording(
+            condition.wavelength_px,
+            velocity=velocity,
+            baseline=value if quantity == "V_X" else 1.0,
+            phase=(float(phase_x), float(phase_y)),
+            noise_std=condition.noise_std,
+            generator=generator,
+        )
+        maps = estimate(recording, working_point_px=0, flow_working_point_px=(0, 0), divergence=divergence)
+        centre = {"t": 0, "y": recording.sizes["y"] // 2, "x": recording.sizes["x"] // 2}
+        pixel = maps.isel(centre)
+        if int(pixel["kind"]) != KIND_FULL:
+            continue
+        depth = float(pixel["depth"])
+        if quantity == "V_X":
+            errors.append(abs(depth / REFERENCE_DEPTH - 1))
+        elif quantity == "U_X":
+            flow = float(pixel["flow"].sel(image_component="x"))
+            errors.append(abs(flow * REFERENCE_DEPTH / FOCAL_LENGTH_PX / value - 1))
+        else:
+            divergence_rate = float(pixel["velocity"].sel(component="Z")) / depth
+            errors.append(abs(divergence_rate * REFERENCE_DEPTH / value - 1))
+    found = np.array(errors) if errors else np.array([np.nan])
+    return Result(
+        **asdict(condition),
+        runs=runs,
+        full=len(errors),
+        median_relative_error=float(np.median(found)),
+        rms_relative_error=float(np.sqrt(np.mean(found**2))),
+        max_relative_error=float(np.max(found)),
+    )
+
+
+def _generators(condition: Condition, runs: int) -> Iterator[np.random.Generator]:
+    key = tuple(f"figure2/{condition.quantity}/{condition.value:.6g}/{condition.wavelength_px}".encode())
+    for child in np.random.SeedSequence(2002, spawn_key=key).spawn(runs):
+        yield np.random.default_rng(child)
+
+
+def run_figure2(
+    folder: Path,
+    *,
+    divergence: Literal["paper", "consistent"] = "paper",
+    runs: int | None = None,
+    progress: Progress | None = None,
+) -> list[Result]:
+    """Measure the whole figure on all cores, and write ``figure2.csv`` and ``figure2.png``.
+
+    Parameters
+    ----------
+    folder
+        Where; it is made.
+    divergence
+        Setting of the estimator; ``"paper"`` for the paper's figure.
+    runs
+        How many measurements for each point; 8 without and 60 with noise if not given.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    list of Result
+        In the order of the panels.
+    """
+    todo = conditions()
+    results: dict[Condition, Result] = {}
+    # One measurement is small: cores are shared out to processes, each with one thread.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(os.cpu_count(), mp_context=context, initializer=_one_thread) as pool:
+        try:
+            futures: dict[Future[Result], Condition] = {
+                pool.submit(measure, condition, divergence, runs): condition for condition in todo
+            }
+            for done, future in enumerate(as_completed(futures)):
+                if progress is not None:
+                    progress("figure 2", done, len(todo))
+                results[futures[future]] = future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    if progress is not None:
+        progress("figure 2", len(todo), len(todo))
+    ordered = [results[condition] for condition in todo]
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_csv(ordered, folder / "figure2.csv")
+    from scenetruth.experiment.figure2.panels import draw_panels
+
+    draw_panels(ordered, folder / "figure2.png", divergence)
+    return ordered
+
+
+def _one_thread() -> None:
+    import numba
+
+    numba.set_num_threads(1)
+
+
+def _write_csv(results: Sequence[Result], file: Path) -> None:
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, [field.name for field in fields(Result)])
+        writer.writeheader()
+        writer.writerows(asdict(result) for result in results)

@@ -1,0 +1,33 @@
+"""The three data sets that every room exchanges, recording, truth and estimate: names, dimensions, units, checks."""
+
+from scenetruth.schema.attributes import Intrinsics, intrinsics_of, object_names_of, scene_of
+from scenetruth.schema.checking import check_dataset
+from scenetruth.schema.labelling import label
+from scenetruth.schema.recording import image_to_grey, make_recording
+from scenetruth.schema.variables import (
+    FORMAT_VERSION,
+    KIND_FULL,
+    KIND_NONE,
+    KIND_NORMAL,
+    NO_SURFACE,
+    VARIABLES,
+    Variable,
+)
+
+__all__ = [
+    "FORMAT_VERSION",
+    "KIND_FULL",
+    "KIND_NONE",
+    "KIND_NORMAL",
+    "NO_SURFACE",
+    "VARIABLES",
+    "Intrinsics",
+    "Variable",
+    "check_dataset",
+    "image_to_grey",
+    "intrinsics_of",
+    "label",
+    "make_recording",
+    "object_names_of",
+    "scene_of",
+]

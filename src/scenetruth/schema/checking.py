@@ -1,0 +1,104 @@
+"""Whether a data set has the agreed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.errors import Problem, RecordingError
+from scenetruth.schema.variables import REQUIRED, VARIABLES
+
+__all__ = ["check_dataset"]
+
+
+def check_dataset(dataset: xr.Dataset, kind: str) -> None:
+    """Check that a data set has the agreed form.
+
+    Parameters
+    ----------
+    dataset
+        The data set.
+    kind
+        ``"recording"``, ``"truth"`` or ``"estimate"``.
+
+    Raises
+    ------
+    RecordingError
+        With every deviation: missing variables, wrong dimensions, missing or impossible intrinsics.
+    """
+    problems = [*_variable_problems(dataset, kind), *_intrinsics_problems(dataset)]
+    if kind == "recording":
+        problems += _image_problems(dataset)
+    if problems:
+        raise RecordingError(problems, source=kind)
+
+
+def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
+    problems = [
+        Problem(name, f"is missing; a {kind} must have it", sorted(map(str, dataset.data_vars)))
+        for name in REQUIRED[kind]
+        if name not in dataset
+    ]
+    for name, entry in VARIABLES[kind].items():
+        if name not in dataset:
+            continue
+        dims = tuple(map(str, dataset[name].dims))
+        if kind == "recording" and dims[-1:] == ("channel",):
+            dims = dims[:-1]
+        # A truth may be that of one camera or of all; a recording needs its cameras.
+        views = ("s_y",) if kind == "recording" else ("s_y", "s")
+        found, needed = (tuple(dim for dim in names if dim not in views) for names in (dims, entry.dims))
+        if found != needed:
+            problems.append(Problem(name, f"must have the dimensions {entry.dims}", dims))
+    return problems
+
+
+def _intrinsics_problems(dataset: xr.Dataset) -> list[Problem]:
+    problems = []
+    for name, positive in (("focal_length_px", True), ("baseline_mm", False), ("frame_interval_s", True)):
+        value = dataset.attrs.get(name)
+        if not _is_finite_number(value):
+            problems.append(Problem(f"attrs.{name}", "must be a finite number", value))
+        elif positive and float(value or 0) <= 0:
+            problems.append(Problem(f"attrs.{name}", "must be positive", value))
+        elif value == 0 and dataset.sizes.get("s", 2) > 1:
+            problems.append(
+                Problem(f"attrs.{name}", "must not be zero: depth cannot be seen without a baseline", value)
+            )
+    point = dataset.attrs.get("principal_point_px")
+    if not (isinstance(point, Sequence | np.ndarray) and len(point) == 2 and all(map(_is_finite_number, point))):
+        problems.append(Problem("attrs.principal_point_px", "must be two finite numbers (c_x, c_y)", point))
+    return problems
+
+
+def _image_problems(dataset: xr.Dataset) -> list[Problem]:
+    problems = []
+    full_scale = dataset.attrs.get("full_scale")
+    if not (_is_finite_number(full_scale) and float(full_scale or 0) > 0):
+        problems.append(Problem("attrs.full_scale", "must be a positive number", full_scale))
+    if "image" not in dataset:
+        return problems
+    problems += [
+        Problem(name, "is missing; the images need this coordinate", sorted(map(str, dataset.coords)))
+        for name in ("s", "t", "stage_x_mm", *(("s_y", "stage_y_mm") if "s_y" in dataset["image"].dims else ()))
+        if name not in dataset.coords
+    ]
+    image = dataset["image"]
+    if image.dtype.kind not in "uif":
+        problems.append(Problem("image", "must hold real numbers", str(image.dtype)))
+    for name in ("s_y", "s", "t"):
+        if name in dataset.coords and name in image.dims:
+            values = dataset[name].values
+            if 0 not in values or np.any(np.diff(values) != 1):
+                problems.append(Problem(name, "must be consecutive integers with 0 the reference", values.tolist()))
+    for name in ("stage_x_mm", "stage_y_mm"):
+        if name in dataset.coords and not np.all(np.isfinite(dataset[name].values)):
+            problems.append(Problem(name, "must be finite", dataset[name].values.tolist()))
+    return problems
+
+
+def _is_finite_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))

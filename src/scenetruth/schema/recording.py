@@ -1,0 +1,120 @@
+"""Recordings from images of any origin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from scenetruth.errors import Problem, RecordingError
+from scenetruth.indexing import centred_indices
+from scenetruth.schema.attributes import Intrinsics
+from scenetruth.schema.checking import check_dataset
+from scenetruth.schema.labelling import label
+
+__all__ = ["image_to_grey", "make_recording"]
+
+
+def make_recording(
+    images: ArrayLike,
+    focal_length_px: float,
+    baseline_mm: float,
+    principal_point_px: tuple[float, float] | None = None,
+    frame_interval_s: float = 1.0,
+    *,
+    stage_x_mm: ArrayLike | None = None,
+    stage_y_mm: ArrayLike | None = None,
+    full_scale: float | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Make a recording from images of any origin.
+
+    Parameters
+    ----------
+    images
+        Grey values, shape (s, t, y, x), or colours, (s, t, y, x, channel); integers are digital numbers, floats linear
+        radiance. With ``stage_y_mm``, the cameras stand in a grid, and ``s_y`` comes before ``s``.
+    focal_length_px
+        f, in pixels.
+    baseline_mm
+        V_X, the camera's displacement in mm per step of s; positive when larger s stands further to the right.
+    principal_point_px
+        (c_x, c_y), in pixel indices; the image's centre ((W-1)/2, (H-1)/2) if not given.
+    frame_interval_s
+        Time between two frames.
+    stage_x_mm
+        The camera's position for every s, 0 at the reference; ``baseline_mm * s`` if not given.
+    stage_y_mm
+        The position of every row of a grid of cameras, 0 at the reference, the middle row; one row if not given.
+    full_scale
+        The largest value that an image can hold; 1 for floats and the type's largest for integers if not given.
+        The grey values of the paper, in [-1, 1], are ``2 image / full_scale - 1``.
+    attrs
+        More attributes to keep with the recording.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``image`` ([s_y, ]s, t, y, x[, channel]) with coordinates, units and intrinsics.
+
+    Raises
+    ------
+    RecordingError
+        If the images or the numbers do not have the agreed form; lists all that is wrong.
+
+    Examples
+    --------
+    >>> recording = make_recording(np.zeros((5, 9, 32, 64)), focal_length_px=500, baseline_mm=5)
+    >>> recording.s.values.tolist()
+    [-2, -1, 0, 1, 2]
+    >>> recording.attrs["principal_point_px"]
+    [31.5, 15.5]
+    """
+    values = np.asarray(images)
+    grid = stage_y_mm is not None
+    if values.ndim - grid not in (4, 5) or 0 in values.shape:
+        names = "s_y, s, t, y, x" if grid else "s, t, y, x"
+        message = f"must be a non-empty array with the dimensions ({names}), or ({names}, channel)"
+        raise RecordingError([Problem("images", message, values.shape)])
+    count_s, count_t, height, width = values.shape[int(grid) :][:4]
+    centre = ((width - 1) / 2, (height - 1) / 2)
+    if full_scale is None:
+        full_scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
+    positions = None if stage_x_mm is None else np.asarray(stage_x_mm, dtype=np.float64)
+    if positions is not None and positions.shape != (count_s,):
+        problem = Problem("stage_x_mm", f"must hold one position for each of the {count_s} cameras", positions.shape)
+        raise RecordingError([problem])
+    rows = None if stage_y_mm is None else np.asarray(stage_y_mm, dtype=np.float64)
+    if rows is not None and rows.shape != (len(values),):
+        problem = Problem("stage_y_mm", f"must hold one position for each of the {len(values)} rows", rows.shape)
+        raise RecordingError([problem])
+    dataset = label(
+        "recording",
+        {"image": values},
+        Intrinsics(focal_length_px, principal_point_px or centre, baseline_mm, frame_interval_s),
+        t=centred_indices(count_t),
+        s=centred_indices(count_s),
+        stage_x_mm=positions,
+        stage_y_mm=rows,
+        attrs={"full_scale": float(full_scale), **(attrs or {})},
+    )
+    check_dataset(dataset, "recording")
+    return dataset
+
+
+def image_to_grey(recording: xr.Dataset) -> NDArray[np.float32]:
+    """Return the images as the paper's grey values: [0, full scale] becomes [-1, 1].
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (s, t, y, x[, channel]).
+    """
+    scale = np.float32(2.0 / float(recording.attrs["full_scale"]))
+    grey: NDArray[np.float32] = recording["image"].values.astype(np.float32)
+    grey *= scale
+    grey -= np.float32(1.0)
+    return grey

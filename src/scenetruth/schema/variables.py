@@ -1,0 +1,168 @@
+"""The variables of recording, truth and estimate: names, dimensions, units, meanings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = [
+    "COMPONENTS",
+    "COORDINATES",
+    "FORMAT_VERSION",
+    "KIND_FULL",
+    "KIND_NONE",
+    "KIND_NORMAL",
+    "NO_SURFACE",
+    "REQUIRED",
+    "VARIABLES",
+    "Variable",
+]
+
+FORMAT_VERSION = 1
+"""Version of the data sets' layout, kept in their attribute ``format_version``."""
+
+NO_SURFACE = -1
+"""Value of ``object_id`` and ``face_id`` where no surface is seen."""
+
+KIND_NONE, KIND_NORMAL, KIND_FULL = 0, 1, 2
+"""Values of ``kind``: nothing known; minimum-norm solution (aperture problem); everything known."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a variable of a data set is."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+    attrs: Mapping[str, Any] | None = None
+
+
+_MAP = ("t", "y", "x")
+_SURFACE = {
+    "depth": Variable(_MAP, "mm", "depth Z along the optical axis of the camera"),
+    "velocity": Variable(
+        ("component", *_MAP), "mm/frame", "instantaneous velocity (U_X, U_Y, U_Z) of the surface point"
+    ),
+    "disparity": Variable(_MAP, "px/step", "disparity per step of s, x_s = x_0 - disparity s"),
+    "flow": Variable(("image_component", *_MAP), "px/frame", "optical flow (dx/dt, dy/dt) in the camera's image"),
+}
+
+_KINDS = {"flag_values": [KIND_NONE, KIND_NORMAL, KIND_FULL], "flag_meanings": "none normal full"}
+
+VARIABLES: Mapping[str, Mapping[str, Variable]] = {
+    "recording": {
+        "image": Variable(("s", *_MAP), "1", "image: linear radiance, or digital numbers of the sensor"),
+        "ideal": Variable(("s", *_MAP), "1", "linear radiance before the sensor"),
+    },
+    "truth": {
+        **_SURFACE,
+        "acceleration": Variable(("component", *_MAP), "mm/frame^2", "acceleration of the surface point"),
+        "displacement_next": Variable(("component", *_MAP), "mm", "displacement of the surface point to t + 1"),
+        "displacement_previous": Variable(("component", *_MAP), "mm", "displacement of the surface point to t - 1"),
+        "flow_next": Variable(
+            ("image_component", *_MAP),
+            "px",
+            "where the surface point is in the camera's image of t + 1, minus the pixel",
+        ),
+        "flow_previous": Variable(
+            ("image_component", *_MAP),
+            "px",
+            "where the surface point is in the camera's image of t - 1, minus the pixel",
+        ),
+        "normal": Variable(("component", *_MAP), "1", "unit normal of the surface, towards the camera"),
+        "slope": Variable(("slope_component", *_MAP), "1", "slopes of the surface, dZ/dX and dZ/dY"),
+        "curvature": Variable(
+            ("principal", *_MAP), "1/mm", "principal curvatures, positive where the surface bulges towards the camera"
+        ),
+        "rotation_rate": Variable(
+            ("component", *_MAP), "rad/frame", "rotation vector per frame of the surface element"
+        ),
+        "growth_rate": Variable(_MAP, "1/frame", "relative rate of growth of the area of the surface element"),
+        "growth_principal": Variable(
+            ("principal", *_MAP), "1/frame", "relative rates of growth of length, the largest and the least"
+        ),
+        "growth_direction": Variable(
+            ("component", *_MAP), "1", "unit vector along which length grows most; either sign stands for both"
+        ),
+        "object_id": Variable(_MAP, "1", "index of the object in the scene", {"no_surface": NO_SURFACE}),
+        "face_id": Variable(_MAP, "1", "index of the triangle in its object's mesh", {"no_surface": NO_SURFACE}),
+        "barycentric": Variable(
+            ("corner", *_MAP), "1", "barycentric coordinates of the triangle's second and third corner"
+        ),
+        "uv": Variable(("texture_component", *_MAP), "1", "coordinates of the surface point in a texture image"),
+        "surface_mm": Variable(
+            ("texture_component", *_MAP), "mm", "coordinates of the surface point on the surface, laid flat; they stay"
+        ),
+        "visible": Variable(
+            ("s", *_MAP), "1", "whether image (s, t) shows the surface point that the reference pixel shows at t = 0"
+        ),
+        "view_count": Variable(_MAP, "1", "number of cameras that see the surface point at this frame"),
+        "occluded_in_s": Variable(_MAP, "1", "whether some camera does not see the surface point at this frame"),
+        "occluded_in_t": Variable(
+            _MAP, "1", "whether this camera does not see the surface point at the frame before or after"
+        ),
+        "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
+        "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a sharp edge"),
+        "camera_position_mm": Variable(("s", "t", "component"), "mm", "true position of the camera in the world"),
+        "camera_rotation_rad": Variable(
+            ("s", "t", "component"), "rad", "true rotation of the camera (rotation vector): pitch, yaw, roll"
+        ),
+        "image_time_s": Variable(("s", "t"), "s", "true time at which the image was taken"),
+    },
+    "estimate": {
+        **_SURFACE,
+        "divergence": Variable(_MAP, "1/frame", "divergence u_z = -U_Z / Z of the optical flow"),
+        "kind": Variable(_MAP, "1", "what could be estimated: the lesser of disparity and motion", _KINDS),
+        "kind_disparity": Variable(_MAP, "1", "what could be estimated of disparity and depth", _KINDS),
+        "kind_motion": Variable(_MAP, "1", "what could be estimated of flow and divergence", _KINDS),
+        "model_violation": Variable(_MAP, "1", "images contradict one surface in one motion: occlusion, motion edge"),
+        "depth_std": Variable(_MAP, "mm", "standard deviation of depth that follows from the images' noise"),
+        "velocity_std": Variable(
+            ("component", *_MAP), "mm/frame", "standard deviation of velocity that follows from the images' noise"
+        ),
+        "disparity_std": Variable(
+            _MAP, "px/step", "standard deviation of disparity that follows from the images' noise"
+        ),
+        "confidence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),
+        "working_point": Variable(_MAP, "px/step", "integer disparity at which the images were registered"),
+        "eigenvalues": Variable(("rank", *_MAP), "1", "eigenvalues l1 >= ... >= l5 of the structure tensor"),
+    },
+}
+"""Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``. Where cameras stand in rows,
+``s_y`` comes before ``s``."""
+
+REQUIRED = {
+    "recording": ("image",),
+    "truth": ("depth", "velocity", "disparity", "flow", "mixed"),
+    "estimate": ("depth", "velocity", "disparity", "flow"),
+}
+
+COORDINATES = {
+    "s": ("1", "camera position on the stage, 0 is the reference"),
+    "s_y": ("1", "row of camera positions, 0 is the reference"),
+    "t": ("1", "frame, 0 is the reference"),
+    "y": ("px", "row of the pixel centre"),
+    "x": ("px", "column of the pixel centre"),
+    "stage_x_mm": ("mm", "position of the camera on the stage"),
+    "stage_y_mm": ("mm", "position of the row of cameras, positive downwards"),
+    "time_s": ("s", "time of the frame"),
+    "component": ("1", "component in the world frame"),
+    "image_component": ("1", "component in the image"),
+    "rank": ("1", "rank of the eigenvalue, 1 is the largest"),
+    "slope_component": ("1", "direction of the slope in the world frame"),
+    "principal": ("1", "1 is the larger, 2 the lesser of two principal values"),
+    "corner": ("1", "corner of the triangle"),
+    "texture_component": ("1", "u to the right, v down"),
+}
+
+
+COMPONENTS: Mapping[str, list[str] | list[int]] = {
+    "component": ["X", "Y", "Z"],
+    "image_component": ["x", "y"],
+    "slope_component": ["X", "Y"],
+    "principal": [1, 2],
+    "corner": [2, 3],
+    "texture_component": ["u", "v"],
+}

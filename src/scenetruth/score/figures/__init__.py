@@ -1,6 +1,0 @@
-"""The figures of a scored estimate, after figure 3 of the seed paper, and those that tell where its errors lie."""
-
-from scenetruth.score.figures._common import FigureInfo
-from scenetruth.score.figures.draw import draw_all
-
-__all__ = ["FigureInfo", "draw_all"]

@@ -1,0 +1,211 @@
+"""The quantities that are scored: their names, units, symbols, and where a data set keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import KIND_FULL, VARIABLES
+
+__all__ = [
+    "ENDPOINT",
+    "GROWTH_QUANTITIES",
+    "OUTLIERS",
+    "QUANTITIES",
+    "Pair",
+    "Quantity",
+    "full_pixels",
+    "read_pairs",
+    "read_quantity",
+    "read_std",
+    "units_of",
+]
+
+Map = NDArray[np.float64]
+
+ENDPOINT = "velocity_endpoint"
+"""Name of the Euclidean distance between the estimated and the true velocity."""
+
+OUTLIERS = "outliers"
+"""Name of the rates of outliers."""
+
+
+GROWTH_QUANTITIES: Mapping[str, str] = {
+    "growth_rate": "Growth rate",
+    "growth_rate_windowed": "Growth rate, windowed",
+}
+"""The titles of the two scores of the growth rate: against the truth of every pixel, and against the truth seen through
+the estimate's window."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A scalar map of a data set.
+
+    Parameters
+    ----------
+    variable
+        The variable of the data set that holds it.
+    component
+        Index along the variable's first dimension, or None for a scalar variable.
+    units
+        Its units, in plain text.
+    symbol
+        Its symbol, in plain text.
+    title
+        What it is, in words.
+    """
+
+    variable: str
+    component: int | None
+    units: str
+    symbol: str
+    title: str
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "depth": Quantity("depth", None, "mm", "Z", "Depth"),
+    "disparity": Quantity("disparity", None, "px/step", "d", "Disparity"),
+    "velocity_x": Quantity("velocity", 0, "mm/frame", "U_X", "Velocity in X"),
+    "velocity_y": Quantity("velocity", 1, "mm/frame", "U_Y", "Velocity in Y"),
+    "velocity_z": Quantity("velocity", 2, "mm/frame", "U_Z", "Velocity in Z"),
+    "flow_x": Quantity("flow", 0, "px/frame", "dx/dt", "Optical flow in x"),
+    "flow_y": Quantity("flow", 1, "px/frame", "dy/dt", "Optical flow in y"),
+}
+"""The scalar quantities by name, in the order in which they are reported."""
+
+_KINDS = {
+    "depth": ("kind_disparity",),
+    "disparity": ("kind_disparity",),
+    "flow": ("kind_motion",),
+    "velocity": ("kind_disparity", "kind_motion"),
+}
+"""What must be full for a variable to be known: a velocity needs both the flow and the depth."""
+
+
+def units_of(name: str) -> str:
+    """Return the units of a scored quantity's errors, in plain text; ``"1"`` for rates."""
+    if name == ENDPOINT:
+        return QUANTITIES["velocity_z"].units
+    if name in GROWTH_QUANTITIES:
+        return "%/h"
+    return QUANTITIES[name].units if name in QUANTITIES else "1"
+
+
+def read_quantity(dataset: xr.Dataset, name: str) -> Map:
+    """Read one scalar quantity of a truth or an estimate.
+
+    Parameters
+    ----------
+    dataset
+        A truth of one camera, or an estimate.
+    name
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (t, y, x), in the quantity's units; NaN where there is none.
+    """
+    entry = QUANTITIES[name]
+    return _read(dataset, entry.variable, entry.component)
+
+
+def read_std(estimate: xr.Dataset, name: str) -> Map | None:
+    """Read the standard deviation that an estimate states for one scalar quantity.
+
+    Parameters
+    ----------
+    estimate
+        An estimate.
+    name
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        float64, shape (t, y, x), in the quantity's units, NaN where there is none; None where the estimate has no
+        standard deviation of this quantity.
+    """
+    entry = QUANTITIES[name]
+    variable = f"{entry.variable}_std"
+    # Only the agreed variables have been checked to have the quantity's dimensions.
+    if variable not in estimate or variable not in VARIABLES["estimate"]:
+        return None
+    return _read(estimate, variable, entry.component)
+
+
+def full_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
+    """Return where an estimate claims to know a variable.
+
+    That is where ``kind_disparity`` is full for depth and disparity, where ``kind_motion`` is full for flow, and where
+    both are for velocity. ``kind`` stands in for either that the estimate lacks; without any, it is everywhere.
+
+    Parameters
+    ----------
+    estimate
+        An estimate.
+    variable
+        ``"depth"``, ``"disparity"``, ``"flow"`` or ``"velocity"``.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (t, y, x).
+    """
+    full = np.ones(estimate["depth"].shape, dtype=bool)
+    for name in {kind if kind in estimate else "kind" for kind in _KINDS[variable]} & set(estimate):
+        full &= estimate[name].values == KIND_FULL
+    return full
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What is compared of one scalar quantity; all arrays have the same shape.
+
+    Parameters
+    ----------
+    estimate, truth
+        The two maps, in the same units; NaN where there is none.
+    full
+        Where the estimate claims to know the quantity; everywhere if None.
+    std
+        The standard deviation that the estimate states, or None.
+    """
+
+    estimate: Map
+    truth: Map
+    full: NDArray[np.bool_] | None = None
+    std: Map | None = None
+
+    def at(self, region: NDArray[np.bool_]) -> Pair:
+        """Return the values in a region, as one row."""
+        return Pair(
+            self.estimate[region],
+            self.truth[region],
+            None if self.full is None else self.full[region],
+            None if self.std is None else self.std[region],
+        )
+
+
+def read_pairs(estimate: xr.Dataset, truth: xr.Dataset) -> dict[str, Pair]:
+    """Read every quantity of `QUANTITIES` from two aligned data sets, arrays of the shape (t, y, x)."""
+    full = {entry.variable: full_pixels(estimate, entry.variable) for entry in QUANTITIES.values()}
+    return {
+        name: Pair(
+            read_quantity(estimate, name), read_quantity(truth, name), full[entry.variable], read_std(estimate, name)
+        )
+        for name, entry in QUANTITIES.items()
+    }
+
+
+def _read(dataset: xr.Dataset, variable: str, component: int | None) -> Map:
+    array = dataset[variable]
+    if component is not None:
+        array = array[component]
+    values: Map = np.asarray(array.values, dtype=np.float64)
+    return values

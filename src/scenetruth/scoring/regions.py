@@ -1,0 +1,209 @@
+"""The regions of the image over which errors are gathered."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from scenetruth.errors import Problem, ScoreError
+from scenetruth.schema import object_names_of
+from scenetruth.settings import ScoreSettings
+
+__all__ = ["REGIONS", "edge_distance", "further_regions", "is_further_region", "region_masks", "seen_throughout"]
+
+Mask = NDArray[np.bool_]
+
+REGIONS = ("all", "interior")
+"""The names of the regions that every score has, in the order in which they are reported."""
+
+_NUMBER = r"[0-9][0-9.e+-]*"
+_FURTHER = re.compile(
+    rf"visible|partly_hidden|(slope|edge)_{_NUMBER}_({_NUMBER}|inf)|contrast_(low|mid|high)|object_.+"
+)
+
+
+def region_masks(depth: NDArray[np.floating], mixed: Mask, margin_px: float = 20.0) -> dict[str, Mask]:
+    """Return where each region lies.
+
+    ``all`` holds every pixel with a surface in the truth. ``interior`` holds those of them whose centre is at least
+    ``margin_px`` away from the centre of every mixed pixel of the same frame, that is, away from silhouettes and from
+    sharp edges. The border of the image is neither.
+
+    Parameters
+    ----------
+    depth
+        The true depth in mm, shape (..., y, x); NaN where there is no surface.
+    mixed
+        True where a pixel's footprint crosses a silhouette or such an edge, same shape.
+    margin_px
+        The least distance from mixed pixels, in px; not negative.
+
+    Returns
+    -------
+    dict
+        The region's name to a boolean array of the same shape.
+
+    Raises
+    ------
+    ScoreError
+        If the margin is negative or not finite.
+
+    Examples
+    --------
+    >>> depth, mixed = np.ones((1, 5)), np.array([[True, False, False, False, False]])
+    >>> region_masks(depth, mixed, margin_px=3)["interior"]
+    array([[False, False, False,  True,  True]])
+    """
+    if not (math.isfinite(margin_px) and margin_px >= 0):
+        raise ScoreError([Problem("margin_px", "must be a finite number, not negative", margin_px)])
+    seen = np.isfinite(depth)
+    return {"all": seen, "interior": seen & (edge_distance(mixed) >= margin_px)}
+
+
+def edge_distance(mixed: Mask) -> NDArray[np.float64]:
+    """Return the Euclidean distance from every pixel's centre to that of the nearest mixed pixel of its frame.
+
+    Parameters
+    ----------
+    mixed
+        True at mixed pixels, shape (..., y, x).
+
+    Returns
+    -------
+    numpy.ndarray
+        Distances in px, same shape; 0 at mixed pixels and infinite in a frame that has none.
+    """
+    edges = np.asarray(mixed, dtype=bool)
+    distance = np.full(edges.shape, np.inf)
+    for frame in np.ndindex(edges.shape[:-2]):
+        # Without any mixed pixel the transform would measure from nowhere.
+        if edges[frame].any():
+            distance[frame] = ndimage.distance_transform_edt(~edges[frame])
+    return distance
+
+
+def is_further_region(name: str) -> bool:
+    """Return whether a name is one of those that `further_regions` gives."""
+    return _FURTHER.fullmatch(name) is not None
+
+
+def seen_throughout(truth: xr.Dataset) -> Mask | None:
+    """Return which reference pixels see a point at t = 0 that all cameras see at all frames.
+
+    Parameters
+    ----------
+    truth
+        The whole truth, before it is aligned.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        bool, shape (y, x); None if the truth has no ``visible``.
+    """
+    if "visible" not in truth:
+        return None
+    visible = truth["visible"]
+    others = tuple(axis for axis, dim in enumerate(visible.dims) if dim not in ("y", "x"))
+    return np.asarray(_flags(visible).all(axis=others))
+
+
+def further_regions(
+    truth: xr.Dataset,
+    interior: Mask,
+    settings: ScoreSettings,
+    *,
+    throughout: Mask | None = None,
+    contrast: NDArray[np.float64] | None = None,
+) -> dict[str, Mask]:
+    """Return where the regions lie that only some truths tell.
+
+    - ``visible`` and ``partly_hidden`` need ``occluded_in_s`` and ``occluded_in_t``. Of the pixels with a surface,
+      ``visible`` holds those whose point all cameras see at this frame and the reference camera at the frames before
+      and after; at t = 0, where ``throughout`` is known, that all cameras see at all frames. ``partly_hidden`` has the
+      others.
+    - ``slope_LOW_HIGH`` (degrees) are classes of the angle between ``normal`` and the optical axis, from LOW on and
+      below HIGH, over the visible pixels of the interior, so that edges are not taken for slopes.
+    - ``edge_LOW_HIGH`` (px) are classes of the distance to the nearest mixed pixel, over all visible pixels.
+    - ``contrast_low``, ``contrast_mid`` and ``contrast_high`` are classes of the texture's contrast, over the same
+      pixels as slopes.
+    - ``object_NAME`` are the objects, over the same pixels as slopes, that have any of them; of a truth of several
+      objects (``object_id`` and the attribute ``object_names``).
+
+    Where the truth does not tell which pixels are visible, all are taken as such.
+
+    Parameters
+    ----------
+    truth
+        The aligned truth, maps (t, y, x).
+    interior
+        The region ``interior``, shape (t, y, x).
+    settings
+        The bounds of the classes.
+    throughout
+        What `seen_throughout` returns.
+    contrast
+        Contrast of the reference images as a fraction of full scale, shape (t, y, x); without it there are no classes
+        of it.
+
+    Returns
+    -------
+    dict
+        The region's name to a boolean array, in the order in which they are reported.
+    """
+    seen = np.isfinite(truth["depth"].values)
+    visible = seen
+    regions: dict[str, Mask] = {}
+    if "occluded_in_s" in truth and "occluded_in_t" in truth:
+        visible = seen & ~_flags(truth["occluded_in_s"]) & ~_flags(truth["occluded_in_t"])
+        if throughout is not None:
+            visible[truth["t"].values == 0] &= throughout
+        regions |= {"visible": visible, "partly_hidden": seen & ~visible}
+    inner = interior & visible
+    if "normal" in truth:
+        facing = np.abs(truth["normal"].sel(component="Z").values)
+        angle = np.degrees(np.arccos(np.minimum(facing, 1.0)))
+        # An angle of 90 degrees, seen edge on, belongs to the last class.
+        bounds = settings.slope_classes_deg
+        regions |= _classes("slope", np.where(angle == bounds[-1], np.nextafter(bounds[-1], 0), angle), bounds, inner)
+    if "boundary_distance" in truth:
+        distance = truth["boundary_distance"].values
+    else:
+        distance = edge_distance(truth["mixed"].values.astype(bool))
+    regions |= _classes("edge", distance, (*settings.edge_classes_px, math.inf), visible)
+    if contrast is not None:
+        low, high = settings.contrast_classes
+        regions |= {
+            "contrast_low": inner & (contrast < low),
+            "contrast_mid": inner & (contrast >= low) & (contrast < high),
+            "contrast_high": inner & (contrast >= high),
+        }
+    return regions | _objects(truth, inner)
+
+
+def _objects(truth: xr.Dataset, among: Mask) -> dict[str, Mask]:
+    names = object_names_of(truth)
+    if "object_id" not in truth or len(names) < 2:
+        return {}
+    # Numbers that have been read as floats are NaN where there is no object.
+    number = np.nan_to_num(truth["object_id"].values.astype(np.float64), nan=-1)
+    masks = {f"object_{name}": among & (number == index) for index, name in enumerate(names)}
+    return {region: mask for region, mask in masks.items() if mask.any()}
+
+
+def _classes(name: str, values: NDArray[np.float64], bounds: Sequence[float], among: Mask) -> dict[str, Mask]:
+    return {
+        f"{name}_{low:g}_{high:g}": among & (values >= low) & ((values < high) | (high == math.inf))
+        for low, high in pairwise(bounds)
+    }
+
+
+def _flags(values: xr.DataArray) -> Mask:
+    """Return flags that may have been read as numbers, NaN where there is none."""
+    return np.asarray(np.nan_to_num(values.values).astype(bool))

@@ -1,0 +1,88 @@
+"""Motions of many pixels per frame, and disparities of many values, against a plane in closed form."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scenetruth as st
+from scenetruth.schema import KIND_FULL
+from tests.estimators.structure_tensor.analytic import Plane
+
+STAGE = np.arange(5.0) - 2
+
+
+def median_errors(plane: Plane, frames: int, **settings: Any) -> tuple[dict[str, float], float]:
+    estimate = st.estimate(plane.recording(STAGE, frames), **settings).sel(t=0)
+    truth = plane.truth()
+    known = estimate["kind"].values == KIND_FULL
+    return {
+        name: float(np.median(np.abs(estimate[name].values - truth[name])[..., known]))
+        for name in ("disparity", "flow", "divergence", "velocity")
+    }, float(known.mean())
+
+
+FAST = Plane(velocity=(2.1, -1.6, 0.3), size=(104, 120))
+
+
+@pytest.mark.parametrize("settings", [{"flow_working_point_px": (4, -3)}, {}, {"pyramid_levels": 1}], ids=str)
+def test_registration_in_time(settings: dict[str, Any]) -> None:
+    """Flow (4.2, -3.2) px per frame."""
+    found, known = median_errors(FAST, 9, **settings)
+    assert known >= 0.2
+    assert found["disparity"] <= 1e-4
+    assert found["flow"] <= 1e-4
+    # Of u_z = 6e-4: a registered frame sees the scene expand about another point, and a flow that grows with u_z.
+    assert found["divergence"] <= 0.05 * 6e-4
+    assert found["velocity"] <= 0.01
+
+
+def test_without_registration_it_fails() -> None:
+    found, _ = median_errors(FAST, 9, flow_working_point_px=(0, 0), tau=0.0)
+    assert found["flow"] >= 1
+
+
+@pytest.mark.parametrize("levels", [1, 2])
+def test_coarse_to_fine_finds_flows_that_vary_over_the_image(levels: int) -> None:
+    """A near camera: from -5 to 5 px per frame, of which no single integer flow suits more than a part."""
+    plane = Plane(
+        focal_length_px=100, depth_mm=100.0, velocity=(0.0, 0.0, -6.0), size=(150, 180), wavelengths_px=(9, 40)
+    )
+    _, part = median_errors(plane, 5)
+    found, known = median_errors(plane, 5, pyramid_levels=levels)
+    assert known >= 0.3
+    assert found["flow"] <= 0.05
+    assert part < known
+    assert found["velocity"] <= 0.2
+
+
+def test_points_registered_by_hand_and_by_the_images_agree() -> None:
+    by_hand = st.estimate(FAST.recording(STAGE, 9), working_point_px=2, flow_working_point_px=(4, -3))
+    by_images = st.estimate(FAST.recording(STAGE, 9), working_point_px="auto", flow_working_point_px="auto")
+    assert [2, 4, -3] in by_images.attrs["working_points_px"]
+    both = (by_hand["kind"].values == KIND_FULL) & (by_images["kind"].values == KIND_FULL)
+    assert both.sum() > 1000
+    np.testing.assert_array_equal(by_hand["depth"].values[both], by_images["depth"].values[both])
+
+
+def test_working_points_of_each_pixel_follow_a_slope() -> None:
+    """Disparities from 7 to 13 px: wherever the images reach, each pixel takes the integer next to its own."""
+    plane = Plane(depth_mm=100.0, slope=3.0, size=(64, 240), velocity=(0.01, 0.0, -0.02))
+    recording = plane.recording(STAGE, 9)
+    truth = plane.truth()["disparity"]
+    assert truth.min() < 7
+    assert truth.max() > 12.5
+    each = st.estimate(recording).isel(t=0)
+    known = each["kind"].values == KIND_FULL
+    assert known.mean() >= 0.35
+    away = np.abs(each["working_point"].values - truth)[known]
+    assert np.quantile(away, 0.95) <= 0.7
+    error = np.abs(each["disparity"].values - truth)
+    for single in (7, 9, 10, 11, 13):
+        one = st.estimate(recording, working_point_px=single).isel(t=0)
+        other = np.abs(one["disparity"].values - truth)
+        both = known & (one["kind"].values == KIND_FULL)
+        # Where the single one is next to the disparity too, both are the same.
+        assert np.sqrt(np.mean(error[both] ** 2)) <= np.sqrt(np.mean(other[both] ** 2)) + 1e-6

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scenetruth as st
+from scenetruth.schema import VARIABLES, check_dataset, image_to_grey, intrinsics_of
+
+
+def test_recording_has_coordinates_units_and_intrinsics() -> None:
+    recording = st.make_recording(np.zeros((5, 9, 4, 6)), 5016, 5.0, frame_interval_s=60.0)
+    assert recording["image"].dims == ("s", "t", "y", "x")
+    assert recording["stage_x_mm"].values.tolist() == [-10, -5, 0, 5, 10]
+    assert recording["time_s"].values.tolist() == [60.0 * t for t in range(-4, 5)]
+    for variable in recording.variables.values():
+        assert variable.attrs["units"]
+        assert variable.attrs["long_name"]
+    intrinsics = intrinsics_of(recording)
+    assert intrinsics.principal_point_px == (2.5, 1.5)
+    assert (intrinsics.focal_length_px, intrinsics.baseline_mm, intrinsics.frame_interval_s) == (5016, 5, 60)
+
+
+@pytest.mark.parametrize(
+    ("images", "expected"),
+    [
+        (np.array([0.0, 0.5, 1.0]), [-1, 0, 1]),
+        (np.array([0, 255], dtype=np.uint8), [-1, 1]),
+        (np.array([0, 65535], dtype=np.uint16), [-1, 1]),
+    ],
+)
+def test_grey_values_of_the_paper(images: Any, expected: list[float]) -> None:
+    recording = st.make_recording(images.reshape(1, 1, 1, -1), 1.0, 1.0)
+    np.testing.assert_allclose(image_to_grey(recording).ravel(), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"images": np.zeros((3, 4))}, "images: must be a non-empty array with the dimensions"),
+        ({"images": np.zeros((0, 1, 2, 2))}, "images: must be a non-empty array"),
+        ({"images": np.zeros((1, 1, 2, 2), dtype=complex)}, "image: must hold real numbers"),
+        ({"focal_length_px": -1.0}, "attrs.focal_length_px: must be positive"),
+        ({"focal_length_px": float("nan")}, "attrs.focal_length_px: must be a finite number"),
+        ({"baseline_mm": 0.0, "images": np.zeros((2, 1, 2, 2))}, "attrs.baseline_mm: must not be zero"),
+        ({"frame_interval_s": 0.0}, "attrs.frame_interval_s: must be positive"),
+        ({"principal_point_px": (1.0, float("inf"))}, "attrs.principal_point_px: must be two finite numbers"),
+        ({"full_scale": 0.0}, "attrs.full_scale: must be a positive number"),
+        ({"stage_x_mm": [0.0, 1.0]}, "stage_x_mm: must hold one position for each of the 1 cameras"),
+        ({"stage_x_mm": [float("nan")]}, "stage_x_mm: must be finite"),
+        ({"stage_y_mm": [0.0]}, r"images: must be .* dimensions \(s_y, s, t, y, x\)"),
+        (
+            {"stage_y_mm": [0.0, 1.0], "images": np.zeros((1, 1, 1, 2, 2))},
+            "stage_y_mm: must hold one position for each of the 1 rows",
+        ),
+        ({"stage_y_mm": [float("nan")], "images": np.zeros((1, 1, 1, 2, 2))}, "stage_y_mm: must be finite"),
+    ],
+)
+def test_bad_recordings(changes: dict[str, Any], message: str) -> None:
+    good = {"images": np.zeros((1, 1, 2, 2)), "focal_length_px": 1.0, "baseline_mm": 1.0}
+    with pytest.raises(st.RecordingError, match=message):
+        st.make_recording(**{**good, **changes})
+
+
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_cameras_in_a_grid(channels: tuple[int, ...]) -> None:
+    images = np.random.default_rng(0).random((3, 2, 4, 5, 6, *channels))
+    grid = st.make_recording(images, 100.0, 5.0, stage_y_mm=[-4, 0, 4])
+    assert grid["image"].dims == ("s_y", "s", "t", "y", "x", "channel")[: images.ndim]
+    assert grid["s_y"].values.tolist() == [-1, 0, 1]
+    assert grid["stage_y_mm"].values.tolist() == [-4, 0, 4]
+    assert all(coordinate.attrs["units"] and coordinate.attrs["long_name"] for coordinate in grid.coords.values())
+    row = grid.sel(s_y=1)
+    check_dataset(row, "recording")
+    np.testing.assert_array_equal(row["image"], images[2])
+    with pytest.raises(st.RecordingError, match="s_y: must be consecutive integers with 0 the reference"):
+        check_dataset(grid.isel(s_y=[0, 2]), "recording")
+    with pytest.raises(st.RecordingError, match="stage_y_mm: is missing; the images need this coordinate"):
+        check_dataset(grid.drop_vars("stage_y_mm"), "recording")
+
+
+def test_all_problems_are_reported_at_once() -> None:
+    with pytest.raises(st.RecordingError) as caught:
+        st.make_recording(np.zeros((2, 1, 2, 2)), -1.0, 0.0, frame_interval_s=-1.0)
+    assert len(caught.value.problems) == 3
+
+
+def test_every_variable_of_the_table_has_units_and_long_name() -> None:
+    for table in VARIABLES.values():
+        for entry in table.values():
+            assert entry.units
+            assert entry.long_name

@@ -1,0 +1,318 @@
+"""The figures exist, show something, and do not fall over whatever the estimate is."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+from PIL import Image
+
+from scenetruth.schema import KIND_FULL, KIND_NONE
+from scenetruth.scoring import draw_all, score
+from scenetruth.scoring.figures import _mesh
+from scenetruth.scoring.figures._views import views_of
+from scenetruth.scoring.figures.arrows import arrow_factor, draw_velocity_arrows
+from scenetruth.scoring.figures.confidence import draw_confidence
+from scenetruth.scoring.figures.error_bars import draw_error_bars
+from scenetruth.scoring.figures.growth import draw_growth, growth_limits
+from scenetruth.scoring.figures.image import draw_image
+from scenetruth.scoring.figures.velocity import draw_velocity_z, pick_row
+from tests.scoring.conftest import Drawn
+from tests.scoring.synthetic import Case, make_case, make_growing_case, of_one_camera, of_one_frame, with_error_bars
+
+FILES = [
+    "image.png",
+    "surface.png",
+    "velocity_z.png",
+    "velocity_z_row.png",
+    "velocity_arrows.png",
+    "depth.png",
+    "error_histograms.png",
+    "error_bars.png",
+    "confidence.png",
+]
+OF_DEPTH = {"surface.png", "depth.png"}
+OF_VELOCITY = {"velocity_z.png", "velocity_z_row.png", "velocity_arrows.png"}
+OF_ERROR_BARS = {"error_bars.png"}
+
+
+def files_without(*left_out: set[str]) -> list[str]:
+    return [file for file in FILES if file not in set().union(*left_out)]
+
+
+def pixels(file: Path) -> NDArray[np.uint8]:
+    with Image.open(file) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def test_every_figure_is_on_disk_and_described(drawn: Drawn) -> None:
+    folder, figures = drawn.folder, drawn.figures
+    assert [figure.file for figure in figures] == FILES
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+    assert len({figure.title for figure in figures}) == len(FILES)
+    assert all(figure.caption.endswith(".") and len(figure.caption) > 40 for figure in figures)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_figure_shows_something(drawn: Drawn, file: str) -> None:
+    shown = pixels(drawn.folder / file)
+    assert min(shown.shape[:2]) > 300
+    assert np.count_nonzero(np.bincount((shown @ [1 << 16, 1 << 8, 1]).ravel())) > 50
+    inked = (shown != 255).any(axis=2)
+    # Nothing is cut off at the edges, and the page is neither empty nor full.
+    assert not inked[[0, -1]].any()
+    assert not inked[:, [0, -1]].any()
+    assert 0.03 < inked.mean() < 0.97
+
+
+def test_tall_images_leave_room_for_the_labels(tmp_path: Path) -> None:
+    case = with_error_bars(make_case(80, 160))
+    views = views_of(case.recording, case.estimate, case.truth)
+    for draw in (draw_velocity_z, draw_confidence):
+        figure = draw(views, tmp_path)
+        assert figure is not None
+        inked = (pixels(tmp_path / figure.file) != 255).any(axis=2)
+        assert not inked[:, [0, -1]].any()
+
+
+def test_progress_counts_the_figures(drawn: Drawn) -> None:
+    assert drawn.calls == [("report", done, 9) for done in range(10)]
+
+
+def test_users_settings_are_left_alone(drawn: Drawn) -> None:
+    assert drawn.settings_kept
+    assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
+
+
+@pytest.mark.parametrize("what", ["nothing", "one pixel", "perfect"])
+def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
+    case = make_case(48, 36, 380.0)
+    estimate = {
+        "nothing": lambda: case.estimate.assign(kind=case.estimate["kind"] * 0 + KIND_NONE),
+        "one pixel": lambda: case.estimate.where((case.estimate.x == 20) & (case.estimate.y == 18)),
+        "perfect": lambda: case.truth,
+    }[what]()
+    figures = draw_all(case.recording, estimate, case.truth, score(estimate, case.truth), tmp_path)
+    # The estimate of this case has no error bars, and the truth has neither confidence nor kind.
+    left_out = {"nothing": (OF_DEPTH, OF_VELOCITY), "one pixel": (), "perfect": ({"confidence.png"},)}[what]
+    assert [figure.file for figure in figures] == files_without(OF_ERROR_BARS, *left_out)
+
+
+@pytest.mark.parametrize(
+    ("reduce", "left_out"), [(of_one_camera, (OF_DEPTH, OF_VELOCITY, OF_ERROR_BARS)), (of_one_frame, (OF_VELOCITY,))]
+)
+def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
+    reduce: Callable[[Case], Case], left_out: tuple[set[str], ...], tmp_path: Path
+) -> None:
+    case = reduce(with_error_bars(make_case(48, 36, 380.0)))
+    result = score(case.estimate, case.truth, margin_px=3)
+    figures = draw_all(case.recording, case.estimate, case.truth, result, tmp_path)
+    assert [figure.file for figure in figures] == files_without(*left_out)
+
+
+@pytest.mark.parametrize(("missing", "title"), [("kind", "Confidence of"), ("confidence", "Kind of")])
+def test_what_the_estimator_does_not_say_is_left_out(case: Case, missing: str, title: str, tmp_path: Path) -> None:
+    figure = draw_confidence(views_of(case.recording, case.estimate.drop_vars(missing), case.truth), tmp_path)
+    assert figure is not None
+    assert figure.title.startswith(title)
+    assert f"The {missing}" not in figure.caption
+
+
+@pytest.mark.parametrize(
+    ("missing", "title"),
+    [
+        ((), "Confidence, kind and model violation of"),
+        (("confidence", "model_violation"), "Kind of"),
+        (("confidence", "kind", "kind_disparity"), "Kind and model violation of"),
+        (("confidence", "kind", "kind_disparity", "kind_motion"), "Model violation of"),
+    ],
+)
+def test_kinds_and_model_violation_are_shown(
+    full_case: Case, missing: tuple[str, ...], title: str, tmp_path: Path
+) -> None:
+    views = views_of(full_case.recording, full_case.estimate.drop_vars(missing), full_case.truth)
+    figure = draw_confidence(views, tmp_path)
+    assert figure is not None
+    assert figure.title.startswith(title)
+    colours = {tuple(colour) for colour in np.unique(pixels(tmp_path / figure.file).reshape(-1, 3), axis=0).tolist()}
+    assert ((0x00, 0x72, 0xB2) in colours) == ("kind_motion" not in missing)
+    assert ((0xB0, 0x00, 0x6D) in colours) == ("model_violation" not in missing)
+
+
+def test_shares_of_both_kinds_are_told(full_case: Case, tmp_path: Path) -> None:
+    figure = draw_confidence(views_of(full_case.recording, full_case.estimate, full_case.truth), tmp_path)
+    assert figure is not None
+    for name in ("disparity", "motion"):
+        share = 100 * float((full_case.estimate[f"kind_{name}"] == KIND_FULL).mean())
+        assert f"kind of {name}, full {share:.1f} %" in figure.caption
+
+
+@pytest.mark.parametrize(
+    ("missing", "title"),
+    [
+        ((), "Error bars of depth and velocity"),
+        (("depth_std",), "Error bars of velocity"),
+        (("velocity_std",), "Error bars of depth"),
+        (("depth_std", "velocity_std"), None),
+    ],
+)
+def test_error_bars_are_shown_where_there_are_any(
+    full_case: Case, missing: tuple[str, ...], title: str | None, tmp_path: Path
+) -> None:
+    assert error_bars_title(full_case, full_case.estimate.drop_vars(missing), tmp_path) == title
+
+
+@pytest.mark.parametrize("value", [0.0, 0.1, np.nan])
+def test_odd_error_bars_are_drawn(full_case: Case, value: float, tmp_path: Path) -> None:
+    estimate = full_case.estimate.drop_vars("velocity_std")
+    estimate = estimate.assign(depth_std=xr.full_like(estimate["depth_std"], value))
+    assert error_bars_title(full_case, estimate, tmp_path) == ("Error bars of depth" if value > 0 else None)
+
+
+def error_bars_title(case: Case, estimate: xr.Dataset, folder: Path) -> str | None:
+    views = views_of(case.recording, estimate, case.truth)
+    figure = draw_error_bars(views, estimate, case.truth, score(estimate, case.truth), folder)
+    assert (folder / "error_bars.png").is_file() == (figure is not None)
+    return None if figure is None else figure.title
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_growth_is_drawn_where_the_truth_knows_it(known: bool, tmp_path: Path) -> None:
+    case = make_growing_case(80, 60, 620.0)
+    truth = case.truth if known else case.truth.drop_vars("growth_rate")
+    result = score(case.estimate, truth, growth_window_px=6)
+    figure = draw_growth(views_of(case.recording, case.estimate, truth), case.estimate, truth, result, tmp_path)
+    assert (figure is not None) == (tmp_path / "growth_rate.png").is_file() == known
+    if figure is not None:
+        assert "of 6 px" in figure.caption
+        shown = pixels(tmp_path / figure.file)
+        inked = (shown != 255).any(axis=2)
+        assert not inked[[0, -1]].any()
+        assert not inked[:, [0, -1]].any()
+        assert 0.2 < inked.mean() < 0.97
+
+
+def test_growth_of_windows_that_hold_nothing_is_not_drawn(tmp_path: Path) -> None:
+    case = make_growing_case(80, 60, 620.0)
+    result = score(case.estimate, case.truth, growth_window_px=200)
+    assert (
+        draw_growth(views_of(case.recording, case.estimate, case.truth), case.estimate, case.truth, result, tmp_path)
+        is None
+    )
+
+
+def test_frame_zero_is_shown_else_the_middle_one() -> None:
+    case = make_case(32, 24, 250.0, frames=(-1, 0, 1))
+    assert views_of(case.recording, case.estimate, case.truth).frame == 0
+    views = views_of(case.recording, case.estimate.sel(t=[1]), case.truth)
+    assert (views.frame, views.image_frame) == (1, 1)
+    late = [dataset.assign_coords(t=dataset.t + 10) for dataset in (case.estimate, case.truth)]
+    views = views_of(case.recording, *late)
+    assert (views.frame, views.image_frame) == (10, 0)
+
+
+def test_marked_row_is_near_the_centre_and_full(case: Case) -> None:
+    views = views_of(case.recording, case.estimate, case.truth)
+    row = pick_row(views)
+    counts = np.isfinite(views.estimate["velocity_z"]).sum(axis=1)
+    assert counts[row] >= 0.95 * counts.max()
+    assert 45 < row < 75
+
+
+def step_points(jump_mm: float) -> NDArray[np.float64]:
+    """Return a plane with a step in the middle, one pixel a millimetre."""
+    y, x = np.indices((6, 8), dtype=np.float64)
+    return np.stack([x, y, np.where(x < 4, 100.0, 100.0 + jump_mm)], axis=-1)
+
+
+def test_surface_has_no_skin_across_jumps() -> None:
+    whole = _mesh.surface_of(step_points(0.0), focal_length_px=100.0)
+    torn = _mesh.surface_of(step_points(50.0), focal_length_px=100.0)
+    assert len(whole.corners) == 5 * 7
+    assert len(torn.corners) == 5 * 6
+    assert np.ptp(torn.corners[..., 2], axis=1).max() == 0
+
+
+def test_surface_leaves_out_missing_points() -> None:
+    points = step_points(0.0)
+    points[2, 3] = np.nan
+    assert len(_mesh.surface_of(points, focal_length_px=100.0).corners) == 5 * 7 - 4
+
+
+def test_large_surfaces_are_thinned_out() -> None:
+    y, x = np.indices((60, 80), dtype=np.float64)
+    surface = _mesh.surface_of(np.stack([x, y, 0 * x + 80.0], axis=-1), 80.0, max_quads=300)
+    assert surface.step_px == 4
+    assert len(surface.corners) == 14 * 19
+    assert (surface.rows.max(), surface.columns.max()) == (54, 74)
+
+
+def test_view_is_a_right_handed_frame() -> None:
+    right, up, viewer = _mesh.View(30.0, -90.0).axes()
+    np.testing.assert_allclose(right, [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(viewer, [0, -0.5, -np.sqrt(0.75)], atol=1e-12)
+    np.testing.assert_allclose(np.cross(right, up), viewer, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("speed", "factor"), [(1.0, 5.0), (0.0, 5.0), (3.0, 5.0), (0.01, 500.0), (40.0, 0.1), (100.0, 0.05)]
+)
+def test_arrows_are_five_times_the_velocity_unless_illegible(speed: float, factor: float) -> None:
+    assert arrow_factor(np.tile([0.0, 0.0, -speed], (4, 1)), extent=60.0) == pytest.approx(factor)
+
+
+def test_arrows_are_as_long_as_those_of_what_moves() -> None:
+    mostly_still = np.zeros((40, 3))
+    mostly_still[:8, 2] = -0.01
+    assert arrow_factor(mostly_still, extent=60.0) == pytest.approx(500.0)
+
+
+def test_a_single_wild_velocity_does_not_make_all_else_small(case: Case, tmp_path: Path) -> None:
+    velocity = case.estimate["velocity"]
+    height, width = velocity.sizes["y"], velocity.sizes["x"]
+    away = (abs(velocity.x - width / 2) < 0.1 * width) & (abs(velocity.y - height / 2) < 0.1 * height)
+    wild = velocity.where(~away | (velocity.component != "Z"), velocity + 1e4)
+    calm = draw_velocity_arrows(views_of(case.recording, case.estimate, case.truth), tmp_path)
+    views = views_of(case.recording, case.estimate.assign(velocity=wild), case.truth)
+    cut = draw_velocity_arrows(views, tmp_path)
+    assert "Orange arrows are longer than drawn" in cut.caption
+    assert "Orange" not in calm.caption
+    assert cut.title == calm.title
+
+
+def test_scale_of_growth_is_that_of_the_truth() -> None:
+    exact = np.linspace(0.0, 3.0, 100).reshape(10, 10)
+    noisy = exact + np.linspace(-500, 500, 100).reshape(10, 10)
+    assert growth_limits(noisy, exact) == (-6.0, 6.0)
+    low, high = growth_limits(noisy, 0 * exact)
+    assert low < -300
+    assert high > 300
+
+
+def test_recording_of_floats_is_drawn(case: Case, tmp_path: Path) -> None:
+    recording = case.recording.assign(image=case.recording["image"].astype(np.float32) / 255)
+    draw_image(views_of(recording, case.estimate, case.truth), tmp_path)
+    assert (tmp_path / "image.png").is_file()
+
+
+def test_recording_of_colours_is_drawn_in_grey(tmp_path: Path) -> None:
+    case = make_case(48, 36, 380.0)
+    image = case.recording["image"]
+    colours = case.recording.assign(
+        image=xr.concat([image, image // 2, image * 0], dim="channel").transpose(..., "x", "channel")
+    )
+    views = views_of(colours, case.estimate, case.truth)
+    np.testing.assert_allclose(views.image, 0.5 * image.sel(s=0, t=0), atol=0.5)
+    draw_all(colours, case.estimate, case.truth, score(case.estimate, case.truth), tmp_path)
+
+
+def test_importing_the_room_loads_no_heavy_library() -> None:
+    code = "import sys, scenetruth.scoring; print([n for n in ('matplotlib', 'jinja2') if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

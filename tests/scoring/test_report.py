@@ -1,0 +1,158 @@
+"""The page is complete, stands alone, and quotes what it is given."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from scenetruth.scoring import QUANTITIES, score, write_report
+from scenetruth.scoring._format import format_number, format_percent
+from tests.scoring.conftest import Drawn
+from tests.scoring.synthetic import Case, make_case, make_growing_case
+
+REASON = "pyrender (osmesa) does not run here"
+METADATA = {
+    "versions": {"scenetruth": "0.1.0"},
+    "scene_hash": "0123abcd",
+    "seed": 77,
+    "timings_s": {"simulate": 12.5},
+    "render_fallback_reason": REASON,
+    "warnings": ["the texture is <b>coarse</b>"],
+}
+
+
+class Reader(HTMLParser):
+    """Collects the text and the attributes of a page, and checks that its tags are closed in order."""
+
+    EMPTY = frozenset({"meta", "img", "br"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.text: list[str] = []
+        self.attributes: list[tuple[str, str, str | None]] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, name, value) for name, value in attrs]
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def page(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    case = full_case
+    recording = case.recording.assign_attrs(scene=json.dumps({"description": "a wedge", "note": "</pre><script>"}))
+    result = score(case.estimate, case.truth, metadata=METADATA)
+    return write_report(recording, case.estimate, case.truth, result, tmp_path_factory.mktemp("report") / "run")
+
+
+@pytest.fixture(scope="module")
+def reader(page: Path) -> Reader:
+    reader = Reader()
+    reader.feed(page.read_text(encoding="utf-8"))
+    reader.close()
+    assert not reader.open
+    return reader
+
+
+def test_report_and_figures_are_in_the_folder(page: Path) -> None:
+    assert page.name == "report.html"
+    assert sorted(path.name for path in page.parent.iterdir()) == ["figures", "report.html"]
+    assert len(list((page.parent / "figures").glob("*.png"))) == 9
+
+
+def test_same_input_draws_the_same_bytes(page: Path, drawn: Drawn) -> None:
+    for figure in drawn.figures:
+        assert (page.parent / "figures" / figure.file).read_bytes() == (drawn.folder / figure.file).read_bytes()
+
+
+def test_page_needs_nothing_from_outside(page: Path, reader: Reader) -> None:
+    text = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]+", "", page.read_text(encoding="utf-8"))
+    assert not re.search(r"https?:|//[a-z]|url\(|@import", text)
+    assert not {"script", "link", "iframe"} & {tag for tag, _, _ in reader.attributes}
+    assert "<script" not in text
+
+
+def test_figures_are_inside(page: Path, reader: Reader) -> None:
+    sources = [value for tag, name, value in reader.attributes if (tag, name) == ("img", "src")]
+    assert len(sources) == 9
+    decoded = {base64.b64decode(str(source).removeprefix("data:image/png;base64,")) for source in sources}
+    assert decoded == {path.read_bytes() for path in (page.parent / "figures").iterdir()}
+    text = " ".join(reader.text)
+    titles = [str(value) for tag, name, value in reader.attributes if (tag, name) == ("img", "alt")]
+    assert len(titles) == 9
+    assert all(title in text for title in titles)
+
+
+def test_every_quantity_is_in_the_tables_of_both_regions(reader: Reader) -> None:
+    for entry in QUANTITIES.values():
+        assert reader.text.count(entry.title) == 2
+    assert reader.text.count("px/step") >= 2
+
+
+def test_error_bars_are_in_the_tables_of_both_regions(full_case: Case, reader: Reader) -> None:
+    assert reader.text.count("error bars") == reader.text.count("calibration") - 1 == 2
+    regions = score(full_case.estimate, full_case.truth).regions
+    for values in (regions["all"], regions["interior"]):
+        assert format_number(values["depth"]["calibration"]) in reader.text
+        assert format_percent(values["depth"]["within_2_std"]) in reader.text
+
+
+def test_origin_and_warnings_are_told_and_quoted(page: Path, reader: Reader) -> None:
+    text = " ".join(reader.text)
+    for needle in ("0123abcd", "scenetruth 0.1.0", "77", "simulate 12.5", REASON, "the texture is <b>coarse</b>"):
+        assert needle in text
+    assert "Estimate against truth: a wedge" in text
+    assert "<b>coarse" not in page.read_text(encoding="utf-8")
+
+
+def test_data_from_elsewhere_have_a_report_too(tmp_path: Path) -> None:
+    case = make_case(32, 24, 250.0)
+    result = score(case.estimate, case.truth)
+    text = write_report(case.recording, case.estimate, case.truth, result, tmp_path).read_text(encoding="utf-8")
+    assert "The scene in full" not in text
+    assert "<h1>Estimate against truth</h1>" in text
+
+
+def test_regions_stand_beside_each_other(full_case: Case, reader: Reader) -> None:
+    for region, values in score(full_case.estimate, full_case.truth).regions.items():
+        assert region in reader.text
+        assert format_number(values["velocity_z"]["rms"]) in reader.text
+    assert not any("rowth" in text for text in reader.text)
+
+
+def test_growth_of_what_moves_rigidly_is_not_shown(tmp_path: Path) -> None:
+    case = make_growing_case(48, 36, 380.0)
+    rounding = case.truth.assign(growth_rate=1e-17 * case.truth["growth_rate"] / case.truth["growth_rate"].max())
+    result = score(case.estimate, rounding, case.recording, growth_window_px=4)
+    assert result.regions["all"]["growth_rate"]["count"]
+    assert not result.grows
+    page = write_report(case.recording, case.estimate, rounding, result, tmp_path)
+    assert "Growth rate" not in page.read_text(encoding="utf-8")
+    assert not (tmp_path / "figures" / "growth_rate.png").exists()
+
+
+def test_growth_is_reported_where_it_is_scored(tmp_path: Path) -> None:
+    case = make_growing_case(80, 60, 620.0, velocity_noise=1e-4)
+    result = score(case.estimate, case.truth, case.recording, growth_window_px=6)
+    page = write_report(case.recording, case.estimate, case.truth, result, tmp_path)
+    reader = Reader()
+    reader.feed(page.read_text(encoding="utf-8"))
+    text = " ".join(reader.text)
+    assert reader.text.count("Growth rate") == 2
+    for name in ("growth_rate", "growth_rate_windowed"):
+        for region in ("all", "interior"):
+            assert format_number(result.regions[region][name]["rms"]) in reader.text
+    assert "Gaussian weights of 6 px" in text
+    assert (tmp_path / "figures" / "growth_rate.png").is_file()

@@ -1,0 +1,299 @@
+"""A whole score: its numbers, and its spellings."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenetruth.errors import ScoreError
+from scenetruth.schema import KIND_FULL
+from scenetruth.scoring import QUANTITIES, Score, score
+from scenetruth.scoring.statistics import RATES, STATISTICS
+from scenetruth.settings import ScoreSettings
+from tests.scoring.synthetic import Case, make_case, make_growing_case, of_one_camera, of_one_frame, with_regions
+
+NAMES = (*QUANTITIES, "velocity_endpoint", "outliers")
+BARRED = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z")
+EDGES = ("edge_0_5", "edge_5_10", "edge_10_20", "edge_20_inf")
+SLOPES = ("slope_0_20", "slope_20_45", "slope_45_70", "slope_70_90")
+CONTRASTS = ("contrast_low", "contrast_mid", "contrast_high")
+GROWTH = ("growth_rate", "growth_rate_windowed")
+VELOCITY = ("velocity_x", "velocity_y", "velocity_z", "velocity_endpoint")
+
+
+def strict(text: str) -> dict[str, object]:
+    """Parse JSON as a strict reader does: no NaN, no Infinity."""
+
+    def refuse(token: str) -> float:
+        pytest.fail(f"{token} is not JSON")
+
+    content = json.loads(text, parse_constant=refuse)
+    assert isinstance(content, dict)
+    return content
+
+
+def test_json_has_exactly_the_agreed_keys(case: Case) -> None:
+    content = strict(score(case.estimate, case.truth, metadata={"seed": 3}).to_json())
+    assert list(content) == ["all", "interior", *EDGES, "metadata"]
+    for region in ("all", "interior", *EDGES):
+        quantities = content[region]
+        assert isinstance(quantities, dict)
+        assert tuple(quantities) == NAMES
+        for name, values in quantities.items():
+            assert tuple(values) == (RATES if name == "outliers" else STATISTICS)
+    settings = json.loads(ScoreSettings().model_dump_json())
+    expected = {"frames": [0], "image_size_px": [160, 120], "margin_px": 20.0, "score_settings": settings, "seed": 3}
+    assert content["metadata"] == expected
+
+
+def test_regions_are_those_that_the_truth_can_tell() -> None:
+    case = with_regions(make_growing_case(48, 36, 380.0))
+    everything = score(case.estimate, case.truth, case.recording)
+    hidden = ("visible", "partly_hidden")
+    assert tuple(everything.regions) == ("all", "interior", *hidden, *SLOPES, *EDGES, *CONTRASTS)
+    truth = case.truth.drop_vars(["occluded_in_s", "normal"])
+    assert tuple(score(case.estimate, truth).regions) == ("all", "interior", *EDGES)
+    bounds: dict[str, Any] = {"slope_classes_deg": (0, 22.5, 90), "edge_classes_px": (3,)}
+    named = score(case.estimate, case.truth, **bounds).regions
+    assert tuple(named) == ("all", "interior", *hidden, "slope_0_22.5", "slope_22.5_90", "edge_3_inf")
+    for regions in (everything, score(case.estimate, case.truth, **bounds)):
+        assert Score.from_json(regions.to_json()) == regions
+
+
+def test_growth_comes_before_the_outliers() -> None:
+    case = make_growing_case(48, 36, 380.0)
+    result = score(case.estimate, case.truth, growth_window_px=4)
+    for values in result.regions.values():
+        assert tuple(values) == (*NAMES[:-1], *GROWTH, "outliers")
+    assert Score.from_json(result.to_json()) == result
+    content = json.loads(result.to_json())
+    del content["edge_0_5"]["growth_rate"]
+    del content["interior"]["growth_rate_windowed"]["rms"]
+    with pytest.raises(ScoreError) as caught:
+        Score.from_json(json.dumps(content))
+    paths = {problem.path for problem in caught.value.problems}
+    assert {"edge_0_5.growth_rate.bias", "interior.growth_rate_windowed.rms"} <= paths
+    assert all(path.startswith(("edge_0_5.growth_rate.", "interior.growth_rate_windowed.")) for path in paths)
+
+
+def test_recording_that_does_not_belong_is_refused(case: Case) -> None:
+    with pytest.raises(ScoreError, match=r"recording\.x: has the size 80, the estimate 160"):
+        score(case.estimate, case.truth, case.recording.isel(x=slice(80)))
+    estimate, truth = (dataset.assign_coords(t=dataset.t + 10) for dataset in (case.estimate, case.truth))
+    with pytest.raises(ScoreError, match=r"recording\.t: lacks frames of the estimate \(got \[10\]\)"):
+        score(estimate, truth, case.recording)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"slope_classes_deg": (0, 40, 30)}, "slope_classes_deg: must rise"),
+        ({"slope_classes_deg": (0, 100)}, "slope_classes_deg: must be two bounds or more between 0 and 90"),
+        ({"slope_classes_deg": (10,)}, "slope_classes_deg: must be two bounds"),
+        ({"edge_classes_px": ()}, "edge_classes_px"),
+        ({"edge_classes_px": (-1, 2)}, "edge_classes_px.0"),
+        ({"contrast_classes": (0.2, 0.1)}, "contrast_classes: must rise"),
+        ({"contrast_window_px": math.inf}, "contrast_window_px"),
+        ({"unknown": 1}, "unknown"),
+        ({"margin_px": -1.0}, "interior_margin_px"),
+    ],
+)
+def test_impossible_settings_are_refused(case: Case, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScoreError, match=message):
+        score(case.estimate, case.truth, **settings)
+
+
+def test_perfect_estimate_has_full_marks(case: Case) -> None:
+    result = score(case.truth, case.truth)
+    for quantities in result.regions.values():
+        for name in NAMES[:-1]:
+            assert (quantities[name]["rms"], quantities[name]["density"]) == (0.0, 1.0)
+        assert quantities["outliers"]["scene_flow_rate"] == 0.0
+        assert quantities["velocity_x"]["relative_rms"] is None
+
+
+def test_numbers_are_those_of_the_arrays(case: Case) -> None:
+    result = score(case.estimate, case.truth).regions
+    scored = (case.estimate["kind"].values == KIND_FULL) & np.isfinite(case.truth["depth"].values)
+    error = case.estimate["depth"].values.astype(np.float64) - case.truth["depth"].values
+    assert result["all"]["depth"]["count"] == scored.sum()
+    assert result["all"]["depth"]["bias"] == pytest.approx(error[scored].mean())
+    delta = (case.estimate["velocity"].values.astype(np.float64) - case.truth["velocity"].values)[:, scored]
+    assert result["all"]["velocity_endpoint"]["rms"] == pytest.approx(np.sqrt((delta**2).sum(axis=0).mean()))
+    assert result["all"]["velocity_z"]["rms"] == pytest.approx(np.sqrt((delta[2] ** 2).mean()))
+    assert result["interior"]["depth"]["rms"] < result["all"]["depth"]["rms"]  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("region", ["all", "interior"])
+def test_right_error_bars_are_calibrated(full_case: Case, region: str) -> None:
+    result = score(full_case.estimate, full_case.truth).regions[region]
+    for name in BARRED:
+        count = float(result[name]["count"] or 0)
+        assert count > 500
+        # Five standard deviations of what so many normal errors give.
+        assert result[name]["calibration"] == pytest.approx(1, abs=5 / math.sqrt(2 * count))
+        assert result[name]["within_2_std"] == pytest.approx(0.9545, abs=5 * math.sqrt(0.9545 * 0.0455 / count))
+
+
+def test_calibration_scales_with_the_error_bars(full_case: Case) -> None:
+    right = score(full_case.estimate, full_case.truth)
+    stated = {f"{name}_std": full_case.estimate[f"{name}_std"] / 2 for name in ("depth", "disparity", "velocity")}
+    bold = score(full_case.estimate.assign(stated), full_case.truth)
+    for region in ("all", "interior"):
+        for name in BARRED:
+            here, there = bold.regions[region][name], right.regions[region][name]
+            assert here["calibration"] == 2 * float(there["calibration"] or 0)
+            assert float(here["within_2_std"] or 0) < 0.75
+            assert (here["rms"], here["density"]) == (there["rms"], there["density"])
+
+
+def test_quantities_without_error_bars_have_no_calibration(full_case: Case) -> None:
+    everything = score(full_case.estimate, full_case.truth)
+    partly = score(full_case.estimate.drop_vars(["depth_std", "velocity_std"]), full_case.truth)
+    for region, quantities in partly.regions.items():
+        for name in NAMES[:-1]:
+            undefined = quantities[name]["calibration"] is None and quantities[name]["within_2_std"] is None
+            assert undefined == (name != "disparity")
+            assert quantities[name]["rms"] == everything.regions[region][name]["rms"]
+    assert "calibration" not in partly.regions["all"]["outliers"]
+    strict(partly.to_json())
+    frame = partly.to_frame()
+    assert frame["calibration"].notna().sum() == len(partly.regions)
+    assert frame.loc[("all", "disparity"), "calibration"] == partly.regions["all"]["disparity"]["calibration"]
+
+
+def test_every_quantity_counts_where_its_own_kind_is_full(full_case: Case) -> None:
+    estimate = full_case.estimate
+    result = score(estimate, full_case.truth).regions["all"]
+    seen = np.isfinite(full_case.truth["depth"].values)
+    disparity, motion = (seen & (estimate[f"kind_{name}"].values == KIND_FULL) for name in ("disparity", "motion"))
+    both = disparity & motion
+    expected = {"depth": disparity, "disparity": disparity, "flow_x": motion, "flow_y": motion}
+    for name in NAMES:
+        mask = expected.get(name, both)
+        assert result[name]["count"] == mask.sum(), name
+        if name != "outliers":
+            assert result[name]["density"] == pytest.approx(mask.sum() / seen.sum())
+    assert len({int(mask.sum()) for mask in (disparity, motion, both)}) == 3
+
+
+@pytest.mark.parametrize(
+    ("reduce", "unknown"),
+    [(of_one_camera, {"depth", "disparity", *VELOCITY}), (of_one_frame, {"flow_x", "flow_y", *VELOCITY})],
+)
+def test_one_camera_or_one_frame_knows_nothing_of_some(
+    full_case: Case, reduce: Callable[[Case], Case], unknown: set[str]
+) -> None:
+    result = score(reduce(full_case).estimate, full_case.truth)
+    for region, quantities in score(full_case.estimate, full_case.truth).regions.items():
+        for name in NAMES[:-1]:
+            values = result.regions[region][name]
+            if name in unknown:
+                assert values == {**dict.fromkeys(STATISTICS, None), "density": 0.0, "count": 0}
+            else:
+                assert values == quantities[name]
+        assert result.regions[region]["outliers"] == {**dict.fromkeys(RATES, None), "count": 0}
+    strict(result.to_json())
+    assert Score.from_json(result.to_json()) == result
+    assert (result.to_frame().loc["all"].loc[sorted(unknown), "density"] == 0).all()
+
+
+def test_estimate_without_kind_counts_wherever_it_is_finite(case: Case) -> None:
+    result = score(case.estimate.drop_vars("kind"), case.truth).regions["all"]["depth"]
+    both = np.isfinite(case.estimate["depth"].values) & np.isfinite(case.truth["depth"].values)
+    assert result["count"] == both.sum()
+
+
+def test_margin_shrinks_the_interior(case: Case) -> None:
+    counts = [score(case.estimate, case.truth, margin_px=m).regions["interior"]["depth"]["count"] for m in (0, 5, 500)]
+    assert counts[0] > counts[1] > counts[2] == 0  # type: ignore[operator]
+
+
+def test_nothing_in_common_is_no_crash() -> None:
+    case = make_case(40, 30, 320.0)
+    empty = case.estimate.map(lambda values: values.where(False) if values.dtype.kind == "f" else values * 0)
+    empty.attrs = case.estimate.attrs
+    result = score(empty, case.truth)
+    assert result.regions["all"]["depth"]["density"] == 0.0
+    assert result.regions["all"]["depth"]["rms"] is None
+    no_surface = case.truth.assign(depth=case.truth["depth"] * np.nan)
+    assert score(case.estimate, no_surface).regions["interior"]["depth"]["density"] is None
+    strict(result.to_json())
+
+
+def test_json_and_pickle_round_trip(case: Case) -> None:
+    result = score(case.estimate, case.truth, metadata={"timings_s": {"estimate": 1.5}, "warnings": ["ä"]})
+    assert Score.from_json(result.to_json()) == result
+    assert pickle.loads(pickle.dumps(result)) == result
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not JSON"),
+        ("[]", "must be a JSON object"),
+        ('{"all": {}, "interior": {}}', "metadata: must be a JSON object"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is not one of the keys"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "visible": 1}', "visible: must be a JSON object"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "visible": {}}', "visible.depth.rms: is missing"),
+        ('{"all": {"depth": {}}, "interior": 1, "metadata": {}}', "all.depth.rms: is missing"),
+    ],
+)
+def test_foreign_json_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ScoreError, match=message):
+        Score.from_json(text)
+
+
+def test_metadata_become_plain(case: Case) -> None:
+    given = {
+        "array": np.arange(2),
+        "float": np.float32(0.5),
+        "path": Path("a"),
+        "nan": math.nan,
+        "deep": {1: (None, True)},
+    }
+    plain = score(case.estimate, case.truth, metadata=given).metadata
+    assert {key: plain[key] for key in given} == {
+        "array": [0, 1],
+        "float": 0.5,
+        "path": "a",
+        "nan": None,
+        "deep": {"1": [None, True]},
+    }
+
+
+def test_metadata_that_json_cannot_say_are_refused(case: Case) -> None:
+    with pytest.raises(ScoreError, match=r"metadata\.a\.0: a complex cannot be written as JSON"):
+        score(case.estimate, case.truth, metadata={"a": [1j]})
+
+
+def test_frame_holds_every_number(case: Case) -> None:
+    result = score(case.estimate, case.truth)
+    frame = result.to_frame()
+    assert frame.index.names == ["region", "quantity"]
+    assert list(frame.index) == [(region, name) for region in ("all", "interior", *EDGES) for name in NAMES]
+    assert frame.loc[("all", "depth"), "units"] == "mm"
+    assert frame.loc[("interior", "velocity_endpoint"), "rms"] == result.regions["interior"]["velocity_endpoint"]["rms"]
+    assert np.isnan(frame.loc[("all", "outliers"), "rms"])
+    assert np.isnan(frame.loc[("all", "velocity_x"), "relative_rms"])
+
+
+def test_csv_leaves_undefined_values_empty(case: Case) -> None:
+    result = score(case.estimate, case.truth)
+    rows = {(row["region"], row["quantity"]): row for row in csv.DictReader(io.StringIO(result.to_csv()))}
+    assert len(rows) == 6 * len(NAMES)
+    depth = rows["all", "depth"]
+    assert depth["units"] == "mm"
+    assert float(depth["rms"]) == result.regions["all"]["depth"]["rms"]
+    assert int(depth["count"]) == result.regions["all"]["depth"]["count"]
+    assert depth["disparity_rate"] == ""
+    assert rows["all", "velocity_x"]["relative_rms"] == ""

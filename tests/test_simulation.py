@@ -1,0 +1,151 @@
+"""Simulation: what the recording says of itself, and that it is the same every time."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import scenetruth as st
+from scenetruth.simulation import scene_hash
+from tests.scenes import SCENES, cube
+
+SMALL = {"frames": {"count": 2}, "stage": {"positions": 3, "baseline_mm": 5.0}}
+
+
+def test_recording_and_truth_describe_the_scene() -> None:
+    scene = cube(**SMALL)
+    recording, truth = st.simulate(scene)
+    assert recording["image"].shape == (3, 2, 120, 160)
+    assert recording["image"].dtype == np.float32
+    assert truth["depth"].shape == (2, 120, 160)
+    for dataset in (recording, truth):
+        assert json.loads(dataset.attrs["scene"]) == scene.to_plain()
+        assert dataset.attrs["scene_hash"] == scene_hash(scene)
+        assert dataset.attrs["focal_length_px"] == 1254
+        assert json.loads(dataset.attrs["versions"])["scenetruth"] == st.__version__
+    assert recording.attrs["render_backend"] == "raycast"
+
+
+def test_images_and_truth_show_the_same_surface() -> None:
+    recording, truth = st.simulate(cube(**SMALL, background=0.0))
+    lit = recording["image"].sel(s=0).values > 0
+    seen = np.isfinite(truth["depth"].values)
+    sure = ~truth["mixed"].values
+    assert (lit == seen)[sure].all()
+
+
+STAGED = {
+    "positions": 3,
+    "baseline_mm": 5.0,
+    "scan": "bidirectional",
+    "time_per_position_s": 0.1,
+    "errors": {"preset": "screw_stage"},
+}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"sensor": {"bit_depth": 8, "noise_std": 0.01}},
+        {"sensor": {"kind": "emva1288", "preset": "ccd_2002"}},
+        {"stage": STAGED},
+    ],
+    ids=["ideal", "sensor", "preset", "stage"],
+)
+def test_same_scene_same_bytes_in_another_process_and_with_another_hash_seed(changes: dict[str, Any]) -> None:
+    scene = cube(**{**SMALL, **changes})
+    code = (
+        "import sys, json, hashlib, scenetruth as st\n"
+        "recording, truth = st.simulate(st.scene_from_plain(json.loads(sys.stdin.read())))\n"
+        "print(hashlib.sha256(recording.image.values.tobytes() + truth.depth.values.tobytes()).hexdigest())"
+    )
+    hashes = set()
+    for seed, threads in (("1", "1"), ("2", "2")):
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            input=json.dumps(scene.to_plain()),
+            env={
+                "PYTHONHASHSEED": seed,
+                "NUMBA_NUM_THREADS": threads,
+                "PATH": "",
+                "PYTHONPATH": str(Path(st.__file__).parents[1]),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        hashes.add(done.stdout)
+    assert len(hashes) == 1
+
+
+def test_every_image_has_noise_of_its_own() -> None:
+    uniform = {
+        "name": "wall",
+        "mesh": {"kind": "plane", "size_mm": [400, 400]},
+        "pose": {"position_mm": [0, 0, 660]},
+        "texture": {"kind": "uniform"},
+    }
+    recording, _ = st.simulate(cube(**SMALL, objects=[uniform], sensor={"bit_depth": None, "noise_std": 0.1}))
+    noise = recording["image"].values.reshape(6, -1) - 0.5
+    correlation = np.corrcoef(noise) - np.eye(6)
+    # Independent images of 19,200 pixels: a correlation beyond 5 / sqrt(19,200) would be chance once in a million.
+    assert np.abs(correlation).max() < 5 / np.sqrt(noise.shape[1])
+    assert noise.std() == pytest.approx(0.1, rel=0.02)
+
+
+def test_another_seed_gives_another_texture_and_the_same_truth() -> None:
+    (one, truth_one), (two, truth_two) = (st.simulate(cube(**SMALL, seed=seed)) for seed in (1, 2))
+    assert abs(np.corrcoef(one["image"].values.ravel(), two["image"].values.ravel())[0, 1]) < 0.9
+    xr.testing.assert_equal(truth_one, truth_two)
+
+
+def test_truth_of_all_cameras_on_request() -> None:
+    _, truth = st.simulate(cube(**SMALL), truth_views="all")
+    assert truth["depth"].dims == ("s", "t", "y", "x")
+
+
+def test_progress_counts_images_and_maps() -> None:
+    calls: list[tuple[str, int, int]] = []
+    st.simulate(cube(**SMALL), progress=lambda *call: calls.append(call))
+    assert [call for call in calls if call[0] == "render"] == [("render", n, 6) for n in range(7)]
+    assert [call for call in calls if call[0] == "truth"] == [("truth", n, 8) for n in range(9)]
+
+
+def test_plaid_is_the_papers_formula() -> None:
+    """scenes/plaid.yaml against eq. 13 of the paper, in its own symbols."""
+    recording, truth = st.simulate(st.load_scene(SCENES / "plaid.yaml"))
+    focal, z0, v_x, (u_x, u_y, u_z) = 10.0, 100.0, 1.0, (1.0, 0.0, 0.0)
+    k = 2 * np.pi / 80
+    s, t, y, x = xr.broadcast(recording.s, recording.t, recording.y - 31.5, recording.x - 31.5)
+    z_t = z0 + u_z * t
+    pattern = np.cos(k * (x * z_t / focal - u_x * t + v_x * s)) * np.cos(k * (y * z_t / focal - u_y * t))
+    np.testing.assert_allclose(2 * recording["image"] - 1, pattern, atol=3e-7)
+    assert (truth["depth"] == z0).all()
+    assert (truth["disparity"] == 0.1).all()
+
+
+def test_ideal_images_stand_beside_the_sensed_ones() -> None:
+    sensor = {"noise_std": 0.05, "bit_depth": None}
+    both, _ = st.simulate(cube(**SMALL, sensor=sensor), ideal=True)
+    alone, _ = st.simulate(cube(**SMALL, sensor="ideal"))
+    np.testing.assert_array_equal(both["ideal"], alone["image"])
+    assert both["ideal"].attrs["units"] == "1"
+    noise = both["image"].values.astype(np.float64) - both["ideal"].values
+    assert noise.std() == pytest.approx(0.05, rel=0.01)
+    plain, _ = st.simulate(cube(**SMALL, sensor=sensor))
+    assert "ideal" not in plain
+    np.testing.assert_array_equal(both["image"], plain["image"])
+
+
+def test_ideal_images_are_kept_in_a_store(tmp_path: Path) -> None:
+    recording, _ = st.simulate(cube(**SMALL, sensor={"noise_std": 0.05}), ideal=True)
+    st.save(recording, tmp_path / "recording.zarr")
+    np.testing.assert_array_equal(st.load(tmp_path / "recording.zarr", "recording")["ideal"], recording["ideal"])
