@@ -9,11 +9,13 @@ import pytest
 
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
-LEAVES = {"errors", "model", "settings", "indexing", "presets"}
+LEAVES = {"errors", "model", "settings", "indexing", "presets", "kinds", "randomness"}
 MAY_IMPORT = {
     "errors": set(),
     "model": set(),
     "indexing": set(),
+    "kinds": set(),
+    "randomness": set(),
     "presets": set(),
     "settings": {"model"},
     "schema": {"errors", "indexing"},

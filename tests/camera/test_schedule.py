@@ -14,7 +14,7 @@ from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Frames, Moment, Schedule, Stage
-from scenetruth.scene.world import generator_for
+from scenetruth.randomness import generator_for
 
 SCANS = ["unidirectional", "bidirectional"]
 

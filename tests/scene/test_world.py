@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import scenetruth as st
 from scenetruth.scene import mesh as meshes
 from scenetruth.scene.check import check_scene, describe_scene
-from scenetruth.scene.world import build_world, generator_for
+from scenetruth.scene.world import build_world
 from tests.scenes import SCENES, cube
 
 
@@ -208,18 +208,6 @@ def test_box_projection_keeps_a_cubes_sides_isometric(tmp_path: Path) -> None:
         np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1),
         rtol=1e-6,
     )
-
-
-def test_generators_are_keyed_by_purpose_not_by_order() -> None:
-    first = generator_for(1, "sensor", 0, 0).random(4)
-    generator_for(1, "sensor", 1, 0).random(4)
-    assert (generator_for(1, "sensor", 0, 0).random(4) == first).all()
-    for other in (
-        generator_for(2, "sensor", 0, 0),
-        generator_for(1, "sensor", 0, 1),
-        generator_for(1, "texture", "0/0"),
-    ):
-        assert (other.random(4) != first).all()
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import Frames
 from scenetruth.errors import Problem, SceneError
+from scenetruth.randomness import generator_for
 from scenetruth.scene.deformation import DeformationStep, Surroundings, deformation_map
 from scenetruth.scene.jets import Jet
 from scenetruth.scene.mesh import TriangleMesh, make_mesh
@@ -23,7 +24,7 @@ from scenetruth.scene.start import RestStart, SheetStart, SmoothStart, Start
 from scenetruth.scene.texture import SurfaceTexture, make_texture
 from scenetruth.scene.times import times_of
 
-__all__ = ["Body", "Snapshot", "World", "build_world", "generator_for", "maps_of"]
+__all__ = ["Body", "Snapshot", "World", "build_world", "maps_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,20 +183,6 @@ class World:
     def surface_at(self, t: float) -> NDArray[np.float64]:
         """Return the tensors of motion and form of all surface points at time t, shape (k, 18): `surface_tensors`."""
         return np.concatenate([body.surface_at(t) for body in self.bodies])
-
-
-def generator_for(seed: int, *purpose: str | int) -> np.random.Generator:
-    """Return a random generator of its own for one purpose: independent of every other, and of any order of calls.
-
-    Parameters
-    ----------
-    seed
-        The scene's seed.
-    purpose
-        What the numbers serve: ``("texture", name)``, ``("sensor", s, t)``.
-    """
-    key = "/".join(map(str, purpose)).encode()
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(key)))
 
 
 def build_world(scene: Scene, folder: Path = Path()) -> World:

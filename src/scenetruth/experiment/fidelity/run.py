@@ -17,11 +17,12 @@ from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.experiment.fidelity.reference import PlaneImage
 from scenetruth.experiment.fidelity.registration import shift_errors
+from scenetruth.randomness import generator_for
 from scenetruth.render import Renderer
 from scenetruth.scene import Scene, scene_from_plain
 from scenetruth.scene.noise import band_limited_noise
 from scenetruth.scene.texture import noise_limit
-from scenetruth.scene.world import World, build_world, generator_for
+from scenetruth.scene.world import World, build_world
 
 __all__ = [
     "BOUNDS_PX",
