@@ -12,8 +12,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import load_scene
 from scenetruth.scene.world import build_world
-from scenetruth.simulation import make_truth
-from scenetruth.truth import GeometryPass, truth_maps
+from scenetruth.truth import GeometryPass, make_truth, truth_maps, truth_of_world
 
 SCENES = Path(__file__).parents[1] / "scenes"
 SCENE = load_scene(SCENES / "cube.yaml")
@@ -47,8 +46,9 @@ def test_complete_truth_of_a_rosette(benchmark: BenchmarkFixture, resolution_mm:
     scene = load_scene(SCENES / "rosette.yaml", changes)
     world = build_world(scene)
     one = load_scene(SCENES / "rosette.yaml", [*changes, "frames.count=1"])
-    make_truth(one, world, truth_content="complete")  # compiles the kernels
-    truth = benchmark.pedantic(make_truth, (scene, world), {"truth_content": "complete"}, rounds=1)
+    make_truth(one, truth_content="complete")  # compiles the kernels
+    arguments = (scene, world, "reference", "real", "complete", {})
+    truth = benchmark.pedantic(truth_of_world, arguments, rounds=1)
     benchmark.extra_info["triangles"] = len(world.faces)
     assert truth.sizes["t"] == scene.frames.count
     assert np.isfinite(truth["growth_rate"].values).any()

@@ -21,7 +21,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.world import World, build_world
-from scenetruth.simulation import make_truth
+from scenetruth.truth import make_truth
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "gallery"
@@ -54,7 +54,7 @@ def see(scene: Scene) -> tuple[NDArray[np.float32], xr.Dataset]:
     world: World = build_world(scene, ROOT)
     with RaycastRenderer(world, scene.camera, scene.background, 4, scene.lighting) as renderer:
         image = renderer.render(0.0, Viewpoint.on_axis(0.0))
-    return image, make_truth(only, world).sel(t=0)
+    return image, make_truth(only).sel(t=0)
 
 
 def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, target: Path) -> None:

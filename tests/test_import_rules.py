@@ -9,25 +9,40 @@ import pytest
 
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
-LEAVES = {"errors", "model", "settings", "indexing", "presets", "kinds", "randomness"}
+LEAVES = {"errors", "model", "settings", "indexing", "presets", "kinds", "randomness", "progress"}
 MAY_IMPORT = {
     "errors": set(),
     "model": set(),
     "indexing": set(),
     "kinds": set(),
     "randomness": set(),
+    "progress": set(),
     "presets": set(),
     "settings": {"model"},
-    "schema": {"errors", "indexing"},
+    "schema": {"errors", "indexing", "progress"},
     "camera": LEAVES,
-    "scene": {*LEAVES, "camera"},
+    "scene": {*LEAVES, "camera", "estimators"},
     "raycast": {*LEAVES, "camera"},
     "render": {*LEAVES, "scene", "camera", "raycast"},
-    "truth": {*LEAVES, "scene", "camera", "raycast"},
+    "truth": {*LEAVES, "scene", "camera", "raycast", "schema", "provenance"},
+    "provenance": {*LEAVES, "scene", "camera", "schema"},
     "storage": {"errors", "schema"},
-    "simulation": {*LEAVES, "scene", "camera", "raycast", "render", "truth", "schema"},
+    "simulation": {*LEAVES, "scene", "camera", "raycast", "render", "truth", "schema", "provenance"},
     "estimators": {*LEAVES, "schema"},
     "scoring": {*LEAVES, "schema"},
+    "run_folder": {"errors", "estimators"},
+    "pipeline": {
+        *LEAVES,
+        "scene",
+        "provenance",
+        "schema",
+        "estimators",
+        "scoring",
+        "storage",
+        "simulation",
+        "truth",
+        "run_folder",
+    },
     "experiment": {*LEAVES, "scene", "camera", "render", "schema", "estimators"},
 }
 

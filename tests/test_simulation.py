@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.simulation import scene_hash
+from scenetruth.provenance import scene_hash
 from tests.scenes import SCENES, cube
 
 SMALL = {"frames": {"count": 2}, "stage": {"positions": 3, "baseline_mm": 5.0}}

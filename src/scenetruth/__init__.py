@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from scenetruth.errors import (
         BackendUnavailableError,
         EstimateError,
+        MismatchError,
         OutputExistsError,
         Problem,
         RecordingError,
@@ -21,22 +22,26 @@ if TYPE_CHECKING:
         StoreError,
     )
     from scenetruth.estimators import estimate
+    from scenetruth.pipeline import run_scene
+    from scenetruth.run_folder import RunFolder
     from scenetruth.scene import Scene, load_scene, scene_from_plain
-    from scenetruth.schema import make_recording
-    from scenetruth.scoring import Score, score
+    from scenetruth.schema import make_estimate, make_recording
+    from scenetruth.scoring import Score, score, surface_growth, write_report
     from scenetruth.simulation import simulate
     from scenetruth.storage import load, save
-    from scenetruth.truth import track_points
+    from scenetruth.truth import make_truth, track_points
 
 __version__ = "0.1.0"
 
 __all__ = [
     "BackendUnavailableError",
     "EstimateError",
+    "MismatchError",
     "OutputExistsError",
     "Problem",
     "RecordingError",
     "RenderError",
+    "RunFolder",
     "Scene",
     "SceneError",
     "SceneWarning",
@@ -47,13 +52,18 @@ __all__ = [
     "estimate",
     "load",
     "load_scene",
+    "make_estimate",
     "make_recording",
+    "make_truth",
+    "run_scene",
     "save",
     "scene_from_plain",
     "score",
     "simulate",
+    "surface_growth",
     "track_points",
     "two_point_correction",
+    "write_report",
 ]
 
 _HOMES = {
@@ -61,13 +71,19 @@ _HOMES = {
     "load_scene": "scene",
     "scene_from_plain": "scene",
     "simulate": "simulation",
+    "make_estimate": "schema",
     "make_recording": "schema",
     "estimate": "estimators",
     "Score": "scoring",
     "score": "scoring",
     "load": "storage",
+    "RunFolder": "run_folder",
+    "run_scene": "pipeline",
     "save": "storage",
+    "make_truth": "truth",
+    "surface_growth": "scoring",
     "track_points": "truth",
+    "write_report": "scoring",
     "two_point_correction": "camera",
 }
 

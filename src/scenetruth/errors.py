@@ -10,6 +10,7 @@ from typing import Any
 __all__ = [
     "BackendUnavailableError",
     "EstimateError",
+    "MismatchError",
     "OutputExistsError",
     "Problem",
     "RecordingError",
@@ -96,6 +97,15 @@ class ScoreError(_ProblemListError):
     """An estimate and a truth that cannot be compared."""
 
     _noun = "score"
+
+
+class MismatchError(_ProblemListError):
+    """Parts that were made from different recordings."""
+
+    _noun = "run"
+
+    def __str__(self) -> str:
+        return super().__str__() + "\nUse the parts of one run, or allow it (--allow-mismatch, check=False)."
 
 
 class StoreError(ScenetruthError):

@@ -18,8 +18,6 @@ Bounds = Annotated[tuple[NonNegative, ...], Field(min_length=1)]
 class EstimateSettings(FrozenModel):
     """How the 4D structure tensor is set up; the defaults are the paper's (section 4)."""
 
-    method: Literal["structure_tensor"] = "structure_tensor"
-    """The estimator."""
     window_sigma_px: Positive = 6.0
     """Standard deviation of the Gaussian window B in x and y, in px."""
     window_taps_px: Annotated[int, Field(ge=3)] = 25

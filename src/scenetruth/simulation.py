@@ -2,56 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import platform
 import warnings
-from collections.abc import Callable
-from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera, Moment, Schedule
 from scenetruth.errors import SceneWarning
+from scenetruth.progress import Progress
+from scenetruth.provenance import provenance_of, recording_hash, schedule_of
 from scenetruth.randomness import generator_for
-from scenetruth.raycast import Topology
 from scenetruth.render import choose_renderer
 from scenetruth.scene.check import check_scene
 from scenetruth.scene.spec import Lighting, Scene
 from scenetruth.scene.world import World, build_world
-from scenetruth.schema import VARIABLES, Intrinsics, label, make_recording
-from scenetruth.truth import (
-    GeometryPass,
-    PixelPoints,
-    TruthMaps,
-    follow_points,
-    truth_by_rows,
-    truth_maps,
-)
+from scenetruth.schema import VARIABLES, make_recording
+from scenetruth.truth import TruthMaps, TruthPoses, TruthViews, truth_of_world
 
-__all__ = ["TruthMaps", "TruthPoses", "TruthViews", "make_truth", "scene_hash", "simulate"]
-
-Progress = Callable[[str, int, int], None]
-TruthViews = Literal["reference", "all"]
-TruthPoses = Literal["real", "nominal"]
-
-_PACKAGES = (
-    "scenetruth",
-    "numpy",
-    "scipy",
-    "numba",
-    "xarray",
-    "zarr",
-    "trimesh",
-    "embreex",
-    "pyrender-maintained",
-    "PyOpenGL",
-)
+__all__ = ["simulate"]
 
 
 def simulate(
@@ -102,133 +72,23 @@ def simulate(
     """
     world = build_world(scene, Path(folder))
     check_scene(scene, world)
-    recording = _record(scene, world, progress, ideal=ideal)
-    truth = make_truth(
-        scene,
-        world,
-        truth_views=truth_views,
-        truth_poses=truth_poses,
-        truth_content=truth_content,
-        progress=progress,
-    )
+    provenance = provenance_of(scene, folder)
+    recording = _record(scene, world, provenance, progress, ideal=ideal)
+    # The truth belongs to these very images.
+    provenance["recording_hash"] = recording.attrs["recording_hash"]
+    truth = truth_of_world(scene, world, truth_views, truth_poses, truth_content, provenance, progress)
     return recording, truth
 
 
-def make_truth(
-    scene: Scene,
-    world: World,
-    *,
-    truth_views: TruthViews = "reference",
-    truth_poses: TruthPoses = "real",
-    truth_content: TruthMaps = "standard",
-    progress: Progress | None = None,
+def _record(
+    scene: Scene, world: World, provenance: dict[str, Any], progress: Progress | None, *, ideal: bool
 ) -> xr.Dataset:
-    """Compute the truth of a scene without rendering it; see `simulate`."""
-    stage, frames, schedule = scene.stage, scene.frames, _schedule_of(scene)
-    moment_of = schedule.moment if truth_poses == "real" else schedule.nominal
-    reference = truth_views == "reference"
-    views = [(0, 0)] if reference else [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
-    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
-    geometry = None
-    arrays: dict[str, NDArray[Any]] = {}
-    seen: list[list[PixelPoints]] = [[] for _ in views]
-    images = stage.rows * stage.positions * frames.count
-    total = len(views) * frames.count + images
-    for n, t in enumerate(frames.t.tolist()):
-        for m, (s_y, s) in enumerate(views):
-            if progress is not None:
-                progress("truth", n * len(views) + m, total)
-            moment = moment_of(s, t, s_y)
-            if geometry is None or geometry.snapshot.t != moment.t:
-                geometry = GeometryPass(world, topology, moment.t)
-            if scene.shutter.readout_time_s > 0:
-                maps = _truth_by_rows(scene, world, topology, moment, truth_content)
-            else:
-                maps = truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm, truth_content)
-            seen[m].append(PixelPoints(world, maps, geometry, moment.viewpoint))
-            for name, values in maps.items():
-                if name not in arrays:
-                    lead = values.shape[:-2]
-                    arrays[name] = np.empty((*lead, len(views), frames.count, *values.shape[-2:]), dtype=values.dtype)
-                arrays[name][..., m, n, :, :] = values
-    cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
-    moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
-    arrays |= follow_points(
-        world,
-        topology,
-        scene.camera,
-        [[(moment.t, moment.viewpoint) for moment in row] for row in moments],
-        [cameras.index(view) for view in views],
-        seen,
-        (views.index((0, 0)), frames.t.tolist().index(0)),
-        # Where a point lands in an image whose rows are taken one after the other, its displacement does not say.
-        "standard" if scene.shutter.readout_time_s > 0 else truth_content,
-        None if progress is None else lambda done, _: progress("truth", total - images + done, total),
-    )
-    if progress is not None:
-        progress("truth", total, total)
-    lead = () if reference else (stage.rows, stage.positions) if stage.rows > 1 else (stage.positions,)
-    visible = arrays.pop("visible")
-    arrays = {name: values.reshape(*values.shape[:-4], *lead, *values.shape[-3:]) for name, values in arrays.items()}
-    if stage.rows > 1:
-        visible = visible.reshape(stage.rows, stage.positions, *visible.shape[1:])
-    arrays |= {"visible": visible, **_poses(scene, schedule)}
-    names = json.dumps([item.name for _, item in scene.parts])
-    return label(
-        "truth",
-        {name: arrays[name] for name in VARIABLES["truth"] if name in arrays},
-        _intrinsics(scene),
-        t=frames.t,
-        s=stage.s,
-        stage_x_mm=stage.x_mm,
-        stage_y_mm=stage.y_mm if stage.rows > 1 else None,
-        attrs={**_provenance(scene), "object_names": names, "truth_poses": truth_poses},
-    )
-
-
-def _truth_by_rows(
-    scene: Scene, world: World, topology: Topology, moment: Moment, content: TruthMaps
-) -> dict[str, NDArray[Any]]:
-    """Return the truth of an image that a rolling shutter takes, every row in the middle of its own exposure."""
-    camera, shutter = scene.camera, scene.shutter
-    later_s = shutter.row_offsets_s(np.arange(camera.height, dtype=np.float64), camera.height)
-    travel_mm = shutter.stage_speed_mm_per_s * later_s
-    places = [moment.viewpoint.moved((along, 0.0, 0.0)) for along in travel_mm.tolist()]
-    times = moment.t + later_s / scene.frames.frame_interval_s
-    return truth_by_rows(world, topology, camera, times, places, scene.stage.baseline_mm, content)
-
-
-def _schedule_of(scene: Scene) -> Schedule:
-    return Schedule(scene.stage, scene.frames, partial(generator_for, scene.seed, "stage"))
-
-
-def _poses(scene: Scene, schedule: Schedule) -> dict[str, NDArray[np.float64]]:
-    """Return where and when all images are taken in fact."""
-    stage, frames = scene.stage, scene.frames
-    shape = (stage.rows, stage.positions, frames.count)
-    position, rotation, time = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty(shape)
-    for index in np.ndindex(shape):
-        s_y, s, t = (int(axis[k]) for axis, k in zip((stage.s_y, stage.s, frames.t), index, strict=True))
-        moment = schedule.moment(s, t, s_y)
-        position[index], rotation[index] = moment.viewpoint.position_mm, moment.rotation_rad
-        time[index] = moment.t * frames.frame_interval_s
-    poses = {"camera_position_mm": position, "camera_rotation_rad": rotation, "image_time_s": time}
-    return poses if stage.rows > 1 else {name: values[0] for name, values in poses.items()}
-
-
-def scene_hash(scene: Scene) -> str:
-    """Return a hash of everything that a scene says, 16 hexadecimal digits."""
-    text = json.dumps(scene.to_plain(), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: bool) -> xr.Dataset:
     stage, frames, camera = scene.stage, scene.frames, scene.camera
     sensor = None if isinstance(scene.sensor, str) else scene.sensor
     pattern = None
     if sensor is not None:
         pattern = sensor.fixed_pattern((camera.height, camera.width), generator_for(scene.seed, "sensor", "pattern"))
-    schedule = _schedule_of(scene)
+    schedule = schedule_of(scene)
     shape = (stage.rows, stage.positions, frames.count, camera.height, camera.width)
     images: NDArray[Any] = np.empty(shape, dtype=np.float32 if sensor is None else sensor.dtype)
     linear: NDArray[np.float32] | None = np.empty(shape, dtype=np.float32) if ideal else None
@@ -268,7 +128,8 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
         stage_y_mm=stage.y_mm if stage.rows > 1 else None,
         full_scale=1.0 if sensor is None else sensor.full_scale,
         attrs={
-            **_provenance(scene),
+            **provenance,
+            "recording_hash": recording_hash(provenance["scene_hash"], renderer.name),
             "render_backend": renderer.name,
             "render_fallback_reason": choice.fallback_reason,
             **({} if camera.distortion is None else {"distortion": list(camera.distortion.coefficients)}),
@@ -290,23 +151,3 @@ def _warn_of_saturation(scene: Scene, brightest: float) -> None:
             "reduce irradiance or ambient"
         )
         warnings.warn(message, SceneWarning, stacklevel=4)
-
-
-def _intrinsics(scene: Scene) -> Intrinsics:
-    camera: Camera = scene.camera
-    return Intrinsics(camera.focal_px, camera.principal_point, scene.stage.baseline_mm, scene.frames.frame_interval_s)
-
-
-def _provenance(scene: Scene) -> dict[str, Any]:
-    versions = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return {
-        "scene": json.dumps(scene.to_plain()),
-        "scene_hash": scene_hash(scene),
-        "seed": scene.seed,
-        "versions": json.dumps(versions),
-    }

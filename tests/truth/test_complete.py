@@ -13,7 +13,7 @@ import scenetruth as st
 from scenetruth.scene import Scene
 from scenetruth.scene.world import World, build_world
 from scenetruth.schema import VARIABLES
-from scenetruth.simulation import make_truth
+from scenetruth.truth import make_truth
 from tests.truth.test_visibility import gate
 
 
@@ -21,7 +21,7 @@ from tests.truth.test_visibility import gate
 def example() -> tuple[Scene, World, xr.Dataset]:
     scene = gate()
     world = build_world(scene)
-    return scene, world, make_truth(scene, world, truth_views="all", truth_content="complete")
+    return scene, world, make_truth(scene, truth_views="all", truth_content="complete")
 
 
 def points_at(world: World, truth: xr.Dataset, time: float) -> NDArray[np.float64]:

@@ -14,8 +14,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.world import build_world
-from scenetruth.simulation import make_truth
-from scenetruth.truth import GeometryPass, truth_maps
+from scenetruth.truth import GeometryPass, make_truth, truth_maps
 from tests.scenes import LIBRARY, SCENES, cube, small
 
 Array = NDArray[np.float64]
@@ -143,12 +142,12 @@ def test_velocity_of_a_turning_plane_moves_the_surface_points() -> None:
 
 def all_views() -> xr.Dataset:
     scene = cube(frames={"count": 2})
-    return make_truth(scene, build_world(scene), truth_views="all")
+    return make_truth(scene, truth_views="all")
 
 
 def test_all_cameras_have_s_before_t_and_the_reference_is_the_same() -> None:
     scene = cube(frames={"count": 2})
-    every, reference = all_views(), make_truth(scene, build_world(scene))
+    every, reference = all_views(), make_truth(scene)
     assert every["depth"].dims == ("s", "t", "y", "x")
     assert every["velocity"].dims == ("component", "s", "t", "y", "x")
     for name in reference.data_vars:

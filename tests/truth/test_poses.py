@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.scene import Scene
-from scenetruth.scene.world import build_world
-from scenetruth.simulation import TruthPoses, TruthViews, make_truth
+from scenetruth.truth import TruthPoses, TruthViews, make_truth
 from tests.scenes import cube
 
 Array = NDArray[np.float64]
@@ -36,7 +35,7 @@ def scene_of(stage: dict[str, Any] | None = None, **changes: Any) -> Scene:
 
 
 def truth_of(scene: Scene, views: TruthViews = "all", poses: TruthPoses = "real") -> xr.Dataset:
-    return make_truth(scene, build_world(scene), truth_views=views, truth_poses=poses)
+    return make_truth(scene, truth_views=views, truth_poses=poses)
 
 
 def viewpoint_of(truth: xr.Dataset, s: int, t: int) -> Viewpoint:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene import Scene, scene_from_plain
 from scenetruth.scene.world import build_world
-from scenetruth.simulation import make_truth
+from scenetruth.truth import make_truth
 from tests.scenes import cube
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ def seen_by_force(points: Array, own: NDArray[np.int64], sides: Array, corners: 
 def check_against_force(scene: Scene) -> dict[str, int]:
     """Compare `visible` and the occlusion masks of a scene, on an ideal stage, with brute force; return counts."""
     world = build_world(scene)
-    truth = make_truth(scene, world)
+    truth = make_truth(scene)
     size = (scene.camera.height, scene.camera.width)
     counts = {"points": 0, "hidden": 0, "different": 0, "unsure": 0}
     vertices = {int(t): world.at(float(t)).vertices_mm for t in scene.frames.t}
@@ -145,7 +145,7 @@ def test_visible_against_brute_force() -> None:
 
 def test_the_reference_image_shows_its_own_points() -> None:
     scene = cube(frames={"count": 3})
-    truth = make_truth(scene, build_world(scene))
+    truth = make_truth(scene)
     surface = np.isfinite(truth["depth"].sel(t=0).values)
     assert (truth["visible"].sel(s=0, t=0).values == surface).all()
     assert (truth["view_count"].values[np.isfinite(truth["depth"].values)] >= 1).all()
@@ -161,7 +161,7 @@ def test_the_other_side_of_a_sheet_is_another_surface() -> None:
         "texture": {"kind": "uniform"},
         "motion": [{"kind": "rotation", "axis": [0, 1, 0], "rate_deg_per_frame": 150}],
     }
-    truth = make_truth(scene := gate(objects=[item]), build_world(scene))
+    truth = make_truth(gate(objects=[item]))
     surface = truth["object_id"].sel(t=0).values >= 0
     assert surface.any()
     assert truth["visible"].sel(s=0, t=0).values[surface].all()
@@ -173,7 +173,7 @@ def test_the_other_side_of_a_sheet_is_another_surface() -> None:
 def test_views_and_rows_have_their_dimensions(views: Any) -> None:
     stage = {"positions": 3, "baseline_mm": 12.0, "rows": 3, "row_spacing_mm": 9.0}
     scene = gate(stage=stage, camera={"width": 24, "height": 18, "focal_length_px": 160})
-    truth = make_truth(scene, build_world(scene), truth_views=views)
+    truth = make_truth(scene, truth_views=views)
     assert truth["visible"].dims == ("s_y", "s", "t", "y", "x")
     lead = () if views == "reference" else ("s_y", "s")
     assert truth["view_count"].dims == (*lead, "t", "y", "x")
@@ -230,7 +230,7 @@ def test_visible_on_a_rosette_against_brute_force() -> None:
 
 def test_no_pixel_of_a_rosette_is_hidden_alone() -> None:
     scene = rosette(200, 150, 1.0, count=1)
-    truth = make_truth(scene, build_world(scene))
+    truth = make_truth(scene)
     for s in scene.stage.s.tolist():
         hidden = ~truth["visible"].sel(s=s, t=0).values & (truth["object_id"].sel(t=0).values >= 0)
         around = sum(np.roll(hidden, (dy, dx), axis=(0, 1)).astype(int) for dy in (-1, 0, 1) for dx in (-1, 0, 1))

@@ -10,7 +10,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import EstimateError, Problem, SceneError
+from scenetruth.estimators import choose
 from scenetruth.scene.spec import Scene
 
 __all__ = ["apply_overrides", "load_scene", "scene_from_plain"]
@@ -63,10 +64,25 @@ def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None)
     SceneError
         With every problem and its path.
     """
+    problems: list[Problem] = []
+    validated = dict(plain)
+    if "estimate" in plain:
+        try:
+            validated["estimate"] = choose(plain["estimate"])
+        except EstimateError as error:
+            # What is wrong inside the settings of a method is told field by field, with all else.
+            del validated["estimate"]
+            problems += [
+                Problem(".".join(filter(None, ("estimate", problem.path))), problem.message, problem.value)
+                for problem in error.problems
+            ]
     try:
-        return Scene.model_validate(plain)
+        scene = Scene.model_validate(validated)
     except ValidationError as error:
-        raise SceneError(_problems_of(error, plain), source=source) from error
+        raise SceneError([*_problems_of(error, plain), *problems], source=source) from error
+    if problems:
+        raise SceneError(problems, source=source)
+    return scene
 
 
 def apply_overrides(plain: dict[str, Any], overrides: Sequence[str], source: str | Path | None = None) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
 from scenetruth.camera import Camera, EmvaSensor, Frames, Optics, Sensor, Shutter, Stage
+from scenetruth.estimators import MethodChoice, choose
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive
 from scenetruth.scene.deformation_spec import Deformation
 from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture
@@ -17,7 +18,7 @@ from scenetruth.scene.nodal_spec import MeshSeries, Morph, Nodal, NodalModel
 from scenetruth.scene.plant_spec import Plant, Rosette, Seedling
 from scenetruth.scene.pose_spec import Pose, Rotation
 from scenetruth.scene.surface_spec import CylinderMesh, PlaneMesh, ReliefMesh, SaddleMesh, SphereMesh, StairsMesh
-from scenetruth.settings import EstimateSettings, ScoreSettings
+from scenetruth.settings import ScoreSettings
 
 __all__ = [
     "BoxMesh",
@@ -258,7 +259,7 @@ class Scene(FrozenModel):
     """The sensor; ``ideal`` delivers the linear images themselves."""
     render: RenderSettings = RenderSettings()
     """Backend and sampling of the images."""
-    estimate: EstimateSettings = EstimateSettings()
+    estimate: MethodChoice = Field(default_factory=lambda: choose({}))
     """How depth and motion are estimated from them."""
     score: ScoreSettings = ScoreSettings()
     """How the estimate is scored."""

@@ -2,6 +2,8 @@
 
 from scenetruth.schema.attributes import Intrinsics, intrinsics_of, object_names_of, scene_of
 from scenetruth.schema.checking import check_dataset
+from scenetruth.schema.estimate import make_estimate
+from scenetruth.schema.identity import check_same_run, digest, estimate_hash, identity_of
 from scenetruth.schema.labelling import label
 from scenetruth.schema.recording import image_to_grey, make_recording
 from scenetruth.schema.variables import (
@@ -24,9 +26,14 @@ __all__ = [
     "Intrinsics",
     "Variable",
     "check_dataset",
+    "check_same_run",
+    "digest",
+    "estimate_hash",
+    "identity_of",
     "image_to_grey",
     "intrinsics_of",
     "label",
+    "make_estimate",
     "make_recording",
     "object_names_of",
     "scene_of",

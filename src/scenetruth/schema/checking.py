@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
-from scenetruth.schema.variables import REQUIRED, VARIABLES
+from scenetruth.schema.variables import ESTIMATED, REQUIRED, VARIABLES
 
 __all__ = ["check_dataset"]
 
@@ -42,6 +42,9 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         for name in REQUIRED[kind]
         if name not in dataset
     ]
+    if kind == "estimate" and not any(name in dataset for name in ESTIMATED):
+        message = f"holds none of {', '.join(ESTIMATED)}; an estimate must have at least one"
+        problems.append(Problem("", message, sorted(map(str, dataset.data_vars))))
     for name, entry in VARIABLES[kind].items():
         if name not in dataset:
             continue

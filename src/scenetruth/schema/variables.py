@@ -9,6 +9,7 @@ from typing import Any
 __all__ = [
     "COMPONENTS",
     "COORDINATES",
+    "ESTIMATED",
     "FORMAT_VERSION",
     "KIND_FULL",
     "KIND_NONE",
@@ -136,8 +137,10 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
 REQUIRED = {
     "recording": ("image",),
     "truth": ("depth", "velocity", "disparity", "flow", "mixed"),
-    "estimate": ("depth", "velocity", "disparity", "flow"),
+    "estimate": (),
 }
+ESTIMATED = ("depth", "disparity", "flow", "velocity")
+"""Of these an estimate must have at least one."""
 
 COORDINATES = {
     "s": ("1", "camera position on the stage, 0 is the reference"),

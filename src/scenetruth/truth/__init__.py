@@ -1,5 +1,6 @@
 """Exact maps of what the camera sees: a geometry pass of its own at pixel centres, in float64."""
 
+from scenetruth.truth.assembly import TruthPoses, TruthViews, make_truth, truth_of_world
 from scenetruth.truth.following import PixelPoints, follow_points
 from scenetruth.truth.maps import GeometryPass, TruthMaps, truth_maps
 from scenetruth.truth.rolling import truth_by_rows
@@ -11,9 +12,13 @@ __all__ = [
     "PixelPoints",
     "SurfacePoints",
     "TruthMaps",
+    "TruthPoses",
+    "TruthViews",
     "follow_points",
+    "make_truth",
     "points_seen",
     "track_points",
     "truth_by_rows",
     "truth_maps",
+    "truth_of_world",
 ]

@@ -19,7 +19,7 @@ __all__ = ["print_check"]
 
 def print_check(scene: Scene, file: Path) -> None:
     """Validate a scene down to its meshes and textures, and print what will be made from it."""
-    from scenetruth.estimators.structure_tensor.rig import requirements
+    from scenetruth.pipeline import run_problems
     from scenetruth.raycast import Topology
     from scenetruth.scene.check import describe_scene
     from scenetruth.scene.world import build_world
@@ -60,7 +60,7 @@ def print_check(scene: Scene, file: Path) -> None:
     for name, text in rows.items():
         table.add_row(name, text)
     Console(highlight=False).print(table)
-    problems = requirements(scene.estimate, stage.positions, frames.count, camera.width, camera.height)
+    problems = run_problems(scene, [scene.estimate])
     messages = [*report.warnings, *(f"cannot be estimated: {problem}" for problem in problems)]
     for message in messages:
         Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(f"warning: {message}", style="yellow")

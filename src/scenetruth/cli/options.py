@@ -1,0 +1,93 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = [
+    "AllowMismatch",
+    "Content",
+    "Folder",
+    "Ideal",
+    "ImageForm",
+    "Images",
+    "Methods",
+    "Output",
+    "Overrides",
+    "Overwrite",
+    "Poses",
+    "SceneFile",
+    "Truth",
+    "TruthContent",
+    "TruthPoses",
+    "TruthViews",
+]
+
+
+class ImageForm(StrEnum):
+    """File formats of images."""
+
+    png = "png"
+    tiff = "tiff"
+
+
+class TruthViews(StrEnum):
+    """Cameras that a truth is made for."""
+
+    reference = "reference"
+    all = "all"
+
+
+class TruthPoses(StrEnum):
+    """Poses and times that a truth is made for."""
+
+    real = "real"
+    nominal = "nominal"
+
+
+class TruthContent(StrEnum):
+    """Maps that a truth holds."""
+
+    standard = "standard"
+    complete = "complete"
+
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).", show_default=False)]
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with the stores of a run.", show_default=False)]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Folder to make.", show_default=False)]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="PATH=VALUE", help="Override a field of the scene; may be repeated.", show_default=False
+    ),
+]
+Methods = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--method",
+        metavar="NAME",
+        help="A method of estimation (see `scenetruth methods`), or module:function; may be repeated. The scene's if "
+        "not given.",
+        show_default=False,
+    ),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results that exist.")]
+AllowMismatch = Annotated[bool, typer.Option("--allow-mismatch", help="Take parts of different runs together.")]
+Images = Annotated[
+    ImageForm | None,
+    typer.Option("--images", help="Write the images as 16-bit PNG or float TIFF too.", show_default=False),
+]
+Truth = Annotated[TruthViews, typer.Option("--truth", help="Truth of the reference camera or of all cameras.")]
+Poses = Annotated[
+    TruthPoses,
+    typer.Option("--truth-poses", help="Truth from where the camera stood, or from where it should have stood."),
+]
+Content = Annotated[
+    TruthContent,
+    typer.Option("--truth-content", help="What estimates are scored against, or everything known of the surface."),
+]
+Ideal = Annotated[bool, typer.Option("--ideal", help="Keep the linear images before the sensor too.")]

@@ -1,0 +1,200 @@
+"""The commands that make results: run, render, estimate, score, report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from scenetruth.cli import options
+
+if TYPE_CHECKING:
+    from scenetruth.cli.console import Reporter
+    from scenetruth.pipeline import Runner, RunResults
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    for command in (run, render, estimate, score, report):
+        app.command()(command)
+
+
+def run(
+    scene: options.SceneFile,
+    output: options.Output,
+    overrides: options.Overrides = None,
+    methods: options.Methods = None,
+    overwrite: options.Overwrite = False,
+    images: options.Images = None,
+    truth: options.Truth = options.TruthViews.reference,
+    truth_poses: options.Poses = options.TruthPoses.real,
+    truth_content: options.Content = options.TruthContent.standard,
+    ideal: options.Ideal = False,
+) -> None:
+    """Render a scene, estimate, score and report, in one go."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.errors import SceneError
+    from scenetruth.pipeline import run_scene
+    from scenetruth.scene import load_scene
+
+    changes = list(overrides or ())
+    if methods and len(methods) == 1 and methods[0] != load_scene(scene).estimate.method:
+        # --set estimate.FIELD then means a field of that method.
+        changes.insert(0, f"estimate={{method: '{methods[0]}'}}")
+    loaded = load_scene(scene, changes)
+    try:
+        with reporting() as reporter:
+            results = run_scene(
+                loaded,
+                output,
+                methods=methods or (),
+                truth_views=truth.value,
+                truth_poses=truth_poses.value,
+                truth_content=truth_content.value,
+                ideal=ideal,
+                images=None if images is None else images.value,
+                overwrite=overwrite,
+                progress=reporter,
+                notice=reporter.say,
+            )
+    except SceneError as error:
+        raise SceneError(error.problems, source=scene) from error
+    _print_scores(results)
+    typer.echo(f"written: {output}")
+    _raise_failures(results)
+
+
+def render(
+    scene: options.SceneFile,
+    output: options.Output,
+    overrides: options.Overrides = None,
+    overwrite: options.Overwrite = False,
+    images: options.Images = None,
+    truth: options.Truth = options.TruthViews.reference,
+    truth_poses: options.Poses = options.TruthPoses.real,
+    truth_content: options.Content = options.TruthContent.standard,
+    ideal: options.Ideal = False,
+) -> None:
+    """Render a scene: a recording and its truth."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.pipeline import run_scene
+    from scenetruth.scene import load_scene
+
+    loaded = load_scene(scene, overrides or ())
+    with reporting() as reporter:
+        results = run_scene(
+            loaded,
+            output,
+            stages=("render",),
+            truth_views=truth.value,
+            truth_poses=truth_poses.value,
+            truth_content=truth_content.value,
+            ideal=ideal,
+            images=None if images is None else images.value,
+            overwrite=overwrite,
+            progress=reporter,
+            notice=reporter.say,
+        )
+    typer.echo(f"written: {results.folder.recording}, {results.folder.truth}")
+
+
+def estimate(
+    folder: options.Folder,
+    overrides: options.Overrides = None,
+    methods: options.Methods = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Estimate depth and motion from FOLDER/recording.zarr."""
+    from scenetruth.cli.console import reporting
+
+    with reporting() as reporter:
+        runner = _runner(folder, overwrite, False, reporter)
+        names: list[str | None] = [*methods] if methods else [None]
+        choices = [runner.choice(name, overrides or ()) for name in names]
+        for choice in choices:
+            with runner.keeping_failures(choice.method):
+                runner.estimate(choice)
+    for choice in choices:
+        files = runner.folder.of(choice.method)
+        if choice.method in runner.failures:
+            continue
+        typer.echo(f"written: {files.estimate}")
+        stale = [path.name for path in files.after_estimate if path.exists()]
+        if stale:
+            remedy = "repeat `scenetruth score` and `scenetruth report` with --overwrite"
+            typer.echo(f"warning: {', '.join(stale)} in {folder} belong to the former estimate; {remedy}", err=True)
+    _raise_failures(runner.results())
+
+
+def score(
+    folder: options.Folder,
+    overrides: options.Overrides = None,
+    methods: options.Methods = None,
+    overwrite: options.Overwrite = False,
+    allow_mismatch: options.AllowMismatch = False,
+) -> None:
+    """Score every estimate in FOLDER against FOLDER/truth.zarr."""
+    from scenetruth.cli.console import reporting
+
+    with reporting() as reporter:
+        runner = _runner(folder, overwrite, allow_mismatch, reporter)
+        names = methods or runner.folder.estimated()
+        settings = runner.score_settings(overrides or ())
+        for method in names:
+            with runner.keeping_failures(method):
+                runner.score(method, settings)
+    results = runner.results()
+    _print_scores(results)
+    for method in results.scores:
+        files = runner.folder.of(method)
+        typer.echo(f"written: {files.score_json}, {files.score_csv}")
+    _raise_failures(results)
+
+
+def report(
+    folder: options.Folder,
+    methods: options.Methods = None,
+    overwrite: options.Overwrite = False,
+    allow_mismatch: options.AllowMismatch = False,
+) -> None:
+    """Draw the pictures and the report of every estimate in FOLDER; without a truth, those that need none."""
+    from scenetruth.cli.console import reporting
+
+    with reporting() as reporter:
+        runner = _runner(folder, overwrite, allow_mismatch, reporter)
+        names = methods or runner.folder.estimated()
+        for method in names:
+            with runner.keeping_failures(method):
+                runner.report(method)
+    for method in names:
+        if method not in runner.failures:
+            typer.echo(f"written: {runner.folder.of(method).report}")
+    _raise_failures(runner.results())
+
+
+def _runner(folder: Path, overwrite: bool, allow_mismatch: bool, reporter: Reporter) -> Runner:
+    from scenetruth.pipeline import Runner
+    from scenetruth.run_folder import RunFolder
+
+    return Runner(RunFolder(folder), overwrite, not allow_mismatch, reporter, reporter.say)
+
+
+def _print_scores(results: RunResults) -> None:
+    from scenetruth.cli.tables import print_score
+
+    for method, scored in results.scores.items():
+        print_score(scored, method if len(results.scores) > 1 else "")
+
+
+def _raise_failures(results: RunResults) -> None:
+    """Tell what went wrong; one failure as it is, several one after the other."""
+    from scenetruth.errors import ScenetruthError
+
+    failures = list(results.failures.values())
+    if len(failures) == 1:
+        raise failures[0]
+    if failures:
+        raise ScenetruthError("\n".join(f"{method}: {error}" for method, error in results.failures.items()))

@@ -1,0 +1,103 @@
+"""Tables that commands print."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from scenetruth.scoring import Score
+
+__all__ = ["console", "print_methods", "print_score"]
+
+
+def print_methods() -> None:
+    """Print all methods that are installed: what they give, what they need, who brings them, what is wrong."""
+    from rich.table import Table
+
+    from scenetruth.errors import EstimateError
+    from scenetruth.estimators import find_method, method_entries
+
+    table = Table(title="methods of estimation", title_justify="left")
+    for heading in ("name", "gives", "needs", "from"):
+        table.add_column(heading, overflow="fold")
+    for entry in method_entries():
+        try:
+            if entry.problem:
+                raise ValueError(entry.problem)
+            method = find_method(entry.name)
+        except (EstimateError, ValueError) as error:
+            problems = getattr(error, "problems", ())
+            told = "; ".join(problem.message for problem in problems) or str(error)
+            table.add_row(entry.name, "–", f"cannot be used: {told}", entry.origin)
+            continue
+        table.add_row(
+            entry.name, ", ".join(sorted(method.gives)) or "shows in its estimates", str(method.needs), entry.origin
+        )
+    console().print(table, markup=False)
+
+
+def console() -> Console:
+    """Return a console on standard output, wide enough for tables where it is no terminal."""
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=120)
+
+
+def print_score(scored: Score, method: str = "") -> None:
+    """Print the figures of merit of an estimate: the interior, then the rms errors of all regions."""
+    from rich.table import Table
+
+    from scenetruth.scoring import units_of
+    from scenetruth.scoring.quantities import GROWTH_QUANTITIES
+
+    headings = {
+        "bias": "bias",
+        "rms": "rms",
+        "median_abs": "median",
+        "p95_abs": "95 %",
+        "relative_rms": "rms,\nrel.",
+        "calibration": "err/\nstd",
+        "within_2_std": "in 2\nstd",
+        "density": "density",
+    }
+    title = f"{method}, region interior" if method else "region interior"
+    table = Table(title=title, title_justify="left")
+    table.add_column("quantity", overflow="fold")
+    table.add_column("unit")
+    for name in headings.values():
+        table.add_column(name, justify="right")
+    for quantity, values in scored.regions["interior"].items():
+        if quantity == "outliers" or (quantity in GROWTH_QUANTITIES and not scored.grows):
+            continue
+        cells = [values.get(name) for name in headings]
+        table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
+    console().print(table)
+    _print_regions(scored)
+
+
+def _print_regions(scored: Score) -> None:
+    """Print the rms errors of some quantities in every region that has any pixel scored."""
+    from rich.table import Table
+
+    from scenetruth.scoring import units_of
+    from scenetruth.scoring.quantities import GROWTH_QUANTITIES
+
+    names = [
+        name
+        for name in ("depth", "velocity_z", "velocity_endpoint", "growth_rate", "growth_rate_windowed")
+        if name in scored.regions["all"] and (name not in GROWTH_QUANTITIES or scored.grows)
+    ]
+    table = Table(title="all regions, rms errors", title_justify="left")
+    table.add_column("region", overflow="fold")
+    for name in ("pixels", "density", *(f"{name}\n{units_of(name)}" for name in names)):
+        table.add_column(name, justify="right")
+    for region, quantities in scored.regions.items():
+        depth = quantities["depth"]
+        if not depth["count"]:
+            continue
+        cells = [depth["density"], *(quantities[name]["rms"] for name in names)]
+        table.add_row(region, f"{depth['count']:,}", *("–" if value is None else f"{value:.3g}" for value in cells))
+    console().print(table)

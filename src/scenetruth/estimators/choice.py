@@ -1,0 +1,135 @@
+"""A method and its settings, as a scene file or a call chooses them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetJsonSchemaHandler,
+    SerializationInfo,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import CoreSchema
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.protocol import Estimator
+from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, method_entries
+from scenetruth.model import FrozenModel
+
+__all__ = ["MethodChoice", "choose", "validate_settings"]
+
+
+class MethodChoice(BaseModel):
+    """Which method estimates, and with which settings; in a file, both stand side by side.
+
+    Examples
+    --------
+    >>> choice = MethodChoice.model_validate({"method": "structure_tensor", "window_sigma_px": 4})
+    >>> choice.settings.window_sigma_px, choice.model_dump()["window_taps_px"]
+    (4.0, 25)
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    method: str
+    """Name of the method: see `scenetruth methods`."""
+    settings: FrozenModel
+    """Its settings."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _apart(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and isinstance(given.get("settings"), FrozenModel):
+            return given
+        try:
+            chosen = choose(given)
+        except EstimateError as error:
+            raise ValueError("; ".join(map(str, error.problems))) from error
+        return {"method": chosen.method, "settings": chosen.settings}
+
+    @model_serializer(mode="plain")
+    def _side_by_side(self, info: SerializationInfo) -> dict[str, Any]:
+        return {"method": self.method, **self.settings.model_dump(mode=info.mode)}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return one object for every method that can be loaded; broken ones are left out."""
+        variants = []
+        for entry in method_entries():
+            try:
+                method = find_method(entry.name)
+            except EstimateError:
+                continue
+            variant = method.settings.model_json_schema()
+            named = {"const": entry.name, "description": "The method.", "title": "Method", "type": "string"}
+            if entry.name == DEFAULT_METHOD:
+                named["default"] = entry.name
+            else:
+                variant["required"] = ["method", *variant.get("required", ())]
+            variant["properties"] = {"method": named, **variant.get("properties", {})}
+            variants.append(variant)
+        return {"oneOf": variants}
+
+
+def choose(given: Any) -> MethodChoice:
+    """Return a validated choice from what a scene file says.
+
+    Parameters
+    ----------
+    given
+        A mapping with ``method`` (the paper's if not given) and the method's settings, or a choice as it is.
+
+    Raises
+    ------
+    EstimateError
+        With everything that is wrong with it.
+    """
+    if isinstance(given, MethodChoice):
+        return given
+    if not isinstance(given, Mapping):
+        raise EstimateError([Problem("", "must be a mapping of method and its settings", given)])
+    fields = {str(name): value for name, value in given.items()}
+    method = fields.pop("method", DEFAULT_METHOD)
+    if not isinstance(method, str):
+        raise EstimateError([Problem("method", "must be the name of a method", method)])
+    settings = validate_settings(find_method(method), fields)
+    return MethodChoice.model_construct(method=method, settings=settings)
+
+
+def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenModel:
+    """Return the settings of a method.
+
+    Raises
+    ------
+    EstimateError
+        With every setting that is unknown or impossible.
+    """
+    try:
+        return method.settings.model_validate(dict(fields))
+    except ValidationError as error:
+        problems = [_problem_of(entry, method) for entry in error.errors()]
+        # Of a setting that may be a number or a word, pydantic reports each; the first says enough.
+        first = {problem.path: problem for problem in reversed(problems)}
+        raise EstimateError([first[path] for path in sorted(first)], source=f"settings of '{method.name}'") from error
+
+
+def _problem_of(entry: Any, method: Estimator) -> Problem:
+    keys = [str(key) for key in entry["loc"]]
+    path = ".".join(key for key in keys if not key.startswith(("literal[", "function-")) and key not in _UNION_MEMBERS)
+    message, value = entry["msg"].removeprefix("Value error, "), entry.get("input")
+    if entry["type"] == "extra_forbidden":
+        import difflib
+
+        known = sorted(method.settings.model_fields)
+        near = difflib.get_close_matches(keys[-1], known, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(known) or 'none'}"
+        message = f"unknown setting of '{method.name}'{hint}"
+    return Problem(path, message[:1].lower() + message[1:], value)
+
+
+_UNION_MEMBERS = ("int", "float", "str", "constrained-int", "constrained-float", "constrained-str")

@@ -1,0 +1,128 @@
+"""The one way to an estimate: the recording is checked, the method is called, what it returns is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import xarray as xr
+
+from scenetruth.errors import EstimateError, Problem, ScenetruthError
+from scenetruth.estimators.choice import validate_settings
+from scenetruth.estimators.protocol import Estimator
+from scenetruth.estimators.registry import DEFAULT_METHOD, find_method
+from scenetruth.estimators.returned import read_only, returned_problems
+from scenetruth.model import FrozenModel
+from scenetruth.progress import Progress
+from scenetruth.schema import check_dataset, estimate_hash
+
+__all__ = ["estimate", "requirements"]
+
+
+def estimate(
+    recording: xr.Dataset,
+    method: str | Estimator | Callable[..., Any] = DEFAULT_METHOD,
+    settings: FrozenModel | Mapping[str, Any] | None = None,
+    *,
+    progress: Progress | None = None,
+    **overrides: Any,
+) -> xr.Dataset:
+    """Estimate depth and 3D motion, or as much of it as a method gives, from a recording.
+
+    Parameters
+    ----------
+    recording
+        Images with their intrinsics, from `scenetruth.simulate`, `scenetruth.make_recording` or a store.
+    method
+        Name of an installed method (``scenetruth methods`` lists them; ``"structure_tensor"`` is the paper's),
+        ``"module:function"``, or a function or method itself.
+    settings
+        Settings of the method: its model, or a mapping. What is not given has the method's default, whatever the scene
+        of the recording says.
+    progress
+        Called with (what, done, total) as the work goes on.
+    **overrides
+        Single settings, on top of ``settings``.
+
+    Returns
+    -------
+    xarray.Dataset
+        What the method gives of ``depth`` (mm), ``disparity`` (px per step), ``flow`` (px per frame) and ``velocity``
+        (mm per frame), and what it tells of their quality, for every frame that can be estimated. NaN where there is
+        no estimate.
+
+    Raises
+    ------
+    RecordingError
+        If the recording does not have the agreed form.
+    EstimateError
+        If there is no such method, a setting is impossible, the recording does not suit the method, or the method
+        fails or returns what is not an estimate of this recording; names the method.
+
+    See Also
+    --------
+    make_estimate : An estimate from arrays that were computed elsewhere.
+    score : Compare an estimate with the truth.
+
+    References
+    ----------
+    H. Scharr and R. Küsters: A Linear Model for Simultaneous Estimation of 3D Motion and Depth. IEEE Workshop on Motion
+    and Video Computing, 2002.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> y, x = np.mgrid[:40, :60]
+    >>> images = [[np.cos(0.6 * (x + 0.25 * s)) * np.cos(0.5 * (y - 0.5 * t)) for t in (0, 1)] for s in (0, 1)]
+    >>> recording = st.make_recording(images, focal_length_px=1000, baseline_mm=0.25)
+    >>> found = estimate(recording, working_point_px=0).sel(t=0).isel(y=20, x=30)
+    >>> found.disparity.round(2).item(), found.depth.round(-1).item(), found.flow.values.round(2).tolist()
+    (0.25, 1000.0, [0.0, 0.5])
+    """
+    chosen = find_method(method)
+    given = settings.model_dump() if isinstance(settings, FrozenModel) else dict(settings or {})
+    checked = validate_settings(chosen, {**given, **overrides})
+    check_dataset(recording, "recording")
+    problems = requirements(recording, chosen, checked)
+    if problems:
+        raise EstimateError(problems)
+    guarded = read_only(recording)
+    try:
+        found = chosen.estimate(guarded, checked, progress)
+    except ScenetruthError as error:
+        told = getattr(error, "problems", (Problem("", str(error)),))
+        raise EstimateError(told, source=f"method '{chosen.name}'") from error
+    except Exception as error:  # whatever the code of a method raises
+        message = f"failed: {type(error).__name__}: {error}"
+        if isinstance(error, ValueError) and "read-only" in str(error):
+            message = f"changes the recording that it was given: {error}; let it work on a copy"
+        raise EstimateError([Problem(f"method '{chosen.name}'", message)]) from error
+    problems = returned_problems(found, recording, chosen.gives)
+    if problems:
+        raise EstimateError(problems, source=f"what the method '{chosen.name}' returned")
+    stamped = found.copy()
+    stamped.attrs |= {"method": chosen.name, "settings": checked.model_dump_json()}
+    stamped.attrs |= {key: recording.attrs[key] for key in _TRAVELLING if key in recording.attrs}
+    stamped.attrs["estimate_hash"] = estimate_hash(stamped)
+    return stamped
+
+
+_TRAVELLING = ("scene", "scene_hash", "recording_hash")
+
+
+def requirements(recording: xr.Dataset, method: Estimator, settings: FrozenModel) -> list[Problem]:
+    """Return what keeps a method from estimating a recording, from its sizes, coordinates and attributes alone.
+
+    Parameters
+    ----------
+    recording
+        The recording, or one like it that holds no images yet.
+    method, settings
+        The method and its settings.
+    """
+    problems = method.needs.problems(recording, method.name)
+    if "s_y" in recording["image"].dims and problems:
+        return problems
+    # Both may find the same: too few images.
+    return list(dict.fromkeys([*problems, *method.requirements(recording, settings)]))

@@ -1,0 +1,1 @@
+"""The methods that come with the package: one module each, named as the method, holding it as ``METHOD``."""

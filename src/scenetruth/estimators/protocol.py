@@ -1,0 +1,153 @@
+"""What a method of estimation must be: its name, its settings, what it needs, what it gives, and how it is called."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import xarray as xr
+
+from scenetruth.errors import Problem
+from scenetruth.model import FrozenModel
+from scenetruth.progress import Progress
+
+__all__ = ["RESERVED_SETTINGS", "Estimator", "Method", "MethodSettings", "Needs"]
+
+RESERVED_SETTINGS = frozenset({"method", "recording", "settings", "progress", "overrides", "kind"})
+"""Names that settings of a method must not have: calls and scene files use them for something else."""
+
+
+class MethodSettings(FrozenModel):
+    """Settings of a method; derive a model with the fields that it has. This one has none."""
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a recording must hold for a method to work at all.
+
+    Parameters
+    ----------
+    cameras, frames
+        Least number of camera positions s and of frames t.
+    images
+        Least number of both together, ``cameras * frames``: 2 if either will do.
+    channels
+        The number of colour channels that the method takes; None for any, 1 for grey images only.
+    grid
+        Whether it takes the cameras of a grid (several rows ``s_y``) together.
+    """
+
+    cameras: int = 1
+    frames: int = 1
+    images: int = 1
+    channels: int | None = None
+    grid: bool = False
+
+    def __str__(self) -> str:
+        parts = [f"{self.cameras} cameras"] if self.cameras > 1 else []
+        parts += [f"{self.frames} frames"] if self.frames > 1 else []
+        parts += [f"{self.images} images"] if self.images > max(1, self.cameras * self.frames) else []
+        parts += [] if self.channels is None else ["grey images" if self.channels == 1 else f"{self.channels} channels"]
+        return ", ".join(parts) or "any images"
+
+    def problems(self, recording: xr.Dataset, name: str) -> list[Problem]:
+        """Return what a recording lacks for the method of a name."""
+        sizes = recording["image"].sizes
+        cameras, frames, channels = sizes["s"], sizes["t"], sizes.get("channel", 1)
+        problems = []
+        if sizes.get("s_y", 1) > 1 and not self.grid:
+            message = f"a grid cannot be estimated as a whole by '{name}': render it, then estimate each row, "
+            problems.append(Problem("stage.rows", message + "recording.sel(s_y=0)", sizes["s_y"]))
+        if cameras < self.cameras:
+            message = f"'{name}' needs {self.cameras} camera positions"
+            problems.append(Problem("stage.positions", message, cameras))
+        if frames < self.frames:
+            problems.append(Problem("frames.count", f"'{name}' needs {self.frames} frames", frames))
+        if not problems and cameras * frames < self.images:
+            message = "one image shows neither depth nor motion: 2 camera positions or 2 frames are needed"
+            problems.append(Problem("stage.positions", message, cameras))
+        if self.channels is not None and channels != self.channels:
+            message = f"'{name}' takes images of {self.channels} channel{'s' if self.channels > 1 else ''}"
+            problems.append(Problem("channel", message, channels))
+        return problems
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """A method of estimation, ours or anyone's.
+
+    Attributes
+    ----------
+    name
+        Lower-case letters, digits and underscores, beginning with a letter.
+    settings
+        The frozen model of its settings; every field has a default, or must be given.
+    gives
+        Which of depth, disparity, flow and velocity its estimates hold; empty if that is known only from the estimate
+        itself. Scores follow from it: who gives no motion is not asked for any.
+    needs
+        What a recording must hold.
+    """
+
+    name: str
+    settings: type[FrozenModel]
+    gives: frozenset[str]
+    needs: Needs
+
+    def requirements(self, recording: xr.Dataset, settings: Any) -> list[Problem]:
+        """Return what else keeps a recording from being estimated, beyond `needs`.
+
+        It is also asked before images exist: coordinates, sizes and attributes are real then, grey values are all zero.
+        """
+        ...
+
+    def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
+        """Estimate.
+
+        Parameters
+        ----------
+        recording
+            A checked recording that meets the requirements; its arrays are read-only.
+        settings
+            An instance of the settings' model.
+        progress
+            Called with (what, done, total) as the work goes on; it may raise to interrupt the work.
+
+        Returns
+        -------
+        xarray.Dataset
+            An estimate, as of `scenetruth.make_estimate`.
+        """
+        ...
+
+
+class Method:
+    """A start for methods of one's own: derive from it, and write `estimate`.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> class FarAway(Method):
+    ...     name = "far_away"
+    ...     gives = frozenset({"depth"})
+    ...
+    ...     def estimate(self, recording, settings, progress):
+    ...         return st.make_estimate(like=recording, depth=np.full(recording.image.shape[1:], 1e3))
+    >>> import numpy as np
+    >>> recording = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> float(st.estimate(recording, FarAway()).disparity[0, 0, 0])
+    2.5
+    """
+
+    name: str
+    settings: ClassVar[type[FrozenModel]] = MethodSettings
+    gives: ClassVar[frozenset[str]] = frozenset()
+    needs: ClassVar[Needs] = Needs()
+
+    def requirements(self, recording: xr.Dataset, settings: Any) -> list[Problem]:
+        """Return nothing: whatever meets `needs` will do."""
+        return []
+
+    def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
+        """Estimate; see `Estimator.estimate`."""
+        raise NotImplementedError

@@ -1,0 +1,177 @@
+"""All methods by name: those in ``estimators/methods``, those of installed plug-ins, and plain functions."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pkgutil
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import metadata
+from typing import TYPE_CHECKING, Any, cast
+
+from scenetruth.errors import EstimateError, Problem
+
+if TYPE_CHECKING:
+    from scenetruth.estimators.protocol import Estimator
+
+__all__ = ["DEFAULT_METHOD", "ENTRY_POINTS", "MethodEntry", "find_method", "method_entries"]
+
+DEFAULT_METHOD = "structure_tensor"
+"""The method where none is named."""
+ENTRY_POINTS = "scenetruth.estimators"
+"""Group of entry points under which packages offer methods."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class MethodEntry:
+    """A method that is installed, whether it can be loaded or not.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    origin
+        Who brings it: ``scenetruth``, or a distribution and its version.
+    problem
+        Why it cannot be used; empty if nothing is known to be wrong. That its code is broken shows only when it is
+        loaded.
+    load
+        Loads it: returns an object that is, or makes, an `Estimator`.
+    """
+
+    name: str
+    origin: str
+    problem: str
+    load: Callable[[], Any]
+
+
+def method_entries() -> list[MethodEntry]:
+    """Return all methods that are installed, without loading any, in order of their names; ours first."""
+    from scenetruth.estimators import methods
+
+    own = [
+        MethodEntry(item.name, "scenetruth", "", _loader(f"{methods.__name__}.{item.name}"))
+        for item in pkgutil.iter_modules(methods.__path__)
+    ]
+    offered = sorted(metadata.entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value))
+    names = [point.name for point in offered]
+    taken = {entry.name for entry in own}
+    return own + [
+        MethodEntry(point.name, _distribution(point), _name_problem(point.name, names, taken), point.load)
+        for point in offered
+    ]
+
+
+def find_method(name: object) -> Estimator:
+    """Return a method.
+
+    Parameters
+    ----------
+    name
+        The name of a method that is installed; ``module:function`` for a plain function, or for any object that is a
+        method; or such a function or method itself.
+
+    Raises
+    ------
+    EstimateError
+        If there is none of that name, or it cannot be loaded, or it is not what a method must be; says what is wrong.
+    """
+    if not isinstance(name, str):
+        return _made(name, getattr(name, "name", getattr(name, "__name__", type(name).__name__)))
+    if ":" in name:
+        return _made(_attribute_of(name), name)
+    entries = [entry for entry in method_entries() if entry.name == name]
+    if not entries:
+        import difflib
+
+        known = sorted({entry.name for entry in method_entries()})
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise _refused(f"no such method{hint} Installed: {', '.join(known)}", name)
+    # A plug-in cannot take the name of one of ours.
+    entry = entries[0]
+    if entry.problem:
+        raise _refused(entry.problem, name)
+    try:
+        found = entry.load()
+    except Exception as error:  # whatever a plug-in's code raises
+        message = f"cannot be loaded from {entry.origin}: {type(error).__name__}: {error}"
+        raise _refused(message, name) from error
+    return _made(found, name)
+
+
+def _loader(module: str) -> Callable[[], Any]:
+    return lambda: importlib.import_module(module).METHOD
+
+
+def _distribution(point: metadata.EntryPoint) -> str:
+    return "an unknown package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+
+
+def _name_problem(name: str, names: list[str], taken: set[str]) -> str:
+    if not _NAME.fullmatch(name):
+        return "its name is not possible: lower-case letters, digits and underscores, beginning with a letter"
+    if name in taken:
+        return "its name is that of a method of scenetruth; the plug-in must choose another"
+    if names.count(name) > 1:
+        return "several installed plug-ins have this name; uninstall all but one"
+    return ""
+
+
+def _attribute_of(path: str) -> Any:
+    module, _, attribute = path.partition(":")
+    try:
+        with _searched(os.getcwd()):
+            return getattr(importlib.import_module(module), attribute)
+    except Exception as error:  # whatever a user's module raises
+        message = f"cannot be imported as module:function: {type(error).__name__}: {error}"
+        raise _refused(message, path) from error
+
+
+@contextmanager
+def _searched(folder: str) -> Iterator[None]:
+    """Let modules be imported from a folder too, as ``python -m`` lets them from the current one."""
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
+
+
+def _made(found: Any, name: str) -> Estimator:
+    """Return what was found as a method: as it is, made by its class, or a function in a method's clothes."""
+    from scenetruth.estimators.function import FunctionMethod
+    from scenetruth.estimators.protocol import RESERVED_SETTINGS, Estimator
+    from scenetruth.model import FrozenModel
+
+    try:
+        if isinstance(found, type):
+            found = found()
+        elif callable(found) and not hasattr(found, "estimate"):
+            found = FunctionMethod(found, name)
+    except Exception as error:  # whatever a plug-in's code raises
+        raise _refused(f"cannot be made: {type(error).__name__}: {error}", name) from error
+    wrong = []
+    if not isinstance(found, Estimator):
+        needed = ("name", "settings", "gives", "needs", "requirements", "estimate")
+        missing = ", ".join(part for part in needed if not hasattr(found, part))
+        wrong.append(f"is not a method: it lacks {missing}")
+    elif not (isinstance(found.settings, type) and issubclass(found.settings, FrozenModel)):
+        wrong.append("its settings are not a model derived from scenetruth.estimators.MethodSettings")
+    else:
+        shadows = sorted(RESERVED_SETTINGS & set(found.settings.model_fields))
+        if shadows:
+            wrong.append(f"its settings have names that are reserved: {', '.join(shadows)}; rename them")
+    if wrong:
+        raise _refused("; ".join(wrong), name)
+    return cast("Estimator", found)
+
+
+def _refused(message: str, name: str) -> EstimateError:
+    return EstimateError([Problem("method", message, name)])

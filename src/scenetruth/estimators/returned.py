@@ -1,0 +1,74 @@
+"""What goes into a method cannot be changed by it, and what comes out is an estimate of that recording."""
+
+from __future__ import annotations
+
+from collections.abc import Set as AbstractSet
+
+import xarray as xr
+
+from scenetruth.errors import Problem, RecordingError
+from scenetruth.schema import VARIABLES, check_dataset
+
+__all__ = ["read_only", "returned_problems"]
+
+
+def read_only(recording: xr.Dataset) -> xr.Dataset:
+    """Return the same recording, with arrays that cannot be written to and containers of its own."""
+
+    def guarded(variable: xr.DataArray) -> xr.Variable:
+        values = variable.values.view()
+        values.flags.writeable = False
+        return xr.Variable(variable.dims, values, dict(variable.attrs))
+
+    data = {str(name): guarded(item) for name, item in recording.data_vars.items()}
+    coordinates = {str(name): guarded(item) for name, item in recording.coords.items()}
+    return xr.Dataset(data, coordinates, dict(recording.attrs))
+
+
+def returned_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str]) -> list[Problem]:
+    """Return what is wrong with what a method returned.
+
+    Parameters
+    ----------
+    found
+        What it returned.
+    recording
+        What it was given.
+    gives
+        What it promised to give.
+    """
+    if not isinstance(found, xr.Dataset):
+        remedy = "is not an xarray.Dataset; make one with scenetruth.make_estimate(like=recording, ...)"
+        return [Problem("", remedy, type(found).__name__)]
+    problems = [
+        Problem(name, "is promised by the method, but missing", sorted(map(str, found.data_vars)))
+        for name in sorted(gives)
+        if name not in found
+    ]
+    try:
+        check_dataset(found, "estimate")
+    except RecordingError as error:
+        problems += error.problems
+    for name, entry in VARIABLES["estimate"].items():
+        if name not in found:
+            continue
+        units = found[name].attrs.get("units")
+        if units != entry.units:
+            problems.append(Problem(f"{name}.units", f"must be '{entry.units}'", units))
+        if name in _REAL and found[name].dtype.kind != "f":
+            problems.append(Problem(name, "must hold floats, NaN where nothing is known", str(found[name].dtype)))
+    for dim in ("t", "y", "x"):
+        if dim not in found.coords or dim not in recording.coords:
+            if dim not in found.coords:
+                problems.append(Problem(dim, "is missing; an estimate has the coordinates of its recording"))
+            continue
+        extra = sorted(set(found[dim].values.tolist()) - set(recording[dim].values.tolist()))
+        if extra:
+            message = f"has {len(extra)} values that the recording has not"
+            problems.append(Problem(dim, message, extra[:3]))
+        elif dim != "t" and found.sizes[dim] != recording.sizes[dim]:
+            problems.append(Problem(dim, f"must have the recording's {recording.sizes[dim]} pixels", found.sizes[dim]))
+    return problems
+
+
+_REAL = ("depth", "disparity", "flow", "velocity", "divergence", "depth_std", "disparity_std", "velocity_std")

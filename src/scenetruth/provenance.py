@@ -1,0 +1,136 @@
+"""What data sets tell of the scene they were made from: the scene itself, its hash, seed, versions, intrinsics."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from scenetruth.camera import Schedule
+from scenetruth.randomness import generator_for
+from scenetruth.scene.spec import Scene
+from scenetruth.schema import Intrinsics, digest
+
+__all__ = ["content_hash", "intrinsics_from", "provenance_of", "recording_hash", "scene_hash", "schedule_of"]
+
+_PACKAGES = (
+    "scenetruth",
+    "numpy",
+    "scipy",
+    "numba",
+    "xarray",
+    "zarr",
+    "trimesh",
+    "embreex",
+    "pyrender-maintained",
+    "PyOpenGL",
+)
+_WITHOUT_EFFECT = ("format", "description", "estimate", "score")
+"""Sections of a scene on which images and truth do not depend."""
+
+
+def schedule_of(scene: Scene) -> Schedule:
+    """Return where and when a scene's images are planned, and where and when they are taken in fact."""
+    return Schedule(scene.stage, scene.frames, partial(generator_for, scene.seed, "stage"))
+
+
+def intrinsics_from(scene: Scene) -> Intrinsics:
+    """Return the intrinsics of a scene's camera and stage."""
+    camera = scene.camera
+    return Intrinsics(camera.focal_px, camera.principal_point, scene.stage.baseline_mm, scene.frames.frame_interval_s)
+
+
+def scene_hash(scene: Scene, folder: str | Path = "") -> str:
+    """Return a hash of everything in a scene that images and truth depend on, 16 hexadecimal digits.
+
+    How it is estimated, scored and described does not count. Files count by their content, not by their name or place.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    folder
+        Where relative paths of its files count from.
+    """
+    plain = {name: value for name, value in scene.to_plain().items() if name not in _WITHOUT_EFFECT}
+    return digest(_files_by_content(plain, Path(folder)))
+
+
+def recording_hash(scene_hash: str, backend: str) -> str:
+    """Return a hash of what the images depend on: the scene and the backend that rendered them."""
+    return digest([scene_hash, backend])
+
+
+def provenance_of(scene: Scene, folder: str | Path = "") -> dict[str, Any]:
+    """Return the attributes that tell where a data set is from."""
+    versions = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return {
+        "scene": json.dumps(scene.to_plain()),
+        "scene_hash": scene_hash(scene, folder),
+        "seed": scene.seed,
+        "versions": json.dumps(versions),
+    }
+
+
+def _files_by_content(value: Any, folder: Path, name: str = "") -> Any:
+    if isinstance(value, dict):
+        return {key: _files_by_content(entry, folder, key) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_files_by_content(entry, folder, name) for entry in value]
+    if name in ("file", "files") and isinstance(value, str):
+        return content_hash(folder / value)
+    return value
+
+
+def content_hash(path: Path) -> str:
+    """Return a hash of the content of a file and of the files that it refers to, with the suffix that says its format.
+
+    A folder counts as all files in it, as of a zarr store. A file that is missing counts by its name: whoever needs it
+    will say so.
+    """
+    if not path.exists():
+        return f"missing: {path.name}"
+    found = hashlib.sha256()
+    files = sorted(item for item in path.rglob("*") if item.is_file()) if path.is_dir() else [path, *_referred_to(path)]
+    for file in files:
+        found.update((str(file.relative_to(path)) if path.is_dir() else file.suffix).encode())
+        if file.is_file():
+            with file.open("rb") as stream:
+                found.update(hashlib.file_digest(stream, "sha256").digest())
+    return found.hexdigest() + path.suffix.lower()
+
+
+def _referred_to(path: Path) -> list[Path]:
+    """Return the files that a mesh file names: the materials of an OBJ and their images, the buffers of a glTF."""
+    suffix = path.suffix.lower()
+    if suffix == ".obj":
+        materials = [path.parent / name for name in _names_after(path, ("mtllib",))]
+        images = [file.parent / name for file in materials if file.is_file() for name in _names_after(file, _MAPS)]
+        return [*materials, *images]
+    if suffix == ".gltf":
+        try:
+            parts = json.loads(path.read_text(encoding="utf-8"))
+            named = [*parts.get("buffers", ()), *parts.get("images", ())]
+            return [path.parent / item["uri"] for item in named if not item.get("uri", "data:").startswith("data:")]
+        except (ValueError, AttributeError, TypeError):
+            return []
+    return []
+
+
+_MAPS = ("map_Kd", "map_Ka")
+
+
+def _names_after(file: Path, words: tuple[str, ...]) -> list[str]:
+    """Return what stands last in the lines of a text file that begin with one of some words."""
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    split = [line.split() for line in lines if line.startswith(words)]
+    return [parts[-1] for parts in split if len(parts) > 1]

@@ -1,0 +1,141 @@
+"""The folder of a run: which file is what, for one method or several side by side."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from scenetruth.errors import StoreError
+from scenetruth.estimators.registry import DEFAULT_METHOD
+
+__all__ = ["MethodFiles", "RunFolder"]
+
+
+@dataclass(frozen=True)
+class MethodFiles:
+    """What one method leaves in the folder of a run.
+
+    Parameters
+    ----------
+    estimate
+        Store of the estimate.
+    score_json, score_csv
+        Its score.
+    report, figures
+        The page, and the folder of its pictures.
+    """
+
+    estimate: Path
+    score_json: Path
+    score_csv: Path
+    report: Path
+    figures: Path
+
+    @property
+    def after_estimate(self) -> tuple[Path, ...]:
+        """What is made from the estimate."""
+        return self.score_json, self.score_csv, self.report, self.figures
+
+
+class RunFolder:
+    """The folder of a run; owns the name of every file in it.
+
+    What belongs to the method that the scene names has plain names (``estimate.zarr``, ``score.json``, ...); what
+    belongs to another method has the method's name in it (``estimate.opencv_flow.zarr``).
+
+    Parameters
+    ----------
+    path
+        The folder; it need not exist.
+    own_method
+        The method with the plain names; if not given, what the scene in the folder says, or the paper's method where
+        there is no scene.
+
+    Examples
+    --------
+    >>> run = RunFolder("outputs/cube", "structure_tensor")
+    >>> run.recording.name, run.of("structure_tensor").report.name, run.of("opencv_flow").report.name
+    ('recording.zarr', 'report.html', 'report.opencv_flow.html')
+    """
+
+    def __init__(self, path: str | Path, own_method: str | None = None) -> None:
+        self.path = Path(path)
+        self._own_method = own_method
+
+    def __repr__(self) -> str:
+        return f"RunFolder({str(self.path)!r}, {self._own_method!r})"
+
+    @property
+    def scene(self) -> Path:
+        """The scene with all defaults and overrides."""
+        return self.path / "scene.yaml"
+
+    @property
+    def recording(self) -> Path:
+        """The recording."""
+        return self.path / "recording.zarr"
+
+    @property
+    def truth(self) -> Path:
+        """The truth; real images have none."""
+        return self.path / "truth.zarr"
+
+    @property
+    def images(self) -> Path:
+        """The images as files."""
+        return self.path / "images"
+
+    @cached_property
+    def own_method(self) -> str:
+        """The method whose files have plain names."""
+        if self._own_method is not None:
+            return self._own_method
+        scene = self._scene_of_recording()
+        estimate = scene.get("estimate") if isinstance(scene, Mapping) else None
+        named = estimate.get("method") if isinstance(estimate, Mapping) else None
+        return named if isinstance(named, str) else DEFAULT_METHOD
+
+    def of(self, method: str) -> MethodFiles:
+        """Return the files of a method."""
+        # A plain function is named module:function.
+        infix = "" if method == self.own_method else "." + re.sub(r"[^\w-]", "-", method)
+        return MethodFiles(
+            estimate=self.path / f"estimate{infix}.zarr",
+            score_json=self.path / f"score{infix}.json",
+            score_csv=self.path / f"score{infix}.csv",
+            report=self.path / f"report{infix}.html",
+            figures=self.path / f"figures{infix}",
+        )
+
+    def estimated(self) -> list[str]:
+        """Return the methods whose estimates are in the folder, the one with plain names first.
+
+        Raises
+        ------
+        StoreError
+            If there is none.
+        """
+        methods = []
+        for store in sorted(self.path.glob("estimate*.zarr")):
+            try:
+                attrs = json.loads((store / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+                methods.append(str(attrs.get("method", self.own_method)))
+            except (OSError, ValueError, KeyError, TypeError):
+                # A damaged store is told of by whoever loads it.
+                infix = store.name.removeprefix("estimate").removesuffix(".zarr").lstrip(".")
+                methods.append(infix or self.own_method)
+        if not methods:
+            raise StoreError(self.of(self.own_method).estimate, "no such store; make it with `scenetruth estimate`")
+        return sorted(set(methods), key=lambda name: (name != self.own_method, name))
+
+    def _scene_of_recording(self) -> Any:
+        try:
+            attrs = json.loads((self.recording / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+            return json.loads(attrs["scene"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
