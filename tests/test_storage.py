@@ -7,8 +7,9 @@ import errno
 import json
 import threading
 import time
+import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import imageio.v3 as imageio
 import numpy as np
@@ -87,7 +88,8 @@ def test_a_store_that_is_not_ours(tmp_path: Path) -> None:
 
 
 def test_a_store_of_a_later_format(data: tuple[xr.Dataset, ...], tmp_path: Path) -> None:
-    st.save(data[0].assign_attrs(format_version=99), tmp_path / "x.zarr")
+    st.save(data[0], tmp_path / "x.zarr")
+    zarr.open_group(tmp_path / "x.zarr", mode="r+").attrs["format_version"] = 99
     with pytest.raises(st.StoreError, match=r"format version 99; .* update it"):
         st.load(tmp_path / "x.zarr")
 
@@ -194,3 +196,34 @@ def test_image_files_hold_the_images(data: tuple[xr.Dataset, ...], tmp_path: Pat
     else:
         assert image.dtype == np.float32
         np.testing.assert_allclose(image * 1023, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("index", [0, 1, 2], ids=["recording", "truth", "estimate"])
+def test_xarray_alone_opens_a_store_without_a_warning(data: tuple[xr.Dataset, ...], index: int, tmp_path: Path) -> None:
+    st.save(data[index], tmp_path / "x.zarr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        opened = xr.open_zarr(tmp_path / "x.zarr", chunks=None)
+        assert opened["y"].values.tolist() == data[index]["y"].values.tolist()
+
+
+@pytest.mark.parametrize("index", [0, 1, 2], ids=["recording", "truth", "estimate"])
+def test_what_lost_its_stamp_is_stamped_again(data: tuple[xr.Dataset, ...], index: int, tmp_path: Path) -> None:
+    kinds: tuple[Literal["recording", "truth", "estimate"], ...] = ("recording", "truth", "estimate")
+    kind = kinds[index]
+    bare = data[index].copy()
+    del bare.attrs["scenetruth"], bare.attrs["format_version"]
+    st.save(bare, tmp_path / "x.zarr")
+    assert st.load(tmp_path / "x.zarr", kind).attrs["scenetruth"] == kind
+
+
+def test_what_could_not_be_loaded_is_not_saved(data: tuple[xr.Dataset, ...], tmp_path: Path) -> None:
+    without = data[2].copy()
+    without.attrs = {}
+    with pytest.raises(st.RecordingError, match=r"attrs\.focal_length_px: must be a finite number"):
+        st.save(without, tmp_path / "x.zarr")
+    with pytest.raises(st.RecordingError, match=r"attrs\.scenetruth: must be one of"):
+        st.save(data[0].assign_attrs(scenetruth="picture"), tmp_path / "x.zarr")
+    with pytest.raises(st.RecordingError, match="image: is missing"):
+        st.save(data[1].assign_attrs(scenetruth="recording"), tmp_path / "x.zarr")
+    assert left_behind(tmp_path) == []

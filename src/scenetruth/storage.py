@@ -17,11 +17,12 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from scenetruth.errors import OutputExistsError, RecordingError, StoreError
+from scenetruth.errors import OutputExistsError, Problem, RecordingError, StoreError
 from scenetruth.schema import FORMAT_VERSION, check_dataset
 
 __all__ = ["load", "save", "write_aside", "write_images"]
 
+_KINDS = ("recording", "truth", "estimate")
 _SEAL = "content"
 _QUIET_S, _PATIENCE_S = 0.25, 10.0
 
@@ -125,11 +126,28 @@ def save(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> N
     ------
     OutputExistsError
         If the store exists and may not be replaced.
+    RecordingError
+        If it is not a recording, truth or estimate that `load` could read again; lists what is wrong.
     StoreError
         If it cannot be written; nothing is left behind then.
+
+    See Also
+    --------
+    load : Read it again.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save(recording, f"{folder}/recording.zarr")
+    ...     load(f"{folder}/recording.zarr", "recording").equals(recording)
+    True
     """
     import zarr
 
+    dataset = _stamped(dataset)
     encoding = {
         str(name): {
             "chunks": tuple(
@@ -138,11 +156,31 @@ def save(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> N
         }
         for name, variable in dataset.data_vars.items()
     }
-    with write_aside(path, overwrite=overwrite) as aside, warnings.catch_warnings():
-        # zarr warns that its encoding of short strings (the names of components) is not yet in the specification.
-        warnings.filterwarnings("ignore", category=_unstable_specification())
+    with write_aside(path, overwrite=overwrite) as aside, _without_warnings():
         dataset.to_zarr(aside, mode="w", zarr_format=3, consolidated=False, encoding=encoding)
         zarr.open_group(aside, mode="r+").attrs[_SEAL] = _content(aside)
+        # Whoever opens the store with xarray alone is not warned that it looks for this in vain.
+        zarr.consolidate_metadata(aside, zarr_format=3)
+
+
+def _stamped(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a data set that says what it is; arithmetic with xarray may have taken its attributes away.
+
+    Raises
+    ------
+    RecordingError
+        If `load` could not read it.
+    """
+    kind = dataset.attrs.get("scenetruth")
+    if kind is None:
+        kind = "recording" if "image" in dataset else "truth" if "mixed" in dataset else "estimate"
+    if kind not in _KINDS:
+        message = f"must be one of {', '.join(_KINDS)}"
+        raise RecordingError([Problem("attrs.scenetruth", message, kind)], source="data set to save")
+    stamped = dataset.assign_attrs(scenetruth=kind, format_version=FORMAT_VERSION)
+    stamped.attrs.pop(_SEAL, None)
+    check_dataset(stamped, kind)
+    return stamped
 
 
 def load(path: str | Path, kind: Literal["recording", "truth", "estimate"] | None = None) -> xr.Dataset:
@@ -176,7 +214,7 @@ def load(path: str | Path, kind: Literal["recording", "truth", "estimate"] | Non
     except Exception as error:  # zarr reports a damaged store with errors of many kinds
         raise StoreError(path, f"{foreign}, or its metadata is damaged ({error})") from error
     found, format_version, seal = attrs.get("scenetruth"), attrs.get("format_version"), attrs.get(_SEAL)
-    if found not in ("recording", "truth", "estimate"):
+    if found not in _KINDS:
         raise StoreError(path, foreign)
     if kind is not None and found != kind:
         raise StoreError(path, f"holds a {found}, but a {kind} is needed")
@@ -187,8 +225,7 @@ def load(path: str | Path, kind: Literal["recording", "truth", "estimate"] | Non
     if seal != content:
         raise StoreError(path, f"is damaged or cut short: sealed with {seal}, but it holds {content}; make it again")
     try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", category=_unstable_specification())
+        with _without_warnings():
             dataset: xr.Dataset = xr.open_zarr(path, consolidated=False, chunks=None).load()
     except Exception as error:
         raise StoreError(path, f"is damaged ({error}); make it again") from error
@@ -206,11 +243,20 @@ def _content(path: Path) -> dict[str, int]:
     return {"files": len(files), "bytes": sum(file.stat().st_size for file in files)}
 
 
-def _unstable_specification() -> type[Warning]:
+def _unstable_specification() -> tuple[type[Warning], ...]:
     import zarr.errors
 
-    category: type[Warning] = getattr(zarr.errors, "UnstableSpecificationWarning", FutureWarning)
-    return category
+    names = ("UnstableSpecificationWarning", "ZarrUserWarning")
+    return tuple(getattr(zarr.errors, name, FutureWarning) for name in names)
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Silence what zarr warns of: short strings and consolidated metadata are not yet in its specification."""
+    with warnings.catch_warnings():
+        for category in _unstable_specification():
+            warnings.filterwarnings("ignore", category=category)
+        yield
 
 
 def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png", "tiff"]) -> None:

@@ -53,9 +53,9 @@ class FunctionMethod(Method):
             for item in rest
             if item.name != "progress"
         }
-        self.settings = create_model("FunctionSettings", __base__=MethodSettings, **fields)  # type: ignore[misc]
-        self.gives = frozenset(getattr(function, "gives", ()))  # type: ignore[misc]
-        self.needs = getattr(function, "needs", Method.needs)  # type: ignore[misc]
+        self.settings = create_model("FunctionSettings", __base__=MethodSettings, **fields)
+        self.gives = frozenset(getattr(function, "gives", ()))
+        self.needs = getattr(function, "needs", Method.needs)
 
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
         """Call the function."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import xarray as xr
 
@@ -140,9 +140,9 @@ class Method:
     """
 
     name: str
-    settings: ClassVar[type[FrozenModel]] = MethodSettings
-    gives: ClassVar[frozenset[str]] = frozenset()
-    needs: ClassVar[Needs] = Needs()
+    settings: type[FrozenModel] = MethodSettings
+    gives: frozenset[str] = frozenset()
+    needs: Needs = Needs()
 
     def requirements(self, recording: xr.Dataset, settings: Any) -> list[Problem]:
         """Return nothing: whatever meets `needs` will do."""

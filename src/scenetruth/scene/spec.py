@@ -230,6 +230,8 @@ def _refuse_twice(names: list[str]) -> None:
 class Scene(FrozenModel):
     """Everything that a recording and its truth are made from."""
 
+    format: Literal[1] = 1
+    """Version of the format of scene files."""
     description: str = ""
     """What the scene is for."""
     camera: Camera

@@ -150,7 +150,7 @@ def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[P
         raw = raw.reshape(*raw.shape[: len(lead)], 1, *raw.shape[len(lead) :])
     if raw.ndim != len(lead) + 3 or raw.shape[: len(lead)] != lead or raw.shape[-2:] != size:
         message = f"must have the shape {names}, or that without t, with the recording's (y, x) = {size}"
-        if count is not None and raw.shape[-1] == count and raw.shape[-3:-1] == size:
+        if count is not None and np.shape(values)[-1:] == (count,) and np.shape(values)[-3:-1] == size:
             message += "; its components are last: move them to the front, np.moveaxis(array, -1, 0)"
         elif raw.shape[-2:] == size[::-1] != size:
             message += "; rows and columns seem to be exchanged"

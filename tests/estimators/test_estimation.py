@@ -1,0 +1,134 @@
+"""The door that every method's recording and estimate pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import scenetruth as st
+from scenetruth.errors import Problem
+from scenetruth.estimators import Method, Needs
+
+Estimate = Callable[[xr.Dataset], Any]
+
+
+@pytest.fixture
+def recording() -> xr.Dataset:
+    return st.make_recording(np.random.default_rng(0).random((3, 2, 30, 40)), focal_length_px=500, baseline_mm=5)
+
+
+def good(recording: xr.Dataset) -> xr.Dataset:
+    return st.make_estimate(like=recording, depth=np.full((30, 40), 900.0), flow=np.zeros((2, 30, 40)))
+
+
+class Doing(Method):
+    """A method that does what a test says."""
+
+    name: str = "doing"
+
+    def __init__(self, work: Estimate, **attributes: Any) -> None:
+        self._work = work
+        for name, value in attributes.items():
+            setattr(self, name, value)
+
+    def estimate(self, recording: xr.Dataset, settings: Any, progress: Any) -> Any:
+        return self._work(recording)
+
+
+def write_to(recording: xr.Dataset) -> xr.Dataset:
+    recording["image"].values[0, 0, 0, 0] = 7
+    return good(recording)
+
+
+def raise_zero_division(recording: xr.Dataset) -> xr.Dataset:
+    return recording / (1 // 0)
+
+
+@pytest.mark.parametrize(
+    ("work", "message"),
+    [
+        (raise_zero_division, "method 'doing': failed: ZeroDivisionError"),
+        (write_to, "method 'doing': changes the recording that it was given"),
+        (lambda _: None, "the method 'doing' returned.*is not an xarray.Dataset.*'NoneType'"),
+        (lambda r: good(r).drop_vars("flow"), "flow: is promised by the method, but missing"),
+        (lambda r: good(r).astype(np.int32), "depth: must hold floats"),
+        (lambda r: good(r).isel(x=slice(5, 30)), "x: must have the recording's 40 pixels"),
+        (lambda r: good(r).assign_coords(x=np.arange(40) + 100), "x: has 40 values that the recording has not"),
+        (lambda r: good(r).assign_coords(t=[9]), "t: has 1 values that the recording has not"),
+        (lambda r: good(r).transpose("x", "y", "t", ...), "depth: must have the dimensions"),
+        (lambda r: good(r).assign(depth=good(r)["depth"].assign_attrs(units="m")), "depth.units: must be 'mm'"),
+        (lambda r: st.make_estimate(like=r, depth=np.ones((4, 4))), "method 'doing'.*\n.*depth: must have the shape"),
+    ],
+)
+def test_what_goes_wrong_is_told_with_the_name_of_the_method(
+    recording: xr.Dataset, work: Estimate, message: str
+) -> None:
+    before = recording.copy(deep=True)
+    method = Doing(work, gives=frozenset({"depth", "flow"}))
+    with pytest.raises(st.EstimateError, match=f"(?s){message}"):
+        st.estimate(recording, method)
+    xr.testing.assert_identical(recording, before)
+
+
+def test_the_recording_cannot_be_changed_through_its_containers(recording: xr.Dataset) -> None:
+    def meddle(given: xr.Dataset) -> xr.Dataset:
+        result = good(given)
+        given.attrs["focal_length_px"] = 1.0
+        given["image"].attrs["units"] = "apples"
+        given["extra"] = given["image"]
+        return result
+
+    before = recording.copy(deep=True)
+    st.estimate(recording, Doing(meddle))
+    xr.testing.assert_identical(recording, before)
+
+
+@pytest.mark.parametrize(
+    ("needs", "message"),
+    [
+        (Needs(cameras=4), r"stage\.positions: 'doing' needs 4 camera positions \(got 3\)"),
+        (Needs(frames=3), r"frames\.count: 'doing' needs 3 frames \(got 2\)"),
+        (Needs(channels=3), r"channel: 'doing' takes images of 3 channels \(got 1\)"),
+    ],
+)
+def test_what_a_method_needs_is_asked_for_before_it_works(recording: xr.Dataset, needs: Needs, message: str) -> None:
+    def never(_: xr.Dataset) -> None:
+        raise AssertionError
+
+    with pytest.raises(st.EstimateError, match=message):
+        st.estimate(recording, Doing(never, needs=needs))
+
+
+def test_requirements_of_the_method_itself_are_asked_too(recording: xr.Dataset) -> None:
+    def requirements(given: xr.Dataset, settings: Any) -> list[Problem]:
+        return [Problem("camera.width", "is not a power of two", given.sizes["x"])]
+
+    with pytest.raises(st.EstimateError, match=r"camera\.width: is not a power of two"):
+        st.estimate(recording, Doing(good, requirements=requirements))
+
+
+def test_settings_come_as_model_mapping_or_keywords(recording: xr.Dataset) -> None:
+    from scenetruth.estimators import validate_settings
+    from scenetruth.estimators.registry import find_method
+
+    model = validate_settings(find_method("structure_tensor"), {"working_point_px": 0, "window_sigma_px": 4.0})
+    one = st.estimate(recording, "structure_tensor", model)
+    two = st.estimate(recording, settings={"working_point_px": 0}, window_sigma_px=4.0)
+    xr.testing.assert_identical(one, two)
+    with pytest.raises(st.EstimateError, match="window_sigma: unknown setting of 'structure_tensor'; did you mean"):
+        st.estimate(recording, window_sigma=3)
+
+
+def test_progress_may_interrupt(recording: xr.Dataset) -> None:
+    class StopError(BaseException):
+        pass
+
+    def stop(*_: Any) -> None:
+        raise StopError
+
+    with pytest.raises(StopError):
+        st.estimate(recording, progress=stop, working_point_px=0)

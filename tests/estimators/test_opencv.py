@@ -1,0 +1,90 @@
+"""OpenCV's methods behind our contract: right sign, right units, right camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import scenetruth as st
+from tests.estimators.structure_tensor.analytic import Plane
+
+pytest.importorskip("cv2")
+
+PLANE = Plane(velocity=(0.6, -0.4, 1.5), size=(120, 200), focal_length_px=1000.0, depth_mm=500.0)
+BASELINE_MM = 10.0
+"""20 px of disparity per step."""
+
+
+@pytest.fixture(scope="module")
+def recording() -> xr.Dataset:
+    eight_bit = PLANE.recording([-BASELINE_MM, 0, BASELINE_MM], 3, BASELINE_MM)
+    images = np.rint(255 * np.clip(eight_bit["image"].values, 0, 1)).astype(np.uint8)
+    return st.make_recording(images, 1000.0, BASELINE_MM)
+
+
+def inside(values: xr.DataArray) -> np.ndarray:
+    """Leave out the border, which is not seen by the other camera, or has no window."""
+    return np.asarray(values.values[..., 20:-20, 60:-60])
+
+
+# A quarter of a pixel of disparity is what matching to sixteenths keeps on 8 bits; the bound is four times the error
+# seen, and far below any slip of sign, camera or units.
+@pytest.mark.parametrize("camera", [None, 1, -1])
+@pytest.mark.parametrize("stereo", ["sgbm", "bm"])
+def test_stereo_has_the_right_sign_with_either_neighbour(
+    recording: xr.Dataset, camera: int | None, stereo: str
+) -> None:
+    found = st.estimate(recording, "opencv_stereo", camera=camera, stereo=stereo).sel(t=0)
+    assert {"flow", "velocity"}.isdisjoint(found.data_vars)
+    error = inside(found["disparity"]) - 20
+    assert np.nanmedian(np.abs(error)) < 0.25
+    assert np.isfinite(error).mean() > 0.9
+    assert np.nanmedian(inside(found["depth"])) == pytest.approx(500, rel=0.01)
+
+
+def test_disparity_is_per_step(recording: xr.Dataset) -> None:
+    """Two steps apart, the images are shifted by twice the disparity."""
+    images = recording["image"].values
+    wide = st.make_recording(images, 1000.0, BASELINE_MM / 2, stage_x_mm=[-BASELINE_MM, 0.0, BASELINE_MM])
+    found = st.estimate(wide, "opencv_stereo").sel(t=0)
+    assert np.nanmedian(inside(found["disparity"])) == pytest.approx(10, abs=0.1)
+    assert np.nanmedian(inside(found["depth"])) == pytest.approx(500, rel=0.01)
+
+
+@pytest.mark.parametrize("flow", ["farneback", "dis"])
+def test_flow_is_that_of_the_plane(recording: xr.Dataset, flow: str) -> None:
+    found = st.estimate(recording, "opencv_flow", flow=flow)
+    assert found["t"].values.tolist() == [-1, 0]
+    error = inside(found["flow"].sel(t=0)) - PLANE.truth()["flow"][:, 20:-20, 60:-60]
+    # From t to t + 1 the flow of a plane that recedes changes by 0.3 %.
+    assert np.median(np.abs(error)) < 0.1
+
+
+def test_scene_flow_gives_velocity(recording: xr.Dataset) -> None:
+    found = st.estimate(recording, "opencv_scene_flow").sel(t=0)
+    for component, expected, tolerance in (("X", 0.6, 0.1), ("Y", -0.4, 0.1), ("Z", 1.5, 1.5)):
+        assert np.nanmedian(inside(found["velocity"].sel(component=component))) == pytest.approx(
+            expected, abs=tolerance
+        )
+
+
+def test_images_of_more_than_8_bits_are_scaled_alike(recording: xr.Dataset) -> None:
+    deep = st.make_recording(recording["image"].values.astype(np.uint16) * 16, 1000.0, BASELINE_MM)
+    one, two = (st.estimate(data, "opencv_stereo").sel(t=0)["disparity"] for data in (recording, deep))
+    assert np.nanmedian(np.abs(inside(one) - inside(two))) < 0.1
+
+
+def test_a_camera_that_is_not_there_is_refused(recording: xr.Dataset) -> None:
+    with pytest.raises(st.EstimateError, match=r"estimate\.camera: must be one of the positions \[-1, 1\]"):
+        st.estimate(recording, "opencv_stereo", camera=4)
+    with pytest.raises(st.EstimateError, match="stereo_block_px must be odd"):
+        st.estimate(recording, "opencv_stereo", stereo_block_px=4)
+
+
+def test_without_opencv_the_remedy_is_named(recording: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(st.EstimateError, match=r"pip install 'scenetruth\[opencv\]'"):
+        st.estimate(recording, "opencv_flow")

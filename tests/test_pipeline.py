@@ -1,0 +1,139 @@
+"""A scene through all stages: what is finished stays, whatever happens to the rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import scenetruth as st
+from scenetruth.estimators import Method, registry
+from scenetruth.pipeline import Runner, run_scene
+from tests.scenes import cube
+
+SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "estimate": {"working_point_px": 6}}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "one"
+    results = run_scene(cube(**SMALL), folder, methods=("structure_tensor", "opencv_flow"))
+    assert not results.failures
+    assert set(results.scores) == {"structure_tensor", "opencv_flow"}
+    return folder
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_methods_stand_side_by_side(finished: Path) -> None:
+    plain = {"estimate.zarr", "score.json", "score.csv", "report.html", "figures"}
+    other = {
+        "estimate.opencv_flow.zarr",
+        "score.opencv_flow.json",
+        "score.opencv_flow.csv",
+        "report.opencv_flow.html",
+        "figures.opencv_flow",
+    }
+    assert names(finished) == {"scene.yaml", "recording.zarr", "truth.zarr"} | plain | other
+    run = st.RunFolder(finished)
+    assert run.estimated() == ["structure_tensor", "opencv_flow"]
+    score = st.Score.from_json(run.of("opencv_flow").score_json.read_text())
+    assert {"flow_x", "flow_y"} <= set(score.regions["all"])
+    assert not {"depth", "velocity_z"} & set(score.regions["all"])
+
+
+def test_stages_can_be_taken_up_later(finished: Path, tmp_path: Path) -> None:
+    scene = cube(**SMALL)
+    run_scene(scene, tmp_path / "x", stages=("render",))
+    results = run_scene(scene, tmp_path / "x", stages=("estimate", "score"))
+    again = st.load(tmp_path / "x" / "estimate.zarr", "estimate")
+    xr.testing.assert_identical(again, st.load(finished / "estimate.zarr", "estimate"))
+    assert results.scores["structure_tensor"].metadata["recording_hash"] == again.attrs["recording_hash"]
+    with pytest.raises(st.MismatchError, match=r"recording\.zarr: was made from another scene"):
+        run_scene(cube(**SMALL, seed=9), tmp_path / "x", stages=("estimate",), overwrite=True)
+
+
+def test_what_cannot_be_is_found_before_any_work(tmp_path: Path) -> None:
+    with pytest.raises(st.SceneError, match=r"frames\.count: 'opencv_flow' needs 2 frames"):
+        run_scene(cube(**SMALL, frames={"count": 1}), tmp_path / "x", methods=("opencv_flow",))
+    with pytest.raises(st.EstimateError, match="no such method"):
+        run_scene(cube(**SMALL), tmp_path / "x", methods=("guess",))
+    with pytest.raises(st.SceneError, match="must be some of render, estimate, score, report"):
+        run_scene(cube(**SMALL), tmp_path / "x", stages=("rendre",))  # type: ignore[arg-type]
+    assert not (tmp_path / "x").exists()
+
+
+class Broken(Method):
+    name = "broken"
+
+    def estimate(self, recording: xr.Dataset, settings: Any, progress: Any) -> xr.Dataset:
+        message = "out of luck"
+        raise ArithmeticError(message)
+
+
+class Endless(Method):
+    name = "endless"
+
+    def estimate(self, recording: xr.Dataset, settings: Any, progress: Any) -> xr.Dataset:
+        raise KeyboardInterrupt
+
+
+@pytest.fixture
+def with_methods(monkeypatch: pytest.MonkeyPatch) -> None:
+    entries = registry.method_entries()
+    for method in (Broken(), Endless()):
+        entries.append(registry.MethodEntry(method.name, "test", "", lambda method=method: method))
+    monkeypatch.setattr(registry, "method_entries", lambda: entries)
+
+
+@pytest.mark.usefixtures("with_methods")
+def test_a_method_that_fails_keeps_no_other_from_its_work(tmp_path: Path) -> None:
+    results = run_scene(
+        cube(**SMALL), tmp_path / "x", methods=("broken", "structure_tensor"), stages=("render", "estimate", "score")
+    )
+    assert set(results.scores) == {"structure_tensor"}
+    assert "method 'broken': failed: ArithmeticError: out of luck" in str(results.failures["broken"])
+    assert names(tmp_path / "x") == {
+        "scene.yaml",
+        "recording.zarr",
+        "truth.zarr",
+        "estimate.zarr",
+        "score.json",
+        "score.csv",
+    }
+
+
+@pytest.mark.usefixtures("with_methods")
+def test_an_interrupt_keeps_what_is_finished(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(cube(**SMALL), tmp_path / "x", methods=("structure_tensor", "endless"))
+    assert {"recording.zarr", "truth.zarr", "estimate.zarr", "score.json", "report.html"} <= names(tmp_path / "x")
+    assert not [name for name in names(tmp_path / "x") if "endless" in name or "partial" in name]
+
+
+def test_a_score_of_another_estimate_is_not_reported(finished: Path, tmp_path: Path) -> None:
+    scene = cube(**SMALL)
+    run_scene(scene, tmp_path / "x", stages=("render", "estimate", "score"))
+    changed = scene.model_copy(
+        update={"estimate": st.scene_from_plain(scene.to_plain() | {"estimate": {"window_sigma_px": 4.0}}).estimate}
+    )
+    run_scene(changed, tmp_path / "x", stages=("estimate",), overwrite=True)
+    results = run_scene(changed, tmp_path / "x", stages=("report",), overwrite=True)
+    assert "belongs to another estimate" in str(results.failures["structure_tensor"])
+    assert not (tmp_path / "x" / "report.html").exists()
+
+
+def test_real_images_are_reported_without_a_truth(tmp_path: Path) -> None:
+    images = np.random.default_rng(0).integers(0, 255, (3, 5, 60, 80), dtype=np.uint8)
+    st.save(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
+    runner = Runner(st.RunFolder(tmp_path))
+    runner.estimate(runner.choice(None, ["estimate.working_point_px=0"]))
+    runner.report("structure_tensor")
+    assert {"report.html", "figures"} <= names(tmp_path)
+    with pytest.raises(st.StoreError, match=r"truth\.zarr: no such store"):
+        runner.score("structure_tensor", runner.score_settings())
