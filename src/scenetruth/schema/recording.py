@@ -50,7 +50,8 @@ def make_recording(
     stage_y_mm
         The position of every row of a grid of cameras, 0 at the reference, the middle row; one row if not given.
     full_scale
-        The largest value that an image can hold; 1 for floats and the type's largest for integers if not given.
+        The largest value that an image can hold; if not given, 1 for floats, which must then lie in [-1, 1], and the
+        type's largest for integers.
         The grey values of the paper, in [-1, 1], are ``2 image / full_scale - 1``.
     attrs
         More attributes to keep with the recording.
@@ -81,6 +82,9 @@ def make_recording(
         raise RecordingError([Problem("images", message, values.shape)])
     count_s, count_t, height, width = values.shape[int(grid) :][:4]
     centre = ((width - 1) / 2, (height - 1) / 2)
+    if full_scale is None and values.dtype.kind == "f" and (largest := _largest(values)) > 1:
+        message = f"floats reach {largest:.6g}, beyond [-1, 1]: say by full_scale= which value is full scale"
+        raise RecordingError([Problem("images", message)])
     if full_scale is None:
         full_scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
     positions = None if stage_x_mm is None else np.asarray(stage_x_mm, dtype=np.float64)
@@ -103,6 +107,14 @@ def make_recording(
     )
     check_dataset(dataset, "recording")
     return dataset
+
+
+def _largest(values: NDArray[Any]) -> float:
+    """Return the largest magnitude of finite values."""
+    # A view of one value that stands for all need not be gone through.
+    finite = values[np.isfinite(values)] if any(values.strides) else values.ravel()[:1]
+    # A render may exceed full scale by rounding.
+    return float(np.abs(finite).max(initial=0.0)) / (1 + 1e-6)
 
 
 def image_to_grey(recording: xr.Dataset) -> NDArray[np.float32]:

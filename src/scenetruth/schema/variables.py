@@ -44,7 +44,9 @@ _MAP = ("t", "y", "x")
 _SURFACE = {
     "depth": Variable(_MAP, "mm", "depth Z along the optical axis of the camera"),
     "velocity": Variable(
-        ("component", *_MAP), "mm/frame", "instantaneous velocity (U_X, U_Y, U_Z) of the surface point"
+        ("component", *_MAP),
+        "mm/frame",
+        "instantaneous velocity (U_X, U_Y, U_Z) of the surface point along the axes of the camera",
     ),
     "disparity": Variable(_MAP, "px/step", "disparity per step of s, x_s = x_0 - disparity s"),
     "flow": Variable(("image_component", *_MAP), "px/frame", "optical flow (dx/dt, dy/dt) in the camera's image"),
@@ -151,10 +153,13 @@ COORDINATES = {
     "stage_x_mm": ("mm", "position of the camera on the stage"),
     "stage_y_mm": ("mm", "position of the row of cameras, positive downwards"),
     "time_s": ("s", "time of the frame"),
-    "component": ("1", "component in the world frame"),
+    "component": (
+        "1",
+        "component: of maps along the axes of their camera (X right, Y down, Z forward), of camera poses in the world",
+    ),
     "image_component": ("1", "component in the image"),
     "rank": ("1", "rank of the eigenvalue, 1 is the largest"),
-    "slope_component": ("1", "direction of the slope in the world frame"),
+    "slope_component": ("1", "direction of the slope along the axes of the camera"),
     "principal": ("1", "1 is the larger, 2 the lesser of two principal values"),
     "corner": ("1", "corner of the triangle"),
     "texture_component": ("1", "u to the right, v down"),
