@@ -9,9 +9,10 @@ import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.structure_tensor.filters import PAPER
+from scenetruth.estimators.structure_tensor.maps import Maps
 from scenetruth.estimators.structure_tensor.registration import Registration
 from scenetruth.estimators.structure_tensor.rig import requirements, rig_of
-from scenetruth.estimators.structure_tensor.run import Maps, Progress, run
+from scenetruth.estimators.structure_tensor.run import Progress, run
 from scenetruth.estimators.structure_tensor.task import check_common_view, make_task, plain_images
 from scenetruth.estimators.structure_tensor.threshold import with_threshold
 from scenetruth.estimators.structure_tensor.working_points import choose_registrations
@@ -78,20 +79,20 @@ def estimate_structure_tensor(
     return label(
         "estimate",
         {
-            "depth": maps.floats[0],
-            "velocity": maps.floats[1:4],
-            "disparity": maps.floats[4],
-            "flow": maps.floats[5:7],
-            "divergence": maps.floats[7],
-            "kind": maps.flags[0],
-            "kind_disparity": maps.flags[1],
-            "kind_motion": maps.flags[2],
-            "model_violation": maps.flags[3].astype(bool),
-            "depth_std": maps.singles[0],
-            "velocity_std": maps.singles[1:4],
-            "disparity_std": maps.singles[4],
-            "confidence": maps.singles[5],
-            "working_point": maps.singles[6],
+            "depth": maps.depth,
+            "velocity": maps.velocity,
+            "disparity": maps.disparity,
+            "flow": maps.flow,
+            "divergence": maps.divergence,
+            "kind": maps.kind,
+            "kind_disparity": maps.kind_disparity,
+            "kind_motion": maps.kind_motion,
+            "model_violation": maps.model_violation.astype(bool),
+            "depth_std": maps.depth_std,
+            "velocity_std": maps.velocity_std,
+            "disparity_std": maps.disparity_std,
+            "confidence": maps.confidence,
+            "working_point": maps.working_point,
             "eigenvalues": maps.eigenvalues,
         },
         intrinsics,
@@ -114,5 +115,5 @@ def estimate_structure_tensor(
 
 def _usual(maps: Maps, registrations: Sequence[Registration]) -> int:
     """Return the disparity at which most pixels were registered."""
-    chosen = maps.singles[6][np.isfinite(maps.singles[6])]
+    chosen = maps.working_point[np.isfinite(maps.working_point)]
     return int(np.median(chosen)) if chosen.size else registrations[0].disparity
