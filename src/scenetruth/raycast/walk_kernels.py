@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.footprints import ImageRays, TexturedMesh
 from scenetruth.raycast.inside_kernels import write_forms
 
 __all__ = ["walk_footprints"]
@@ -30,19 +31,7 @@ def _ways_out(w0: float, w1: float, w2: float) -> Any:
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def walk_footprints(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    neighbours: NDArray[np.int32],
-    face_body: NDArray[np.int32],
-    uv: NDArray[np.float64],
-    origin: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    across: NDArray[np.float64],
-    down: NDArray[np.float64],
-    hits: NDArray[np.int32],
-    width: int,
-    pixels: NDArray[np.int64],
-    offsets: NDArray[np.float64],
+    mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64]
 ) -> Any:
     """Find what the samples of pixels meet whose footprints no edge crosses.
 
@@ -50,15 +39,28 @@ def walk_footprints(
     so on, face by face across the edges that this line crosses. The line stays in the footprint; where no silhouette
     and no sharp edge is seen in it, the surface seen there is one sheet, and every face on the way belongs to it.
 
-    Directions, steps and hits are those of the whole image of a ``width``, of which ``pixels`` are taken; steps have
-    one row for every pixel, or one for all. ``offsets`` are those of the samples in px, shape (k, 2). Returns, for n
-    pixels, whether the walk arrived, shape (n,); face, shape (n, k), depth, (n, k), and weights, (n, k, 2), as of
-    `Hits`; and texture coordinates, shape (n, k, 2).
-
     A walk is given up where the surface ends, turns its other side, or is another body's; where one of the eight
     pixels around sees another body (they may cut into each other); at a ray exactly through an edge, which two faces
     meet; and after too many steps.
+
+    Parameters
+    ----------
+    mesh, rays
+        The surface, and the rays of the whole image.
+    pixels
+        The pixels to take, shape (n,).
+    offsets
+        The samples' offsets from the pixel centre in px, (x, y), shape (k, 2).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Whether the walk arrived, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates, (n, k, 2), as of
+        `Hits`; and texture coordinates, (n, k, 2).
     """
+    vertices, faces, neighbours, face_body, uv = mesh.vertices, mesh.faces, mesh.neighbours, mesh.face_body, mesh.uv
+    origin, directions, across, down = rays.origin, rays.directions, rays.across, rays.down
+    hits, width = rays.face, rays.width
     count, samples = pixels.shape[0], offsets.shape[0]
     height = hits.shape[0] // width
     apart = 1 if across.shape[0] > 1 else 0
