@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 __all__ = ["blurs", "inside", "weigh", "write_forms"]
 
-# Linear forms of a face in the direction of a ray: the volumes with its edges (opposite to corners 0, 1 and 2), the normal
-# (not of unit length), its product with a corner, and by how much rounding may blur the volumes per |d_x|, |d_y|, |d_z|.
+# Linear forms of a face in the direction d of a ray: the volumes with its edges (opposite to corners 0, 1 and 2), the
+# normal (not of unit length), its product with a corner, and by how much rounding may blur the volumes per |d|.
 W0_X, W0_Y, W0_Z, W1_X, W1_Y, W1_Z, W2_X, W2_Y, W2_Z = range(9)
 NORMAL_X, NORMAL_Y, NORMAL_Z, DISTANCE = range(9, 13)
 BLUR_X, BLUR_Y, BLUR_Z = range(13, 16)

@@ -3,6 +3,7 @@
 from scenetruth.schema.attributes import Intrinsics, intrinsics_of, object_names_of, scene_of
 from scenetruth.schema.checking import check_dataset
 from scenetruth.schema.labelling import label
+from scenetruth.schema.pixels import PixelGrid, pixel_grid_of
 from scenetruth.schema.recording import image_to_grey, make_recording
 from scenetruth.schema.variables import (
     FORMAT_VERSION,
@@ -22,6 +23,7 @@ __all__ = [
     "NO_SURFACE",
     "VARIABLES",
     "Intrinsics",
+    "PixelGrid",
     "Variable",
     "check_dataset",
     "image_to_grey",
@@ -29,5 +31,6 @@ __all__ = [
     "label",
     "make_recording",
     "object_names_of",
+    "pixel_grid_of",
     "scene_of",
 ]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 __all__ = ["fill_surface_maps"]
 
-# Where the numbers of a surface point begin (`scenetruth.scene.surface_kernels.surface_tensors`): normal, rate of growth,
-# rate of rotation, curvature; the two tensors in the order 11, 22, 33, 12, 13, 23.
+# Where the numbers of a surface point begin (`scenetruth.scene.surface_kernels.surface_tensors`): normal, rate of
+# growth, rate of rotation, curvature; the two tensors in the order 11, 22, 33, 12, 13, 23.
 _NORMAL, _GROWTH, _ROTATION, _CURVATURE, _NUMBERS = 0, 3, 9, 12, 18
 _ROWS = (0, 1, 2, 0, 0, 1)
 _COLUMNS = (0, 1, 2, 1, 2, 2)
