@@ -69,6 +69,23 @@ def test_scene_flow_gives_velocity(recording: xr.Dataset) -> None:
         )
 
 
+def test_parts_of_images_give_what_the_whole_gives(recording: xr.Dataset) -> None:
+    """A crop keeps its principal point; of every second pixel, disparity and flow are in pixels of the camera."""
+    for part in (
+        recording.isel(x=slice(40, None), y=slice(10, None)),
+        recording.isel(x=slice(1, None, 2), y=slice(1, None, 2)),
+    ):
+        found = st.estimate(part, "opencv_scene_flow").sel(t=0)
+        seen = found.sel(x=slice(80, 140), y=slice(30, 90))
+        expected = xr.DataArray(
+            PLANE.truth()["flow"], dims=("image_component", "y", "x"), coords={"x": range(200), "y": range(120)}
+        )
+        assert np.nanmedian(seen["disparity"]) == pytest.approx(20, abs=0.25)
+        assert np.nanmedian(seen["depth"]) == pytest.approx(500, rel=0.0125)
+        assert np.nanmedian(np.abs((seen["flow"] - expected).values)) < 0.2
+        assert np.nanmedian(seen["velocity"].sel(component="X")) == pytest.approx(0.6, abs=0.1)
+
+
 def test_images_of_more_than_8_bits_are_scaled_alike(recording: xr.Dataset) -> None:
     deep = st.make_recording(recording["image"].values.astype(np.uint16) * 16, 1000.0, BASELINE_MM)
     one, two = (st.estimate(data, "opencv_stereo").sel(t=0)["disparity"] for data in (recording, deep))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.raycast import RayCaster, Topology
+from scenetruth.raycast import ImageRays, RayCaster, TexturedMesh, Topology
 from scenetruth.raycast.kernels import footprint_forms
 from scenetruth.scene.mesh import box
 
@@ -27,7 +27,10 @@ def test_forms_give_the_texture_coordinates_of_every_sample(per_pixel: bool) -> 
     hits = caster.cast(origin, directions, grid_width=64)
     pixels = np.flatnonzero(hits.face >= 0)
     reach = 0.375
-    forms, whole = footprint_forms(vertices, mesh.faces, uv, origin, directions, across, down, hits.face, pixels, reach)
+    bodies = np.zeros(len(mesh.faces), dtype=np.int32)
+    textured = TexturedMesh(vertices, mesh.faces, caster.topology.face_neighbours, bodies, uv)
+    rays = ImageRays(origin, directions, across, down, hits.face, 64)
+    forms, whole = footprint_forms(textured, rays, pixels, reach)
     assert 0.5 < whole.mean() < 1
     steps = np.linspace(-reach, reach, 4)
     stay = np.ones(len(pixels), dtype=bool)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import Hits, RayCaster, Topology, mixed_pixels
+from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh, Topology, mixed_pixels
 from scenetruth.raycast.walk_kernels import walk_footprints
 from scenetruth.scene.mesh import TriangleMesh
 from tests.surfaces import ball, relief
@@ -36,9 +36,11 @@ def walk_and_cast(
     mixed = mixed_pixels(caster, viewpoint, camera, body.reshape(camera.height, camera.width)).ravel()
     pixels = np.flatnonzero((hits.face >= 0) & ~mixed)
     walked = walk_footprints(
-        vertices, mesh.faces, caster.topology.face_neighbours, bodies, mesh.uv, viewpoint.position_mm,
-        rays.directions, across, down, hits.face, camera.width, pixels, OFFSETS,
-    )  # fmt: skip
+        TexturedMesh(vertices, mesh.faces, caster.topology.face_neighbours, bodies, mesh.uv),
+        ImageRays(viewpoint.position_mm, rays.directions, across, down, hits.face, camera.width),
+        pixels,
+        OFFSETS,
+    )
     right, below = (item[pixels] if len(item) > 1 else item for item in (across, down))
     samples = rays.directions[pixels][:, None] + (OFFSETS[:, :1] * right[:, None] + OFFSETS[:, 1:] * below[:, None])
     cast = caster.cast(viewpoint.position_mm, samples.reshape(-1, 3))
@@ -108,10 +110,13 @@ def test_a_walk_around_a_hole_that_no_edge_tells_of_is_given_up() -> None:
     hits = RayCaster(vertices, topology).cast(np.zeros(3), rays.directions, CAMERA.width)
     outline = np.flatnonzero((topology.face_neighbours < 0).any(axis=1))
     pixels = np.flatnonzero(np.isin(hits.face, outline))
-    arguments = (rays.directions, *rays.steps, hits.face.clip(0), CAMERA.width, pixels, 20 * OFFSETS)
+    assert mesh.uv is not None
+    alone = np.zeros(len(mesh.faces), np.int32)
     arrived = walk_footprints(
-        vertices, mesh.faces, topology.face_neighbours, np.zeros(len(mesh.faces), np.int32), mesh.uv, np.zeros(3),
-        *arguments,
-    )[0]  # fmt: skip
+        TexturedMesh(vertices, mesh.faces, topology.face_neighbours, alone, mesh.uv),
+        ImageRays(np.zeros(3), rays.directions, *rays.steps, face=hits.face.clip(0), width=CAMERA.width),
+        pixels,
+        20 * OFFSETS,
+    )[0]
     assert len(pixels) > 50
     assert not arrived.any()

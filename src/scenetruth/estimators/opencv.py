@@ -13,6 +13,7 @@ from scenetruth.errors import Problem
 from scenetruth.estimators.protocol import MethodSettings
 from scenetruth.model import Positive
 from scenetruth.progress import Progress
+from scenetruth.schema import pixel_grid_of
 
 __all__ = [
     "FlowSettings",
@@ -128,14 +129,15 @@ def disparities(
     reference, index = positions.index(0), positions.index(other)
     stage = recording["stage_x_mm"].values
     apart_mm = float(stage[index] - stage[reference])
-    steps = apart_mm / float(recording.attrs["baseline_mm"])
+    # Per step of s, and in pixels of the camera where only every n-th is there.
+    scale = np.sign(apart_mm) * pixel_grid_of(recording).step_px / (apart_mm / float(recording.attrs["baseline_mm"]))
     found = []
     for done, frame in enumerate(frames):
         if progress is not None:
             progress("stereo", done, len(frames))
         pair = images[reference, frame], images[index, frame]
         # Matching gives the shift to the left of a camera that stands to the right.
-        found.append(disparity_between(*pair, settings, to_the_right=apart_mm > 0) * np.sign(apart_mm) / steps)
+        found.append(disparity_between(*pair, settings, to_the_right=apart_mm > 0) * scale)
     if progress is not None:
         progress("stereo", len(frames), len(frames))
     return found
@@ -153,12 +155,12 @@ def flows(
     settings
         How the flow is found.
     """
-    reference = recording["s"].values.tolist().index(0)
+    reference, step_px = recording["s"].values.tolist().index(0), pixel_grid_of(recording).step_px
     found = []
     for done, frame in enumerate(frames):
         if progress is not None:
             progress("flow", done, len(frames))
-        found.append(flow_between(images[reference, frame], images[reference, frame + 1], settings))
+        found.append(step_px * flow_between(images[reference, frame], images[reference, frame + 1], settings))
     if progress is not None:
         progress("flow", len(frames), len(frames))
     return found

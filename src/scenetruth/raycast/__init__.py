@@ -2,7 +2,8 @@
 
 from scenetruth.raycast.caster import Hits, RayCaster
 from scenetruth.raycast.edges import mixed_pixels
+from scenetruth.raycast.footprints import ImageRays, TexturedMesh
 from scenetruth.raycast.shadows import ShadowCaster
 from scenetruth.raycast.topology import Topology
 
-__all__ = ["Hits", "RayCaster", "ShadowCaster", "Topology", "mixed_pixels"]
+__all__ = ["Hits", "ImageRays", "RayCaster", "ShadowCaster", "TexturedMesh", "Topology", "mixed_pixels"]

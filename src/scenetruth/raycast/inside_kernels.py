@@ -10,6 +10,13 @@ from numpy.typing import NDArray
 
 __all__ = ["blurs", "inside", "weigh", "write_forms"]
 
+# Linear forms of a face in the direction d of a ray: the volumes with its edges (opposite to corners 0, 1 and 2), the
+# normal (not of unit length), its product with a corner, and by how much rounding may blur the volumes per |d|.
+W0_X, W0_Y, W0_Z, W1_X, W1_Y, W1_Z, W2_X, W2_Y, W2_Z = range(9)
+NORMAL_X, NORMAL_Y, NORMAL_Z, DISTANCE = range(9, 13)
+BLUR_X, BLUR_Y, BLUR_Z = range(13, 16)
+FORMS = 16
+
 # A volume d . (p x q) is rounded by at most 3 roundings (of 2^-53) of a sum of six products, and twice as a whole.
 _ROUNDINGS = 8 * 2.0**-52
 # Faces whose whole volume is less than so many times the rounding are seen edge-on: nothing is added to them.
@@ -59,21 +66,21 @@ def write_forms(
     ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
     bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
     cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
-    form[0], form[1], form[2] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-    form[3], form[4], form[5] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
-    form[6], form[7], form[8] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    form[W0_X], form[W0_Y], form[W0_Z] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    form[W1_X], form[W1_Y], form[W1_Z] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+    form[W2_X], form[W2_Y], form[W2_Z] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     ux, uy, uz = bx - ax, by - ay, bz - az
     vx, vy, vz = cx - ax, cy - ay, cz - az
-    form[9], form[10], form[11] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    form[12] = form[9] * ax + form[10] * ay + form[11] * az
-    form[13], form[14], form[15] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
+    form[NORMAL_X], form[NORMAL_Y], form[NORMAL_Z] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    form[DISTANCE] = form[NORMAL_X] * ax + form[NORMAL_Y] * ay + form[NORMAL_Z] * az
+    form[BLUR_X], form[BLUR_Y], form[BLUR_Z] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
     """Return the barycentric weights of a face's second and third corner where a ray meets it."""
-    w2 = dx * form[6] + dy * form[7] + dz * form[8]
-    w0 = dx * form[0] + dy * form[1] + dz * form[2]
-    w1 = dx * form[3] + dy * form[4] + dz * form[5]
+    w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
+    w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
+    w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
     total = w0 + w1 + w2
     return w1 / total, w2 / total

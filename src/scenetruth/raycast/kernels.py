@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.footprints import ImageRays, TexturedMesh
 from scenetruth.raycast.inside_kernels import blurs, inside
 
 __all__ = ["footprint_forms", "refine_hits"]
@@ -128,26 +129,29 @@ def refine_hits(
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
-def footprint_forms(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    uv: NDArray[np.float64],
-    origin: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    across: NDArray[np.float64],
-    down: NDArray[np.float64],
-    hits: NDArray[np.int32],
-    pixels: NDArray[np.int64],
-    reach: float,
-) -> Any:
+def footprint_forms(mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], reach: float) -> Any:
     """Map the footprints of pixels to texture coordinates through the plane of the face at their centre.
 
-    The ray at (x, y) from a pixel's centre is the pixel's own plus x and y times the rays' steps across and down, which
-    have one row for every pixel, or one for all. Texture coordinates are then quotients of linear forms. Directions,
-    steps and hits are those of the whole image, of which ``pixels`` are taken. Returns for every one of them the rows
-    (value, step across, step down) of the numerators of u and v and of their denominator, shape (n, 3, 3), and whether
-    the square of half-width ``reach`` around the centre stays inside the face.
+    The ray at (x, y) from a pixel's centre is the pixel's own plus x and y times the rays' steps across and down.
+    Texture coordinates are then quotients of linear forms in (1, x, y).
+
+    Parameters
+    ----------
+    mesh, rays
+        The surface, and the rays of the whole image.
+    pixels
+        The pixels to take, shape (n,); each must see a face.
+    reach
+        Half the width of the footprint in px.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        The coefficients of 1, x and y in the numerators of u and v and in their denominator, shape (n, 3, 3); and
+        whether the square of half-width ``reach`` around the centre stays inside the face, shape (n,).
     """
+    vertices, faces, uv, origin = mesh.vertices, mesh.faces, mesh.uv, rays.origin
+    directions, across, down, hits = rays.directions, rays.across, rays.down, rays.face
     count = pixels.shape[0]
     apart = 1 if across.shape[0] > 1 else 0
     forms = np.empty((count, 3, 3), dtype=np.float64)

@@ -8,16 +8,34 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import inside, weigh, write_forms
+from scenetruth.raycast.inside_kernels import (
+    BLUR_X,
+    BLUR_Y,
+    BLUR_Z,
+    DISTANCE,
+    FORMS,
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
+    W0_X,
+    W0_Y,
+    W0_Z,
+    W1_X,
+    W1_Y,
+    W1_Z,
+    W2_X,
+    W2_Y,
+    W2_Z,
+    inside,
+    weigh,
+    write_forms,
+)
 
 __all__ = ["TILE", "prepare_faces", "raster_hits", "tile_bounds"]
 
 TILE = 16
 """Side of the square tiles in rays."""
 
-# Columns of a prepared face: normals of the planes through the eye and the edges opposite to its three corners, its own
-# normal, the plane's constant, and how far rounding may blur its edges per |d_x|, |d_y| and |d_z|.
-_FORMS = 16
 # What lies nearer to the plane of the eye than this share of its distance is taken to be anywhere in the image.
 _GRAZING = 1e-6
 # Tests that only skip work err by so much on the safe side, relative to the numbers' size; rounding is below 1e-9 even
@@ -26,6 +44,8 @@ _BOX_MARGIN = 1e-8
 _PLANE_MARGIN = 1e-12
 # Directions must point this far (cosine) into the half space of the axis.
 _LEAST_COSINE = 0.05
+# Range of a tile or a face in the projection's coordinates u and v.
+_LOW_U, _HIGH_U, _LOW_V, _HIGH_V = range(4)
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -56,8 +76,8 @@ def tile_bounds(directions: NDArray[np.float64], width: int, frame: NDArray[np.f
                     v = (dx * frame[1, 0] + dy * frame[1, 1] + dz * frame[1, 2]) / along
                     low_u, high_u = min(low_u, u), max(high_u, u)
                     low_v, high_v = min(low_v, v), max(high_v, v)
-            bounds[row, column, 0], bounds[row, column, 1] = low_u, high_u
-            bounds[row, column, 2], bounds[row, column, 3] = low_v, high_v
+            bounds[row, column, _LOW_U], bounds[row, column, _HIGH_U] = low_u, high_u
+            bounds[row, column, _LOW_V], bounds[row, column, _HIGH_V] = low_v, high_v
     return bounds, forward.all()
 
 
@@ -74,7 +94,7 @@ def prepare_faces(
     ``frame``, shape (m, 4), with margins for rounding; an empty range for what lies behind.
     """
     count = faces.shape[0]
-    forms = np.empty((count, _FORMS), dtype=np.float64)
+    forms = np.empty((count, FORMS), dtype=np.float64)
     boxes = np.empty((count, 4), dtype=np.float64)
     for face in numba.prange(count):
         low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
@@ -101,7 +121,8 @@ def prepare_faces(
             margin_u = _BOX_MARGIN * (1.0 + max(abs(low_u), abs(high_u)))
             margin_v = _BOX_MARGIN * (1.0 + max(abs(low_v), abs(high_v)))
             low_u, high_u, low_v, high_v = low_u - margin_u, high_u + margin_u, low_v - margin_v, high_v + margin_v
-        boxes[face, 0], boxes[face, 1], boxes[face, 2], boxes[face, 3] = low_u, high_u, low_v, high_v
+        boxes[face, _LOW_U], boxes[face, _HIGH_U] = low_u, high_u
+        boxes[face, _LOW_V], boxes[face, _HIGH_V] = low_v, high_v
         write_forms(vertices, faces, face, origin, forms[face])
     return forms, boxes
 
@@ -110,16 +131,17 @@ def prepare_faces(
 def _edges_of_tile(form: NDArray[np.float64], frame: NDArray[np.float64], bounds: NDArray[np.float64]) -> Any:
     """Tell whether a face may be met in a tile, and whether all rays of the tile are inside its three edges."""
     may_positive, may_negative, all_positive, all_negative = True, True, True, True
-    largest_u, largest_v = max(abs(bounds[0]), abs(bounds[1])), max(abs(bounds[2]), abs(bounds[3]))
+    largest_u = max(abs(bounds[_LOW_U]), abs(bounds[_HIGH_U]))
+    largest_v = max(abs(bounds[_LOW_V]), abs(bounds[_HIGH_V]))
     for edge in range(3):
         nx, ny, nz = form[3 * edge], form[3 * edge + 1], form[3 * edge + 2]
         along_u = nx * frame[0, 0] + ny * frame[0, 1] + nz * frame[0, 2]
         along_v = nx * frame[1, 0] + ny * frame[1, 1] + nz * frame[1, 2]
         constant = nx * frame[2, 0] + ny * frame[2, 1] + nz * frame[2, 2]
-        blur = form[13] + form[14] + form[15]
+        blur = form[BLUR_X] + form[BLUR_Y] + form[BLUR_Z]
         margin = (_PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * (1.0 + largest_u + largest_v)
-        one_u, two_u = along_u * bounds[0], along_u * bounds[1]
-        one_v, two_v = along_v * bounds[2], along_v * bounds[3]
+        one_u, two_u = along_u * bounds[_LOW_U], along_u * bounds[_HIGH_U]
+        one_v, two_v = along_v * bounds[_LOW_V], along_v * bounds[_HIGH_V]
         lowest = min(one_u, two_u) + min(one_v, two_v) + constant - margin
         highest = max(one_u, two_u) + max(one_v, two_v) + constant + margin
         may_positive, may_negative = may_positive and highest >= 0.0, may_negative and lowest <= 0.0
@@ -154,16 +176,16 @@ def raster_hits(
         top, bottom = row * TILE, min((row + 1) * TILE, height)
         for n in range(top * width, bottom * width):
             face_out[n], depth_out[n] = -1, np.inf
-        row_low, row_high = bounds[row, :, 2].min(), bounds[row, :, 3].max()
+        row_low, row_high = bounds[row, :, _LOW_V].min(), bounds[row, :, _HIGH_V].max()
         for face in range(forms.shape[0]):
-            if boxes[face, 2] > row_high or boxes[face, 3] < row_low:
+            if boxes[face, _LOW_V] > row_high or boxes[face, _HIGH_V] < row_low:
                 continue
             form = forms[face]
             for column in range(columns):
                 tile = bounds[row, column]
-                if boxes[face, 0] > tile[1] or boxes[face, 1] < tile[0]:
+                if boxes[face, _LOW_U] > tile[_HIGH_U] or boxes[face, _HIGH_U] < tile[_LOW_U]:
                     continue
-                if boxes[face, 2] > tile[3] or boxes[face, 3] < tile[2]:
+                if boxes[face, _LOW_V] > tile[_HIGH_V] or boxes[face, _HIGH_V] < tile[_LOW_V]:
                     continue
                 possible, certain = _edges_of_tile(form, frame, tile)
                 if not possible:
@@ -173,16 +195,16 @@ def raster_hits(
                     for n in range(y * width + left, y * width + right):
                         dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
                         if not certain:
-                            w2 = dx * form[6] + dy * form[7] + dz * form[8]
-                            w0 = dx * form[0] + dy * form[1] + dz * form[2]
-                            w1 = dx * form[3] + dy * form[4] + dz * form[5]
-                            blur = abs(dx) * form[13] + abs(dy) * form[14] + abs(dz) * form[15]
+                            w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
+                            w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
+                            w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
+                            blur = abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
                             if not inside(w0, w1, w2, blur):
                                 continue
-                        slope = form[9] * dx + form[10] * dy + form[11] * dz
+                        slope = form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
                         if slope == 0.0:
                             continue
-                        depth = form[12] / slope
+                        depth = form[DISTANCE] / slope
                         if depth > 0.0 and depth < depth_out[n]:
                             face_out[n], depth_out[n] = face, depth
         for n in range(top * width, bottom * width):

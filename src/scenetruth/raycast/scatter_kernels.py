@@ -8,11 +8,32 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import inside, weigh
+from scenetruth.raycast.inside_kernels import (
+    BLUR_X,
+    BLUR_Y,
+    BLUR_Z,
+    DISTANCE,
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
+    W0_X,
+    W0_Y,
+    W0_Z,
+    W1_X,
+    W1_Y,
+    W1_Z,
+    W2_X,
+    W2_Y,
+    W2_Z,
+    inside,
+    weigh,
+)
 
 __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
 
 _LEAST_COSINE = 0.05  # as of `raster_kernels.tile_bounds`
+# What a field or a box says of the projection's coordinates u and v: their ranges, and a field its cells besides.
+_LOW_U, _HIGH_U, _LOW_V, _HIGH_V, _CELLS_PER_U, _CELLS_PER_V = range(6)
 # Faces are sorted in so many shares side by side.
 _SHARES = 64
 
@@ -45,21 +66,21 @@ def sort_rays(directions: NDArray[np.float64], frame: NDArray[np.float64], side:
     for n in range(count):
         # Comparisons with NaN are false.
         for axis in range(2):
-            if places[n, axis] < field[2 * axis]:
-                field[2 * axis] = places[n, axis]
-            if places[n, axis] > field[2 * axis + 1]:
-                field[2 * axis + 1] = places[n, axis]
+            if places[n, axis] < field[_LOW_U + 2 * axis]:
+                field[_LOW_U + 2 * axis] = places[n, axis]
+            if places[n, axis] > field[_HIGH_U + 2 * axis]:
+                field[_HIGH_U + 2 * axis] = places[n, axis]
     for axis in range(2):
-        extent = field[2 * axis + 1] - field[2 * axis]
-        field[4 + axis] = side / extent if extent > 0.0 else 0.0
+        extent = field[_HIGH_U + 2 * axis] - field[_LOW_U + 2 * axis]
+        field[_CELLS_PER_U + axis] = side / extent if extent > 0.0 else 0.0
     cells = side * side
     start = np.zeros(cells + 2, dtype=np.int64)
     cell_of = np.empty(count, dtype=np.int32)
     for n in range(count):
         cell_of[n] = cells
         if not np.isnan(places[n, 0] + places[n, 1]):
-            row = _cell(places[n, 1], field[2], field[5], side - 1)
-            cell_of[n] = row * side + _cell(places[n, 0], field[0], field[4], side - 1)
+            row = _cell(places[n, 1], field[_LOW_V], field[_CELLS_PER_V], side - 1)
+            cell_of[n] = row * side + _cell(places[n, 0], field[_LOW_U], field[_CELLS_PER_U], side - 1)
         start[cell_of[n] + 1] += 1
     for cell in range(cells + 1):
         start[cell + 1] += start[cell]
@@ -85,8 +106,8 @@ def bin_faces(boxes: NDArray[np.float64], field: NDArray[np.float64], side: int,
         for face in range(share * per_share, min((share + 1) * per_share, count)):
             if _outside(boxes[face], field):
                 continue
-            first = _cell(boxes[face, 2], field[2], field[5], side - 1)
-            for row in range(first, _cell(boxes[face, 3], field[2], field[5], side - 1) + 1):
+            first = _cell(boxes[face, _LOW_V], field[_LOW_V], field[_CELLS_PER_V], side - 1)
+            for row in range(first, _cell(boxes[face, _HIGH_V], field[_LOW_V], field[_CELLS_PER_V], side - 1) + 1):
                 used[share, row] += 1
     start = np.zeros(side + 1, dtype=np.int64)
     for row in range(side):
@@ -103,8 +124,8 @@ def bin_faces(boxes: NDArray[np.float64], field: NDArray[np.float64], side: int,
         for face in range(share * per_share, min((share + 1) * per_share, count)):
             if _outside(boxes[face], field):
                 continue
-            first = _cell(boxes[face, 2], field[2], field[5], side - 1)
-            for row in range(first, _cell(boxes[face, 3], field[2], field[5], side - 1) + 1):
+            first = _cell(boxes[face, _LOW_V], field[_LOW_V], field[_CELLS_PER_V], side - 1)
+            for row in range(first, _cell(boxes[face, _HIGH_V], field[_LOW_V], field[_CELLS_PER_V], side - 1) + 1):
                 listed[used[share, row]] = face
                 used[share, row] += 1
     return listed, start
@@ -113,7 +134,12 @@ def bin_faces(boxes: NDArray[np.float64], field: NDArray[np.float64], side: int,
 @numba.njit(cache=True, nogil=True, inline="always")
 def _outside(box: NDArray[np.float64], field: NDArray[np.float64]) -> Any:
     """Tell whether a face touches no ray at all."""
-    return not (box[0] <= field[1] and box[1] >= field[0] and box[2] <= field[3] and box[3] >= field[2])
+    return not (
+        box[_LOW_U] <= field[_HIGH_U]
+        and box[_HIGH_U] >= field[_LOW_U]
+        and box[_LOW_V] <= field[_HIGH_V]
+        and box[_HIGH_V] >= field[_LOW_V]
+    )
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -147,21 +173,21 @@ def scatter_hits(
         faces_here = range(row_start[row], row_start[row + 1]) if behind > first else range(0)
         for entry in faces_here:
             face = listed[entry]
-            left = _cell(boxes[face, 0], field[0], field[4], side - 1)
-            right = _cell(boxes[face, 1], field[0], field[4], side - 1)
+            left = _cell(boxes[face, _LOW_U], field[_LOW_U], field[_CELLS_PER_U], side - 1)
+            right = _cell(boxes[face, _HIGH_U], field[_LOW_U], field[_CELLS_PER_U], side - 1)
             low, high = cell_start[row * side + left] - first, cell_start[row * side + right + 1] - first
             form = forms[face]
             for n in range(low, high):
                 dx, dy, dz = rays[n, 0], rays[n, 1], rays[n, 2]
-                w2 = dx * form[6] + dy * form[7] + dz * form[8]
-                w0 = dx * form[0] + dy * form[1] + dz * form[2]
-                w1 = dx * form[3] + dy * form[4] + dz * form[5]
-                if not inside(w0, w1, w2, abs(dx) * form[13] + abs(dy) * form[14] + abs(dz) * form[15]):
+                w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
+                w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
+                w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
+                if not inside(w0, w1, w2, abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]):
                     continue
-                slope = form[9] * dx + form[10] * dy + form[11] * dz
+                slope = form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
                 if slope == 0.0:
                     continue
-                depth = form[12] / slope
+                depth = form[DISTANCE] / slope
                 if depth > 0.0 and depth < nearest[n]:
                     best[n], nearest[n] = face, depth
         for n in range(behind - first):

@@ -8,7 +8,26 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import write_forms
+from scenetruth.raycast.footprints import ImageRays, TexturedMesh
+from scenetruth.raycast.inside_kernels import (
+    BLUR_X,
+    BLUR_Y,
+    BLUR_Z,
+    DISTANCE,
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
+    W0_X,
+    W0_Y,
+    W0_Z,
+    W1_X,
+    W1_Y,
+    W1_Z,
+    W2_X,
+    W2_Y,
+    W2_Z,
+    write_forms,
+)
 
 __all__ = ["walk_footprints"]
 
@@ -30,19 +49,7 @@ def _ways_out(w0: float, w1: float, w2: float) -> Any:
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def walk_footprints(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    neighbours: NDArray[np.int32],
-    face_body: NDArray[np.int32],
-    uv: NDArray[np.float64],
-    origin: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    across: NDArray[np.float64],
-    down: NDArray[np.float64],
-    hits: NDArray[np.int32],
-    width: int,
-    pixels: NDArray[np.int64],
-    offsets: NDArray[np.float64],
+    mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64]
 ) -> Any:
     """Find what the samples of pixels meet whose footprints no edge crosses.
 
@@ -50,15 +57,28 @@ def walk_footprints(
     so on, face by face across the edges that this line crosses. The line stays in the footprint; where no silhouette
     and no sharp edge is seen in it, the surface seen there is one sheet, and every face on the way belongs to it.
 
-    Directions, steps and hits are those of the whole image of a ``width``, of which ``pixels`` are taken; steps have
-    one row for every pixel, or one for all. ``offsets`` are those of the samples in px, shape (k, 2). Returns, for n
-    pixels, whether the walk arrived, shape (n,); face, shape (n, k), depth, (n, k), and weights, (n, k, 2), as of
-    `Hits`; and texture coordinates, shape (n, k, 2).
-
     A walk is given up where the surface ends, turns its other side, or is another body's; where one of the eight
     pixels around sees another body (they may cut into each other); at a ray exactly through an edge, which two faces
     meet; and after too many steps.
+
+    Parameters
+    ----------
+    mesh, rays
+        The surface, and the rays of the whole image.
+    pixels
+        The pixels to take, shape (n,).
+    offsets
+        The samples' offsets from the pixel centre in px, (x, y), shape (k, 2).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Whether the walk arrived, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates, (n, k, 2), as of
+        `Hits`; and texture coordinates, (n, k, 2).
     """
+    vertices, faces, neighbours, face_body, uv = mesh.vertices, mesh.faces, mesh.neighbours, mesh.face_body, mesh.uv
+    origin, directions, across, down = rays.origin, rays.directions, rays.across, rays.down
+    hits, width = rays.face, rays.width
     count, samples = pixels.shape[0], offsets.shape[0]
     height = hits.shape[0] // width
     apart = 1 if across.shape[0] > 1 else 0
@@ -81,7 +101,7 @@ def walk_footprints(
             continue
         form = np.empty(16, dtype=np.float64)
         write_forms(vertices, faces, face, origin, form)
-        side = 1.0 if form[12] > 0.0 else -1.0
+        side = 1.0 if form[DISTANCE] > 0.0 else -1.0
         step_x, step_y = across[pixel * apart], down[pixel * apart]
         # Where the line to the next sample begins.
         px, py, pz = directions[pixel, 0], directions[pixel, 1], directions[pixel, 2]
@@ -92,9 +112,9 @@ def walk_footprints(
             dz = directions[pixel, 2] + (right * step_x[2] + below * step_y[2])
             found = False
             for _step in range(_MOST_STEPS):
-                w2 = dx * form[6] + dy * form[7] + dz * form[8]
-                w0 = dx * form[0] + dy * form[1] + dz * form[2]
-                w1 = dx * form[3] + dy * form[4] + dz * form[5]
+                w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
+                w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
+                w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
                 ways, edge, corner = _ways_out(side * w0, side * w1, side * w2)
                 if ways == 0:
                     found = True
@@ -116,16 +136,16 @@ def walk_footprints(
                 if face < 0 or face_body[face] != body:
                     break
                 write_forms(vertices, faces, face, origin, form)
-                if not side * form[12] > 0.0:
+                if not side * form[DISTANCE] > 0.0:
                     break
             total = w0 + w1 + w2
-            slope = form[9] * dx + form[10] * dy + form[11] * dz
+            slope = form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
             # A ray through an edge, but for rounding, is in two faces: those who see all of them tell which one counts.
-            blur = abs(dx) * form[13] + abs(dy) * form[14] + abs(dz) * form[15]
+            blur = abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
             if not found or min(abs(w0), abs(w1), abs(w2)) <= blur or not side * slope > 0.0:
                 break
             b1, b2 = w1 / total, w2 / total
-            face_out[n, sample], depth_out[n, sample] = face, form[12] / slope
+            face_out[n, sample], depth_out[n, sample] = face, form[DISTANCE] / slope
             weights[n, sample, 0], weights[n, sample, 1] = b1, b2
             for k in range(2):
                 first = uv[face, 0, k]

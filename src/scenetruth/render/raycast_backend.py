@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import Hits, RayCaster, Topology, mixed_pixels
+from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh, Topology, mixed_pixels
 from scenetruth.render.protocol import Renderer
 from scenetruth.render.quadrature import gauss_rule
 from scenetruth.render.shading import Shader
@@ -28,19 +28,15 @@ class _View:
 
     caster: RayCaster
     t: float
-    origin: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    across: NDArray[np.float64]
-    down: NDArray[np.float64]
-    hits: Hits
+    mesh: TexturedMesh
+    rays: ImageRays
     body: NDArray[np.int32]
-    uv: NDArray[np.float64]
 
-    def rays(self, pixels: NDArray[np.int64], offsets_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def directions(self, pixels: NDArray[np.int64], offsets_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the directions of the samples of pixels, shape (pixels x samples, 3)."""
-        across, down = (item[pixels] if len(item) > 1 else item for item in (self.across, self.down))
+        across, down = (item[pixels] if len(item) > 1 else item for item in (self.rays.across, self.rays.down))
         offsets = offsets_px[:, :1] * across[:, None] + offsets_px[:, 1:] * down[:, None]
-        return (self.directions[pixels][:, None] + offsets).reshape(-1, 3)
+        return (self.rays.directions[pixels][:, None] + offsets).reshape(-1, 3)
 
 
 class RaycastRenderer(Renderer):
@@ -129,9 +125,15 @@ class RaycastRenderer(Renderer):
         edges = mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
         light = None if self._shader is None else self._shader.on_pixels(caster, t, origin, directions, hits, edges)
         edges = edges.ravel()
-        view = _View(
-            caster, t, origin, directions, across, down, hits, body, seen_uv(world, caster.vertices_mm, origin)
+        mesh = TexturedMesh(
+            caster.vertices_mm,
+            world.faces,
+            caster.topology.face_neighbours,
+            world.face_body,
+            seen_uv(world, caster.vertices_mm, origin),
         )
+        rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
+        view = _View(caster, t, mesh, rays, body)
         mixed, leaving = edges, np.zeros_like(edges)
         image = np.full(len(body), self._background, dtype=np.float32) if albedo is None else albedo.ravel().copy()
         offsets, weights = self._smooth
@@ -139,18 +141,7 @@ class RaycastRenderer(Renderer):
             inner = np.flatnonzero((body == index) & ~edges)
             for first in range(0, len(inner), _PIXELS_PER_PIECE):
                 pixels = inner[first : first + _PIXELS_PER_PIECE]
-                forms, whole = footprint_forms(
-                    caster.vertices_mm,
-                    world.faces,
-                    view.uv,
-                    origin,
-                    directions,
-                    across,
-                    down,
-                    hits.face,
-                    pixels,
-                    self._reach_px,
-                )
+                forms, whole = footprint_forms(mesh, rays, pixels, self._reach_px)
                 if np.count_nonzero(whole) < len(pixels) / 2:
                     image[pixels[whole]] = item.texture.mean_radiance(forms[whole], offsets, weights)
                 else:
@@ -184,22 +175,8 @@ class RaycastRenderer(Renderer):
         """Return means over footprints that no edge crosses, found without rays, and which of them were found."""
         from scenetruth.raycast.walk_kernels import walk_footprints
 
-        caster, world = view.caster, self._world
-        arrived, face, depth, barycentric, uv = walk_footprints(
-            caster.vertices_mm,
-            world.faces,
-            caster.topology.face_neighbours,
-            world.face_body,
-            view.uv,
-            view.origin,
-            view.directions,
-            view.across,
-            view.down,
-            view.hits.face,
-            self._camera.width,
-            pixels,
-            offsets,
-        )
+        world = self._world
+        arrived, face, depth, barycentric, uv = walk_footprints(view.mesh, view.rays, pixels, offsets)
         radiance = np.zeros(face.shape, dtype=np.float32)
         body = np.where(arrived, view.body[pixels], -1)
         for index, item in enumerate(world.bodies):
@@ -210,8 +187,10 @@ class RaycastRenderer(Renderer):
         if self._shader is not None:
             here = np.flatnonzero(arrived)
             hits = Hits(face[here].ravel(), depth[here].ravel(), barycentric[here].reshape(-1, 2))
-            rays = view.rays(pixels[here], offsets)
-            factors = self._shader.factors(caster, view.t, view.origin, rays, hits)[0].astype(np.float32)
+            directions = view.directions(pixels[here], offsets)
+            factors = self._shader.factors(view.caster, view.t, view.rays.origin, directions, hits)[0].astype(
+                np.float32
+            )
             radiance[here] *= factors.reshape(len(here), len(weights))
         return arrived, np.einsum("ps,s->p", radiance, weights)
 
@@ -219,17 +198,18 @@ class RaycastRenderer(Renderer):
         self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return means over footprints by a ray for every sample."""
-        rays = view.rays(pixels, offsets)
-        hits = view.caster.cast(view.origin, rays)
+        directions = view.directions(pixels, offsets)
+        hits = view.caster.cast(view.rays.origin, directions)
         body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
-        uv = hits.interpolate_corners(view.uv)
-        radiance = np.full(len(rays), self._background, dtype=np.float32)
+        uv = hits.interpolate_corners(view.mesh.uv)
+        radiance = np.full(len(directions), self._background, dtype=np.float32)
         for index, item in enumerate(self._world.bodies):
             chosen = body == index
             if chosen.any():
                 radiance[chosen] = item.texture.radiance(uv[chosen])
         if self._shader is not None:
-            radiance *= self._shader.factors(view.caster, view.t, view.origin, rays, hits)[0].astype(np.float32)
+            factors = self._shader.factors(view.caster, view.t, view.rays.origin, directions, hits)[0]
+            radiance *= factors.astype(np.float32)
         means: NDArray[np.float64] = np.einsum("ps,s->p", radiance.reshape(-1, len(weights)), weights)
         return means
 

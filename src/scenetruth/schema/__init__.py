@@ -5,6 +5,7 @@ from scenetruth.schema.checking import check_dataset
 from scenetruth.schema.estimate import make_estimate
 from scenetruth.schema.identity import check_same_run, digest, estimate_hash, identity_of
 from scenetruth.schema.labelling import label
+from scenetruth.schema.pixels import PixelGrid, pixel_grid_of
 from scenetruth.schema.recording import image_to_grey, make_recording
 from scenetruth.schema.variables import (
     FORMAT_VERSION,
@@ -24,6 +25,7 @@ __all__ = [
     "NO_SURFACE",
     "VARIABLES",
     "Intrinsics",
+    "PixelGrid",
     "Variable",
     "check_dataset",
     "check_same_run",
@@ -36,5 +38,6 @@ __all__ = [
     "make_estimate",
     "make_recording",
     "object_names_of",
+    "pixel_grid_of",
     "scene_of",
 ]

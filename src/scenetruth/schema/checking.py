@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
+from scenetruth.schema.pixels import pixel_grid_problems
 from scenetruth.schema.variables import ESTIMATED, REQUIRED, VARIABLES
 
 __all__ = ["check_dataset"]
@@ -27,11 +28,12 @@ def check_dataset(dataset: xr.Dataset, kind: str) -> None:
     Raises
     ------
     RecordingError
-        With every deviation: missing variables, wrong dimensions, missing or impossible intrinsics.
+        With every deviation: missing variables, wrong dimensions, missing or impossible intrinsics; of a
+        recording also pixels that are no even grid.
     """
     problems = [*_variable_problems(dataset, kind), *_intrinsics_problems(dataset)]
     if kind == "recording":
-        problems += _image_problems(dataset)
+        problems += [*_image_problems(dataset), *pixel_grid_problems(dataset)]
     if problems:
         raise RecordingError(problems, source=kind)
 

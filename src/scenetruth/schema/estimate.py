@@ -13,6 +13,7 @@ from scenetruth.schema.attributes import Intrinsics, intrinsics_of
 from scenetruth.schema.checking import check_dataset
 from scenetruth.schema.identity import estimate_hash
 from scenetruth.schema.labelling import label
+from scenetruth.schema.pixels import pixel_grid_of
 from scenetruth.schema.three_d_motion import depth_rate_along, flow_of_velocity, velocity_of_flow
 from scenetruth.schema.variables import KIND_FULL, KIND_NONE
 
@@ -54,7 +55,8 @@ def make_estimate(
     Parameters
     ----------
     like
-        The recording that the arrays were computed from: its frames, pixels and intrinsics hold.
+        The recording that the arrays were computed from: its frames, pixels and intrinsics hold. If it is a part of a
+        recording, or every n-th pixel of it, disparity and flow are in pixels of the camera all the same.
     depth
         Z along the optical axis in mm; positive.
     disparity
@@ -129,8 +131,8 @@ def make_estimate(
         raise RecordingError(problems, source="arrays of an estimate")
     _derive(arrays, intrinsics, frames, rate, like)
     maps: dict[str, NDArray[Any]] = {name: values.astype(np.float32) for name, values in arrays.items()}
-    made = label("estimate", maps | _kinds(arrays, known, shape), intrinsics, t=frames)
-    made = made.assign_coords(x=like["x"].variable, y=like["y"].variable)
+    x, y = (like[name].values if name in like.coords else None for name in ("x", "y"))
+    made = label("estimate", maps | _kinds(arrays, known, shape), intrinsics, t=frames, x=x, y=y)
     made.attrs |= {key: like.attrs[key] for key in _ATTRIBUTES if key in like.attrs} | {"method": method}
     made.attrs["estimate_hash"] = estimate_hash(made)
     check_dataset(made, "estimate")
@@ -250,7 +252,9 @@ def _derive(
                     arrays[f"{other}_std"] = np.abs(product) / arrays[one] ** 2 * arrays[std]
     if "depth" not in arrays:
         return
-    grid = np.meshgrid(like["x"].values.astype(np.float64), like["y"].values.astype(np.float64))
+    pixels = pixel_grid_of(like)
+    columns = pixels.first_x + pixels.step_px * np.arange(like.sizes["x"])
+    grid = np.meshgrid(columns, pixels.first_y + pixels.step_px * np.arange(like.sizes["y"]))
     if "velocity" in arrays:
         if "flow" not in arrays:
             arrays["flow"] = flow_of_velocity(arrays["velocity"], arrays["depth"], grid, intrinsics)

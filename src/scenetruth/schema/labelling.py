@@ -25,6 +25,8 @@ def label(
     s: ArrayLike | None = None,
     stage_x_mm: ArrayLike | None = None,
     stage_y_mm: ArrayLike | None = None,
+    x: ArrayLike | None = None,
+    y: ArrayLike | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Put names, coordinates and units on plain arrays.
@@ -44,6 +46,8 @@ def label(
         The camera's position for every s; ``baseline_mm * s`` if not given.
     stage_y_mm
         The position of every row of a grid of cameras; the cameras stand in one row if not given.
+    x, y
+        Pixel indices of the columns and rows; all pixels from 0 on if not given. The intrinsics hold for these indices.
     attrs
         More attributes.
 
@@ -65,8 +69,8 @@ def label(
     coordinates: dict[str, tuple[str, ArrayLike]] = {
         "t": ("t", frames),
         "time_s": ("t", frames * intrinsics.frame_interval_s),
-        "y": ("y", np.arange(sizes["y"])),
-        "x": ("x", np.arange(sizes["x"])),
+        "y": ("y", np.arange(sizes["y"]) if y is None else y),
+        "x": ("x", np.arange(sizes["x"]) if x is None else x),
     }
     if "s" in sizes:
         steps = centred_indices(sizes["s"]) if s is None else np.asarray(s, dtype=np.int64)

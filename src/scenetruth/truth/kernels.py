@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["fill_maps"]
+__all__ = ["MovingMesh", "fill_maps"]
+
+
+class MovingMesh(NamedTuple):
+    """A mesh and how it moves; vectors in the camera's frame."""
+
+    faces: NDArray[np.int32]
+    """Corners of the faces, shape (m, 3)."""
+    velocities: NDArray[np.float64]
+    """Velocities of the vertices in mm per frame, shape (n, 3)."""
+    normals: NDArray[np.float64]
+    """Unit normals of the faces, shape (m, 3)."""
+    face_body: NDArray[np.int32]
+    """The body that each face belongs to, shape (m,)."""
+    face_offsets: NDArray[np.int64]
+    """The first face of each body."""
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -17,20 +32,33 @@ def fill_maps(
     depth: NDArray[np.float64],
     weights: NDArray[np.float64],
     directions: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    velocities: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    face_body: NDArray[np.int32],
-    face_offsets: NDArray[np.int64],
+    mesh: MovingMesh,
     scale: float,
     disparity_depth: float,
 ) -> Any:
     """Write velocity, rates, disparity, normal, object and face of every pixel.
 
-    ``directions``, ``velocities`` (of the vertices) and ``normals`` (of the faces) are in the camera's frame.
-    ``disparity_depth`` is the product of disparity and depth; ``scale`` multiplies the rates of X / Z and Y / Z.
-    Vectors have their components first; NaN and -1 where nothing is met.
+    Parameters
+    ----------
+    face, depth, weights
+        What the pixels' rays meet, as of `Hits`.
+    directions
+        The rays' directions in the camera's frame, with Z = 1, shape (k, 3).
+    mesh
+        What they meet.
+    scale
+        Multiplies the rates of X / Z and Y / Z: the focal length in px, or 1.
+    disparity_depth
+        Product of disparity and depth, f V_X, in px mm.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Velocity, shape (3, k); rates, (2, k); disparity, (k,); normal, (3, k), towards the camera; object and face
+        within the object, (k,). NaN and -1 where nothing is met.
     """
+    faces, velocities, normals = mesh.faces, mesh.velocities, mesh.normals
+    face_body, face_offsets = mesh.face_body, mesh.face_offsets
     count = face.shape[0]
     velocity = np.empty((3, count), dtype=np.float64)
     rates = np.empty((2, count), dtype=np.float64)

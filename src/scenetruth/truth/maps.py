@@ -107,7 +107,7 @@ def truth_maps(
 
         Of the pixel: ``mixed``, and ``boundary_distance``, how far in px the nearest mixed pixel is.
     """
-    from scenetruth.truth.kernels import fill_maps
+    from scenetruth.truth.kernels import MovingMesh, fill_maps
     from scenetruth.truth.surface_kernels import fill_surface_maps
 
     shape = (camera.height, camera.width)
@@ -120,11 +120,13 @@ def truth_maps(
         hits.depth,
         hits.weights,
         directions,
-        world.faces,
-        viewpoint.directions_to_camera(geometry.snapshot.velocities),
-        viewpoint.directions_to_camera(geometry.normals),
-        world.face_body,
-        world.face_offsets,
+        MovingMesh(
+            world.faces,
+            viewpoint.directions_to_camera(geometry.snapshot.velocities),
+            viewpoint.directions_to_camera(geometry.normals),
+            world.face_body,
+            world.face_offsets,
+        ),
         focal if camera.distortion is None else 1.0,
         focal * baseline_mm,
     )

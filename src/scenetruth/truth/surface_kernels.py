@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 __all__ = ["fill_surface_maps"]
 
+# Where the numbers of a surface point begin (`scenetruth.scene.surface_kernels.surface_tensors`): normal, rate of
+# growth, rate of rotation, curvature; the two tensors in the order 11, 22, 33, 12, 13, 23.
+_NORMAL, _GROWTH, _ROTATION, _CURVATURE, _NUMBERS = 0, 3, 9, 12, 18
 _ROWS = (0, 1, 2, 0, 0, 1)
 _COLUMNS = (0, 1, 2, 1, 2, 2)
 # Principal rates that differ by less than this share of the tensor's size have no directions.
@@ -59,7 +62,7 @@ def fill_surface_maps(
     principal = np.empty((2, count), dtype=np.float64)
     direction = np.empty((3, count), dtype=np.float64)
     for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
-        mean, middle = np.empty(18), np.empty(3)
+        mean, middle = np.empty(_NUMBERS), np.empty(3)
         one, two, way = np.empty(3), np.empty(3), np.empty(3)
         for n in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
             met = face[n]
@@ -71,14 +74,14 @@ def fill_surface_maps(
                 continue
             b1, b2 = weights[n, 0], weights[n, 1]
             first, second, third = corners[met, 0], corners[met, 1], corners[met, 2]
-            for k in range(18):
+            for k in range(_NUMBERS):
                 value = tensors[first, k]
                 mean[k] = value + b1 * (tensors[second, k] - value) + b2 * (tensors[third, k] - value)
-            length = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
+            length = np.sqrt(mean[_NORMAL] ** 2 + mean[_NORMAL + 1] ** 2 + mean[_NORMAL + 2] ** 2)
             if not length > 0.0:
                 length = np.nan
             for k in range(3):
-                middle[k] = mean[k] / length
+                middle[k] = mean[_NORMAL + k] / length
             # Two tangents, from the axis that is farthest from the normal.
             axis = 0
             for k in range(1, 3):
@@ -90,8 +93,8 @@ def fill_surface_maps(
                 one[k] = ((1.0 if k == axis else 0.0) - along * middle[k]) / np.sqrt(square)
             for k in range(3):
                 two[k] = middle[(k + 1) % 3] * one[(k + 2) % 3] - middle[(k + 2) % 3] * one[(k + 1) % 3]
-            growth[n] = mean[3] + mean[4] + mean[5]
-            aa, ab, bb = _tangential(mean, 3, one, two)
+            growth[n] = mean[_GROWTH] + mean[_GROWTH + 1] + mean[_GROWTH + 2]
+            aa, ab, bb = _tangential(mean, _GROWTH, one, two)
             half, spread = 0.5 * (aa - bb), np.hypot(0.5 * (aa - bb), ab)
             principal[0, n], principal[1, n] = 0.5 * growth[n] + spread, 0.5 * growth[n] - spread
             # The eigenvector of the larger value, from the half angle.
@@ -100,13 +103,17 @@ def fill_surface_maps(
                 way[k] = np.cos(angle) * one[k] + np.sin(angle) * two[k]
             if spread <= _EQUAL * (abs(aa) + abs(bb)) or spread < 1e-15:
                 way[:] = np.nan
-            aa, ab, bb = _tangential(mean, 12, one, two)
+            aa, ab, bb = _tangential(mean, _CURVATURE, one, two)
             trace, spread = 0.5 * (aa + bb), np.hypot(0.5 * (aa - bb), ab)
             facing = 0.0
             for k in range(3):
                 turned = to_camera[k, 0] * middle[0] + to_camera[k, 1] * middle[1] + to_camera[k, 2] * middle[2]
                 facing += turned * normal[k, n]
-                rotation[k, n] = to_camera[k, 0] * mean[9] + to_camera[k, 1] * mean[10] + to_camera[k, 2] * mean[11]
+                rotation[k, n] = (
+                    to_camera[k, 0] * mean[_ROTATION]
+                    + to_camera[k, 1] * mean[_ROTATION + 1]
+                    + to_camera[k, 2] * mean[_ROTATION + 2]
+                )
                 direction[k, n] = to_camera[k, 0] * way[0] + to_camera[k, 1] * way[1] + to_camera[k, 2] * way[2]
             # Positive where the surface bulges towards the camera.
             sign = -1.0 if facing > 0.0 else 1.0

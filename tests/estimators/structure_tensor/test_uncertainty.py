@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.estimators.structure_tensor.filters import PAPER, gaussian_window, transfer
 from scenetruth.estimators.structure_tensor.rig import rig_of
-from scenetruth.estimators.structure_tensor.uncertainty import STRIDE, noise_model, texture_transfer
+from scenetruth.estimators.structure_tensor.texture import STRIDE
+from scenetruth.estimators.structure_tensor.uncertainty import noise_model, texture_transfer
 from scenetruth.schema import KIND_FULL
 from scenetruth.settings import EstimateSettings
 from tests.estimators.structure_tensor.analytic import Plane
@@ -149,8 +150,8 @@ def test_error_bars_are_independent_of_full_scale() -> None:
 def test_spectrum_of_a_plane_wave(k_x: float, k_y: float) -> None:
     y, x = np.mgrid[:80, :96]
     image = np.cos(k_x * x + k_y * y + 0.3).astype(np.float32)
-    narrow = EstimateSettings()
-    of_x, of_all, wide_x, wide_y, tilted = texture_transfer(image[None], narrow)[:, 8:-8, 8:-8]
+    inner = slice(8, -8)
+    of_x, of_all, wide_x, wide_y, tilted, _ = texture_transfer(image[None], EstimateSettings()).cropped(inner, inner)
     (d_x, s_x), (d_y, s_y) = transfer(k_x), transfer(k_y)
     # Energies of one wave ripple by exp(-(2 k sigma)^2 / 2) of themselves; 2 k sigma > 3 only for the larger k.
     ripple = 2 * np.exp(-2 * min(abs(k_x) + abs(k_y), 1.0) ** 2 * 36) + 5e-3
@@ -179,7 +180,7 @@ def test_any_stride_of_a_texture_is_seen() -> None:
     y, x = np.mgrid[:80, :96]
     for phase in (0.0, 0.8, 1.6):
         image = np.cos(2 * np.pi / (2 * STRIDE) * (x + y) + phase).astype(np.float32)
-        wide = texture_transfer(image[None], EstimateSettings())[2, 8:-8, 8:-8]
+        wide = texture_transfer(image[None], EstimateSettings()).wave_number_x2[8:-8, 8:-8]
         np.testing.assert_allclose(wide, (np.pi / STRIDE) ** 2, rtol=1e-2)
 
 

@@ -9,13 +9,14 @@ import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.structure_tensor.filters import PAPER
+from scenetruth.estimators.structure_tensor.maps import Maps
 from scenetruth.estimators.structure_tensor.registration import Registration
 from scenetruth.estimators.structure_tensor.rig import requirements, rig_of
-from scenetruth.estimators.structure_tensor.run import Maps, Progress, run
+from scenetruth.estimators.structure_tensor.run import Progress, run
 from scenetruth.estimators.structure_tensor.task import check_common_view, make_task, plain_images
 from scenetruth.estimators.structure_tensor.threshold import with_threshold
 from scenetruth.estimators.structure_tensor.working_points import choose_registrations
-from scenetruth.schema import intrinsics_of, label
+from scenetruth.schema import PixelGrid, intrinsics_of, label, pixel_grid_of
 from scenetruth.settings import EstimateSettings
 
 __all__ = ["estimate_structure_tensor"]
@@ -29,21 +30,24 @@ def estimate_structure_tensor(
     Parameters
     ----------
     recording
-        A checked recording.
+        A checked recording, of all pixels of the camera, of a part of them, or of every n-th (`pixel_grid_of`).
     settings
-        Window, threshold and working points.
+        Window, threshold and working points; windows count in columns of the recording, working points in the
+        camera's pixels.
     progress
         Called with (what, done, total).
 
     Returns
     -------
     xarray.Dataset
-        An estimate for every frame whose window lies inside the recording. Pixels whose filters and window do not lie
-        inside the registered images are NaN with ``kind`` none. One camera gives no depth and no velocity, one frame
-        neither flow nor velocity.
+        An estimate for every frame whose window lies inside the recording, at the recording's pixels. Pixels whose
+        filters and window do not lie inside the registered images are NaN with ``kind`` none. One camera gives no
+        depth and no velocity, one frame neither flow nor velocity. Disparity and flow are in the camera's pixels.
 
     Raises
     ------
+    RecordingError
+        If the recording's pixels are no even grid.
     EstimateError
         If the recording is too small for the filters, or the working point leaves no common view.
     """
@@ -69,33 +73,37 @@ def estimate_structure_tensor(
     if problems:
         raise EstimateError(problems)
     rig = rig_of(positions, count_t, settings)
-    task = make_task(images, rig, settings, intrinsics, float(recording.attrs["full_scale"]))
+    # Filters know only columns and rows.
+    grid = pixel_grid_of(recording)
+    full_scale = float(recording.attrs["full_scale"])
+    task = make_task(images, rig, _in_columns(settings, grid), grid.in_columns(intrinsics), full_scale)
     registrations = choose_registrations(task)
     check_common_view(task, registrations)
     task, sigma = with_threshold(task, registrations)
     maps = run(task, registrations, progress)
-    frames = task.outputs
+    frames, step = task.outputs, np.float32(grid.step_px)
     return label(
         "estimate",
         {
-            "depth": maps.floats[0],
-            "velocity": maps.floats[1:4],
-            "disparity": maps.floats[4],
-            "flow": maps.floats[5:7],
-            "divergence": maps.floats[7],
-            "kind": maps.flags[0],
-            "kind_disparity": maps.flags[1],
-            "kind_motion": maps.flags[2],
-            "model_violation": maps.flags[3].astype(bool),
-            "depth_std": maps.singles[0],
-            "velocity_std": maps.singles[1:4],
-            "disparity_std": maps.singles[4],
-            "confidence": maps.singles[5],
-            "working_point": maps.singles[6],
+            "depth": maps.depth,
+            "velocity": maps.velocity,
+            "disparity": maps.disparity * step,
+            "flow": maps.flow * step,
+            "divergence": maps.divergence,
+            "kind": maps.kind,
+            "kind_disparity": maps.kind_disparity,
+            "kind_motion": maps.kind_motion,
+            "model_violation": maps.model_violation.astype(bool),
+            "depth_std": maps.depth_std,
+            "velocity_std": maps.velocity_std,
+            "disparity_std": maps.disparity_std * step,
+            "confidence": maps.confidence,
+            "working_point": maps.working_point * step,
             "eigenvalues": maps.eigenvalues,
         },
         intrinsics,
         t=recording["t"].values[frames],
+        **{name: recording[name].values for name in ("x", "y") if name in recording.coords},
         attrs={
             **{key: recording.attrs[key] for key in ("scene", "scene_hash") if key in recording.attrs},
             "method": "structure_tensor",
@@ -104,8 +112,10 @@ def estimate_structure_tensor(
             "filters_t": task.over_t.name,
             "filters_xy": PAPER.name,
             "window_taps_frames": len(rig.window_t),
-            "working_point_px": _usual(maps, registrations),
-            "working_points_px": sorted([item.disparity, *item.flow] for item in registrations),
+            "working_point_px": _in_pixels(_usual(maps, registrations), grid),
+            "working_points_px": sorted(
+                [_in_pixels(value, grid) for value in (item.disparity, *item.flow)] for item in registrations
+            ),
             "tau": float(task.settings.tau),
             **({"noise_std": sigma} if np.isfinite(sigma) else {}),
         },
@@ -114,5 +124,22 @@ def estimate_structure_tensor(
 
 def _usual(maps: Maps, registrations: Sequence[Registration]) -> int:
     """Return the disparity at which most pixels were registered."""
-    chosen = maps.singles[6][np.isfinite(maps.singles[6])]
+    chosen = maps.working_point[np.isfinite(maps.working_point)]
     return int(np.median(chosen)) if chosen.size else registrations[0].disparity
+
+
+def _in_columns(settings: EstimateSettings, grid: PixelGrid) -> EstimateSettings:
+    """Return settings whose working points count in columns of the recording, rounded."""
+    disparity, flow = settings.working_point_px, settings.flow_working_point_px
+    return settings.model_copy(
+        update={
+            "working_point_px": disparity if isinstance(disparity, str) else round(disparity / grid.step_px),
+            "flow_working_point_px": flow if isinstance(flow, str) else tuple(round(u / grid.step_px) for u in flow),
+        }
+    )
+
+
+def _in_pixels(columns: int, grid: PixelGrid) -> int | float:
+    """Return a number of columns in the camera's pixels, whole if it is."""
+    pixels = columns * grid.step_px
+    return round(pixels) if pixels == round(pixels) else pixels

@@ -3,81 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.structure_tensor.carry import carry_to_reference
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE_MOMENT, PAPER, gaussian_window
+from scenetruth.estimators.structure_tensor.maps import Best, Maps
 from scenetruth.estimators.structure_tensor.registration import CELL, Registration
 from scenetruth.estimators.structure_tensor.rig import Rig
 from scenetruth.estimators.structure_tensor.shift import registered
 from scenetruth.estimators.structure_tensor.task import Task, columns_of_s, common_area
+from scenetruth.estimators.structure_tensor.texture import STRIDE
 from scenetruth.estimators.structure_tensor.tiling import Rectangle, tiles_of
-from scenetruth.estimators.structure_tensor.uncertainty import STRIDE, texture_transfer
+from scenetruth.estimators.structure_tensor.uncertainty import texture_transfer
 from scenetruth.estimators.threads import bands, in_threads, thread_count
 
-__all__ = ["Maps", "Progress", "Scratch", "run", "run_kernel"]
+if TYPE_CHECKING:
+    from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
+
+__all__ = ["Candidate", "Progress", "run", "run_kernel"]
 
 Progress = Callable[[str, int, int], None]
-Array = NDArray[np.float64]
-
 # What is kept for a pixel between the kernels, and how much of that at a time.
 _BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 192e6, 128
-_FOUND = 14
 
 
-@dataclass(frozen=True, eq=False)
-class Maps:
-    """The estimate, as plain arrays (see `to_world`)."""
+class Candidate(NamedTuple):
+    """A registration in the choice of the best one."""
 
-    floats: NDArray[np.float32]
-    moved: NDArray[np.float32]
-    singles: NDArray[np.float32]
-    flags: NDArray[np.uint8]
-    eigenvalues: NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class Scratch:
-    """What the kernels leave for a band of rows, see `estimate_tile`."""
-
-    best: NDArray[np.float32]
-    found: NDArray[np.float32]
-    solved: Array
-    kinds: NDArray[np.uint8]
-    choice: NDArray[np.int16]
-
-    @classmethod
-    def empty(cls, frames: int, rows: int, columns: int) -> Scratch:
-        """Return scratch in which no registration has been tried."""
-        shape = (frames, rows, columns)
-        return cls(
-            best=np.full((2, *shape), np.inf, dtype=np.float32),
-            found=np.empty((_FOUND, *shape), dtype=np.float32),
-            solved=np.empty((5, *shape)),
-            kinds=np.empty((3, *shape), dtype=np.uint8),
-            choice=np.full(shape, -1, dtype=np.int16),
-        )
-
-    def clear(self) -> None:
-        """Forget what has been tried."""
-        self.best.fill(np.inf)
-        self.choice.fill(-1)
+    number: int
+    """Number under which `Best` remembers it."""
+    images: NDArray[Any]
+    """The images as `registered` returns them for this working point."""
+    weight_t: float
+    """What motion along t counts beside that along s in the choice."""
 
 
 def run_kernel(
-    task: Task,
-    registration: Registration,
-    tiles: NDArray[np.int64],
-    scratch: Scratch,
-    first_row: int,
-    candidate: int,
-    images: NDArray[Any],
-    weight_t: float,
+    task: Task, registration: Registration, candidate: Candidate, tiles: NDArray[np.int64], best: Best, first_row: int
 ) -> None:
     """Estimate the frames of a task in some tiles at one registration.
 
@@ -85,71 +52,73 @@ def run_kernel(
     ----------
     task, registration
         What to estimate, and at which working point.
+    candidate
+        The registration's number and images.
     tiles
         First and last + 1 row, then column, of every tile, shape (n, 4).
-    scratch, first_row
+    best, first_row
         What is known so far of the rows from the first on; tiles must lie in them.
-    candidate
-        Number under which the scratch remembers this registration.
-    images
-        The images as `registered` returns them for this working point.
-    weight_t
-        What motion along t counts beside that along s in the choice between registrations.
     """
-    from scenetruth.estimators.structure_tensor.tensor_kernels import estimate_tile
+    from scenetruth.estimators.structure_tensor.tensor_kernels import Criteria, Registered, estimate_tile
 
     if len(tiles) == 0:
         return
     rig, settings = task.rig, task.settings
-    # The divergence term counts x from each camera's own principal point.
-    own = -registration.disparity * (rig.positions - rig.centre_s)
-    over_s = np.array([task.over_s.smoothing, task.over_s.derivative, own * task.over_s.smoothing])
-    over_xy = np.array([PAPER.smoothing, PAPER.derivative, DERIVATIVE_MOMENT[::-1]])
-    over_xy = np.vstack([over_xy, over_xy[2] - 2 * over_xy[0]])
-    window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
-    local = np.arange(len(window)) - len(window) // 2
+    filters = _filters_at(task, registration.disparity)
+    half = settings.window_taps_px // 2
+    criteria = Criteria(
+        candidate=candidate.number,
+        weight_t=candidate.weight_t,
+        tau=float(settings.tau),
+        moment_ratio=task.noise.moment_ratio,
+        window_moment=float(
+            gaussian_window(settings.window_sigma_px, settings.window_taps_px) @ np.arange(-half, half + 1) ** 2
+        ),
+    )
     still = registration.flow == (0, 0)
     # Frames slide through the window; frames that are registered in t stand elsewhere for every estimate.
     groups = [task.outputs] if still else [task.outputs[n : n + 1] for n in range(len(task.outputs))]
     for index, group in enumerate(groups):
         first = int(group[0]) - rig.before
-        arguments = (
-            images,
-            (first, first + rig.frames + len(group) - 1, index),
-            columns_of_s(rig, registration.disparity),
-            np.array(registration.flow, dtype=np.int64),
-            (rig.frames - 1) / 2,
-            first_row,
-            over_s.astype(np.float32),
-            np.array([task.over_t.smoothing, task.over_t.derivative], dtype=np.float32),
-            over_xy.astype(np.float32),
-            rig.window_t.astype(np.float32),
-            np.array([window, window * local, window * local**2, 2 * window * local], dtype=np.float32),
-            settings.divergence == "consistent",
-            np.array([weight_t, float(settings.tau), task.noise.moment_ratio, window @ local**2]),
-            scratch.best,
-            scratch.found,
-            scratch.solved,
-            scratch.kinds,
-            scratch.choice,
-            candidate,
+        view = Registered(
+            images=candidate.images,
+            columns_of_s=columns_of_s(rig, registration.disparity),
+            flow=np.array(registration.flow, dtype=np.int64),
+            first=first,
+            last=first + rig.frames + len(group) - 1,
+            centre_t=(rig.frames - 1) / 2,
         )
-        in_threads(partial(estimate_tile, *arguments), tiles)
+        in_threads(partial(estimate_tile, view, filters, criteria, best, index, first_row), tiles)
+
+
+def _filters_at(task: Task, disparity: int) -> Filters:
+    """Return the kernels of all filters for images registered by a disparity."""
+    from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
+
+    rig, settings = task.rig, task.settings
+    # The divergence term counts x from each camera's own principal point.
+    own = -disparity * (rig.positions - rig.centre_s)
+    over_s = np.array([task.over_s.smoothing, task.over_s.derivative, own * task.over_s.smoothing])
+    over_xy = np.array([PAPER.smoothing, PAPER.derivative, DERIVATIVE_MOMENT[::-1]])
+    over_xy = np.vstack([over_xy, over_xy[2] - 2 * over_xy[0]])
+    window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
+    local = np.arange(len(window)) - len(window) // 2
+    return Filters(
+        over_s=over_s.astype(np.float32),
+        over_t=np.array([task.over_t.smoothing, task.over_t.derivative], dtype=np.float32),
+        over_xy=over_xy.astype(np.float32),
+        window_t=rig.window_t.astype(np.float32),
+        window_xy=np.array([window, window * local, window * local**2, 2 * window * local], dtype=np.float32),
+        with_correction=settings.divergence == "consistent",
+    )
 
 
 def run(task: Task, registrations: Sequence[Registration], progress: Progress | None) -> Maps:
     """Estimate all frames, a band of rows and some frames at a time, so that scratch memory stays bounded."""
     height, width = task.images.shape[-2:]
     frames = len(task.outputs)
-    shape = (frames, height, width)
     elsewhere = task.rig.centre_s != 0 or task.rig.centre_t != 0
-    maps = Maps(
-        floats=np.empty((8, *shape), dtype=np.float32),
-        moved=np.empty((2, *shape) if elsewhere else (2, 1, 0, 0), dtype=np.float32),
-        singles=np.empty((7, *shape), dtype=np.float32),
-        flags=np.empty((4, *shape), dtype=np.uint8),
-        eigenvalues=np.empty((5, *shape), dtype=np.float32),
-    )
+    maps = Maps.empty(frames, height, width, shifted=elsewhere)
     at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
     group = max(1, min(frames, at_a_time // _BAND_ROWS))
     rows = max(_BAND_ROWS, at_a_time // group // STRIDE * STRIDE)
@@ -165,23 +134,23 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     weight_t = float(len({item.flow for item in registrations}) > 1)
     if progress is not None:
         progress("estimate", 0, steps)
-    scratch: Scratch | None = None
+    best: Best | None = None
     for done, (first, last, top, bottom) in enumerate(parts):
         part = replace(task, outputs=task.outputs[first:last])
-        if scratch is None or scratch.choice.shape[:2] != (last - first, bottom - top):
-            scratch = Scratch.empty(last - first, bottom - top, width)
+        if best is None or best.choice.shape[:2] != (last - first, bottom - top):
+            best = Best.empty(last - first, bottom - top, width)
         else:
-            scratch.clear()
+            best.clear()
         for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
             inside = (max(area[0], top), min(area[1], bottom), area[2], area[3])
             tiles = tiles_of(inside, item.cells, thread_count())
             images = registered(task, item.disparity) if only is None else only
-            run_kernel(part, item, tiles, scratch, top, number, images, weight_t)
+            run_kernel(part, item, Candidate(number, images, weight_t), tiles, best, top)
             if progress is not None:
                 progress("estimate", done * len(registrations) + number + 1, steps)
-        _forget_second_best(scratch.choice, registrations, areas, top)
+        _forget_second_best(best.choice, registrations, areas, top)
         for index in range(last - first):
-            _to_world(part, registrations, scratch, maps, index, first + index, top, bottom)
+            _to_world(part, registrations, best, maps, (index, first + index), (top, bottom))
     if elsewhere:
         for index in range(frames):
             _carry(maps, index, task.rig)
@@ -221,72 +190,81 @@ def _forget_second_best(
 def _to_world(
     task: Task,
     registrations: Sequence[Registration],
-    scratch: Scratch,
+    best: Best,
     maps: Maps,
-    index: int,
-    frame: int,
-    top: int,
-    bottom: int,
+    frames: tuple[int, int],
+    rows: tuple[int, int],
 ) -> None:
-    from scenetruth.estimators.structure_tensor.world_kernels import to_world
+    """Write one frame of a task's band of rows, given as its index in the task and in the maps."""
+    from scenetruth.estimators.structure_tensor.world_kernels import Axes, Noise, WorkingPoints, to_world
 
-    rig, intrinsics, model = task.rig, task.intrinsics, task.noise
+    rig, intrinsics, model, (top, bottom) = task.rig, task.intrinsics, task.noise, rows
     camera = int(np.argmin(np.abs(rig.positions)))
     # A few rows more than the band, for the window over the texture.
     border = 2 * STRIDE * (task.settings.window_taps_px // STRIDE + 1)
     start = max(top - border, 0) // STRIDE * STRIDE
-    image = task.images[:, camera, task.outputs[index], start : bottom + border].astype(np.float32)
-    texture = texture_transfer(image, task.settings)[:, (top - start) // STRIDE :]
+    image = task.images[:, camera, task.outputs[frames[0]], start : bottom + border].astype(np.float32)
+    texture = texture_transfer(image, task.settings).cropped(slice((top - start) // STRIDE, None))
     sigma = task.settings.noise_std
-    points = np.array([(item.disparity, *item.flow) for item in registrations], dtype=np.float64)
-    arguments = (
-        (intrinsics.focal_length_px, *intrinsics.principal_point_px, intrinsics.baseline_mm),
-        (rig.centre_s, rig.centre_t),
-        task.scales,
-        (rig.sees_depth, rig.sees_motion),
-        points,
-        tuple(bool(np.ptp(points[:, k]) > 0) for k in range(3)),
-        top,
-        scratch.kinds[:, index],
-        scratch.solved[:, index],
-        scratch.found[:, index],
-        scratch.choice[index],
-        (
-            np.nan if sigma == "auto" else float(sigma) ** 2,
-            *model.residual_s,
-            *model.residual_t,
-            model.window,
-            model.motion_s,
-        ),
-        np.array([model.phases, model.disparity_s, model.disparity_t, model.motion_t]),
-        texture,
-        STRIDE,
-        maps.floats[:, frame, top:bottom],
-        maps.moved[:, frame if maps.moved.size else 0, top:bottom],
-        maps.singles[:, frame, top:bottom],
-        maps.flags[:, frame, top:bottom],
-        maps.eigenvalues[:, frame, top:bottom],
+    axes = Axes(
+        intrinsics.focal_length_px,
+        *intrinsics.principal_point_px,
+        baseline_mm=intrinsics.baseline_mm,
+        centre_s=rig.centre_s,
+        centre_t=rig.centre_t,
+        scale_s=task.scales[0],
+        scale_t=task.scales[1],
+        sees_depth=rig.sees_depth,
+        sees_motion=rig.sees_motion,
     )
-    in_threads(partial(to_world, *arguments), bands(bottom - top))
+    whole = np.array([(item.disparity, *item.flow) for item in registrations], dtype=np.float64).T.copy()
+    points = WorkingPoints(*whole, *(bool(np.ptp(values) > 0) for values in whole))
+    noise = Noise(
+        power=np.nan if sigma == "auto" else float(sigma) ** 2,
+        residual_s=model.residual_s,
+        residual_t=model.residual_t,
+        window=model.window,
+        motion_s=model.motion_s,
+        phases=model.phases,
+        disparity_s=model.disparity_s,
+        disparity_t=model.disparity_t,
+        motion_t=model.motion_t,
+    )
+    in_threads(partial(to_world, axes, points, noise, texture, best, maps, frames, top), bands(bottom - top))
 
 
 def _carry(maps: Maps, index: int, rig: Rig) -> None:
-    moved = maps.moved[:, index].astype(np.float64)
-    singles = maps.singles[:, index]
-    together = np.concatenate([maps.floats[:, index], singles[:6], maps.eigenvalues[:, index]])
-    flags = np.concatenate([maps.flags[:, index].astype(np.int64), np.nan_to_num(singles[6:]).astype(np.int64)])
-    carried, kinds = carry_to_reference(moved, together, flags)
-    maps.floats[:, index] = carried[:8]
-    singles[:6] = carried[8:14]
-    singles[5] = np.nan_to_num(singles[5])
-    maps.eigenvalues[:, index] = carried[14:]
-    maps.flags[:, index] = kinds[:4]
+    """Carry one frame to the reference."""
+    shift = maps.shift[:, index].astype(np.float64)
+    interpolated = (
+        *(maps.depth[None], maps.velocity, maps.disparity[None], maps.flow, maps.divergence[None]),
+        *(maps.depth_std[None], maps.velocity_std, maps.disparity_std[None], maps.confidence[None], maps.eigenvalues),
+    )
+    # Working points are whole numbers.
+    whole = np.nan_to_num(maps.working_point[index]).astype(np.int64)
+    flags = (maps.kind, maps.kind_disparity, maps.kind_motion, maps.model_violation)
+    carried, kinds = carry_to_reference(
+        shift,
+        np.concatenate([part[:, index] for part in interpolated]),
+        np.stack([*(part[index].astype(np.int64) for part in flags), whole]),
+    )
+    first = 0
+    for part in interpolated:
+        part[:, index] = carried[first : first + len(part)]
+        first += len(part)
+    for flag, values in zip(flags, kinds, strict=False):
+        flag[index] = values
+    maps.confidence[index] = np.nan_to_num(maps.confidence[index])
     # What is interpolated from pixels of which not all had a value has none; its kind says so.
-    floats = maps.floats[:, index]
-    for flag, parts in ((1, [0, 4]), (2, [5, 6, 7])):
-        lost = ~np.isfinite(floats[parts]).all(axis=0)
-        maps.flags[flag, index][lost] = 0
-        floats[[*parts, 1, 2, 3]] = np.where(lost, np.nan, floats[[*parts, 1, 2, 3]])
+    disparity_known = np.isfinite(maps.depth[index]) & np.isfinite(maps.disparity[index])
+    motion_known = np.isfinite(maps.flow[:, index]).all(axis=0) & np.isfinite(maps.divergence[index])
+    for kind, known, lost in (
+        (maps.kind_disparity, disparity_known, (maps.depth[index], maps.disparity[index])),
+        (maps.kind_motion, motion_known, (*maps.flow[:, index], maps.divergence[index])),
+    ):
+        kind[index][~known] = 0
+        for values in (*lost, *maps.velocity[:, index]):
+            values[~known] = np.nan
     lesser = np.minimum if rig.sees_depth and rig.sees_motion else np.maximum
-    maps.flags[0, index] = lesser(maps.flags[1, index], maps.flags[2, index])
-    singles[6] = np.where(maps.flags[0, index] > 0, kinds[4], np.nan)
+    maps.kind[index] = lesser(maps.kind_disparity[index], maps.kind_motion[index])
+    maps.working_point[index] = np.where(maps.kind[index] > 0, kinds[len(flags)], np.nan)

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from scenetruth.estimators.structure_tensor.maps import Best
 from scenetruth.estimators.structure_tensor.registration import Registration
-from scenetruth.estimators.structure_tensor.run import Scratch, run_kernel
+from scenetruth.estimators.structure_tensor.run import Candidate, run_kernel
 from scenetruth.estimators.structure_tensor.shift import registered
 from scenetruth.estimators.structure_tensor.task import Task, common_area
 
@@ -38,7 +39,7 @@ def _sample_noise(task: Task, registrations: Sequence[Registration]) -> float:
     plain = replace(task, settings=task.settings.model_copy(update={"tau": 0.0}), outputs=task.outputs[:1])
     model, (height, width) = task.noise, task.images.shape[-2:]
     rows, columns = (np.linspace(0, size - 1, _SAMPLES + 2).astype(np.int64)[1:-1] for size in (height, width))
-    lines = [(int(y), Scratch.empty(1, 1, width)) for y in rows]
+    lines = [(int(y), Best.empty(1, 1, width)) for y in rows]
     for number, item in enumerate(registrations):
         top, bottom, left, right = common_area(task, item)
         images = registered(task, item.disparity)
@@ -46,15 +47,16 @@ def _sample_noise(task: Task, registrations: Sequence[Registration]) -> float:
         for y, line in lines:
             if top <= y < bottom:
                 tiles = np.array([(y, y + 1, x, x + 1) for x in inside], dtype=np.int64).reshape(-1, 4)
-                run_kernel(plain, item, tiles, line, y, number, images, 0.0)
+                run_kernel(plain, item, Candidate(number, images, 0.0), tiles, line, y)
     powers = []
     for _, line in lines:
         at = (0, 0, np.flatnonzero(line.choice[0, 0] >= 0))
-        v, u = line.solved[0][at], line.solved[1:3, *at]
         if task.rig.sees_depth:
-            powers.append(line.found[5][at] / (model.residual_s[0] + model.residual_s[1] * v**2))
+            of_unit = model.residual_s[0] + model.residual_s[1] * line.v_x[at] ** 2
+            powers.append(line.residual_s[at] / of_unit)
         if task.rig.sees_motion:
-            powers.append(line.found[8][at] / (model.residual_t[0] + model.residual_t[1] * np.sum(u**2, axis=0)))
+            of_unit = model.residual_t[0] + model.residual_t[1] * (line.flow_x[at] ** 2 + line.flow_y[at] ** 2)
+            powers.append(line.residual_t[at] / of_unit)
     values = np.concatenate(powers)
     values = values[np.isfinite(values)]
     return float(max(np.median(values), 0.0)) if values.size else 0.0

@@ -12,15 +12,13 @@ from scipy.ndimage import correlate1d
 
 from scenetruth.estimators.structure_tensor.filters import PAPER, FilterPair, gaussian_window
 from scenetruth.estimators.structure_tensor.rig import REACH, Rig
+from scenetruth.estimators.structure_tensor.texture import STRIDE, Texture
 from scenetruth.estimators.threads import bands, in_threads
 from scenetruth.settings import EstimateSettings
 
-__all__ = ["STRIDE", "NoiseModel", "noise_model", "texture_transfer"]
+__all__ = ["NoiseModel", "noise_model", "texture_transfer"]
 
 Array = NDArray[np.float64]
-
-STRIDE = 4
-"""Distance in px of the points at which the texture's spectrum is measured."""
 
 _PHASES = np.linspace(0.0, 2.0, 65)
 
@@ -110,7 +108,7 @@ def _smoothing_noise(pair: FilterPair, window: Array) -> Array:
     return _spread(np.broadcast_to(pair.smoothing, (len(_PHASES), len(pair.smoothing))), window)
 
 
-def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> NDArray[np.float32]:
+def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> Texture:
     """Measure where in the spatial spectrum the texture of an image stands.
 
     Parameters
@@ -122,10 +120,8 @@ def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> 
 
     Returns
     -------
-    numpy.ndarray
-        Shape (5, y / 4, x / 4), rounded up: |Ŝ_x Ŝ_y|² in the mean over the energy of g_x, the same over the energy of
-        g_x and g_y, the mean squares of the wave numbers k_x and k_y in rad² per px², and by how much more noise
-        passes where coordinates weigh the window.
+    Texture
+        Arrays of the shape (y / 4, x / 4), rounded up.
     """
     from scenetruth.estimators.structure_tensor.spectrum_kernels import gradient_energies
 
@@ -149,7 +145,7 @@ def _windowed(energy: NDArray[np.float32], window: NDArray[np.float32]) -> None:
         correlate1d(energy, window, axis=axis, mode="nearest", output=energy)
 
 
-def _ratios(energies: dict[str, NDArray[np.float32]], settings: EstimateSettings) -> NDArray[np.float32]:
+def _ratios(energies: dict[str, NDArray[np.float32]], settings: EstimateSettings) -> Texture:
     tiny = np.float32(1e-20)
     wide_x = energies["dx"] / (energies["sx"] + tiny)
     wide_y = energies["dy"] / (energies["sy"] + tiny)
@@ -158,15 +154,15 @@ def _ratios(energies: dict[str, NDArray[np.float32]], settings: EstimateSettings
     k_x, k_y = np.sqrt(wide_x), np.sqrt(wide_y)
     wider = np.interp(k_x, _PHASES, plain) * np.interp(k_y, _PHASES, plain)
     coordinates = np.interp(k_x, _PHASES, tilted / plain) + np.interp(k_y, _PHASES, tilted / plain)
-    return np.stack(
-        [
-            energies["sx"] / (energies["x"] + tiny) * wider,
-            (energies["sx"] + energies["sy"]) / (energies["x"] + energies["y"] + tiny) * wider,
-            wide_x,
-            wide_y,
-            coordinates / 2,
-        ]
-    ).astype(np.float32)
+    return Texture(
+        passed_x=(energies["sx"] / (energies["x"] + tiny) * wider).astype(np.float32),
+        passed_xy=((energies["sx"] + energies["sy"]) / (energies["x"] + energies["y"] + tiny) * wider).astype(
+            np.float32
+        ),
+        wave_number_x2=wide_x.astype(np.float32),
+        wave_number_y2=wide_y.astype(np.float32),
+        widened=(coordinates / 2).astype(np.float32),
+    )
 
 
 @lru_cache(maxsize=8)

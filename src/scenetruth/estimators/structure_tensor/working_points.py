@@ -99,9 +99,9 @@ def _coarse_registrations(task: Task, frame: int, largest: int) -> list[Registra
         outputs=task.rig.outputs(smaller.shape[2]),
     )
     maps = run(coarse, choose_registrations(coarse), None)
-    known = maps.flags[0, 0] > 0
-    disparity = np.nan_to_num(maps.floats[4, 0])
-    flow = np.nan_to_num(maps.floats[5:7, 0])
+    known = maps.kind[0] > 0
+    disparity = np.nan_to_num(maps.disparity[0])
+    flow = np.nan_to_num(maps.flow[:, 0])
     return registrations_from_coarse(disparity, flow, known, task.images.shape[-2:], largest)
 
 

@@ -2,18 +2,67 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["to_world"]
+from scenetruth.estimators.structure_tensor.maps import Best, Maps
+from scenetruth.estimators.structure_tensor.texture import Texture
+
+__all__ = ["Axes", "Noise", "WorkingPoints", "to_world"]
 
 _NONE, _NORMAL, _FULL = 0, 1, 2
 # Displacement that may be left between two cameras or two frames by the best of several registrations, in px.
 _MOST_LEFT = 1.0
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+class Axes(NamedTuple):
+    """The pinhole camera, its stage and its frames, as the estimator uses them."""
+
+    focal_length_px: float
+    centre_x_px: float
+    """Principal point."""
+    centre_y_px: float
+    baseline_mm: float
+    """V_X."""
+    centre_s: float
+    """Where the estimates belong, in steps of s and t from the reference."""
+    centre_t: float
+    scale_s: float
+    """By what g_s and g_t were multiplied so that all derivatives have the same noise."""
+    scale_t: float
+    sees_depth: bool
+    sees_motion: bool
+
+
+class WorkingPoints(NamedTuple):
+    """Whole pixels by which images were registered, shape (n,), and which of them differ among the registrations."""
+
+    disparity: NDArray[np.float64]
+    flow_x: NDArray[np.float64]
+    flow_y: NDArray[np.float64]
+    several_disparities: bool
+    several_flows_x: bool
+    several_flows_y: bool
+
+
+class Noise(NamedTuple):
+    """The power of the images' noise, and what becomes of it (`NoiseModel`)."""
+
+    power: float
+    """Not finite: estimated from each pixel's own residual."""
+    residual_s: tuple[float, float]
+    residual_t: tuple[float, float]
+    window: float
+    motion_s: float
+    phases: NDArray[np.float64]
+    disparity_s: NDArray[np.float64]
+    disparity_t: NDArray[np.float64]
+    motion_t: NDArray[np.float64]
 
 
 @_jit
@@ -26,164 +75,156 @@ def _look_up(phase: float, phases: Any, table: Any) -> float:
 
 
 @_jit
+def _forget(maps: Maps, frame: int, row: int, x: int) -> None:
+    """Write a pixel that nothing is known of."""
+    at = frame, row, x
+    maps.depth[at] = maps.disparity[at] = maps.divergence[at] = np.nan
+    maps.depth_std[at] = maps.disparity_std[at] = maps.working_point[at] = np.nan
+    for k in range(3):
+        maps.velocity[k, frame, row, x] = maps.velocity_std[k, frame, row, x] = np.nan
+    for k in range(2):
+        maps.flow[k, frame, row, x] = np.nan
+    if maps.shift.size > 0:
+        maps.shift[0, frame, row, x] = maps.shift[1, frame, row, x] = np.nan
+    for k in range(5):
+        maps.eigenvalues[k, frame, row, x] = np.nan
+    maps.confidence[at] = 0.0
+    maps.kind[at] = maps.kind_disparity[at] = maps.kind_motion[at] = maps.model_violation[at] = 0
+
+
+@_jit
 def to_world(
-    camera: tuple[float, float, float, float],
-    centre: tuple[float, float],
-    scales: tuple[float, float],
-    sees: tuple[bool, bool],
-    registrations: Any,
-    several: tuple[bool, bool, bool],
+    axes: Axes,
+    points: WorkingPoints,
+    noise: Noise,
+    texture: Texture,
+    best: Best,
+    maps: Maps,
+    frames: tuple[int, int],
     first_row: int,
-    kinds: Any,
-    solved: Any,
-    found: Any,
-    choice: Any,
-    noise: tuple[float, float, float, float, float, float, float],
-    tables: Any,
-    texture: Any,
-    stride: int,
-    floats: Any,
-    moved: Any,
-    singles: Any,
-    flags: Any,
-    eigenvalues: Any,
     rows: tuple[int, int],
 ) -> None:
     """Go back to the world (paper, end of section 3), pixel by pixel.
 
     Parameters
     ----------
-    camera
-        f, c_x, c_y in px and V_X in mm.
-    centre
-        Where the estimates belong, in steps of s and t from the reference.
-    scales
-        By what g_s and g_t were multiplied so that all derivatives have the same noise.
-    sees
-        Whether there is disparity, and motion.
-    registrations
-        Disparity, flow along x, flow along y of every working point, shape (n, 3).
-    several
-        Which of these three are not the same for all working points.
-    first_row
-        Row of the image at which the arrays of this call begin.
-    kinds, solved, found, choice
-        What `estimate_tile` left, of one frame; shapes (3, y, x), (5, y, x), (14, y, x), (y, x).
+    axes
+        Camera, stage and frames.
+    points
+        The working points of all registrations.
     noise
-        Power of the images' noise (not finite: estimated from each pixel's own residual), the four powers of the
-        residuals in units of it, Σ w², and the constraint's noise along s.
-    tables
-        φ, and noise of the constraint over it, shape (4, n): φ; disparity along s, along t; motion along t.
-    texture, stride
-        What `texture_transfer` found from ``first_row`` on, shape (5, Y, X), and the distance of its points.
-    floats
-        Output, float32, shape (8, y, x): depth, velocity, disparity, flow, divergence.
-    moved
-        Output, float32, shape (2, y, x), written if the estimates belong elsewhere: by how much the reference sees the
-        point further right and down.
-    singles
-        Output, float32, shape (7, y, x): standard deviations of depth, velocity, disparity; confidence; working point.
-    flags
-        Output, shape (4, y, x): kind of all, of disparity, of motion, and model violation.
-    eigenvalues
-        Output, float32, shape (5, y, x): λ1 to λ5.
+        What becomes of the images' noise.
+    texture
+        The texture's place in the spectrum, from ``first_row`` on.
+    best
+        What `estimate_tile` left, from ``first_row`` on.
+    maps
+        Output.
+    frames
+        The frame of ``best``, and that of ``maps``.
+    first_row
+        Row of the image at which ``best`` begins.
     rows
-        First and last + 1 of the rows to do.
+        First and last + 1 of the rows of ``best`` to do.
     """
-    focal, c_x, c_y, baseline = camera
-    centre_s, centre_t = centre
-    scale_s, scale_t = scales
-    phases = tables[0]
-    elsewhere = centre_s != 0.0 or centre_t != 0.0
+    n, frame = frames
+    elsewhere = axes.centre_s != 0.0 or axes.centre_t != 0.0
     for y in range(rows[0], rows[1]):
-        texture_row = y // stride
-        for x in range(choice.shape[1]):
-            for k in range(8):
-                floats[k, y, x] = np.nan
-            if elsewhere:
-                moved[0, y, x] = moved[1, y, x] = np.nan
-            for k in range(7):
-                singles[k, y, x] = np.nan
-            singles[5, y, x] = 0.0
-            for k in range(4):
-                flags[k, y, x] = 0
-            for k in range(5):
-                eigenvalues[k, y, x] = found[k, y, x] if choice[y, x] >= 0 else np.nan
-            if choice[y, x] < 0:
+        row = first_row + y
+        for x in range(best.choice.shape[2]):
+            at, out = (n, y, x), (frame, row, x)
+            _forget(maps, frame, row, x)
+            if best.choice[at] < 0:
                 continue
-            whole = registrations[choice[y, x]]
-            left_v, left_x, left_y = solved[0, y, x] / scale_s, solved[1, y, x] / scale_t, solved[2, y, x] / scale_t
+            for k in range(5):
+                maps.eigenvalues[k, frame, row, x] = best.eigenvalues[n, k, y, x]
+            point = best.choice[at]
+            left_v = best.v_x[at] / axes.scale_s
+            left_x, left_y = best.flow_x[at] / axes.scale_t, best.flow_y[at] / axes.scale_t
             # Where there was a choice, a better one lies outside the common view, or there is none.
             if (
-                (several[0] and abs(left_v) > _MOST_LEFT)
-                or (several[1] and abs(left_x) > _MOST_LEFT)
-                or (several[2] and abs(left_y) > _MOST_LEFT)
+                (points.several_disparities and abs(left_v) > _MOST_LEFT)
+                or (points.several_flows_x and abs(left_x) > _MOST_LEFT)
+                or (points.several_flows_y and abs(left_y) > _MOST_LEFT)
             ):
                 continue
-            disparity, flow_x, flow_y = whole[0] - left_v, whole[1] + left_x, whole[2] + left_y
-            u_z = (solved[4, y, x] if kinds[1, y, x] == _FULL else solved[3, y, x]) / scale_t
-            depth = focal * baseline / disparity if disparity != 0.0 else np.nan
-            kind_s = kinds[0, y, x] if sees[0] and np.isfinite(depth) and depth > 0.0 else _NONE
-            kind_t = kinds[1, y, x] if sees[1] and np.isfinite(flow_x + flow_y + u_z) else _NONE
-            flags[1, y, x], flags[2, y, x] = kind_s, kind_t
-            flags[0, y, x] = min(kind_s, kind_t) if sees[0] and sees[1] else max(kind_s, kind_t)
+            disparity = points.disparity[point] - left_v
+            flow_x, flow_y = points.flow_x[point] + left_x, points.flow_y[point] + left_y
+            full_motion = best.kind_motion[at] == _FULL
+            u_z = (best.certain_u_z[at] if full_motion else best.u_z[at]) / axes.scale_t
+            depth = axes.focal_length_px * axes.baseline_mm / disparity if disparity != 0.0 else np.nan
+            seen_s = axes.sees_depth and np.isfinite(depth) and depth > 0.0
+            seen_t = axes.sees_motion and np.isfinite(flow_x + flow_y + u_z)
+            kind_s = best.kind_disparity[at] if seen_s else _NONE
+            kind_t = best.kind_motion[at] if seen_t else _NONE
+            maps.kind_disparity[out], maps.kind_motion[out] = kind_s, kind_t
+            both = axes.sees_depth and axes.sees_motion
+            maps.kind[out] = min(kind_s, kind_t) if both else max(kind_s, kind_t)
             if kind_s == _NONE and kind_t == _NONE:
                 continue
-            flags[3, y, x] = kinds[2, y, x]
-            singles[6, y, x] = whole[0]
-            three, four = found[2, y, x], found[3, y, x]
+            maps.model_violation[out] = best.model_violation[at]
+            maps.working_point[out] = points.disparity[point]
+            three, four = best.eigenvalues[n, 2, y, x], best.eigenvalues[n, 3, y, x]
             gap = max((three - four) / (three + four), 0.0) if three + four > 0.0 else 0.0
-            singles[5, y, x] = min(gap * gap, 1.0)
+            maps.confidence[out] = min(gap * gap, 1.0)
 
             # The camera between the cameras, the instant between the frames.
-            x_0 = first_x = x - c_x - whole[0] * centre_s + whole[1] * centre_t
-            y_0 = first_y = first_row + y - c_y + whole[2] * centre_t
+            x_0 = x - axes.centre_x_px - points.disparity[point] * axes.centre_s + points.flow_x[point] * axes.centre_t
+            y_0 = row - axes.centre_y_px + points.flow_y[point] * axes.centre_t
+            first_x, first_y = x_0, y_0
             u_x, u_y = flow_x - x_0 * u_z, flow_y - y_0 * u_z
             if kind_t == _NONE:
                 u_x = u_y = u_z = 0.0
             if elsewhere:
-                closer = 1.0 + u_z * centre_t
-                seen = x_0 + (disparity * centre_s if centre_s != 0.0 else 0.0)
-                x_0, y_0 = (seen - u_x * centre_t) / closer, (y_0 - u_y * centre_t) / closer
+                closer = 1.0 + u_z * axes.centre_t
+                seen = x_0 + (disparity * axes.centre_s if axes.centre_s != 0.0 else 0.0)
+                x_0, y_0 = (seen - u_x * axes.centre_t) / closer, (y_0 - u_y * axes.centre_t) / closer
                 disparity, depth = disparity / closer, depth * closer
                 u_x, u_y, u_z = u_x / closer, u_y / closer, u_z / closer
-                moved[0, y, x] = x_0 + c_x - x
-                moved[1, y, x] = y_0 + c_y - (first_row + y)
+                maps.shift[0, frame, row, x] = x_0 + axes.centre_x_px - x
+                maps.shift[1, frame, row, x] = y_0 + axes.centre_y_px - row
 
-            power = noise[0]
-            r_x, r_all, k_x, k_y, wider = texture[:, texture_row, x // stride]
-            turn_t = np.sqrt(k_x * left_x * left_x + k_y * left_y * left_y)
+            spot = y // texture.stride, x // texture.stride
+            k_x, k_y = texture.wave_number_x2[spot], texture.wave_number_y2[spot]
+            phase_t = np.sqrt(k_x * left_x * left_x + k_y * left_y * left_y)
             relative = 0.0
             if kind_s != _NONE:
-                floats[0, y, x], floats[4, y, x] = depth, disparity
-                v = found[7, y, x] if kinds[1, y, x] == _FULL else solved[0, y, x]
-                from_s = power if np.isfinite(power) else max(found[5, y, x], 0.0) / (noise[1] + noise[2] * v * v)
-                passed = _look_up(np.sqrt(k_x) * abs(left_v), phases, tables[1]) * r_x * noise[5]
-                if kind_t == _FULL or not sees[1]:
-                    passed *= _look_up(turn_t, phases, tables[2])
+                maps.depth[out], maps.disparity[out] = depth, disparity
+                v = best.length_s[at] if full_motion else best.v_x[at]
+                of_unit = noise.residual_s[0] + noise.residual_s[1] * v * v
+                from_s = noise.power if np.isfinite(noise.power) else max(best.residual_s[at], 0.0) / of_unit
+                along_s = _look_up(np.sqrt(k_x) * abs(left_v), noise.phases, noise.disparity_s)
+                passed = along_s * texture.passed_x[spot] * noise.window
+                if kind_t == _FULL or not axes.sees_motion:
+                    passed *= _look_up(phase_t, noise.phases, noise.disparity_t)
                 else:
-                    passed *= tables[2, 0]
-                std = np.sqrt(from_s * passed * found[6, y, x]) / scale_s
+                    passed *= noise.disparity_t[0]
+                std = np.sqrt(from_s * passed * best.variance_v_x[at]) / axes.scale_s
                 relative = std / abs(disparity)
-                singles[0, y, x], singles[4, y, x] = depth * relative, std
+                maps.depth_std[out], maps.disparity_std[out] = depth * relative, std
             if kind_t == _NONE:
                 continue
-            floats[5, y, x], floats[6, y, x], floats[7, y, x] = u_x + x_0 * u_z, u_y + y_0 * u_z, u_z
+            maps.flow[0, frame, row, x], maps.flow[1, frame, row, x] = u_x + x_0 * u_z, u_y + y_0 * u_z
+            maps.divergence[out] = u_z
             if kind_s == _NONE:
                 continue
-            mm = depth / focal
-            floats[1, y, x], floats[2, y, x], floats[3, y, x] = u_x * mm, u_y * mm, -u_z * depth
+            mm = depth / axes.focal_length_px
+            maps.velocity[0, frame, row, x], maps.velocity[1, frame, row, x] = u_x * mm, u_y * mm
+            maps.velocity[2, frame, row, x] = -u_z * depth
             if kind_t != _FULL:
                 continue
-            p1, p2 = solved[1, y, x], solved[2, y, x]
-            from_t = power
-            if not np.isfinite(power):
-                from_t = max(found[8, y, x], 0.0) / (noise[3] + noise[4] * (p1 * p1 + p2 * p2))
-            passed = from_t * r_all * noise[5] * noise[6] * _look_up(turn_t, phases, tables[3]) / (scale_t * scale_t)
-            c11, c22, c33 = found[9, y, x], found[10, y, x], wider * found[11, y, x]
-            c13, c23 = found[12, y, x], found[13, y, x]
-            across = passed * (c11 - 2.0 * first_x * c13 + first_x * first_x * c33)
-            down = passed * (c22 - 2.0 * first_y * c23 + first_y * first_y * c33)
-            singles[1, y, x] = mm * np.sqrt(across + (u_x * relative) ** 2)
-            singles[2, y, x] = mm * np.sqrt(down + (u_y * relative) ** 2)
-            singles[3, y, x] = depth * np.sqrt(passed * c33 + (u_z * relative) ** 2)
+            p1, p2 = best.flow_x[at], best.flow_y[at]
+            from_t = noise.power
+            if not np.isfinite(noise.power):
+                of_unit = noise.residual_t[0] + noise.residual_t[1] * (p1 * p1 + p2 * p2)
+                from_t = max(best.residual_t[at], 0.0) / of_unit
+            along_t = _look_up(phase_t, noise.phases, noise.motion_t)
+            passed = from_t * texture.passed_xy[spot] * noise.window * noise.motion_s * along_t
+            passed /= axes.scale_t * axes.scale_t
+            c33 = texture.widened[spot] * best.variance_u_z[at]
+            c13, c23 = best.covariance_x_z[at], best.covariance_y_z[at]
+            across = passed * (best.variance_flow_x[at] - 2.0 * first_x * c13 + first_x * first_x * c33)
+            down = passed * (best.variance_flow_y[at] - 2.0 * first_y * c23 + first_y * first_y * c33)
+            maps.velocity_std[0, frame, row, x] = mm * np.sqrt(across + (u_x * relative) ** 2)
+            maps.velocity_std[1, frame, row, x] = mm * np.sqrt(down + (u_y * relative) ** 2)
+            maps.velocity_std[2, frame, row, x] = depth * np.sqrt(passed * c33 + (u_z * relative) ** 2)

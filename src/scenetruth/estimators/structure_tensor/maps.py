@@ -1,0 +1,123 @@
+"""The maps of an estimate as plain arrays, one for each quantity.
+
+Kernels read these fields by name. numba keeps compiled kernels until their own files change: whoever changes the fields
+here must change `tensor_kernels` or `world_kernels` too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Best", "Maps"]
+
+Floats = NDArray[np.float32]
+Flags = NDArray[np.uint8]
+
+
+class Best(NamedTuple):
+    """What the kernel of the structure tensor leaves for a band of rows: for every pixel, the best registration's.
+
+    All arrays have the shape (frame, y, x), the eigenvalues (frame, 5, y, x). Motion is counted in the derivatives'
+    scales (`Task.scales`). Disparity and flow come from the registration that leaves least to move, divergence from the
+    one at which it is most certain.
+    """
+
+    to_move: Floats
+    """The least that was left to move so far: the square of the disparity left, perhaps with that of the flow."""
+    uncertainty: Floats
+    """The least uncertainty of the divergence so far."""
+    choice: NDArray[np.int16]
+    """Number of the registration that leaves least to move; -1 for none."""
+    kind_disparity: Flags
+    kind_motion: Flags
+    model_violation: Flags
+    v_x: NDArray[np.float64]
+    """v_x: minus the disparity that the registration leaves."""
+    flow_x: NDArray[np.float64]
+    """u_x + x_0 u_z: the flow along x that the registration leaves."""
+    flow_y: NDArray[np.float64]
+    """u_y + y_0 u_z."""
+    u_z: NDArray[np.float64]
+    """u_z of the registration that leaves least to move."""
+    certain_u_z: NDArray[np.float64]
+    """u_z of the registration at which it is most certain."""
+    eigenvalues: Floats
+    """λ1 to λ5."""
+    residual_s: Floats
+    """p_sᵀ J p_s, what the null vector of disparity leaves unexplained."""
+    variance_v_x: Floats
+    """Variance of v_x for unit noise in the constraint."""
+    length_s: Floats
+    """Length of the image's part of p_s."""
+    residual_t: Floats
+    """p_tᵀ J p_t; like all below, of the registration at which u_z is most certain."""
+    variance_flow_x: Floats
+    """Variances of the components of motion for unit noise in the constraint."""
+    variance_flow_y: Floats
+    variance_u_z: Floats
+    covariance_x_z: Floats
+    """Covariances of flow with u_z for unit noise in the constraint."""
+    covariance_y_z: Floats
+
+    @classmethod
+    def empty(cls, frames: int, rows: int, columns: int) -> Best:
+        """Return arrays in which no registration has been tried."""
+        shape = (frames, rows, columns)
+        exact = ("v_x", "flow_x", "flow_y", "u_z", "certain_u_z")
+        flags = ("kind_disparity", "kind_motion", "model_violation")
+        types = dict.fromkeys(exact, np.float64) | dict.fromkeys(flags, np.uint8) | {"choice": np.int16}
+        arrays = {name: np.empty(shape, dtype=types.get(name, np.float32)) for name in cls._fields}
+        best = cls(**arrays | {"eigenvalues": np.empty((frames, 5, rows, columns), dtype=np.float32)})
+        best.clear()
+        return best
+
+    def clear(self) -> None:
+        """Forget what has been tried."""
+        self.to_move.fill(np.inf)
+        self.uncertainty.fill(np.inf)
+        self.choice.fill(-1)
+
+
+class Maps(NamedTuple):
+    """The estimate: arrays of the shape (frame, y, x), components and ranks before the frame.
+
+    Units are those of `scenetruth.schema.VARIABLES`, with pixels of the images that were estimated.
+    """
+
+    depth: Floats
+    velocity: Floats
+    disparity: Floats
+    flow: Floats
+    divergence: Floats
+    kind: Flags
+    kind_disparity: Flags
+    kind_motion: Flags
+    model_violation: Flags
+    depth_std: Floats
+    velocity_std: Floats
+    disparity_std: Floats
+    confidence: Floats
+    working_point: Floats
+    eigenvalues: Floats
+    shift: Floats
+    """By how much the reference sees each pixel's point further right and down, in px, where the estimates belong
+    between cameras or frames; of size 0 where they belong to the reference."""
+
+    @classmethod
+    def empty(cls, frames: int, height: int, width: int, *, shifted: bool) -> Maps:
+        """Return maps that are still to be written; ``shifted`` if the estimates do not belong to the reference."""
+        shape = (frames, height, width)
+        components = {"velocity": 3, "velocity_std": 3, "flow": 2, "eigenvalues": 5, "shift": 2}
+        flags = ("kind", "kind_disparity", "kind_motion", "model_violation")
+        shapes = {name: (count, *shape) for name, count in components.items()}
+        if not shifted:
+            shapes["shift"] = (2, 0, 0, 0)
+        return cls(
+            **{
+                name: np.empty(shapes.get(name, shape), dtype=np.uint8 if name in flags else np.float32)
+                for name in cls._fields
+            }
+        )

@@ -1,0 +1,39 @@
+"""Rules of style that no linter of ours knows."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
+
+MOST_PARAMETERS = 12
+"""Parameters that may be given by position: more of them than this nobody can tell apart at a call."""
+
+
+def crowded_functions(folder: Path) -> Iterator[str]:
+    """Name the functions with more parameters than may be."""
+    for file in sorted(folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+                count = len(node.args.posonlyargs) + len(node.args.args)
+                if count > MOST_PARAMETERS:
+                    name = "lambda" if isinstance(node, ast.Lambda) else node.name
+                    yield f"{file.relative_to(folder)}:{node.lineno} {name} takes {count}"
+
+
+def test_no_function_takes_a_row_of_arguments() -> None:
+    assert list(crowded_functions(SOURCE)) == []
+
+
+def test_the_rule_sees_long_rows_and_lets_keywords_be(tmp_path: Path) -> None:
+    names = [f"a{n}" for n in range(MOST_PARAMETERS + 1)]
+    (tmp_path / "module.py").write_text(
+        f"def long({', '.join(names)}): pass\n"
+        f"def short({', '.join(names[:-1])}): pass\n"
+        f"def named(*, {', '.join(names)}): pass\n"
+        f"class Kind:\n    def method(self, {', '.join(names[:-1])}): pass\n"
+    )
+    found = [line.split(" ", 1)[1] for line in crowded_functions(tmp_path)]
+    assert sorted(found) == [f"long takes {MOST_PARAMETERS + 1}", f"method takes {MOST_PARAMETERS + 1}"]
