@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera, Moment, Schedule
+from scenetruth.camera import Camera, LinearImage, Moment, Schedule, chain_of
 from scenetruth.errors import SceneWarning
 from scenetruth.randomness import generator_for
 from scenetruth.raycast import Topology
@@ -224,21 +224,21 @@ def scene_hash(scene: Scene) -> str:
 
 def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: bool) -> xr.Dataset:
     stage, frames, camera = scene.stage, scene.frames, scene.camera
-    sensor = None if isinstance(scene.sensor, str) else scene.sensor
-    pattern = None
-    if sensor is not None:
-        pattern = sensor.fixed_pattern((camera.height, camera.width), generator_for(scene.seed, "sensor", "pattern"))
+    sensor = chain_of(scene.sensor)
+    opened = sensor.open((camera.height, camera.width), partial(generator_for, scene.seed, "sensor"))
     schedule = _schedule_of(scene)
     shape = (stage.rows, stage.positions, frames.count, camera.height, camera.width)
-    images: NDArray[Any] = np.empty(shape, dtype=np.float32 if sensor is None else sensor.dtype)
+    images: NDArray[Any] = np.empty(shape, dtype=sensor.dtype)
     linear: NDArray[np.float32] | None = np.empty(shape, dtype=np.float32) if ideal else None
     places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
     total, done = len(places) * frames.count, 0
+    previous: LinearImage | None = None
     brightest = 0.0
     choice = choose_renderer(scene, world)
     with choice.renderer as renderer:
         for n, t in enumerate(frames.t.tolist()):
-            for k, m, s_y, s in places:
+            # In the order of the scan: some sensors remember the image before.
+            for k, m, s_y, s in sorted(places, key=lambda place: stage.number_in_scan(place[3], t, place[2])):
                 if progress is not None:
                     progress("render", done, total)
                 moment = schedule.moment(s, t, s_y)
@@ -246,12 +246,9 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
                 brightest = max(brightest, float(radiance.max()))
                 if linear is not None:
                     linear[k, m, n] = radiance
-                if sensor is None:
-                    images[k, m, n] = radiance
-                else:
-                    # The reference row is sensed as if it were the only one.
-                    noise = generator_for(scene.seed, "sensor", *((s_y,) if s_y else ()), s, t)
-                    images[k, m, n] = sensor.sense(radiance, noise, pattern)
+                image = LinearImage(radiance, s_y, s, t)
+                images[k, m, n] = opened.read(image, previous)
+                previous = image if sensor.remembers else None
                 done += 1
     if progress is not None:
         progress("render", total, total)
@@ -266,7 +263,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
         frames.frame_interval_s,
         stage_x_mm=stage.x_mm,
         stage_y_mm=stage.y_mm if stage.rows > 1 else None,
-        full_scale=1.0 if sensor is None else sensor.full_scale,
+        full_scale=sensor.full_scale,
         attrs={
             **_provenance(scene),
             "render_backend": renderer.name,
@@ -282,7 +279,7 @@ def _record(scene: Scene, world: World, progress: Progress | None, *, ideal: boo
 
 def _warn_of_saturation(scene: Scene, brightest: float) -> None:
     """Warn if images of a scene with light of its own are brighter than the sensor can tell."""
-    limit = 1.0 if isinstance(scene.sensor, str) else scene.sensor.saturation_radiance
+    limit = chain_of(scene.sensor).saturation_radiance
     # What is exactly as bright as full scale may have been rounded up.
     if scene.lighting != Lighting() and brightest > limit * (1 + 1e-6):
         message = (
