@@ -12,15 +12,12 @@ from pydantic import Field
 
 from scenetruth.model import FrozenModel
 
-__all__ = ["Effect", "Exposure", "GeneratorFor", "LinearImage", "Unit"]
+__all__ = ["Effect", "Exposure", "LinearImage", "Unit"]
 
 Unit = Literal[
     "radiance", "share of full scale", "photons", "electrons", "unrounded digital numbers", "digital numbers"
 ]
 """What the values of a signal are: all are per pixel and exposure, radiance in units of the scene."""
-
-GeneratorFor = Callable[..., np.random.Generator]
-"""Gives a random generator of its own for every key."""
 
 
 @dataclass(frozen=True, eq=False)

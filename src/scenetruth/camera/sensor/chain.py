@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from pydantic import ValidationError, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from scenetruth.camera.sensor.base import Effect, Exposure, GeneratorFor, LinearImage, Unit
+from scenetruth.camera.sensor.base import Effect, Exposure, LinearImage, Unit
 from scenetruth.kinds import one_of
 from scenetruth.model import FrozenModel
+from scenetruth.randomness import GeneratorFor
 
 __all__ = ["AnyEffect", "OpenSensor", "SensorChain"]
 
