@@ -199,12 +199,11 @@ def test_schema_and_page_tell_of_every_effect(kind: str) -> None:
     assert [f"| `{kind}`", effect.takes, effect.gives] in [line[:3] for line in lines]
 
 
-def test_the_chain_on_the_page_is_one() -> None:
+def test_sensors_on_the_page_can_be_made() -> None:
     import yaml
 
     page = DOCS.read_text(encoding="utf-8")
     blocks = [yaml.safe_load(block.split("```")[0]) for block in page.split("```yaml\n")[1:]]
-    chains = [block["sensor"] for block in blocks if block["sensor"].get("kind") == "chain"]
-    assert chains
-    for plain in chains:
-        assert isinstance(cube(sensor=plain).sensor, SensorChain)
+    scenes = [cube(sensor=block["sensor"]) for block in blocks]
+    assert {type(scene.sensor).__name__ for scene in scenes} == {"SensorChain", "EmvaSensor"}
+    assert [chain_of(scene.sensor).unit for scene in scenes].count("electrons") == 1

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from scenetruth.camera.sensor.base import Effect
 from scenetruth.camera.sensor.chain import SensorChain
@@ -20,6 +20,7 @@ from scenetruth.camera.sensor.effects.photon_conversion import PhotonConversion
 from scenetruth.camera.sensor.effects.quantum_efficiency import QuantumEfficiency
 from scenetruth.camera.sensor.effects.readout_noise import ReadoutNoise
 from scenetruth.camera.sensor.effects.shot_noise import ShotNoise
+from scenetruth.camera.sensor.insertion import Insertion, inserted, misplaced
 from scenetruth.camera.sensor.presets import PRESETS, PresetName
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
@@ -80,6 +81,8 @@ class EmvaSensor(FrozenModel):
     """Colour filters on 2 x 2 pixels, row by row from the upper left; null for none."""
     bayer_response: tuple[Positive, Positive, Positive] = (0.7, 1.0, 0.6)
     """What red, green and blue filters let through of a grey scene."""
+    insert: tuple[Insertion, ...] = ()
+    """More effects, each behind one that the sensor has."""
 
     @model_validator(mode="before")
     @classmethod
@@ -146,6 +149,13 @@ class EmvaSensor(FrozenModel):
             raise ValueError(msg)
         return value
 
+    @model_validator(mode="after")
+    def _insertions_fit(self) -> Self:
+        problems = misplaced(self._own_effects(), self.insert, "insert")
+        if problems:
+            raise ValidationError.from_exception_data(type(self).__name__, problems)
+        return self
+
     @property
     def saturation_capacity_e(self) -> float:
         """Most electrons above the black level that a digital number can tell: the full well's, or the converter's."""
@@ -154,6 +164,9 @@ class EmvaSensor(FrozenModel):
 
     def chain(self) -> SensorChain:
         """Return the effects that this sensor stands for; what has no strength is left out."""
+        return SensorChain(effects=inserted(self._own_effects(), self.insert))
+
+    def _own_effects(self) -> tuple[Effect, ...]:
         time = self.exposure_time_s
         effects: list[Effect | None] = [
             PhotonConversion(kind="photon_conversion", photon_rate_per_s=self.photon_rate_per_s, exposure_time_s=time),
@@ -179,7 +192,7 @@ class EmvaSensor(FrozenModel):
             Gamma(kind="gamma", gamma=self.gamma) if self.gamma != 1 else None,
             Digitisation(kind="digitisation", bit_depth=self.bit_depth),
         ]
-        return SensorChain(effects=tuple(effect for effect in effects if effect is not None))
+        return tuple(effect for effect in effects if effect is not None)
 
 
 def _saturation_e(valid: dict[str, Any]) -> float | None:

@@ -63,7 +63,7 @@ def measure_sensor(
     ----------
     sensor
         The sensor; its exposure time is the operating one, 1 µs the shortest. Gamma and colour filters, which the
-        standard excludes, are left out.
+        standard excludes, are left out, and so are inserted effects.
     shape
         Rows and columns of the images.
     levels
@@ -73,7 +73,7 @@ def measure_sensor(
     name
         Keys the random numbers: the same name gives the same images.
     """
-    operated = sensor.model_copy(update={"gamma": 1.0, "bayer": None})
+    operated = sensor.model_copy(update={"gamma": 1.0, "bayer": None, "insert": ()})
     shortest = operated.model_copy(update={"exposure_time_s": min(_SHORTEST_S, operated.exposure_time_s)})
     shares = np.append(np.linspace(0.02, 0.96, levels), _BEYOND)
     bright = operated.photon_rate_per_s * operated.exposure_time_s
