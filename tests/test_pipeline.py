@@ -86,8 +86,8 @@ class Endless(Method):
 @pytest.fixture
 def with_methods(monkeypatch: pytest.MonkeyPatch) -> None:
     entries = registry.method_entries()
-    for method in (Broken(), Endless()):
-        entries.append(registry.MethodEntry(method.name, "test", "", lambda method=method: method))
+    entries.append(registry.MethodEntry("broken", "test", "", Broken))
+    entries.append(registry.MethodEntry("endless", "test", "", Endless))
     monkeypatch.setattr(registry, "method_entries", lambda: entries)
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 import xarray as xr
 
+from scenetruth.camera import chain_of
 from scenetruth.errors import MismatchError, OutputExistsError, Problem, SceneError, ScenetruthError, StoreError
 from scenetruth.estimators import MethodChoice, choose, estimate, find_method, requirements
 from scenetruth.progress import Progress
@@ -190,8 +191,7 @@ def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]
 
 def _blank_recording(scene: Scene) -> xr.Dataset:
     """Return the recording of a scene with images that take no memory: all of their pixels are one."""
-    camera, stage, sensor = scene.camera, scene.stage, scene.sensor
-    dtype = np.dtype(np.float32) if isinstance(sensor, str) else sensor.dtype
+    camera, stage, dtype = scene.camera, scene.stage, chain_of(scene.sensor).dtype
     rows = () if stage.rows == 1 else (stage.rows,)
     shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
     intrinsics = intrinsics_from(scene)

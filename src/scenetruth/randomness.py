@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-__all__ = ["generator_for"]
+__all__ = ["GeneratorFor", "generator_for"]
+
+GeneratorFor = Callable[..., np.random.Generator]
+"""Gives a random generator of its own for every purpose: `generator_for` with a seed, and perhaps a first key."""
 
 
 def generator_for(seed: int, *purpose: str | int) -> np.random.Generator:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from scenetruth.camera import LinearImage, chain_of
 from scenetruth.errors import SceneWarning
 from scenetruth.progress import Progress
 from scenetruth.provenance import provenance_of, recording_hash, schedule_of
@@ -84,21 +86,21 @@ def _record(
     scene: Scene, world: World, provenance: dict[str, Any], progress: Progress | None, *, ideal: bool
 ) -> xr.Dataset:
     stage, frames, camera = scene.stage, scene.frames, scene.camera
-    sensor = None if isinstance(scene.sensor, str) else scene.sensor
-    pattern = None
-    if sensor is not None:
-        pattern = sensor.fixed_pattern((camera.height, camera.width), generator_for(scene.seed, "sensor", "pattern"))
+    sensor = chain_of(scene.sensor)
+    opened = sensor.open((camera.height, camera.width), partial(generator_for, scene.seed, "sensor"))
     schedule = schedule_of(scene)
     shape = (stage.rows, stage.positions, frames.count, camera.height, camera.width)
-    images: NDArray[Any] = np.empty(shape, dtype=np.float32 if sensor is None else sensor.dtype)
+    images: NDArray[Any] = np.empty(shape, dtype=sensor.dtype)
     linear: NDArray[np.float32] | None = np.empty(shape, dtype=np.float32) if ideal else None
     places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
     total, done = len(places) * frames.count, 0
+    previous: LinearImage | None = None
     brightest = 0.0
     choice = choose_renderer(scene, world)
     with choice.renderer as renderer:
         for n, t in enumerate(frames.t.tolist()):
-            for k, m, s_y, s in places:
+            # In the order of the scan: some sensors remember the image before.
+            for k, m, s_y, s in sorted(places, key=lambda place: stage.number_in_scan(place[3], t, place[2])):
                 if progress is not None:
                     progress("render", done, total)
                 moment = schedule.moment(s, t, s_y)
@@ -106,12 +108,9 @@ def _record(
                 brightest = max(brightest, float(radiance.max()))
                 if linear is not None:
                     linear[k, m, n] = radiance
-                if sensor is None:
-                    images[k, m, n] = radiance
-                else:
-                    # The reference row is sensed as if it were the only one.
-                    noise = generator_for(scene.seed, "sensor", *((s_y,) if s_y else ()), s, t)
-                    images[k, m, n] = sensor.sense(radiance, noise, pattern)
+                image = LinearImage(radiance, s_y, s, t)
+                images[k, m, n] = opened.read(image, previous)
+                previous = image if sensor.remembers else None
                 done += 1
     if progress is not None:
         progress("render", total, total)
@@ -126,7 +125,7 @@ def _record(
         frames.frame_interval_s,
         stage_x_mm=stage.x_mm,
         stage_y_mm=stage.y_mm if stage.rows > 1 else None,
-        full_scale=1.0 if sensor is None else sensor.full_scale,
+        full_scale=sensor.full_scale,
         attrs={
             **provenance,
             "recording_hash": recording_hash(provenance["scene_hash"], renderer.name),
@@ -143,7 +142,7 @@ def _record(
 
 def _warn_of_saturation(scene: Scene, brightest: float) -> None:
     """Warn if images of a scene with light of its own are brighter than the sensor can tell."""
-    limit = 1.0 if isinstance(scene.sensor, str) else scene.sensor.saturation_radiance
+    limit = chain_of(scene.sensor).saturation_radiance
     # What is exactly as bright as full scale may have been rounded up.
     if scene.lighting != Lighting() and brightest > limit * (1 + 1e-6):
         message = (

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.camera import Stage, StageErrors
+from scenetruth.camera import Frames, Stage, StageErrors
 from scenetruth.camera.stage_errors import STAGE_PRESETS
 from tests.scenes import SCENES, cube
 
@@ -150,3 +150,9 @@ def test_a_scan_may_take_all_the_time_there_is() -> None:
     assert scene.stage.scan_interval_s == scene.frames.frame_interval_s
     slow = ["stage.time_per_position_s=9", "frames.count=1"]
     assert st.load_scene(SCENES / "cube.yaml", slow).stage.time_per_position_s == 9
+
+
+@pytest.mark.parametrize(("count", "expected"), [(1, [0]), (2, [0, 1]), (5, [-2, -1, 0, 1, 2])])
+def test_stage_and_frames_count_from_the_reference(count: int, expected: list[int]) -> None:
+    assert Frames(count=count).t.tolist() == expected
+    assert Stage(positions=count, baseline_mm=2.5).x_mm.tolist() == [2.5 * value for value in expected]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +10,9 @@ from numpy.typing import NDArray
 from scenetruth.camera.stage import Frames, Stage
 from scenetruth.camera.stage_errors import StageErrors
 from scenetruth.camera.viewpoint import Viewpoint
+from scenetruth.randomness import GeneratorFor
 
-__all__ = ["GeneratorFor", "Moment", "Schedule"]
-
-GeneratorFor = Callable[..., np.random.Generator]
-"""Gives a random generator of its own for every purpose."""
+__all__ = ["Moment", "Schedule"]
 
 
 @dataclass(frozen=True, eq=False)

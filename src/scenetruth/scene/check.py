@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from scenetruth.camera import chain_of
 from scenetruth.errors import Problem, SceneError, SceneWarning
 from scenetruth.scene import spec
 from scenetruth.scene.lamps import lighting_problems
@@ -128,7 +129,7 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
     mean = float(disparity.mean())
     images = scene.stage.rows * scene.stage.positions * scene.frames.count
     pixels = scene.camera.width * scene.camera.height
-    sample = 4 if isinstance(scene.sensor, str) else scene.sensor.dtype.itemsize
+    sample = chain_of(scene.sensor).dtype.itemsize
     messages = list(_texture_warnings(reports))
     span = (float(disparity.min() - round(mean)), float(disparity.max() - round(mean)))
     if max(map(abs, span)) > 2:

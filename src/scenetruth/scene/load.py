@@ -161,7 +161,7 @@ def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Probl
         elif entry["type"] == "missing":
             message, value = "is missing", None
         elif path == "sensor":
-            message = "must be 'ideal', or a mapping of kind gaussian (the default) or emva1288 with its fields"
+            message = "must be 'ideal', or a mapping of kind gaussian (the default), emva1288 or chain with its fields"
         message = message[:1].lower() + message[1:]
         found.setdefault((path, message), (entry["type"], Problem(path, message, value)))
     paths = [problem.path for _, problem in found.values()]
@@ -197,6 +197,7 @@ def _is_union_member(key: str) -> bool:
         "ideal",
         "gaussian",
         "emva1288",
+        "chain",
         "int",
         "float",
         "str",

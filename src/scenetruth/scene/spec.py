@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from scenetruth.camera import Camera, EmvaSensor, Frames, Optics, Sensor, Shutter, Stage
+from scenetruth.camera import AnySensor, Camera, Frames, Optics, Shutter, Stage
 from scenetruth.estimators import MethodChoice, choose
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive
 from scenetruth.scene.deformation_spec import Deformation
@@ -212,14 +212,6 @@ class RenderSettings(FrozenModel):
     """n: every pixel is the mean of n x n samples."""
 
 
-def _sensor_kind(value: object) -> str:
-    """Tell sensors apart; the plain one need not say its kind."""
-    if isinstance(value, str):
-        return "ideal"
-    kind = value.get("kind", "gaussian") if isinstance(value, dict) else getattr(value, "kind", "gaussian")
-    return str(kind)
-
-
 def _refuse_twice(names: list[str]) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -252,12 +244,7 @@ class Scene(FrozenModel):
     """Radiance where no object is seen."""
     lighting: Lighting = Lighting()
     """The light on the objects; unlit, the radiance is the textures' own."""
-    sensor: Annotated[
-        Annotated[Literal["ideal"], Tag("ideal")]
-        | Annotated[Sensor, Tag("gaussian")]
-        | Annotated[EmvaSensor, Tag("emva1288")],
-        Discriminator(_sensor_kind),
-    ] = "ideal"
+    sensor: AnySensor = "ideal"
     """The sensor; ``ideal`` delivers the linear images themselves."""
     render: RenderSettings = RenderSettings()
     """Backend and sampling of the images."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.camera import PRESETS, EmvaSensor, PhotonTransfer, photon_transfer
+from scenetruth.camera import PRESETS, EmvaSensor, LinearImage, PhotonTransfer, photon_transfer
 from scenetruth.errors import Problem, SceneError
+from scenetruth.randomness import generator_for
 
 __all__ = ["Comparison", "compare", "measure_sensor", "run_emva"]
 
@@ -61,7 +63,7 @@ def measure_sensor(
     ----------
     sensor
         The sensor; its exposure time is the operating one, 1 µs the shortest. Gamma and colour filters, which the
-        standard excludes, are left out.
+        standard excludes, are left out, and so are inserted effects.
     shape
         Rows and columns of the images.
     levels
@@ -71,26 +73,27 @@ def measure_sensor(
     name
         Keys the random numbers: the same name gives the same images.
     """
-    operated = sensor.model_copy(update={"gamma": 1.0, "bayer": None})
+    operated = sensor.model_copy(update={"gamma": 1.0, "bayer": None, "insert": ()})
     shortest = operated.model_copy(update={"exposure_time_s": min(_SHORTEST_S, operated.exposure_time_s)})
     shares = np.append(np.linspace(0.02, 0.96, levels), _BEYOND)
     bright = operated.photon_rate_per_s * operated.exposure_time_s
     saturation = operated.saturation_capacity_e / operated.quantum_efficiency
 
-    def expose(camera: EmvaSensor, share: float, count: int, *purpose: str | int) -> NDArray[np.generic]:
-        pattern = camera.fixed_pattern(shape, _generator(name, "pattern"))
+    def expose(camera: EmvaSensor, share: float, count: int, place: int) -> NDArray[np.generic]:
+        opened = camera.chain().open(shape, partial(_generator, name))
         uniform = np.full(shape, share * saturation / bright, dtype=np.float32)
-        return np.stack([camera.sense(uniform, _generator(name, *purpose, n), pattern) for n in range(count)])
+        # Stacks are told apart as camera positions are: none shares its noise with another one.
+        return np.stack([opened.read(LinearImage(uniform, s=place, t=number)) for number in range(count)])
 
     # Radiance is float32 here as in every image: what light there was is told with the same rounding.
     photons = np.float64(np.float32(shares * saturation / bright)) * bright
     return photon_transfer(
         photons,
-        np.stack([expose(operated, float(share), 2, "level", index) for index, share in enumerate(shares)]),
-        dark=expose(operated, 0.0, stack, "dark"),
-        bias=expose(shortest, 0.0, stack, "bias"),
-        flat=expose(operated, 0.5, stack, "flat"),
-        saturated=expose(operated, _OVEREXPOSURE, 2, "saturated"),
+        np.stack([expose(operated, float(share), 2, index) for index, share in enumerate(shares)]),
+        dark=expose(operated, 0.0, stack, shares.size),
+        bias=expose(shortest, 0.0, stack, shares.size + 1),
+        flat=expose(operated, 0.5, stack, shares.size + 2),
+        saturated=expose(operated, _OVEREXPOSURE, 2, shares.size + 3),
     )
 
 
@@ -167,8 +170,7 @@ def run_emva(folder: Path, presets: Sequence[str] = (), *, progress: Progress | 
 
 
 def _generator(name: str, *purpose: str | int) -> np.random.Generator:
-    key = "/".join(map(str, ("emva", name, *purpose))).encode()
-    return np.random.default_rng(np.random.SeedSequence(_SEED, spawn_key=tuple(key)))
+    return generator_for(_SEED, "emva", name, *purpose)
 
 
 def _write_csv(comparisons: Sequence[Comparison], found: Mapping[str, PhotonTransfer], folder: Path) -> None:

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from scenetruth.camera.presets import PRESETS, PresetName
-from scenetruth.camera.sensor import FixedPattern, digital_type, digitise
+from scenetruth.camera.sensor.base import Effect
+from scenetruth.camera.sensor.chain import SensorChain
+from scenetruth.camera.sensor.effects.bayer_filter import BayerFilter, BayerOrder
+from scenetruth.camera.sensor.effects.dark_current import DarkCurrent
+from scenetruth.camera.sensor.effects.dark_signal_nonuniformity import DarkSignalNonuniformity
+from scenetruth.camera.sensor.effects.digitisation import Digitisation
+from scenetruth.camera.sensor.effects.full_well import FullWell
+from scenetruth.camera.sensor.effects.gain import Gain
+from scenetruth.camera.sensor.effects.gamma import Gamma
+from scenetruth.camera.sensor.effects.photo_response_nonuniformity import PhotoResponseNonuniformity
+from scenetruth.camera.sensor.effects.photon_conversion import PhotonConversion
+from scenetruth.camera.sensor.effects.quantum_efficiency import QuantumEfficiency
+from scenetruth.camera.sensor.effects.readout_noise import ReadoutNoise
+from scenetruth.camera.sensor.effects.shot_noise import ShotNoise
+from scenetruth.camera.sensor.insertion import Insertion, inserted, misplaced
+from scenetruth.camera.sensor.presets import PRESETS, PresetName
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
 __all__ = ["EmvaSensor"]
 
 Share = Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
-
-# Which of red, green and blue each pixel of a 2 x 2 block sees.
-_BAYER = {"rggb": ((0, 1), (1, 2)), "grbg": ((1, 0), (2, 1)), "gbrg": ((1, 2), (0, 1)), "bggr": ((2, 1), (1, 0))}
 
 
 def _preset_or_fields(schema: dict[str, Any]) -> None:
@@ -37,7 +46,7 @@ class EmvaSensor(FrozenModel):
     model_config = ConfigDict(json_schema_extra=_preset_or_fields)
 
     kind: Literal["emva1288"]
-    """Tells this sensor from the plain one."""
+    """Tells this sensor from others."""
     preset: PresetName | None = None
     """A sensor by name, whose values stand for all fields that are not given; null for none."""
     photon_rate_per_s: Positive
@@ -68,10 +77,12 @@ class EmvaSensor(FrozenModel):
     """Dark current of hot pixels."""
     gamma: Positive = 1.0
     """Digital numbers are full scale (linear / full scale)^gamma; 1 is linear, as the standard demands."""
-    bayer: Literal["rggb", "grbg", "gbrg", "bggr"] | None = None
+    bayer: BayerOrder | None = None
     """Colour filters on 2 x 2 pixels, row by row from the upper left; null for none."""
     bayer_response: tuple[Positive, Positive, Positive] = (0.7, 1.0, 0.6)
     """What red, green and blue filters let through of a grey scene."""
+    insert: tuple[Insertion, ...] = ()
+    """More effects, each behind one that the sensor has."""
 
     @model_validator(mode="before")
     @classmethod
@@ -138,84 +149,50 @@ class EmvaSensor(FrozenModel):
             raise ValueError(msg)
         return value
 
+    @model_validator(mode="after")
+    def _insertions_fit(self) -> Self:
+        problems = misplaced(self._own_effects(), self.insert, "insert")
+        if problems:
+            raise ValidationError.from_exception_data(type(self).__name__, problems)
+        return self
+
     @property
     def saturation_capacity_e(self) -> float:
         """Most electrons above the black level that a digital number can tell: the full well's, or the converter's."""
-        return min(self.full_well_e, (self.full_scale - self.black_level_dn) / self.gain_dn_per_e)
+        largest_dn = float(2**self.bit_depth - 1)
+        return min(self.full_well_e, (largest_dn - self.black_level_dn) / self.gain_dn_per_e)
 
-    @property
-    def full_scale(self) -> float:
-        """Largest digital number."""
-        return float(2**self.bit_depth - 1)
+    def chain(self) -> SensorChain:
+        """Return the effects that this sensor stands for; what has no strength is left out."""
+        return SensorChain(effects=inserted(self._own_effects(), self.insert))
 
-    @property
-    def dtype(self) -> np.dtype[np.generic]:
-        """Type of the images that leave the sensor."""
-        return digital_type(self.bit_depth)
-
-    @property
-    def saturation_radiance(self) -> float:
-        """Radiance beyond which images say nothing more: the well is full, or digital numbers end."""
-        electrons = min(self.full_well_e, (self.full_scale - self.black_level_dn) / self.gain_dn_per_e)
-        return electrons / (self.quantum_efficiency * self.photon_rate_per_s * self.exposure_time_s)
-
-    def fixed_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> FixedPattern:
-        """Draw what distinguishes the pixels of one sensor, and stays the same over all its images.
-
-        Parameters
-        ----------
-        shape
-            Rows and columns.
-        generator
-            Source of the pattern: the same for all images.
-        """
-        offset = self.dsnu_e * generator.standard_normal(shape)
-        response = 1 + self.prnu * generator.standard_normal(shape)
-        hot = generator.random(shape) < self.hot_pixel_share
-        current = np.where(hot, self.hot_pixel_current_e_per_s, self.dark_current_e_per_s)
-        if self.bayer is not None:
-            block = np.array(self.bayer_response)[np.array(_BAYER[self.bayer])]
-            repeats = (-(-shape[0] // 2), -(-shape[1] // 2))
-            response *= np.tile(block, repeats)[: shape[0], : shape[1]]
-        return FixedPattern(offset_e=offset, response=np.maximum(response, 0.0), dark_e=current * self.exposure_time_s)
-
-    def sense(
-        self, radiance: NDArray[np.float32], generator: np.random.Generator, pattern: FixedPattern | None = None
-    ) -> NDArray[np.generic]:
-        """Turn one linear image into digital numbers.
-
-        Parameters
-        ----------
-        radiance
-            Linear image, shape (y, x).
-        generator
-            Source of the temporal noise: one of its own for every image.
-        pattern
-            What `fixed_pattern` drew.
-
-        Returns
-        -------
-        numpy.ndarray
-            uint8 or uint16, same shape.
-
-        Raises
-        ------
-        ValueError
-            If there is no pattern.
-        """
-        if pattern is None:
-            msg = "needs the fixed pattern of its pixels"
-            raise ValueError(msg)
-        photons = self.photon_rate_per_s * self.exposure_time_s * np.maximum(radiance, 0.0).astype(np.float64)
-        mean = self.quantum_efficiency * photons * pattern.response + pattern.dark_e
-        electrons = np.minimum(_poisson(mean, generator), self.full_well_e)
-        electrons = electrons + pattern.offset_e
-        if self.temporal_dark_noise_e > 0:
-            electrons += self.temporal_dark_noise_e * generator.standard_normal(radiance.shape)
-        signal = self.gain_dn_per_e * electrons + self.black_level_dn
-        if self.gamma != 1:
-            signal = self.full_scale * np.clip(signal / self.full_scale, 0, 1) ** self.gamma
-        return digitise(signal, self.bit_depth)
+    def _own_effects(self) -> tuple[Effect, ...]:
+        time = self.exposure_time_s
+        effects: list[Effect | None] = [
+            PhotonConversion(kind="photon_conversion", photon_rate_per_s=self.photon_rate_per_s, exposure_time_s=time),
+            BayerFilter(kind="bayer_filter", order=self.bayer, response=self.bayer_response) if self.bayer else None,
+            QuantumEfficiency(kind="quantum_efficiency", quantum_efficiency=self.quantum_efficiency),
+            PhotoResponseNonuniformity(kind="photo_response_nonuniformity", prnu=self.prnu) if self.prnu else None,
+            DarkCurrent(
+                kind="dark_current",
+                exposure_time_s=time,
+                dark_current_e_per_s=self.dark_current_e_per_s,
+                hot_pixel_share=self.hot_pixel_share,
+                hot_pixel_current_e_per_s=self.hot_pixel_current_e_per_s,
+            )
+            if self.dark_current_e_per_s or self.hot_pixel_share
+            else None,
+            ShotNoise(kind="shot_noise"),
+            FullWell(kind="full_well", full_well_e=self.full_well_e),
+            DarkSignalNonuniformity(kind="dark_signal_nonuniformity", dsnu_e=self.dsnu_e) if self.dsnu_e else None,
+            ReadoutNoise(kind="readout_noise", temporal_dark_noise_e=self.temporal_dark_noise_e)
+            if self.temporal_dark_noise_e
+            else None,
+            Gain(kind="gain", gain_dn_per_e=self.gain_dn_per_e, black_level_dn=self.black_level_dn),
+            Gamma(kind="gamma", gamma=self.gamma) if self.gamma != 1 else None,
+            Digitisation(kind="digitisation", bit_depth=self.bit_depth),
+        ]
+        return tuple(effect for effect in effects if effect is not None)
 
 
 def _saturation_e(valid: dict[str, Any]) -> float | None:
@@ -225,10 +202,3 @@ def _saturation_e(valid: dict[str, Any]) -> float | None:
     converter: float = (2 ** valid["bit_depth"] - 1 - valid["black_level_dn"]) / valid["gain_dn_per_e"]
     full_well: float = valid["full_well_e"]
     return min(full_well, converter)
-
-
-def _poisson(mean: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:
-    """Draw Poisson numbers; beyond a thousand million the normal distribution is the same, and does not overflow."""
-    many = mean > 1e9
-    drawn = generator.poisson(np.where(many, 0.0, mean)).astype(np.float64)
-    return np.where(many, mean + np.sqrt(mean) * generator.standard_normal(mean.shape), drawn) if many.any() else drawn

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.camera import PRESETS, EmvaSensor
+from scenetruth.camera import PRESETS, EmvaSensor, LinearImage
+from scenetruth.randomness import generator_for
 from scenetruth.scene import scene_from_plain
 from tests.scenes import cube
 
@@ -65,12 +67,10 @@ def made(name: str, **changes: Any) -> EmvaSensor:
 
 def stacks(sensor: EmvaSensor, level: float, count: int) -> Array:
     """Return ``count`` images of a uniform surface, as digital numbers."""
-    pattern = sensor.fixed_pattern(SHAPE, np.random.default_rng(1))
+    opened = sensor.chain().open(SHAPE, partial(generator_for, 1))
     flat = np.full(SHAPE, level, dtype=np.float32)
-    seed = int(level * 1e6)
-    return np.stack([sensor.sense(flat, np.random.default_rng([seed, n]), pattern) for n in range(count)]).astype(
-        np.float64
-    )
+    number = int(level * 1e6)
+    return np.stack([opened.read(LinearImage(flat, s=number, t=n)) for n in range(count)]).astype(np.float64)
 
 
 def test_digital_numbers_saturate() -> None:
@@ -82,7 +82,7 @@ def test_digital_numbers_saturate() -> None:
 @pytest.mark.parametrize("full_well_e", [9000.0, 1e6])
 def test_saturation_radiance_is_where_the_response_ends(name: str, full_well_e: float) -> None:
     sensor = made(name, full_well_e=full_well_e, prnu=0.0, dsnu_e=0.0, temporal_dark_noise_e=0.0)
-    level = sensor.saturation_radiance
+    level = sensor.chain().saturation_radiance
     half, most, beyond = (stacks(sensor, share * level, 1).mean() for share in (0.5, 1.3, 2.6))
     black = sensor.black_level_dn
     # Shot noise of 9000 electrons or more is 1 %; rounding half a digital number of some hundred.

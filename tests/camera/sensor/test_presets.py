@@ -11,12 +11,12 @@ import yaml
 
 import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor
-from scenetruth.camera.presets import PresetName
+from scenetruth.camera.sensor.presets import PresetName
 from scenetruth.scene import Scene, load_scene, scene_from_plain
 from tests.scenes import SCENES, cube
 
 NAMES = sorted(PRESETS)
-DOCS = Path(__file__).parents[2] / "docs" / "sensors.md"
+DOCS = Path(__file__).parents[3] / "docs" / "sensors.md"
 
 
 def sensor(**fields: Any) -> EmvaSensor:

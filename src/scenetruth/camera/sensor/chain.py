@@ -1,0 +1,217 @@
+"""A sensor as a chain of effects: whether they fit together, and what they make of images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError, field_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from scenetruth.camera.sensor.base import Effect, Exposure, LinearImage, Unit
+from scenetruth.kinds import one_of
+from scenetruth.model import FrozenModel
+from scenetruth.randomness import GeneratorFor
+
+__all__ = ["AnyEffect", "OpenSensor", "SensorChain"]
+
+if TYPE_CHECKING:
+    AnyEffect = Effect
+else:
+    AnyEffect = one_of(Effect, "scenetruth.camera.sensor.effects")
+
+
+class SensorChain(FrozenModel):
+    """A sensor as a list of effects, in the order in which the signal passes them; without any it is ideal.
+
+    The signal begins as radiance. What one effect gives must be what the next one takes. Images are digital numbers if
+    the last effect is a digitisation, and otherwise floats in the unit that the last effect gives.
+    """
+
+    kind: Literal["chain"] = "chain"
+    """Tells this sensor from others."""
+    effects: tuple[AnyEffect, ...] = ()
+    """The effects."""
+
+    @field_validator("effects")
+    @classmethod
+    def _fit_together(cls, value: tuple[Effect, ...]) -> tuple[Effect, ...]:
+        problems = [*_misfits(value), *_taken_twice(value)] or _blind_spots(value)
+        if problems:
+            # A validation error raised here keeps the places it names: the path of each effect.
+            raise ValidationError.from_exception_data(cls.__name__, problems)
+        return value
+
+    @property
+    def unit(self) -> Unit:
+        """Unit of the images."""
+        return _unit_of(self.effects)
+
+    @cached_property
+    def full_scale(self) -> float:
+        """Largest value of an image that tells something: the largest digital number, or the response in the mean.
+
+        The response is that to `saturation_radiance`; 1 if the images are radiance or shares of full scale.
+        """
+        scale = _largest_number(self.effects)
+        if self.unit == "digital numbers":
+            return scale
+        signal = self.saturation_radiance
+        for effect in self.effects:
+            signal = effect.mean_response(signal, scale)
+        return signal
+
+    @property
+    def dtype(self) -> np.dtype[np.generic]:
+        """Type of the images."""
+        if self.unit != "digital numbers":
+            return np.dtype(np.float32)
+        return np.dtype(np.uint8) if self.full_scale <= np.iinfo(np.uint8).max else np.dtype(np.uint16)
+
+    @property
+    def saturation_radiance(self) -> float:
+        """Radiance beyond which images say nothing more; 1, the brightest that textures are, if there is no limit."""
+        limit = _limits(self.effects)[0]
+        return limit if np.isfinite(limit) else 1.0
+
+    @property
+    def remembers(self) -> bool:
+        """Whether an image depends on the one before."""
+        return any(effect.remembers for effect in self.effects)
+
+    def open(self, shape: tuple[int, int], generator_for: GeneratorFor) -> OpenSensor:
+        """Return the sensor with the pixels that it has in one recording.
+
+        Parameters
+        ----------
+        shape
+            Rows and columns.
+        generator_for
+            Source of random numbers. Called with ``("pattern", name)`` for what an effect's pixels keep over the
+            recording, and with ``(name, s_y, s, t)`` for what it draws for one image.
+        """
+        return OpenSensor(self, shape, generator_for)
+
+
+class OpenSensor:
+    """A chain at work in one recording.
+
+    What it makes of an image depends on this image, on the one before if an effect remembers, and on nothing else:
+    images may be read in any order, and on any number of workers.
+
+    Parameters
+    ----------
+    chain
+        The sensor.
+    shape
+        Rows and columns.
+    generator_for
+        As for `SensorChain.open`.
+    """
+
+    def __init__(self, chain: SensorChain, shape: tuple[int, int], generator_for: GeneratorFor) -> None:
+        self.chain = chain
+        self._generator_for = generator_for
+        self._patterns = [
+            effect.draw_pattern(shape, generator_for("pattern", effect.key)) for effect in self.chain.effects
+        ]
+        self._largest_number = _largest_number(chain.effects)
+
+    def read(self, image: LinearImage, previous: LinearImage | None = None) -> NDArray[Any]:
+        """Turn one linear image into what the camera delivers.
+
+        Parameters
+        ----------
+        image
+            The linear image.
+        previous
+            The one that the camera took before; None if it is the first. Only effects that remember need it.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (y, x): uint8 or uint16 if the chain digitises, else float32.
+        """
+        return self._through(len(self.chain.effects), image, previous).astype(self.chain.dtype)
+
+    def _through(self, count: int, image: LinearImage, previous: LinearImage | None) -> NDArray[np.float64]:
+        """Return the signal after so many effects."""
+        signal = image.radiance.astype(np.float64)
+        for number, (effect, pattern) in enumerate(zip(self.chain.effects[:count], self._patterns, strict=False)):
+            # The image before is read as if it had been the first: memories reach back by one image.
+            before = self._through(number, previous, None) if effect.remembers and previous is not None else None
+            signal = effect.apply(
+                signal,
+                Exposure(
+                    s_y=image.s_y,
+                    s=image.s,
+                    t=image.t,
+                    full_scale=self._largest_number,
+                    generator=partial(self._generator_for, *effect.stream(image.s_y, image.s, image.t)),
+                    pattern=pattern,
+                    previous=before,
+                ),
+            )
+        return signal
+
+
+def _unit_of(effects: Sequence[Effect]) -> Unit:
+    return effects[-1].gives if effects else "radiance"
+
+
+def _largest_number(effects: Sequence[Effect]) -> float:
+    """Return the largest digital number; 1 without digitisation."""
+    numbers = [effect.mean_response(np.inf, 1.0) for effect in effects if effect.gives == "digital numbers"]
+    return numbers[-1] if numbers else 1.0
+
+
+def _limits(effects: Sequence[Effect]) -> list[float]:
+    """Return the largest mean signals that images tell from larger ones: before each effect, and after the last."""
+    scale = _largest_number(effects)
+    limits = [1.0 if _unit_of(effects) == "share of full scale" else np.inf]
+    for effect in reversed(effects):
+        limits.append(effect.largest_input(limits[-1], scale))
+    return limits[::-1]
+
+
+def _misfits(effects: Sequence[Effect]) -> list[InitErrorDetails]:
+    """Return where an effect takes what the one before does not give."""
+    problems = []
+    given: Unit = "radiance"
+    maker = "the chain begins with"
+    for index, effect in enumerate(effects):
+        if effect.takes != given:
+            message = f"'{effect.kind}' takes {effect.takes}, but {maker} {given}"
+            problems.append(_problem(index, f"{message}: put what converts them in between, or move it", effect.kind))
+        given, maker = effect.gives, f"'{effect.kind}' before it gives"
+    if given == "unrounded digital numbers":
+        message = "digital numbers must be rounded: put 'digitisation' behind it"
+        problems.append(_problem(len(effects) - 1, message, effects[-1].kind))
+    return problems
+
+
+def _taken_twice(effects: Sequence[Effect]) -> list[InitErrorDetails]:
+    """Return effects that would draw the random numbers of another one."""
+    keys = [effect.key for effect in effects]
+    message = "draws the same random numbers as effect {} of the same name: give it a 'name' of its own"
+    return [
+        _problem(index, message.format(keys.index(key)), key)
+        for index, key in enumerate(keys)
+        if keys.index(key) < index
+    ]
+
+
+def _blind_spots(effects: Sequence[Effect]) -> list[InitErrorDetails]:
+    """Return where the sensor is saturated without any light."""
+    dark = [index for index, limit in enumerate(_limits(effects)[:-1]) if limit <= 0]
+    # Whoever is nearest to the end is to blame, those before it only inherit it.
+    return [_problem(dark[-1], "saturates the sensor without light", effects[dark[-1]].kind)] if dark else []
+
+
+def _problem(index: int, message: str, given: Any) -> InitErrorDetails:
+    return InitErrorDetails(
+        type=PydanticCustomError("sensor_chain", "{message}", {"message": message}), loc=(index,), input=given
+    )

@@ -1,0 +1,47 @@
+"""Which sensors a scene file may say, and the chain of effects that each of them is."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Discriminator, Tag
+
+from scenetruth.camera.sensor.chain import SensorChain
+from scenetruth.camera.sensor.emva1288 import EmvaSensor
+from scenetruth.camera.sensor.gaussian import GaussianSensor
+
+__all__ = ["AnySensor", "chain_of"]
+
+
+def _in_lower_case(value: Any) -> Any:
+    if isinstance(value, str):
+        return value.lower()
+    if isinstance(value, dict) and isinstance(value.get("kind"), str):
+        return {**value, "kind": value["kind"].lower()}
+    return value
+
+
+def _sensor_kind(value: object) -> str:
+    """Tell sensors apart; the plain one need not say its kind."""
+    if isinstance(value, str):
+        return "ideal"
+    kind = value.get("kind", "gaussian") if isinstance(value, dict) else getattr(value, "kind", "gaussian")
+    return str(kind)
+
+
+AnySensor = Annotated[
+    Annotated[Literal["ideal"], Tag("ideal")]
+    | Annotated[GaussianSensor, Tag("gaussian")]
+    | Annotated[EmvaSensor, Tag("emva1288")]
+    | Annotated[SensorChain, Tag("chain")],
+    Discriminator(_sensor_kind),
+    BeforeValidator(_in_lower_case),
+]
+"""A sensor as a scene says it."""
+
+
+def chain_of(sensor: Literal["ideal"] | GaussianSensor | EmvaSensor | SensorChain) -> SensorChain:
+    """Return the chain of effects that a sensor is; the empty one for ``"ideal"``."""
+    if isinstance(sensor, str):
+        return SensorChain()
+    return sensor if isinstance(sensor, SensorChain) else sensor.chain()

@@ -1,0 +1,63 @@
+"""Electrons that pixels collect without light."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationInfo, field_validator
+
+from scenetruth.camera.sensor.base import Effect, Exposure, Unit
+from scenetruth.model import NonNegative, Positive
+
+__all__ = ["DarkCurrent"]
+
+
+class DarkCurrent(Effect):
+    """Heat frees electrons too: their mean number is added, in hot pixels more than in others.
+
+    It stands before the shot noise, which dark electrons have as well.
+    """
+
+    takes: ClassVar[Unit] = "electrons"
+    gives: ClassVar[Unit] = "electrons"
+
+    kind: Literal["dark_current"]
+    """This effect."""
+    exposure_time_s: Positive
+    """Time over which a pixel collects electrons."""
+    dark_current_e_per_s: NonNegative = 0.0
+    """Electrons that a pixel collects in a second without light."""
+    hot_pixel_share: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
+    """Share of pixels with ``hot_pixel_current_e_per_s``."""
+    hot_pixel_current_e_per_s: Annotated[NonNegative, Field(validate_default=True)] = 0.0
+    """Dark current of hot pixels."""
+
+    @field_validator("hot_pixel_current_e_per_s")
+    @classmethod
+    def _hotter_than_the_rest(cls, value: float, info: ValidationInfo) -> float:
+        current = info.data.get("dark_current_e_per_s")
+        if info.data.get("hot_pixel_share") and current is not None and value < current:
+            msg = f"must not be below dark_current_e_per_s, {current:g}, where there are hot pixels"
+            raise ValueError(msg)
+        return value
+
+    def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
+        """Return the mean number of electrons of each pixel."""
+        hot = generator.random(shape) < self.hot_pixel_share
+        current = np.where(hot, self.hot_pixel_current_e_per_s, self.dark_current_e_per_s)
+        return np.asarray(current * self.exposure_time_s, dtype=np.float64)
+
+    def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
+        """Add the electrons."""
+        assert exposure.pattern is not None
+        return signal + exposure.pattern
+
+    def mean_response(self, signal: float, full_scale: float) -> float:
+        """Return the electrons of a pixel that is not hot."""
+        return signal + self.dark_current_e_per_s * self.exposure_time_s
+
+    def largest_input(self, largest_output: float, full_scale: float) -> float:
+        """Return what is left for light."""
+        return largest_output - self.dark_current_e_per_s * self.exposure_time_s
