@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
-from scenetruth.schema.variables import REQUIRED, VARIABLES
+from scenetruth.schema.variables import REQUIRED, REQUIRED_ANY, VARIABLES
 
 __all__ = ["check_dataset"]
 
@@ -42,6 +42,16 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         for name in REQUIRED[kind]
         if name not in dataset
     ]
+    any_of = REQUIRED_ANY.get(kind, ())
+    if any_of and not any(name in dataset for name in any_of):
+        *most, last = any_of
+        problems.append(
+            Problem(
+                "variables",
+                f"hold neither {', '.join(most)} nor {last}; at least one of them must be there",
+                sorted(map(str, dataset.data_vars)),
+            )
+        )
     for name, entry in VARIABLES[kind].items():
         if name not in dataset:
             continue

@@ -15,6 +15,7 @@ __all__ = [
     "KIND_NORMAL",
     "NO_SURFACE",
     "REQUIRED",
+    "REQUIRED_ANY",
     "VARIABLES",
     "Variable",
 ]
@@ -133,11 +134,15 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
 """Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``. Where cameras stand in rows,
 ``s_y`` comes before ``s``."""
 
-REQUIRED = {
+REQUIRED: Mapping[str, tuple[str, ...]] = {
     "recording": ("image",),
     "truth": ("depth", "velocity", "disparity", "flow", "mixed"),
-    "estimate": ("depth", "velocity", "disparity", "flow"),
+    "estimate": (),
 }
+"""The variables that a data set must have, all of them."""
+
+REQUIRED_ANY: Mapping[str, tuple[str, ...]] = {"estimate": tuple(_SURFACE)}
+"""The variables of which a data set must have at least one: stereo gives no motion, optical flow no depth."""
 
 COORDINATES = {
     "s": ("1", "camera position on the stage, 0 is the reference"),
