@@ -287,7 +287,7 @@ def test_truth_is_connected_by_its_own_surfaces() -> None:
     assert len(np.unique(surface_patches(blurred, INTRINSICS.focal_length_px, 85))) == 1
     maps = growth_maps(truth.assign(depth=(truth["depth"].dims, blurred[None])), truth, settings)
     assert maps is not None
-    np.testing.assert_allclose(maps.truth_windowed, 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(maps.truth_windowed[:, 10:-10], 0.0, atol=ROUNDING)
     assert np.nanmax(np.abs(maps.estimate)) > 1e-3
 
 
@@ -300,8 +300,8 @@ def test_windows_do_not_reach_from_object_to_object() -> None:
     arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
     truth = label("truth", {**arrays, "object_id": left[None].astype(np.int32)}, INTRINSICS, t=[0])
     settings = ScoreSettings(growth_window_px=5)
-    np.testing.assert_allclose(surface_growth(truth, settings).values, 0.0, atol=ROUNDING)
-    assert np.abs(surface_growth(truth.drop_vars("object_id"), settings).values).max() > 1e-3
+    np.testing.assert_allclose(surface_growth(truth, settings).values[:, 10:-10], 0.0, atol=ROUNDING)
+    assert np.nanmax(np.abs(surface_growth(truth.drop_vars("object_id"), settings).values)) > 1e-3
 
 
 def test_pixels_unknown_to_the_estimate_are_in_no_window_of_the_truth() -> None:

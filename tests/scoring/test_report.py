@@ -117,18 +117,8 @@ def test_error_bars_are_in_the_tables_of_both_regions(full_case: Case, reader: R
 
 def test_origin_and_warnings_are_told_and_quoted(page: Path, reader: Reader) -> None:
     text = " ".join(reader.text)
-    for needle in (
-        "0123abcd",
-        "recording hash",
-        "feed0001",
-        "estimate hash",
-        "feed0002",
-        "scenetruth 0.1.0",
-        "77",
-        "simulate 12.5",
-        REASON,
-        "the texture is <b>coarse</b>",
-    ):
+    needles = ("0123abcd", "recording hash", "feed0001", "estimate hash", "feed0002", "scenetruth 0.1.0", "77")
+    for needle in (*needles, "simulate 12.5", REASON, "the texture is <b>coarse</b>"):
         assert needle in text
     assert "Estimate against truth: a wedge" in text
     assert "<b>coarse" not in page.read_text(encoding="utf-8")
