@@ -22,7 +22,7 @@ from scenetruth.scoring.figures._views import views_of
 from scenetruth.scoring.figures.arrows import arrow_factor, draw_velocity_arrows
 from scenetruth.scoring.figures.confidence import draw_confidence
 from scenetruth.scoring.figures.error_bars import draw_error_bars
-from scenetruth.scoring.figures.growth import draw_growth, growth_limits
+from scenetruth.scoring.figures.growth import draw_growth, draw_growth_alone, growth_limits
 from scenetruth.scoring.figures.image import draw_image
 from scenetruth.scoring.figures.surface import draw_surface
 from scenetruth.scoring.figures.velocity import draw_velocity_z, pick_row
@@ -164,15 +164,22 @@ def test_what_the_estimate_does_not_hold_is_left_out(
 
 def test_without_truth_the_estimate_is_drawn_alone(small_case: Case, tmp_path: Path) -> None:
     figures = draw_all(small_case.recording, small_case.estimate, folder=tmp_path)
-    expected = [*files_without({"error_histograms.png"})]
-    # Without truth, nobody knows whether it grows.
-    expected.insert(expected.index("error_bars.png"), "growth_rate.png")
-    assert [figure.file for figure in figures] == expected
+    assert [figure.file for figure in figures] == files_without({"error_histograms.png"})
     assert_legible(tmp_path)
     for figure in figures:
         # What the estimator says about itself is told without any look at the truth.
         assert "truth" not in f"{figure.title} {figure.caption}".replace("without any look at the truth", "")
         assert not re.search(r"\berrors?\b(?! bars)", f"{figure.title} {figure.caption}".lower())
+
+
+def test_growth_is_drawn_without_truth(tmp_path: Path) -> None:
+    case = make_growing_case(80, 60, 620.0)
+    figure = draw_growth_alone(views_of(case.recording, case.estimate), case.estimate, tmp_path)
+    assert figure is not None
+    assert "truth" not in f"{figure.title} {figure.caption}"
+    assert_legible(tmp_path)
+    nothing = case.estimate.assign(kind=0 * case.estimate["kind"])
+    assert draw_growth_alone(views_of(case.recording, nothing), nothing, tmp_path) is None
 
 
 def test_truth_and_score_belong_together(small_case: Case, tmp_path: Path) -> None:

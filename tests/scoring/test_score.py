@@ -340,7 +340,7 @@ def test_what_the_estimate_holds_is_scored(
     for region, quantities in result.regions.items():
         assert tuple(quantities) == scored
         for name, values in quantities.items():
-            expected = everything.regions[region][name] | {"calibration": None, "within_2_std": None}
+            expected = {**everything.regions[region][name], "calibration": None, "within_2_std": None}
             assert values == expected
     assert Score.from_json(result.to_json()) == result
     assert len(list(csv.DictReader(io.StringIO(result.to_csv())))) == len(result.regions) * len(scored)
