@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.schema import VARIABLES, check_dataset, image_to_grey, intrinsics_of
+from scenetruth.schema import VARIABLES, Intrinsics, check_dataset, image_to_grey, intrinsics_of, label
 
 
 def test_recording_has_coordinates_units_and_intrinsics() -> None:
@@ -91,3 +91,19 @@ def test_every_variable_of_the_table_has_units_and_long_name() -> None:
         for entry in table.values():
             assert entry.units
             assert entry.long_name
+
+
+@pytest.mark.parametrize("held", [("depth",), ("disparity",), ("flow",), ("velocity",), ("depth", "disparity")])
+def test_estimate_holds_what_its_method_gives(held: tuple[str, ...]) -> None:
+    shapes = {"depth": (1, 2, 3), "disparity": (1, 2, 3), "flow": (2, 1, 2, 3), "velocity": (3, 1, 2, 3)}
+    camera = Intrinsics(100.0, (1.0, 0.5), 5.0)
+    estimate = label("estimate", {name: np.ones(shapes[name]) for name in held}, camera, t=[0])
+    check_dataset(estimate, "estimate")
+    with pytest.raises(st.RecordingError) as caught:
+        check_dataset(estimate.drop_vars(held).assign(confidence=(("t", "y", "x"), np.ones((1, 2, 3)))), "estimate")
+    assert [problem.path for problem in caught.value.problems] == ["variables"]
+    assert "hold neither depth, velocity, disparity nor flow" in str(caught.value)
+    assert "['confidence']" in str(caught.value)
+    # A truth must have all.
+    with pytest.raises(st.RecordingError, match="mixed: is missing; a truth must have it"):
+        check_dataset(estimate, "truth")

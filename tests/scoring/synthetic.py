@@ -179,6 +179,12 @@ def make_growing_case(
     return Case(recording, estimate, truth)
 
 
+def with_outliers(estimate: xr.Dataset) -> xr.Dataset:
+    """Return an estimate whose disparity and flow are wrong by 10 px in one column, where it has them."""
+    wrong = estimate["x"] == estimate.sizes["x"] // 3
+    return estimate.assign({name: estimate[name] + 10 * wrong for name in ("disparity", "flow") if name in estimate})
+
+
 def of_one_camera(case: Case) -> Case:
     """Return a case whose estimate knows nothing of depth, hence of velocity either."""
     return _without(case, ("depth", "disparity", "velocity"), "kind_disparity")

@@ -10,6 +10,7 @@ import xarray as xr
 
 from scenetruth.errors import ScoreError
 from scenetruth.scoring.alignment import align, check_recording
+from scenetruth.scoring.regions import edge_distance
 from tests.scoring.synthetic import Case, make_case
 
 
@@ -44,14 +45,21 @@ def test_reference_camera_is_taken_from_a_truth_of_all(case: Case) -> None:
             r"t: the truth lacks frames of the estimate \(got \[0\]\)",
         ),
         (
-            lambda c: (c.estimate.isel(x=slice(50)), c.truth),
-            "x: the estimate's size 50 differs from the truth's size 160",
+            lambda c: (c.estimate.isel(x=slice(50)), c.truth.drop_vars("x")),
+            "truth.x: has the size 160, the estimate 50; to compare a part of the image, both must keep the coordinate",
         ),
         (
             lambda c: (c.estimate, c.truth.isel(y=slice(9))),
-            "y: the estimate's size 120 differs from the truth's size 9",
+            r"truth\.y: lacks pixel rows of the estimate; both must count them .* \(got \[9, 10,",
         ),
-        (lambda c: (c.estimate.assign_coords(x=c.estimate.x + 1), c.truth), "x: the estimate's pixel indices differ"),
+        (
+            lambda c: (c.estimate.assign_coords(x=c.estimate.x + 1), c.truth),
+            r"truth\.x: lacks pixel columns of the estimate; .* \(got \[160\]\)",
+        ),
+        (
+            lambda c: (c.estimate, c.truth.assign_coords(x=c.truth.x // 2)),
+            r"truth\.x: must tell the columns apart; some are there twice",
+        ),
         (
             lambda c: (with_attrs(c.estimate, focal_length_px=1251.0), c.truth),
             "focal_length_px: the estimate's 1251.0 differs from the truth's 1250.0",
@@ -62,7 +70,10 @@ def test_reference_camera_is_taken_from_a_truth_of_all(case: Case) -> None:
         ),
         (lambda c: (with_attrs(c.estimate, principal_point_px=[79.5, 60.0]), c.truth), "attrs.principal_point_px"),
         (lambda c: (with_attrs(c.estimate, frame_interval_s=2.0), c.truth), "attrs.frame_interval_s"),
-        (lambda c: (c.estimate.drop_vars("flow"), c.truth), "estimate.flow: is missing"),
+        (
+            lambda c: (c.estimate[["kind", "confidence"]], c.truth),
+            "estimate.variables: hold neither depth, velocity, disparity nor flow; at least one of them must be there",
+        ),
         (lambda c: (c.estimate, c.truth.drop_vars("mixed")), "truth.mixed: is missing"),
         (lambda c: (c.estimate.drop_vars("t"), c.truth), "estimate.t: must be a coordinate"),
         (lambda c: (c.estimate, with_cameras(c.truth, 1, 2)), "truth.s: must hold the reference camera s = 0 once"),
@@ -77,24 +88,50 @@ def test_what_does_not_belong_together_is_named(
 
 
 def test_all_problems_are_listed_at_once(case: Case) -> None:
-    other = with_attrs(case.estimate.isel(x=slice(50)).assign_coords(t=[7]), focal_length_px=1.0)
+    other = with_attrs(case.estimate.assign_coords(t=[7]), focal_length_px=1.0)
     with pytest.raises(ScoreError) as caught:
-        align(other, case.truth)
-    assert [problem.path for problem in caught.value.problems] == ["t", "x", "attrs.focal_length_px"]
+        align(other, case.truth.isel(x=slice(50)))
+    assert [problem.path for problem in caught.value.problems] == ["t", "truth.x", "attrs.focal_length_px"]
     with pytest.raises(ScoreError, match="2 problems") as caught:
-        align(case.estimate.drop_vars("depth"), case.truth.drop_vars("flow"))
-    assert [problem.path for problem in caught.value.problems] == ["estimate.depth", "truth.flow"]
+        align(case.estimate[["kind"]], case.truth.drop_vars("flow"))
+    assert [problem.path for problem in caught.value.problems] == ["estimate.variables", "truth.flow"]
 
 
 def test_rounding_of_intrinsics_is_forgiven(case: Case) -> None:
     align(with_attrs(case.estimate, focal_length_px=float(np.float32(1250.0) * np.float32(1 + 1e-7))), case.truth)
 
 
-def test_recording_must_have_the_form_and_the_size_of_the_estimate(case: Case) -> None:
+def test_recording_must_have_the_form_and_the_pixels_of_the_estimate(case: Case) -> None:
     check_recording(case.recording, case.estimate)
-    with pytest.raises(ScoreError, match=r"recording\.x: has the size 9, the estimate 160"):
+    check_recording(case.recording, case.estimate.isel(x=slice(9, 12)))
+    with pytest.raises(ScoreError, match=r"recording\.x: lacks pixel columns of the estimate"):
         check_recording(case.recording.isel(x=slice(9)), case.estimate)
+    with pytest.raises(ScoreError, match=r"recording\.x: has the size 9, the estimate 160"):
+        check_recording(case.recording.isel(x=slice(9)).drop_vars("x"), case.estimate)
     with pytest.raises(ScoreError, match=r"recording\.image: is missing"):
         check_recording(case.truth, case.estimate)
     with pytest.raises(ScoreError, match=r"recording\.s: must hold the reference camera s = 0 once"):
         check_recording(case.recording.drop_vars("s"), case.estimate)
+
+
+def test_pixels_are_matched_by_their_coordinates(case: Case) -> None:
+    part = case.estimate.isel(y=slice(100, 20, -2), x=[7, 90, 91])
+    _, truth = align(part, case.truth)
+    np.testing.assert_array_equal(truth["depth"], case.truth["depth"].values[:, 100:20:-2][..., [7, 90, 91]])
+    assert truth["x"].values.tolist() == [7, 90, 91]
+
+
+def test_distances_to_edges_are_those_of_the_whole_image(case: Case) -> None:
+    distance = edge_distance(case.truth["mixed"].values)
+    part = case.estimate.isel(x=slice(20, 40), y=slice(30, 60, 3))
+    expected = distance[:, 30:60:3, 20:40]
+    assert not case.truth["mixed"].values[:, 30:60:3, 20:40].any()
+    np.testing.assert_array_equal(align(part, case.truth)[1]["boundary_distance"], expected)
+    # Of a part of a truth, the distances that came with it are right.
+    told = case.truth.assign(boundary_distance=(case.truth["mixed"].dims, distance)).isel(x=slice(10, 50))
+    np.testing.assert_array_equal(align(part, told)[1]["boundary_distance"], expected)
+
+
+def test_without_coordinates_pixels_are_matched_by_their_place(case: Case) -> None:
+    bare = case.estimate.drop_vars(["x", "y"])
+    np.testing.assert_array_equal(align(bare, case.truth)[1]["depth"], case.truth["depth"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from PIL import Image
 
+from scenetruth.errors import ScoreError
 from scenetruth.schema import KIND_FULL, KIND_NONE
 from scenetruth.scoring import draw_all, score
 from scenetruth.scoring.figures import _mesh
@@ -20,8 +22,9 @@ from scenetruth.scoring.figures._views import views_of
 from scenetruth.scoring.figures.arrows import arrow_factor, draw_velocity_arrows
 from scenetruth.scoring.figures.confidence import draw_confidence
 from scenetruth.scoring.figures.error_bars import draw_error_bars
-from scenetruth.scoring.figures.growth import draw_growth, growth_limits
+from scenetruth.scoring.figures.growth import draw_growth, draw_growth_alone, growth_limits
 from scenetruth.scoring.figures.image import draw_image
+from scenetruth.scoring.figures.surface import draw_surface
 from scenetruth.scoring.figures.velocity import draw_velocity_z, pick_row
 from tests.scoring.conftest import Drawn
 from tests.scoring.synthetic import Case, make_case, make_growing_case, of_one_camera, of_one_frame, with_error_bars
@@ -42,6 +45,9 @@ OF_VELOCITY = {"velocity_z.png", "velocity_z_row.png", "velocity_arrows.png"}
 OF_ERROR_BARS = {"error_bars.png"}
 
 
+LAST = ["error_histograms.png", "error_bars.png"]
+
+
 def files_without(*left_out: set[str]) -> list[str]:
     return [file for file in FILES if file not in set().union(*left_out)]
 
@@ -49,6 +55,20 @@ def files_without(*left_out: set[str]) -> list[str]:
 def pixels(file: Path) -> NDArray[np.uint8]:
     with Image.open(file) as image:
         return np.asarray(image.convert("RGB"))
+
+
+def assert_legible(folder: Path) -> None:
+    """Check that nothing is cut off at the edges of any picture, and that none is empty or full."""
+    for file in sorted(folder.iterdir()):
+        inked = (pixels(file) != 255).any(axis=2)
+        assert not inked[[0, -1]].any(), file
+        assert not inked[:, [0, -1]].any(), file
+        assert 0.03 < inked.mean() < 0.97, file
+
+
+@pytest.fixture(scope="module")
+def small_case() -> Case:
+    return with_error_bars(make_case(80, 60, 620.0))
 
 
 def test_every_figure_is_on_disk_and_described(drawn: Drawn) -> None:
@@ -105,15 +125,95 @@ def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("reduce", "left_out"), [(of_one_camera, (OF_DEPTH, OF_VELOCITY, OF_ERROR_BARS)), (of_one_frame, (OF_VELOCITY,))]
+    ("reduce", "expected"),
+    [
+        (of_one_camera, ["image.png", "flow.png", "error_histograms.png", "confidence.png"]),
+        (of_one_frame, files_without(OF_VELOCITY)),
+    ],
 )
 def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
-    reduce: Callable[[Case], Case], left_out: tuple[set[str], ...], tmp_path: Path
+    reduce: Callable[[Case], Case], expected: list[str], tmp_path: Path
 ) -> None:
     case = reduce(with_error_bars(make_case(48, 36, 380.0)))
     result = score(case.estimate, case.truth, margin_px=3)
     figures = draw_all(case.recording, case.estimate, case.truth, result, tmp_path)
-    assert [figure.file for figure in figures] == files_without(*left_out)
+    assert [figure.file for figure in figures] == expected
+
+
+@pytest.mark.parametrize(
+    ("held", "expected"),
+    [
+        (("depth", "disparity", "depth_std"), ["image.png", "surface.png", "depth.png", *LAST]),
+        (("disparity", "disparity_std", "confidence"), ["image.png", "disparity.png", *LAST, "confidence.png"]),
+        (("flow", "kind_motion"), ["image.png", "flow.png", "error_histograms.png", "confidence.png"]),
+        (("velocity",), ["image.png", "velocity_z.png", "velocity_z_row.png", "error_histograms.png"]),
+    ],
+)
+def test_what_the_estimate_does_not_hold_is_left_out(
+    small_case: Case, held: tuple[str, ...], expected: list[str], tmp_path: Path
+) -> None:
+    case, estimate = small_case, small_case.estimate[[*held]]
+    result = score(estimate, case.truth, margin_px=3)
+    figures = draw_all(case.recording, estimate, case.truth, result, tmp_path / "with")
+    assert [figure.file for figure in figures] == expected
+    assert_legible(tmp_path / "with")
+    alone = draw_all(case.recording, estimate, folder=tmp_path / "without")
+    assert [figure.file for figure in alone] == [file for file in expected if file != "error_histograms.png"]
+    assert_legible(tmp_path / "without")
+
+
+def test_without_truth_the_estimate_is_drawn_alone(small_case: Case, tmp_path: Path) -> None:
+    figures = draw_all(small_case.recording, small_case.estimate, folder=tmp_path)
+    assert [figure.file for figure in figures] == files_without({"error_histograms.png"})
+    assert_legible(tmp_path)
+    for figure in figures:
+        # What the estimator says about itself is told without any look at the truth.
+        assert "truth" not in f"{figure.title} {figure.caption}".replace("without any look at the truth", "")
+        assert not re.search(r"\berrors?\b(?! bars)", f"{figure.title} {figure.caption}".lower())
+
+
+def test_growth_is_drawn_without_truth(tmp_path: Path) -> None:
+    case = make_growing_case(80, 60, 620.0)
+    figure = draw_growth_alone(views_of(case.recording, case.estimate), case.estimate, tmp_path)
+    assert figure is not None
+    assert "truth" not in f"{figure.title} {figure.caption}"
+    assert_legible(tmp_path)
+    nothing = case.estimate.assign(kind=0 * case.estimate["kind"])
+    assert draw_growth_alone(views_of(case.recording, nothing), nothing, tmp_path) is None
+
+
+def test_truth_and_score_belong_together(small_case: Case, tmp_path: Path) -> None:
+    with pytest.raises(ScoreError, match="score: is missing; make it with"):
+        draw_all(small_case.recording, small_case.estimate, small_case.truth, None, tmp_path)
+    result = score(small_case.estimate, small_case.truth)
+    with pytest.raises(ScoreError, match="truth: is missing"):
+        draw_all(small_case.recording, small_case.estimate, None, result, tmp_path)
+
+
+def test_maps_of_a_part_count_pixels_of_the_whole_image(full_case: Case) -> None:
+    part = full_case.estimate.isel(x=slice(40, 100, 2), y=slice(20, 90, 2))
+    whole, views = (views_of(full_case.recording, estimate, full_case.truth) for estimate in (full_case.estimate, part))
+    assert whole.grid.extent == (-0.5, 159.5, 119.5, -0.5)
+    assert views.grid.extent == (39.0, 99.0, 89.0, 19.0)
+    assert views.map_focal_length_px == whole.map_focal_length_px / 2
+    np.testing.assert_array_equal(views.surface_points(), whole.surface_points()[20:90:2, 40:100:2])
+    np.testing.assert_array_equal(views.image, whole.image[20:90:2, 40:100:2])
+    np.testing.assert_array_equal(views.mixed, whole.mixed[20:90:2, 40:100:2])
+
+
+def test_sign_of_the_velocity_is_shown(small_case: Case, tmp_path: Path) -> None:
+    """The right half of the figure is blue where the wedge approaches, and red where it moves away."""
+    reds = []
+    for name, factor in (("near", 1.0), ("far", -1.0)):
+        estimate = small_case.estimate.assign(velocity=factor * small_case.estimate["velocity"])
+        (tmp_path / name).mkdir()
+        draw_velocity_z(views_of(small_case.recording, estimate), tmp_path / name)
+        shown = pixels(tmp_path / name / "velocity_z.png").astype(int)
+        right = shown[:, shown.shape[1] // 2 : int(0.9 * shown.shape[1])]
+        strong = right[np.abs(right[..., 0] - right[..., 2]) > 60]
+        reds.append(float((strong[:, 0] > strong[:, 2]).mean()))
+    assert reds[0] < 0.1
+    assert reds[1] > 0.9
 
 
 @pytest.mark.parametrize(("missing", "title"), [("kind", "Confidence of"), ("confidence", "Kind of")])
@@ -309,7 +409,8 @@ def test_recording_of_colours_is_drawn_in_grey(tmp_path: Path) -> None:
     )
     views = views_of(colours, case.estimate, case.truth)
     np.testing.assert_allclose(views.image, 0.5 * image.sel(s=0, t=0), atol=0.5)
-    draw_all(colours, case.estimate, case.truth, score(case.estimate, case.truth), tmp_path)
+    for draw in (draw_image, draw_surface, draw_velocity_arrows, draw_confidence):
+        assert draw(views, tmp_path) is not None
 
 
 def test_importing_the_room_loads_no_heavy_library() -> None:

@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from scenetruth.errors import ScoreError
 from scenetruth.schema import KIND_NORMAL, Intrinsics, label
 from scenetruth.scoring import score, surface_growth
-from scenetruth.scoring.growth import growth_maps, surface_patches, surface_points, windowed_growth
+from scenetruth.scoring.growth import growth_maps
+from scenetruth.scoring.growth_window import windowed_growth
+from scenetruth.scoring.pixel_grid import surface_points
+from scenetruth.scoring.surface_patches import surface_patches
 from scenetruth.settings import ScoreSettings
 from tests.scoring.synthetic import make_growing_case
 
@@ -267,3 +271,72 @@ def test_a_large_frame_takes_little_time() -> None:
     assert time.perf_counter() - start < 5.0
     assert isinstance(values, xr.DataArray)
     assert (values.dims, values.attrs["units"]) == (("t", "y", "x"), "1/frame")
+
+
+def test_truth_is_connected_by_its_own_surfaces() -> None:
+    """An estimate that blurs a step connects both sides; the truth beside it does not."""
+    depth = plane(0.0)
+    left = np.indices(SHAPE)[1] < 40
+    depth[:, :40] = 560.0
+    velocity = np.where(left, 1.0, -1.0) * np.ones((3, *SHAPE))
+    arrays = {"depth": depth, "velocity": velocity, "disparity": depth, "flow": velocity[:2], "growth_rate": 0 * depth}
+    arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
+    truth = label("truth", arrays, INTRINSICS, t=[0])
+    blurred = ndimage.gaussian_filter1d(depth, 6.0, axis=-1)
+    settings = ScoreSettings(growth_window_px=5, growth_max_slope_deg=85)
+    assert len(np.unique(surface_patches(blurred, INTRINSICS.focal_length_px, 85))) == 1
+    maps = growth_maps(truth.assign(depth=(truth["depth"].dims, blurred[None])), truth, settings)
+    assert maps is not None
+    np.testing.assert_allclose(maps.truth_windowed[:, 10:-10], 0.0, atol=ROUNDING)
+    assert np.nanmax(np.abs(maps.estimate)) > 1e-3
+
+
+def test_windows_do_not_reach_from_object_to_object() -> None:
+    """Where objects touch, depth alone does not tell them apart; a truth does."""
+    depth = plane(0.0)
+    left = np.indices(SHAPE)[1] < 40
+    velocity = np.where(left, 1.0, -1.0) * np.ones((3, *SHAPE))
+    arrays = {"depth": depth, "velocity": velocity, "disparity": depth, "flow": velocity[:2]}
+    arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
+    truth = label("truth", {**arrays, "object_id": left[None].astype(np.int32)}, INTRINSICS, t=[0])
+    settings = ScoreSettings(growth_window_px=5)
+    np.testing.assert_allclose(surface_growth(truth, settings).values[:, 10:-10], 0.0, atol=ROUNDING)
+    assert np.nanmax(np.abs(surface_growth(truth.drop_vars("object_id"), settings).values)) > 1e-3
+
+
+def test_pixels_unknown_to_the_estimate_are_in_no_window_of_the_truth() -> None:
+    case = make_growing_case(80, 60, 620.0)
+    kind, velocity = case.estimate["kind"].copy(deep=True), case.truth["velocity"].copy(deep=True)
+    kind[:, 20:30, 30:40] = KIND_NORMAL
+    settings = ScoreSettings(growth_window_px=5)
+    estimate = case.estimate.assign(kind=kind)
+    expected = growth_maps(estimate, case.truth, settings)
+    velocity[:, :, 20:30, 30:40] = 1e3
+    found = growth_maps(estimate, case.truth.assign(velocity=velocity), settings)
+    assert expected is not None
+    assert found is not None
+    np.testing.assert_array_equal(found.truth_windowed, expected.truth_windowed)
+
+
+def test_growth_of_a_part_is_that_of_the_whole() -> None:
+    """Places in space follow from the coordinates of the pixels, and windows are as wide on every other pixel."""
+    points = surface_points(plane(40.0), INTRINSICS)
+    arrays = {"depth": points[2], "velocity": 2.5e-4 * points, "disparity": points[2], "flow": points[:2]}
+    arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
+    whole = label("estimate", arrays, INTRINSICS, t=[0])
+    settings = ScoreSettings(growth_window_px=4)
+    for part in (whole.isel(x=slice(20, 70), y=slice(5, 50)), whole.isel(x=slice(None, None, 2), y=slice(1, None, 3))):
+        found = surface_growth(part, settings)
+        np.testing.assert_array_equal(found["x"], part["x"])
+        assert np.isfinite(found.values).mean() > 0.8
+        np.testing.assert_allclose(found.values[np.isfinite(found.values)], 5e-4, rtol=0, atol=ROUNDING)
+    wider = surface_patches(whole["depth"].values[0, :, ::8], INTRINSICS.focal_length_px, 43.0, step_px=(1.0, 8.0))
+    assert wider.max() == 0
+    assert surface_patches(whole["depth"].values[0, :, ::8], INTRINSICS.focal_length_px, 43.0).max() > 0
+
+
+def test_growth_needs_depth_and_velocity() -> None:
+    case = make_growing_case(16, 12, 150.0)
+    with pytest.raises(ScoreError, match=r"velocity: is missing; growth follows from depth and velocity"):
+        surface_growth(case.estimate[["depth", "kind"]])
+    assert growth_maps(case.estimate[["depth", "kind"]], case.truth, ScoreSettings()) is None

@@ -31,9 +31,10 @@ shapes = some.tuples(some.integers(1, 2), some.integers(1, 9), some.integers(1, 
 def brute_force_distance(mixed: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Measure from every pixel to every mixed pixel of its frame."""
     distance = np.full(mixed.shape, math.inf)
-    for t, y, x in np.ndindex(mixed.shape):
-        for there_y, there_x in np.argwhere(mixed[t]):
-            distance[t, y, x] = min(distance[t, y, x], math.hypot(y - there_y, x - there_x))
+    y, x = np.indices(mixed.shape[1:])
+    for frame, there in zip(distance, mixed, strict=True):
+        for there_y, there_x in np.argwhere(there):
+            np.minimum(frame, np.hypot(y - there_y, x - there_x), out=frame)
     return distance
 
 

@@ -8,12 +8,16 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from scenetruth.schema import KIND_FULL
 from scenetruth.scoring import QUANTITIES, score, write_report
 from scenetruth.scoring._format import format_number, format_percent
+from scenetruth.scoring.map_summary import describe_maps
+from scenetruth.scoring.report_content import content_of_score
 from tests.scoring.conftest import Drawn
-from tests.scoring.synthetic import Case, make_case, make_growing_case
+from tests.scoring.synthetic import Case, make_case, make_growing_case, with_outliers
 
 REASON = "pyrender (osmesa) does not run here"
 METADATA = {
@@ -22,6 +26,8 @@ METADATA = {
     "seed": 77,
     "timings_s": {"simulate": 12.5},
     "render_fallback_reason": REASON,
+    "recording_hash": "feed0001",
+    "estimate_hash": "feed0002",
     "warnings": ["the texture is <b>coarse</b>"],
 }
 
@@ -111,7 +117,8 @@ def test_error_bars_are_in_the_tables_of_both_regions(full_case: Case, reader: R
 
 def test_origin_and_warnings_are_told_and_quoted(page: Path, reader: Reader) -> None:
     text = " ".join(reader.text)
-    for needle in ("0123abcd", "scenetruth 0.1.0", "77", "simulate 12.5", REASON, "the texture is <b>coarse</b>"):
+    needles = ("0123abcd", "recording hash", "feed0001", "estimate hash", "feed0002", "scenetruth 0.1.0", "77")
+    for needle in (*needles, "simulate 12.5", REASON, "the texture is <b>coarse</b>"):
         assert needle in text
     assert "Estimate against truth: a wedge" in text
     assert "<b>coarse" not in page.read_text(encoding="utf-8")
@@ -119,10 +126,104 @@ def test_origin_and_warnings_are_told_and_quoted(page: Path, reader: Reader) -> 
 
 def test_data_from_elsewhere_have_a_report_too(tmp_path: Path) -> None:
     case = make_case(32, 24, 250.0)
-    result = score(case.estimate, case.truth)
-    text = write_report(case.recording, case.estimate, case.truth, result, tmp_path).read_text(encoding="utf-8")
+    estimate = case.estimate[["disparity"]]
+    # Without a score, it is made.
+    text = write_report(case.recording, estimate, case.truth, folder=tmp_path).read_text(encoding="utf-8")
     assert "The scene in full" not in text
     assert "<h1>Estimate against truth</h1>" in text
+    assert format_number(score(estimate, case.truth).regions["all"]["disparity"]["rms"]) in text
+
+
+def read(page: Path) -> Reader:
+    reader = Reader()
+    reader.feed(page.read_text(encoding="utf-8"))
+    reader.close()
+    assert not reader.open
+    return reader
+
+
+@pytest.mark.parametrize(
+    ("held", "titles", "cards"),
+    [
+        (("depth", "disparity"), ("Depth", "Disparity"), ("Depth, rms error", "Disparity, rms error")),
+        (("flow",), ("Optical flow in x", "Optical flow in y"), ("Optical flow in x, rms error",)),
+    ],
+)
+def test_page_tells_what_the_estimate_holds(
+    full_case: Case, held: tuple[str, ...], titles: tuple[str, ...], cards: tuple[str, ...], tmp_path: Path
+) -> None:
+    result = score(full_case.estimate[[*held]], full_case.truth)
+    content = content_of_score(result)
+    assert set(cards) <= {card["title"] for card in content["headlines"]}
+    page = write_report(full_case.recording, full_case.estimate[[*held]], full_case.truth, result, tmp_path)
+    reader = read(page)
+    for entry in QUANTITIES.values():
+        assert reader.text.count(entry.title) == (2 if entry.title in titles else 0)
+    # No error is an outlier here, and none could be: the page says why there are no rates.
+    assert "a rate of zero would say nothing" in " ".join(reader.text)
+    assert "Outliers" not in reader.text
+
+
+def test_outliers_are_shown_where_they_say_something(full_case: Case) -> None:
+    telling = content_of_score(score(with_outliers(full_case.estimate), full_case.truth))
+    assert telling["outliers"]["headings"] == ["disparity", "optical flow", "scene flow"]
+    assert "Scene flow outliers" in {card["title"] for card in telling["headlines"]}
+    silent = content_of_score(score(full_case.estimate, full_case.truth))
+    assert silent["outliers"] == {"headings": [], "rows": []}
+    assert "Scene flow outliers" not in {card["title"] for card in silent["headlines"]}
+
+
+@pytest.fixture(scope="module")
+def page_without_truth(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    recording = full_case.recording.assign_attrs(render_fallback_reason=REASON)
+    return write_report(recording, full_case.estimate, folder=tmp_path_factory.mktemp("report"))
+
+
+def test_page_without_truth_says_so(page_without_truth: Path) -> None:
+    reader = read(page_without_truth)
+    text = " ".join(reader.text)
+    assert "Estimate without truth" in text
+    assert "There is no truth to compare with" in text
+    assert REASON in text
+    for needle in ("Score", "rms", "bias", "calibration", "Error, estimate", "outlier"):
+        assert needle not in text
+    files = {path.name for path in (page_without_truth.parent / "figures").iterdir()}
+    assert {"depth.png", "velocity_z.png", "confidence.png", "error_bars.png"} <= files
+    assert "error_histograms.png" not in files
+
+
+def test_page_without_truth_has_medians_and_densities(full_case: Case, page_without_truth: Path) -> None:
+    reader = read(page_without_truth)
+    text = " ".join(reader.text)
+    found = describe_maps(full_case.estimate)
+    assert list(found) == [*QUANTITIES]
+    for name, summary in found.items():
+        assert reader.text.count(summary.title) == 1, name
+        assert f"{summary.title}, median" in text
+        assert format_number(summary.median) in text
+        assert format_percent(summary.density) in text
+
+
+def test_growth_is_summarised_where_windows_hold_enough() -> None:
+    growth = describe_maps(make_growing_case(80, 60, 620.0).estimate)["growth_rate"]
+    assert growth.units == "%/h"
+    # The leaf grows by 1 %/h at one end, and by 3 %/h at the other.
+    assert growth.median == pytest.approx(2, abs=0.2)
+    assert 0 < growth.density < 1
+
+
+def test_summaries_are_those_of_the_known_pixels(full_case: Case) -> None:
+    estimate = full_case.estimate
+    known = estimate["depth"].values[estimate["kind_disparity"].values == KIND_FULL]
+    depth = describe_maps(estimate)["depth"]
+    assert (depth.title, depth.units, depth.count) == ("Depth", "mm", known.size)
+    assert depth.median == np.median(known)
+    assert (depth.low, depth.high) == tuple(np.percentile(known, [5, 95]))
+    assert depth.density == known.size / estimate["depth"].size
+    assert depth.median_std == np.median(estimate["depth_std"].values[estimate["kind_disparity"].values == KIND_FULL])
+    nothing = describe_maps(estimate[["flow"]] * np.nan)
+    assert list(nothing) == ["flow_x", "flow_y"]
+    assert (nothing["flow_x"].median, nothing["flow_x"].density, nothing["flow_x"].median_std) == (None, 0.0, None)
 
 
 def test_regions_stand_beside_each_other(full_case: Case, reader: Reader) -> None:
@@ -144,12 +245,12 @@ def test_growth_of_what_moves_rigidly_is_not_shown(tmp_path: Path) -> None:
 
 
 def test_growth_is_reported_where_it_is_scored(tmp_path: Path) -> None:
-    case = make_growing_case(80, 60, 620.0, velocity_noise=1e-4)
-    result = score(case.estimate, case.truth, case.recording, growth_window_px=6)
+    case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
+    result = score(case.estimate, case.truth, case.recording, growth_window_px=6, margin_px=3)
     page = write_report(case.recording, case.estimate, case.truth, result, tmp_path)
-    reader = Reader()
-    reader.feed(page.read_text(encoding="utf-8"))
+    reader = read(page)
     text = " ".join(reader.text)
+    assert "Growth rate, windowed, rms error" in text
     assert reader.text.count("Growth rate") == 2
     for name in ("growth_rate", "growth_rate_windowed"):
         for region in ("all", "interior"):

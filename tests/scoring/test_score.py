@@ -10,6 +10,7 @@ import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -17,9 +18,19 @@ import pytest
 from scenetruth.errors import ScoreError
 from scenetruth.schema import KIND_FULL
 from scenetruth.scoring import QUANTITIES, Score, score
-from scenetruth.scoring.statistics import RATES, STATISTICS
+from scenetruth.scoring._format import format_number
+from scenetruth.scoring.outliers import RATES
+from scenetruth.scoring.statistics import STATISTICS
 from scenetruth.settings import ScoreSettings
-from tests.scoring.synthetic import Case, make_case, make_growing_case, of_one_camera, of_one_frame, with_regions
+from tests.scoring.synthetic import (
+    Case,
+    make_case,
+    make_growing_case,
+    of_one_camera,
+    of_one_frame,
+    with_outliers,
+    with_regions,
+)
 
 NAMES = (*QUANTITIES, "velocity_endpoint", "outliers")
 BARRED = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z")
@@ -42,7 +53,8 @@ def strict(text: str) -> dict[str, object]:
 
 
 def test_json_has_exactly_the_agreed_keys(case: Case) -> None:
-    content = strict(score(case.estimate, case.truth, metadata={"seed": 3}).to_json())
+    estimate = with_outliers(case.estimate)
+    content = strict(score(estimate, case.truth, metadata={"seed": 3}).to_json())
     assert list(content) == ["all", "interior", *EDGES, "metadata"]
     for region in ("all", "interior", *EDGES):
         quantities = content[region]
@@ -71,7 +83,7 @@ def test_regions_are_those_that_the_truth_can_tell() -> None:
 
 def test_growth_comes_before_the_outliers() -> None:
     case = make_growing_case(48, 36, 380.0)
-    result = score(case.estimate, case.truth, growth_window_px=4)
+    result = score(with_outliers(case.estimate), case.truth, growth_window_px=4)
     for values in result.regions.values():
         assert tuple(values) == (*NAMES[:-1], *GROWTH, "outliers")
     assert Score.from_json(result.to_json()) == result
@@ -86,7 +98,7 @@ def test_growth_comes_before_the_outliers() -> None:
 
 
 def test_recording_that_does_not_belong_is_refused(case: Case) -> None:
-    with pytest.raises(ScoreError, match=r"recording\.x: has the size 80, the estimate 160"):
+    with pytest.raises(ScoreError, match=r"recording\.x: lacks pixel columns of the estimate; .* \(got \[80, 81, "):
         score(case.estimate, case.truth, case.recording.isel(x=slice(80)))
     estimate, truth = (dataset.assign_coords(t=dataset.t + 10) for dataset in (case.estimate, case.truth))
     with pytest.raises(ScoreError, match=r"recording\.t: lacks frames of the estimate \(got \[10\]\)"):
@@ -117,7 +129,8 @@ def test_perfect_estimate_has_full_marks(case: Case) -> None:
     for quantities in result.regions.values():
         for name in NAMES[:-1]:
             assert (quantities[name]["rms"], quantities[name]["density"]) == (0.0, 1.0)
-        assert quantities["outliers"]["scene_flow_rate"] == 0.0
+        # With disparities that are all alike, a rate of zero says nothing.
+        assert "outliers" not in quantities
         assert quantities["velocity_x"]["relative_rms"] is None
 
 
@@ -164,7 +177,6 @@ def test_quantities_without_error_bars_have_no_calibration(full_case: Case) -> N
             undefined = quantities[name]["calibration"] is None and quantities[name]["within_2_std"] is None
             assert undefined == (name != "disparity")
             assert quantities[name]["rms"] == everything.regions[region][name]["rms"]
-    assert "calibration" not in partly.regions["all"]["outliers"]
     strict(partly.to_json())
     frame = partly.to_frame()
     assert frame["calibration"].notna().sum() == len(partly.regions)
@@ -172,7 +184,7 @@ def test_quantities_without_error_bars_have_no_calibration(full_case: Case) -> N
 
 
 def test_every_quantity_counts_where_its_own_kind_is_full(full_case: Case) -> None:
-    estimate = full_case.estimate
+    estimate = with_outliers(full_case.estimate)
     result = score(estimate, full_case.truth).regions["all"]
     seen = np.isfinite(full_case.truth["depth"].values)
     disparity, motion = (seen & (estimate[f"kind_{name}"].values == KIND_FULL) for name in ("disparity", "motion"))
@@ -201,7 +213,7 @@ def test_one_camera_or_one_frame_knows_nothing_of_some(
                 assert values == {**dict.fromkeys(STATISTICS, None), "density": 0.0, "count": 0}
             else:
                 assert values == quantities[name]
-        assert result.regions[region]["outliers"] == {**dict.fromkeys(RATES, None), "count": 0}
+        assert "outliers" not in result.regions[region]
     strict(result.to_json())
     assert Score.from_json(result.to_json()) == result
     assert (result.to_frame().loc["all"].loc[sorted(unknown), "density"] == 0).all()
@@ -244,7 +256,13 @@ def test_json_and_pickle_round_trip(case: Case) -> None:
         ('{"all": {}, "interior": {}}', "metadata: must be a JSON object"),
         ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is not one of the keys"),
         ('{"all": {}, "interior": {}, "metadata": {}, "visible": 1}', "visible: must be a JSON object"),
-        ('{"all": {}, "interior": {}, "metadata": {}, "visible": {}}', "visible.depth.rms: is missing"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "visible": {}}', "all: must have at least one of depth, dispar"),
+        ('{"all": {"depth": {}}, "interior": {}, "metadata": {}, "visible": {}}', "visible.depth.rms: is missing"),
+        ('{"all": {"flow_x": {}}, "interior": {}, "metadata": {}}', "interior.flow_y.rms: is missing"),
+        (
+            '{"all": {"depth": {}, "outliers": {"flow_rate": 0}}, "interior": {}, "metadata": {}}',
+            "interior.outliers.flow_rate: is missing",
+        ),
         ('{"all": {"depth": {}}, "interior": 1, "metadata": {}}', "all.depth.rms: is missing"),
     ],
 )
@@ -277,7 +295,7 @@ def test_metadata_that_json_cannot_say_are_refused(case: Case) -> None:
 
 
 def test_frame_holds_every_number(case: Case) -> None:
-    result = score(case.estimate, case.truth)
+    result = score(with_outliers(case.estimate), case.truth)
     frame = result.to_frame()
     assert frame.index.names == ["region", "quantity"]
     assert list(frame.index) == [(region, name) for region in ("all", "interior", *EDGES) for name in NAMES]
@@ -288,7 +306,7 @@ def test_frame_holds_every_number(case: Case) -> None:
 
 
 def test_csv_leaves_undefined_values_empty(case: Case) -> None:
-    result = score(case.estimate, case.truth)
+    result = score(with_outliers(case.estimate), case.truth)
     rows = {(row["region"], row["quantity"]): row for row in csv.DictReader(io.StringIO(result.to_csv()))}
     assert len(rows) == 6 * len(NAMES)
     depth = rows["all", "depth"]
@@ -297,3 +315,113 @@ def test_csv_leaves_undefined_values_empty(case: Case) -> None:
     assert int(depth["count"]) == result.regions["all"]["depth"]["count"]
     assert depth["disparity_rate"] == ""
     assert rows["all", "velocity_x"]["relative_rms"] == ""
+
+
+@pytest.mark.parametrize(
+    ("held", "scored"),
+    [
+        (("depth", "disparity"), ("depth", "disparity")),
+        (("flow",), ("flow_x", "flow_y")),
+        (("disparity", "flow"), ("disparity", "flow_x", "flow_y")),
+        (("velocity",), VELOCITY),
+        (("depth", "velocity"), ("depth", *VELOCITY)),
+    ],
+)
+@pytest.mark.parametrize("kinds", [True, False])
+def test_what_the_estimate_holds_is_scored(
+    full_case: Case, held: tuple[str, ...], scored: tuple[str, ...], kinds: bool
+) -> None:
+    names = ["kind", "kind_disparity", "kind_motion"]
+    whole = full_case.estimate if kinds else full_case.estimate.drop_vars(names)
+    estimate = whole[[*held, *(names if kinds else ())]]
+    result = score(estimate, full_case.truth, full_case.recording)
+    everything = score(whole, full_case.truth, full_case.recording)
+    assert list(result.regions) == list(everything.regions)
+    for region, quantities in result.regions.items():
+        assert tuple(quantities) == scored
+        for name, values in quantities.items():
+            expected = {**everything.regions[region][name], "calibration": None, "within_2_std": None}
+            assert values == expected
+    assert Score.from_json(result.to_json()) == result
+    assert len(list(csv.DictReader(io.StringIO(result.to_csv())))) == len(result.regions) * len(scored)
+
+
+@pytest.mark.parametrize(
+    ("held", "rates"),
+    [
+        (("disparity",), ("disparity_rate", "count")),
+        (("flow", "depth"), ("flow_rate", "count")),
+        (("disparity", "flow"), RATES),
+        (("depth",), None),
+    ],
+)
+def test_outliers_need_what_they_are_told_of(case: Case, held: tuple[str, ...], rates: tuple[str, ...] | None) -> None:
+    result = score(with_outliers(case.estimate)[[*held, "kind"]], case.truth)
+    for quantities in result.regions.values():
+        told = quantities.get("outliers")
+        assert (None if told is None else tuple(told)) == rates
+    assert Score.from_json(result.to_json()) == result
+
+
+def test_score_has_a_short_representation(case: Case) -> None:
+    result = score(case.estimate, case.truth)
+    text = repr(result)
+    assert "\n" not in text
+    rms = result.regions["interior"]["depth"]["rms"]
+    assert text.startswith("Score(regions: all, interior and 4 more; quantities: depth, disparity, velocity, flow; ")
+    assert f"depth {rms:.3g} mm" in text
+    assert "velocity_endpoint" in text
+    nothing = score(case.estimate.assign(kind=0 * case.estimate["kind"])[["disparity", "kind"]], case.truth)
+    assert repr(nothing).endswith("quantities: disparity; rms in the interior: disparity undefined px/step)")
+
+
+def test_score_is_a_table_in_a_notebook(full_case: Case) -> None:
+    result = score(full_case.estimate, full_case.truth)
+    hostile = Score({**result.regions, "object_<b>&": result.regions["all"]}, result.metadata)
+    html = hostile._repr_html_()
+    reader = ElementTree.fromstring(f"<div>{html}</div>")
+    cells = [["".join(cell.itertext()) for cell in row] for row in reader.iter("tr")]
+    assert cells[0][:4] == ["region", "quantity", "unit", "bias"]
+    assert len(cells) == 1 + 2 * 8
+    assert cells[1][:3] == ["all", "Depth", "mm"]
+    assert format_number(result.regions["interior"]["depth"]["rms"]) in cells[9]
+    assert "object_&lt;b&gt;&amp;" in html
+    assert "outliers" not in html.lower()
+
+
+def test_notebook_shows_growth_only_where_something_grows(case: Case) -> None:
+    growing = make_growing_case(48, 36, 380.0)
+    result = score(growing.estimate, growing.truth, growth_window_px=4, margin_px=3)
+    assert "Growth rate, windowed" in result._repr_html_()
+    assert "growth_rate_windowed 0 %/h" in repr(result)
+    assert "Growth" not in score(case.estimate, case.truth)._repr_html_()
+    assert "growth" not in repr(score(case.estimate, case.truth))
+
+
+@pytest.mark.parametrize(
+    "part", [{"x": slice(20, 120), "y": slice(30, 100)}, {"x": slice(None, None, 3), "y": slice(1, None, 2)}]
+)
+def test_part_of_the_image_is_scored_as_in_the_whole(full_case: Case, part: dict[str, slice]) -> None:
+    """A pixel belongs to the same regions, whatever else the estimate shows."""
+    truth = with_regions(full_case).truth
+    estimate = full_case.estimate.isel(part)
+    holes = full_case.estimate.reindex_like(estimate).reindex_like(full_case.estimate)
+    there = np.isfinite(holes["confidence"]) | np.isfinite(holes["kind_motion"])
+    result = score(estimate, truth, full_case.recording)
+    whole = score(full_case.estimate.where(there), truth, full_case.recording)
+    inside = score(full_case.truth.isel(part), truth, full_case.recording)
+    for region, quantities in result.regions.items():
+        for name, values in quantities.items():
+            expected = dict(whole.regions[region][name])
+            # The share is that of the part.
+            assert {**values, "density": None} == pytest.approx({**expected, "density": None}), (region, name)
+            if values["density"] is not None:
+                count = inside.regions[region][name]["count"]
+                assert values["density"] == pytest.approx(float(values["count"] or 0) / float(count or 1))
+    assert result.metadata["image_size_px"] == [estimate.sizes["x"], estimate.sizes["y"]]
+
+
+def test_part_of_a_recording_will_do_for_contrast(full_case: Case) -> None:
+    part = {"x": slice(20, 120), "y": slice(30, 100)}
+    result = score(full_case.estimate.isel(part), full_case.truth, full_case.recording.isel(part))
+    assert {"contrast_low", "contrast_mid", "contrast_high"} <= set(result.regions)

@@ -13,12 +13,10 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from scenetruth.scoring.statistics import (
-    RATES,
     STATISTICS,
     Statistics,
     endpoint_statistics,
     error_statistics,
-    outlier_rates,
     standardised,
 )
 
@@ -197,68 +195,3 @@ def test_diverged_estimate_overflows_nothing() -> None:
     tiny = error_statistics(np.full(2, 1e300), np.ones(2), everywhere, std=np.full(2, 1e-300))
     assert (tiny["calibration"], tiny["within_2_std"]) == (None, 0.0)
     assert endpoint_statistics(np.full((3, 2), 1.7e308), np.ones((3, 2)), everywhere)["rms"] is None
-
-
-def rates(
-    disparity: tuple[float, float], flow: tuple[tuple[float, float], tuple[float, float]]
-) -> tuple[float | int | None, ...]:
-    """Return the rates of one pixel."""
-    result = outlier_rates(
-        (np.array([disparity[0]]), np.array([disparity[1]])),
-        (np.array(flow[0])[:, None], np.array(flow[1])[:, None]),
-        np.ones(1, dtype=bool),
-    )
-    assert tuple(result) == RATES
-    return tuple(result.values())
-
-
-STILL = ((0.0, 0.0), (0.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("estimate", "truth", "outlier"),
-    [
-        (43.0, 40.0, 0),  # exactly 3 px
-        (43.25, 40.0, 1),  # above 3 px and above 5 %
-        (36.75, 40.0, 1),  # the sign does not matter
-        (-43.25, -40.0, 1),  # nor that of the truth
-        (104.0, 100.0, 0),  # above 3 px, below 5 %
-        (84.0, 80.0, 0),  # exactly 5 %
-        (42.5, 40.0, 0),  # above 5 %, below 3 px
-    ],
-)
-def test_disparity_is_an_outlier_above_both_thresholds(estimate: float, truth: float, outlier: int) -> None:
-    assert rates((estimate, truth), STILL) == (outlier, 0, outlier, 1)
-
-
-@pytest.mark.parametrize(
-    ("estimate", "truth", "outlier"),
-    [
-        ((33.0, 40.0), (30.0, 40.0), 0),  # endpoint exactly 3 px
-        ((33.0, 36.0), (30.0, 40.0), 1),  # endpoint 5 px, length 50 px
-        ((63.0, 84.0), (60.0, 80.0), 0),  # endpoint 5 px, exactly 5 %
-        ((62.0, 82.0), (60.0, 80.0), 0),  # below both
-        ((93.0, 124.0), (90.0, 120.0), 0),  # endpoint 5 px, below 5 %
-        ((0.0, 2.0), (0.0, 1.0), 0),  # above 5 %, below 3 px
-    ],
-)
-def test_flow_is_an_outlier_above_both_thresholds(
-    estimate: tuple[float, float], truth: tuple[float, float], outlier: int
-) -> None:
-    assert rates((40.0, 40.0), (estimate, truth)) == (0, outlier, outlier, 1)
-
-
-def test_scene_flow_is_an_outlier_if_either_is() -> None:
-    disparity = np.array([10.0, 20.0, 10.0, 20.0, np.nan])
-    flow = np.array([[0.0, 0.0, 9.0, 9.0, 9.0], np.zeros(5)])
-    truth = np.full(5, 10.0), np.zeros((2, 5))
-    result = outlier_rates((disparity, truth[0]), (flow, truth[1]), np.ones(5, dtype=bool))
-    assert result == {"disparity_rate": 0.5, "flow_rate": 0.5, "scene_flow_rate": 0.75, "count": 4}
-    full = np.array([True, False, False, False, True])
-    assert outlier_rates((disparity, truth[0]), (flow, truth[1]), np.ones(5, dtype=bool), full)["count"] == 1
-
-
-def test_outliers_of_nothing_are_undefined() -> None:
-    nothing = np.zeros(1, dtype=bool)
-    result = outlier_rates((np.ones(1), np.ones(1)), (np.ones((2, 1)), np.ones((2, 1))), nothing)
-    assert result == {"disparity_rate": None, "flow_rate": None, "scene_flow_rate": None, "count": 0}

@@ -10,7 +10,7 @@ import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.schema.pixels import pixel_grid_problems
-from scenetruth.schema.variables import ESTIMATED, REQUIRED, VARIABLES
+from scenetruth.schema.variables import REQUIRED, REQUIRED_ANY, VARIABLES
 
 __all__ = ["check_dataset"]
 
@@ -44,9 +44,16 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         for name in REQUIRED[kind]
         if name not in dataset
     ]
-    if kind == "estimate" and not any(name in dataset for name in ESTIMATED):
-        message = f"holds none of {', '.join(ESTIMATED)}; an estimate must have at least one"
-        problems.append(Problem("", message, sorted(map(str, dataset.data_vars))))
+    any_of = REQUIRED_ANY.get(kind, ())
+    if any_of and not any(name in dataset for name in any_of):
+        *most, last = any_of
+        problems.append(
+            Problem(
+                "variables",
+                f"hold neither {', '.join(most)} nor {last}; at least one of them must be there",
+                sorted(map(str, dataset.data_vars)),
+            )
+        )
     for name, entry in VARIABLES[kind].items():
         if name not in dataset:
             continue

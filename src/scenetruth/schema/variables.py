@@ -9,13 +9,13 @@ from typing import Any
 __all__ = [
     "COMPONENTS",
     "COORDINATES",
-    "ESTIMATED",
     "FORMAT_VERSION",
     "KIND_FULL",
     "KIND_NONE",
     "KIND_NORMAL",
     "NO_SURFACE",
     "REQUIRED",
+    "REQUIRED_ANY",
     "VARIABLES",
     "Variable",
 ]
@@ -136,13 +136,15 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
 """Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``. Where cameras stand in rows,
 ``s_y`` comes before ``s``."""
 
-REQUIRED = {
+REQUIRED: Mapping[str, tuple[str, ...]] = {
     "recording": ("image",),
     "truth": ("depth", "velocity", "disparity", "flow", "mixed"),
     "estimate": (),
 }
-ESTIMATED = ("depth", "disparity", "flow", "velocity")
-"""Of these an estimate must have at least one."""
+"""The variables that a data set must have, all of them."""
+
+REQUIRED_ANY: Mapping[str, tuple[str, ...]] = {"estimate": tuple(_SURFACE)}
+"""The variables of which a data set must have at least one: stereo gives no motion, optical flow no depth."""
 
 COORDINATES = {
     "s": ("1", "camera position on the stage, 0 is the reference"),

@@ -1,11 +1,12 @@
-"""Estimate and truth in; figures of merit, pictures and a report out."""
+"""Estimates against the truth: figures of merit, pictures and a report; pictures and a report without truth too."""
 
+from scenetruth.scoring.evaluate import score, score_settings
 from scenetruth.scoring.figures import FigureInfo, draw_all
 from scenetruth.scoring.growth import surface_growth
 from scenetruth.scoring.quantities import QUANTITIES, Quantity, units_of
 from scenetruth.scoring.regions import REGIONS, region_masks
 from scenetruth.scoring.report import write_report
-from scenetruth.scoring.score import Score, score, score_settings
+from scenetruth.scoring.score import Score
 from scenetruth.scoring.statistics import STATISTICS
 
 __all__ = [

@@ -9,8 +9,9 @@ import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError, ScoreError
 from scenetruth.schema import check_dataset, intrinsics_of
+from scenetruth.scoring.regions import edge_distance
 
-__all__ = ["align", "check_recording"]
+__all__ = ["align", "check_estimate", "check_recording", "select_pixels"]
 
 _RELATIVE_TOLERANCE = 1e-6
 """How far intrinsics may differ; enough for numbers that once were float32."""
@@ -19,54 +20,76 @@ _RELATIVE_TOLERANCE = 1e-6
 def align(estimate: xr.Dataset, truth: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Return an estimate and the part of the truth that it can be compared with.
 
+    Frames and pixels are matched by their coordinates t, y and x, not by their place in the arrays: the estimate may
+    belong to a part of the image, or to every other pixel.
+
     Parameters
     ----------
     estimate
         An estimate for the reference camera, dimensions (t, y, x).
     truth
         The truth of the reference camera, dimensions (t, y, x), or of all cameras, (s, t, y, x), of which s = 0 is
-        taken. It may have more frames than the estimate.
+        taken. It may have more frames and pixels than the estimate.
 
     Returns
     -------
     tuple of xarray.Dataset
-        The estimate, and the truth at s = 0 and at the estimate's frames.
+        The estimate, and the truth at s = 0 and at the estimate's frames and pixels. The truth has
+        ``boundary_distance``: its own, or else that measured in its whole image.
 
     Raises
     ------
     ScoreError
-        If either does not have the agreed form, or the two differ in frames, size, pixels or intrinsics; lists all
-        that is wrong.
+        If either does not have the agreed form, the truth lacks frames or pixels of the estimate, or their intrinsics
+        differ; lists all that is wrong.
     """
     problems = [*_form_problems(estimate, "estimate"), *_form_problems(truth, "truth")]
     if problems:
         raise ScoreError(problems)
     problems = [
         *_frame_problems(estimate, truth),
-        *_pixel_problems(estimate, truth),
+        *_pixel_problems(estimate, truth, "truth"),
         *_intrinsics_problems(estimate, truth),
     ]
     if problems:
         raise ScoreError(problems)
-    reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth.dims})
-    return estimate, reference.sel(t=estimate["t"].values)
+    reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth.dims}).sel(t=estimate["t"].values)
+    if "boundary_distance" not in reference:
+        mixed = reference["mixed"]
+        # Distances are measured before pixels are left out: an edge outside a part of the image still is an edge.
+        distance = edge_distance(mixed.values.astype(bool))
+        reference = reference.assign(boundary_distance=(mixed.dims, distance, {"units": "px"}))
+    return estimate, select_pixels(reference, estimate)
 
 
-def check_recording(recording: xr.Dataset, estimate: xr.Dataset) -> None:
-    """Check that a recording has the agreed form and the size of an estimate.
+def select_pixels(dataset: xr.Dataset, estimate: xr.Dataset) -> xr.Dataset:
+    """Return the part of a data set, checked by `align` or `check_recording`, that has an estimate's pixels."""
+    indexers = {dim: estimate[dim].values for dim in _named_dims(dataset, estimate)}
+    return dataset.sel({dim: at for dim, at in indexers.items() if not np.array_equal(at, dataset[dim].values)})
+
+
+def check_estimate(estimate: xr.Dataset) -> None:
+    """Check that an estimate has the agreed form.
 
     Raises
     ------
     ScoreError
         If not; lists all that is wrong.
     """
-    problems = [*_form_problems(recording, "recording")]
-    if not problems:
-        problems = [
-            Problem(f"recording.{dim}", f"has the size {recording.sizes[dim]}, the estimate {estimate.sizes[dim]}")
-            for dim in ("y", "x")
-            if recording.sizes[dim] != estimate.sizes[dim]
-        ]
+    problems = [*_form_problems(estimate, "estimate")]
+    if problems:
+        raise ScoreError(problems)
+
+
+def check_recording(recording: xr.Dataset, estimate: xr.Dataset) -> None:
+    """Check that a recording has the agreed form and the pixels of an estimate.
+
+    Raises
+    ------
+    ScoreError
+        If not; lists all that is wrong.
+    """
+    problems = [*_form_problems(recording, "recording")] or [*_pixel_problems(estimate, recording, "recording")]
     if problems:
         raise ScoreError(problems)
 
@@ -94,17 +117,33 @@ def _frame_problems(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[Problem
         yield Problem("t", "the truth lacks frames of the estimate", missing)
 
 
-def _pixel_problems(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[Problem]:
-    for dim in ("y", "x"):
-        here, there = estimate.sizes[dim], truth.sizes[dim]
-        if here != there:
-            yield Problem(dim, f"the estimate's size {here} differs from the truth's size {there}")
-        elif (
-            dim in estimate.coords
-            and dim in truth.coords
-            and not np.array_equal(estimate[dim].values, truth[dim].values)
-        ):
-            yield Problem(dim, "the estimate's pixel indices differ from the truth's")
+def _named_dims(dataset: xr.Dataset, estimate: xr.Dataset) -> list[str]:
+    """Return those of y and x that have coordinates in both data sets; the others are matched by their place."""
+    return [dim for dim in ("y", "x") if dim in dataset.coords and dim in estimate.coords]
+
+
+def _pixel_problems(estimate: xr.Dataset, other: xr.Dataset, kind: str) -> Iterator[Problem]:
+    """Tell which pixels of an estimate the other data set, a ``kind``, does not have."""
+    named = _named_dims(other, estimate)
+    for dim, lines in (("y", "rows"), ("x", "columns")):
+        path = f"{kind}.{dim}"
+        here, there = estimate.sizes[dim], other.sizes[dim]
+        if dim not in named:
+            if here != there:
+                message = (
+                    f"has the size {there}, the estimate {here}; to compare a part of the image, both must keep the "
+                    f"coordinate {dim}"
+                )
+                yield Problem(path, message)
+        elif not other.indexes[dim].is_unique:
+            yield Problem(path, f"must tell the {lines} apart; some are there twice")
+        else:
+            missing = sorted(set(estimate[dim].values.tolist()) - set(other[dim].values.tolist()))
+            if missing:
+                message = (
+                    f"lacks pixel {lines} of the estimate; both must count them from the corner of the whole image"
+                )
+                yield Problem(path, message, missing)
 
 
 def _intrinsics_problems(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[Problem]:

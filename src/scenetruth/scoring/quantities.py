@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +16,16 @@ __all__ = [
     "GROWTH_QUANTITIES",
     "OUTLIERS",
     "QUANTITIES",
+    "QUANTITY_GROUPS",
     "Pair",
     "Quantity",
     "full_pixels",
+    "quantities_of",
     "read_pairs",
     "read_quantity",
     "read_std",
+    "stacked",
+    "title_of",
     "units_of",
 ]
 
@@ -78,6 +82,15 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 """The scalar quantities by name, in the order in which they are reported."""
 
+QUANTITY_GROUPS: Mapping[str, tuple[str, ...]] = {
+    "depth": ("depth",),
+    "disparity": ("disparity",),
+    "velocity": ("velocity_x", "velocity_y", "velocity_z", ENDPOINT),
+    "flow": ("flow_x", "flow_y"),
+    "growth": tuple(GROWTH_QUANTITIES),
+}
+"""What is scored, and the names under which a score has its errors: all of them or none."""
+
 _KINDS = {
     "depth": ("kind_disparity",),
     "disparity": ("kind_disparity",),
@@ -85,6 +98,20 @@ _KINDS = {
     "velocity": ("kind_disparity", "kind_motion"),
 }
 """What must be full for a variable to be known: a velocity needs both the flow and the depth."""
+
+
+def title_of(name: str) -> str:
+    """Return what a scored quantity is, in words."""
+    if name == ENDPOINT:
+        return "Velocity endpoint"
+    if name == OUTLIERS:
+        return "Outliers"
+    return GROWTH_QUANTITIES.get(name) or QUANTITIES[name].title
+
+
+def quantities_of(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Return those names of `QUANTITIES` whose variable a data set has, in the order of the table."""
+    return tuple(name for name, entry in QUANTITIES.items() if entry.variable in dataset)
 
 
 def units_of(name: str) -> str:
@@ -142,8 +169,9 @@ def read_std(estimate: xr.Dataset, name: str) -> Map | None:
 def full_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
     """Return where an estimate claims to know a variable.
 
-    That is where ``kind_disparity`` is full for depth and disparity, where ``kind_motion`` is full for flow, and where
-    both are for velocity. ``kind`` stands in for either that the estimate lacks; without any, it is everywhere.
+    Depth and disparity are known where ``kind_disparity`` is full, flow where ``kind_motion`` is full, and velocity
+    where both are. Where the estimate lacks one of the two, ``kind`` takes its place; without ``kind``, every pixel
+    counts as known.
 
     Parameters
     ----------
@@ -157,7 +185,7 @@ def full_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
     numpy.ndarray
         bool, shape (t, y, x).
     """
-    full = np.ones(estimate["depth"].shape, dtype=bool)
+    full = np.ones([estimate.sizes[dim] for dim in ("t", "y", "x")], dtype=bool)
     for name in {kind if kind in estimate else "kind" for kind in _KINDS[variable]} & set(estimate):
         full &= estimate[name].values == KIND_FULL
     return full
@@ -193,14 +221,40 @@ class Pair:
 
 
 def read_pairs(estimate: xr.Dataset, truth: xr.Dataset) -> dict[str, Pair]:
-    """Read every quantity of `QUANTITIES` from two aligned data sets, arrays of the shape (t, y, x)."""
-    full = {entry.variable: full_pixels(estimate, entry.variable) for entry in QUANTITIES.values()}
+    """Read every quantity that an estimate has, and its truth, as arrays of the shape (t, y, x).
+
+    Parameters
+    ----------
+    estimate, truth
+        Aligned data sets.
+
+    Returns
+    -------
+    dict
+        By the names of `quantities_of`.
+    """
+    names = quantities_of(estimate)
+    full = {variable: full_pixels(estimate, variable) for variable in {QUANTITIES[name].variable for name in names}}
     return {
         name: Pair(
-            read_quantity(estimate, name), read_quantity(truth, name), full[entry.variable], read_std(estimate, name)
+            read_quantity(estimate, name),
+            read_quantity(truth, name),
+            full[QUANTITIES[name].variable],
+            read_std(estimate, name),
         )
-        for name, entry in QUANTITIES.items()
+        for name in names
     }
+
+
+def stacked(pairs: Mapping[str, Pair], names: Sequence[str]) -> Pair:
+    """Return several quantities as vectors: estimate and truth of the shape (component, ...), known where all are."""
+    full = [pairs[name].full for name in names]
+    known = [mask for mask in full if mask is not None]
+    return Pair(
+        np.stack([pairs[name].estimate for name in names]),
+        np.stack([pairs[name].truth for name in names]),
+        np.logical_and.reduce(known) if known else None,
+    )
 
 
 def _read(dataset: xr.Dataset, variable: str, component: int | None) -> Map:

@@ -16,7 +16,15 @@ from scenetruth.errors import Problem, ScoreError
 from scenetruth.schema import object_names_of
 from scenetruth.settings import ScoreSettings
 
-__all__ = ["REGIONS", "edge_distance", "further_regions", "is_further_region", "region_masks", "seen_throughout"]
+__all__ = [
+    "REGIONS",
+    "edge_distance",
+    "further_regions",
+    "is_further_region",
+    "main_regions",
+    "region_masks",
+    "seen_throughout",
+]
 
 Mask = NDArray[np.bool_]
 
@@ -29,7 +37,12 @@ _FURTHER = re.compile(
 )
 
 
-def region_masks(depth: NDArray[np.floating], mixed: Mask, margin_px: float = 20.0) -> dict[str, Mask]:
+def region_masks(
+    depth: NDArray[np.floating],
+    mixed: Mask,
+    margin_px: float = 20.0,
+    distance_px: NDArray[np.floating] | None = None,
+) -> dict[str, Mask]:
     """Return where each region lies.
 
     ``all`` holds every pixel with a surface in the truth. ``interior`` holds those of them whose centre is at least
@@ -44,6 +57,9 @@ def region_masks(depth: NDArray[np.floating], mixed: Mask, margin_px: float = 20
         True where a pixel's footprint crosses a silhouette or such an edge, same shape.
     margin_px
         The least distance from mixed pixels, in px; not negative.
+    distance_px
+        The distance of every pixel to the nearest mixed pixel, in px, same shape, if it is known. It is needed for a
+        part of an image, and for every other pixel; without it, it is measured in ``mixed``.
 
     Returns
     -------
@@ -64,7 +80,14 @@ def region_masks(depth: NDArray[np.floating], mixed: Mask, margin_px: float = 20
     if not (math.isfinite(margin_px) and margin_px >= 0):
         raise ScoreError([Problem("margin_px", "must be a finite number, not negative", margin_px)])
     seen = np.isfinite(depth)
-    return {"all": seen, "interior": seen & (edge_distance(mixed) >= margin_px)}
+    distance = edge_distance(mixed) if distance_px is None else distance_px
+    return {"all": seen, "interior": seen & (distance >= margin_px)}
+
+
+def main_regions(truth: xr.Dataset, margin_px: float) -> dict[str, Mask]:
+    """Return `region_masks` of an aligned truth, which may show a part of the image only."""
+    mixed = truth["mixed"].values.astype(bool)
+    return region_masks(truth["depth"].values, mixed, margin_px, truth["boundary_distance"].values)
 
 
 def edge_distance(mixed: Mask) -> NDArray[np.float64]:

@@ -4,44 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import xarray as xr
-from numpy.typing import NDArray
-from pydantic import ValidationError
-
 from scenetruth.errors import Problem, ScoreError
-from scenetruth.scoring.alignment import align, check_recording
-from scenetruth.scoring.contrast import local_contrast, reference_images
-from scenetruth.scoring.growth import growth_pairs
-from scenetruth.scoring.quantities import ENDPOINT, GROWTH_QUANTITIES, OUTLIERS, QUANTITIES, read_pairs, units_of
-from scenetruth.scoring.regions import REGIONS, further_regions, is_further_region, region_masks, seen_throughout
-from scenetruth.scoring.statistics import RATES, STATISTICS, region_statistics
-from scenetruth.settings import ScoreSettings
+from scenetruth.scoring.outliers import RATES
+from scenetruth.scoring.quantities import OUTLIERS, QUANTITY_GROUPS, units_of
+from scenetruth.scoring.regions import REGIONS, is_further_region
+from scenetruth.scoring.statistics import STATISTICS
+from scenetruth.scoring.summary import html_summary, line_summary
 
 if TYPE_CHECKING:
     import pandas as pd  # type: ignore[import-untyped]
 
-__all__ = ["Score", "score", "score_settings"]
+__all__ = ["Score"]
 
 _COLUMNS = (*STATISTICS[:-1], *RATES)
-
-
-_EXPECTED = {**dict.fromkeys((*QUANTITIES, ENDPOINT), STATISTICS), OUTLIERS: RATES}
-"""The statistics of every quantity that each score has."""
-
-_GROWTH = set(GROWTH_QUANTITIES)
-
 
 _ROUNDING = 1e9
 """Errors that are so many times larger than the truth have only roundings for a truth."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Score:
     """The figures of merit of one estimate.
 
@@ -51,8 +36,25 @@ class Score:
         Region to quantity to statistic to value; None where a value is undefined. Errors are estimate minus truth, in
         the units of the quantity; ``density``, ``relative_rms``, ``within_2_std`` and rates are fractions, and
         ``calibration`` is a ratio. ``all`` and ``interior`` come first; which others there are depends on the truth.
+        All regions have the same quantities: those that the estimate has.
     metadata
         What the score was made from, as plain JSON values.
+
+    Examples
+    --------
+    >>> found = Score(
+    ...     {
+    ...         "all": {"depth": {"bias": 0.01, "rms": 0.02, "density": 0.9, "count": 900}},
+    ...         "interior": {"depth": {"bias": 0.0, "rms": 0.01, "density": 1.0, "count": 600}},
+    ...     },
+    ...     {"seed": 1},
+    ... )
+    >>> found
+    Score(regions: all, interior; quantities: depth; rms in the interior: depth 0.01 mm)
+    >>> found.regions["interior"]["depth"]["rms"], found.metadata
+    (0.01, {'seed': 1})
+    >>> print(found.to_frame().loc[("all", "depth"), "units"], found.to_frame().loc[("all", "depth"), "rms"])
+    mm 0.02
     """
 
     regions: Mapping[str, Mapping[str, Mapping[str, float | int | None]]]
@@ -63,6 +65,13 @@ class Score:
         """Whether any true growth rate is more than rounding; of what moves rigidly, growth is not worth showing."""
         error = self.regions["all"].get("growth_rate", {}).get("relative_rms")
         return error is not None and error < _ROUNDING
+
+    def __repr__(self) -> str:
+        return line_summary(self.regions, grows=self.grows)
+
+    def _repr_html_(self) -> str:
+        """Return the main table, as notebooks show it."""
+        return html_summary(self.regions, grows=self.grows)
 
     def to_json(self) -> str:
         """Return strict JSON with the regions and ``metadata`` as its top-level keys."""
@@ -75,8 +84,8 @@ class Score:
         Raises
         ------
         ScoreError
-            If the text is not JSON, lacks ``all`` or ``interior``, or a quantity or statistic of any region, or has
-            keys that are no region's name; lists all that is wrong.
+            If the text is not JSON, lacks ``all`` or ``interior``, a statistic, or a quantity in one region that
+            another region has, or has keys that are no region's name; lists all that is wrong.
         """
         try:
             content = json.loads(text)
@@ -84,34 +93,12 @@ class Score:
             raise ScoreError([Problem("", f"is not JSON: {error}", text)]) from error
         if not isinstance(content, dict):
             raise ScoreError([Problem("", "must be a JSON object", content)])
-        keys = (*REGIONS, "metadata")
-        problems = [
-            Problem(key, "must be a JSON object", content.get(key))
-            for key in keys
-            if not isinstance(content.get(key), dict)
-        ]
-        further = [key for key in content if is_further_region(key)]
-        problems += [
-            Problem(key, "must be a JSON object", content[key]) for key in further if not _is_map(content[key])
-        ]
-        problems += [
-            Problem(key, f"is not one of the keys {keys}, and no further region")
-            for key in content
-            if key not in keys and key not in further
-        ]
-        regions = [*REGIONS, *further]
-        grows = any(_is_map(content.get(region)) and _GROWTH & set(content[region]) for region in regions)
-        expected = _EXPECTED | (dict.fromkeys(GROWTH_QUANTITIES, STATISTICS) if grows else {})
-        problems += [
-            Problem(f"{region}.{quantity}.{statistic}", "is missing")
-            for region in regions
-            for quantity, statistics in expected.items()
-            for statistic in statistics
-            if not _has(content.get(region), quantity, statistic)
-        ]
+        problems = [*_problems(content)]
         if problems:
             raise ScoreError(problems)
-        return cls(regions={region: content[region] for region in regions}, metadata=content["metadata"])
+        regions = {name: values for name, values in content.items() if name != "metadata"}
+        ordered = {name: regions[name] for name in (*REGIONS, *regions)}
+        return cls(regions=ordered, metadata=content["metadata"])
 
     def to_frame(self) -> pd.DataFrame:
         """Return a table.
@@ -138,130 +125,35 @@ class Score:
         return str(self.to_frame().to_csv(lineterminator="\n"))
 
 
-def score_settings(**settings: Any) -> ScoreSettings:
-    """Validate the settings of a score.
-
-    Raises
-    ------
-    ScoreError
-        With every setting that is unknown or impossible.
-    """
-    try:
-        return ScoreSettings(**settings)
-    except ValidationError as error:
-        problems = [
-            Problem(".".join(map(str, entry["loc"])), entry["msg"].removeprefix("Value error, "), entry.get("input"))
-            for entry in error.errors()
-        ]
-        raise ScoreError(problems, source="settings") from error
-
-
-def score(
-    estimate: xr.Dataset,
-    truth: xr.Dataset,
-    recording: xr.Dataset | None = None,
-    *,
-    margin_px: float | None = None,
-    metadata: Mapping[str, Any] | None = None,
-    **settings: Any,
-) -> Score:
-    """Score an estimate against the truth.
-
-    In each of the regions ``all`` and ``interior`` (see `region_masks`), and in those of visibility, slope, distance to
-    edges and contrast that the truth can tell (see `further_regions`), the errors e = estimate - truth of depth,
-    disparity, the three components of velocity and the two of optical flow are summed up over all frames of the
-    estimate as bias, rms, median and 95th percentile of abs(e), relative rms, density and count (see
-    `error_statistics`). Where the estimate states standard deviations (``depth_std``, ``disparity_std``,
-    ``velocity_std``), ``calibration`` and ``within_2_std`` tell whether the errors are as large as they say.
-    ``velocity_endpoint`` does the same for ‖U_estimate - U_truth‖ (`endpoint_statistics`), and ``outliers`` has the
-    shares of gross errors (`outlier_rates`). Where the truth has ``growth_rate`` and the estimate velocities,
-    ``growth_rate`` and ``growth_rate_windowed`` are scored in % per hour (see `surface_growth` and `growth_pairs`).
-
-    A pixel counts where truth and estimate are finite and the estimate claims to know the quantity: ``kind_disparity``
-    is full for depth and disparity, ``kind_motion`` for optical flow, both for velocity and outliers (see
-    `full_pixels`). The density is the share of the pixels with a finite truth that count; it is 0 for what an estimate
-    of one camera or one frame cannot know.
-
-    Parameters
-    ----------
-    estimate
-        The estimate, dimensions (t, y, x).
-    truth
-        The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is taken; it may have more frames.
-    recording
-        What was estimated from; without it there are no regions of contrast.
-    margin_px
-        Distance of the interior from silhouettes and face edges, in px; the setting ``interior_margin_px`` by another
-        name.
-    metadata
-        More to keep with the score: anything that JSON can say, NumPy's numbers and paths. NaN becomes None.
-    **settings
-        Bounds of regions and windows, see `scenetruth.settings.ScoreSettings`.
-
-    Returns
-    -------
-    Score
-        With the frames, their size, the margin and the settings in the metadata, besides those given.
-
-    Raises
-    ------
-    ScoreError
-        If the data sets cannot be compared, or the settings or the metadata are not acceptable; lists what is wrong.
-    """
-    chosen = score_settings(**settings, **({} if margin_px is None else {"interior_margin_px": margin_px}))
-    whole = truth
-    estimate, truth = align(estimate, truth)
-    masks = region_masks(truth["depth"].values, truth["mixed"].values.astype(bool), chosen.interior_margin_px)
-    masks |= further_regions(
-        truth,
-        masks["interior"],
-        chosen,
-        throughout=seen_throughout(whole),
-        contrast=None if recording is None else _contrast(recording, estimate, chosen),
-    )
-    pairs = read_pairs(estimate, truth) | growth_pairs(estimate, truth, chosen)
-    own = {
-        "frames": estimate["t"].values.tolist(),
-        "image_size_px": [estimate.sizes["x"], estimate.sizes["y"]],
-        "margin_px": chosen.interior_margin_px,
-        "score_settings": chosen.model_dump(),
-    }
-    return Score(
-        regions={region: region_statistics(pairs, mask) for region, mask in masks.items()},
-        metadata=_plain({**own, **(metadata or {})}, "metadata"),
-    )
+def _problems(content: Mapping[str, Any]) -> Iterator[Problem]:
+    """Tell what keeps parsed JSON from being a score."""
+    keys = (*REGIONS, "metadata")
+    for key in dict.fromkeys((*keys, *content)):
+        if key not in keys and not is_further_region(key):
+            yield Problem(key, f"is not one of the keys {keys}, and no further region")
+        elif not isinstance(content.get(key), dict):
+            yield Problem(key, "must be a JSON object", content.get(key))
+    regions = {key: value for key, value in content.items() if key != "metadata" and isinstance(value, dict)}
+    expected = _expected(regions)
+    if not expected:
+        yield Problem("all", f"must have at least one of {', '.join(QUANTITY_GROUPS)}", sorted(regions.get("all", {})))
+    for region, quantities in regions.items():
+        if region not in keys and not is_further_region(region):
+            continue
+        for quantity, statistics in expected.items():
+            values = quantities.get(quantity)
+            for statistic in statistics:
+                if not isinstance(values, dict) or statistic not in values:
+                    yield Problem(f"{region}.{quantity}.{statistic}", "is missing")
 
 
-def _contrast(recording: xr.Dataset, estimate: xr.Dataset, settings: ScoreSettings) -> NDArray[np.float64]:
-    check_recording(recording, estimate)
-    frames = estimate["t"].values
-    missing = sorted(set(frames.tolist()) - set(recording["t"].values.tolist()))
-    if missing:
-        raise ScoreError([Problem("recording.t", "lacks frames of the estimate", missing)])
-    return local_contrast(reference_images(recording, frames), settings.contrast_window_px)
-
-
-def _is_map(value: Any) -> bool:
-    return isinstance(value, dict)
-
-
-def _has(quantities: Any, quantity: str, statistic: str) -> bool:
-    statistics = quantities.get(quantity) if isinstance(quantities, dict) else None
-    return isinstance(statistics, dict) and statistic in statistics
-
-
-def _plain(value: Any, path: str) -> Any:
-    """Return a value as JSON can spell it."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(entry, f"{path}.{key}") for key, entry in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist(), path)
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(entry, f"{path}.{index}") for index, entry in enumerate(value)]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, str | int):
-        return value
-    if isinstance(value, Path):
-        return str(value)
-    raise ScoreError([Problem(path, f"a {type(value).__name__} cannot be written as JSON", value)])
+def _expected(regions: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
+    """Return the statistics by quantity that every region must have, as any of them has some."""
+    there = {name for quantities in regions.values() for name in quantities}
+    names = [name for group in QUANTITY_GROUPS.values() if there & set(group) for name in group]
+    expected: dict[str, tuple[str, ...]] = dict.fromkeys(names, STATISTICS)
+    if OUTLIERS in there:
+        told = [quantities.get(OUTLIERS) for quantities in regions.values()]
+        rates = {rate for values in told if isinstance(values, dict) for rate in values}
+        expected[OUTLIERS] = tuple(rate for rate in RATES if rate in rates or rate == "count")
+    return expected

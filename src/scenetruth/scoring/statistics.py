@@ -1,24 +1,22 @@
-"""Figures of merit: the statistics of errors in one region, and the rates of outliers."""
+"""The statistics of errors in one region."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, Pair
+from scenetruth.scoring.differences import difference, diverged, length
+from scenetruth.scoring.outliers import outlier_rates
+from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, Pair, stacked
 
 __all__ = [
-    "OUTLIER_FRACTION",
-    "OUTLIER_PX",
-    "RATES",
     "STATISTICS",
     "Statistics",
     "endpoint_statistics",
     "error_statistics",
-    "outlier_rates",
     "region_statistics",
     "standardised",
 ]
@@ -40,18 +38,6 @@ STATISTICS = (
     "count",
 )
 """The statistics of an error, in the order in which they are reported."""
-
-RATES = ("disparity_rate", "flow_rate", "scene_flow_rate", "count")
-"""The statistics of outliers, in the order in which they are reported."""
-
-OUTLIER_PX = 3.0
-"""An outlier's error is above this many pixels ..."""
-
-OUTLIER_FRACTION = 0.05
-"""... and above this fraction of the true value's magnitude."""
-
-_diverged = np.errstate(over="ignore", invalid="ignore")
-"""An estimate may diverge up to the largest floats; what overflows then becomes None."""
 
 
 def error_statistics(
@@ -101,7 +87,7 @@ def error_statistics(
     if full is not None:
         scored &= full
     expected = truth[scored]
-    error = _difference(estimate[scored], expected)
+    error = difference(estimate[scored], expected)
     return _summary(error, expected, int(known.sum()), None if std is None else std[scored])
 
 
@@ -129,52 +115,10 @@ def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | No
     if full is not None:
         scored &= full
     expected = truth[:, scored]
-    return _summary(_length(_difference(estimate[:, scored], expected)), _length(expected), int(known.sum()))
+    return _summary(length(difference(estimate[:, scored], expected)), length(expected), int(known.sum()))
 
 
-def outlier_rates(
-    disparity: tuple[Map, Map], flow: tuple[Map, Map], region: Mask, full: Mask | None = None
-) -> Statistics:
-    """Return the shares of outliers in one region, as the KITTI scene flow benchmark defines them.
-
-    A disparity is an outlier if its error is above 3 px and above 5 % of the true disparity's magnitude; a flow is one
-    if its endpoint error is above 3 px and above 5 % of the true flow's length; a pixel is an outlier of scene flow if
-    either is. All three are shares of the same pixels, those where disparity and flow are both scored.
-
-    Parameters
-    ----------
-    disparity
-        Estimate and truth, px per step of s, shape (...).
-    flow
-        Estimate and truth, px per frame, shape (2, ...).
-    region, full
-        As in `error_statistics`, shape (...).
-
-    Returns
-    -------
-    dict
-        By the names of `RATES`: shares between 0 and 1, None with no scored pixel, and the ``count`` of scored pixels.
-    """
-    finite = [np.isfinite(values) for values in disparity] + [np.isfinite(values).all(axis=0) for values in flow]
-    scored = region & np.logical_and.reduce(finite)
-    if full is not None:
-        scored &= full
-    count = int(scored.sum())
-    if count == 0:
-        return dict.fromkeys(RATES, None) | {"count": 0}
-    expected = disparity[1][scored]
-    bad_disparity = _is_outlier(np.abs(_difference(disparity[0][scored], expected)), np.abs(expected))
-    expected = flow[1][:, scored]
-    bad_flow = _is_outlier(_length(_difference(flow[0][:, scored], expected)), _length(expected))
-    return {
-        "disparity_rate": float(bad_disparity.mean()),
-        "flow_rate": float(bad_flow.mean()),
-        "scene_flow_rate": float((bad_disparity | bad_flow).mean()),
-        "count": count,
-    }
-
-
-@_diverged
+@diverged
 def standardised(error: Map, std: Map) -> Map:
     """Return errors in units of their standard deviation.
 
@@ -198,7 +142,7 @@ def standardised(error: Map, std: Map) -> Map:
     return ratio
 
 
-def region_statistics(pairs: Mapping[str, Pair], region: Mask) -> dict[str, Statistics]:
+def region_statistics(pairs: Mapping[str, Pair], region: Mask, rates: Sequence[str] = ()) -> dict[str, Statistics]:
     """Return the statistics of every quantity in one region.
 
     Parameters
@@ -207,12 +151,14 @@ def region_statistics(pairs: Mapping[str, Pair], region: Mask) -> dict[str, Stat
         What `read_pairs` returns, and perhaps further scalar quantities by their names.
     region
         Where to look, shape (t, y, x).
+    rates
+        The rates of outliers to report: what `meaningful_rates` returns.
 
     Returns
     -------
     dict
-        The quantity's name (the keys of `QUANTITIES`, ``velocity_endpoint``, further ones, ``outliers``) to its
-        statistics.
+        The quantity's name to its statistics: the keys of `QUANTITIES` that are there, ``velocity_endpoint`` where
+        there is a velocity, further quantities, and ``outliers`` if there are rates to report.
     """
     # Regions may be many and small: only their own pixels are looked at.
     here = {name: pair.at(region) for name, pair in pairs.items()}
@@ -221,22 +167,17 @@ def region_statistics(pairs: Mapping[str, Pair], region: Mask) -> dict[str, Stat
         name: error_statistics(pair.estimate, pair.truth, everywhere, pair.full, pair.std)
         for name, pair in here.items()
     }
-    result = {name: single[name] for name in QUANTITIES}
-    velocity = _stack(here, ("velocity_x", "velocity_y", "velocity_z"))
-    result[ENDPOINT] = endpoint_statistics(*velocity, everywhere, here["velocity_z"].full)
+    result = {name: values for name, values in single.items() if name in QUANTITIES}
+    if "velocity_z" in here:
+        velocity = stacked(here, ("velocity_x", "velocity_y", "velocity_z"))
+        result[ENDPOINT] = endpoint_statistics(velocity.estimate, velocity.truth, everywhere, velocity.full)
     result |= {name: values for name, values in single.items() if name not in QUANTITIES}
-    known = [here[name].full for name in ("disparity", "flow_x")]
-    both = np.logical_and.reduce([full for full in known if full is not None] or [everywhere])
-    disparity = here["disparity"].estimate, here["disparity"].truth
-    result[OUTLIERS] = outlier_rates(disparity, _stack(here, ("flow_x", "flow_y")), everywhere, both)
+    if rates:
+        result[OUTLIERS] = outlier_rates(here, rates)
     return result
 
 
-def _stack(pairs: Mapping[str, Pair], names: tuple[str, ...]) -> tuple[Map, Map]:
-    return np.stack([pairs[name].estimate for name in names]), np.stack([pairs[name].truth for name in names])
-
-
-@_diverged
+@diverged
 def _summary(error: Map, expected: Map, known: int, std: Map | None = None) -> Statistics:
     count = error.size
     if count == 0:
@@ -254,7 +195,7 @@ def _summary(error: Map, expected: Map, known: int, std: Map | None = None) -> S
     return values | _error_bars(error, std) | {"density": count / known, "count": count}
 
 
-@_diverged
+@diverged
 def _error_bars(error: Map, std: Map | None) -> Statistics:
     ratio = standardised(error, std) if std is not None else error[:0]
     if ratio.size == 0:
@@ -268,21 +209,6 @@ def _rms(values: Map) -> float:
     if not 0 < peak < math.inf:
         return peak
     return peak * math.sqrt(float(np.mean((values / peak) ** 2)))
-
-
-@_diverged
-def _length(vectors: Map) -> Map:
-    length: Map = np.hypot.reduce(vectors, axis=0)
-    return length
-
-
-@_diverged
-def _difference(estimate: Map, truth: Map) -> Map:
-    return np.asarray(np.subtract(estimate, truth, dtype=np.float64))
-
-
-def _is_outlier(error: Map, magnitude: Map) -> Mask:
-    return np.asarray((error > OUTLIER_PX) & (error > OUTLIER_FRACTION * magnitude))
 
 
 def _finite_or_none(value: float) -> float | None:

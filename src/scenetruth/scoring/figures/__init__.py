@@ -1,4 +1,4 @@
-"""The figures of a scored estimate, after figure 3 of the seed paper, and those that tell where its errors lie."""
+"""The figures of an estimate, after figure 3 of the seed paper, and those that tell where its errors lie."""
 
 from scenetruth.scoring.figures._common import FigureInfo
 from scenetruth.scoring.figures.draw import draw_all

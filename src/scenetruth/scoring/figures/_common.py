@@ -25,6 +25,7 @@ __all__ = [
     "show_map",
     "style",
     "swatch",
+    "symmetric_limit",
     "void_legend",
 ]
 
@@ -117,7 +118,7 @@ def pixel_axes(axes: Any, *, label_y: bool = True) -> None:
 
 
 def show_map(axes: Any, values: Map, **options: Any) -> Any:
-    """Draw a map of pixels; those without a value have the colour `VOID`."""
+    """Draw a map of pixels; those without a value have the colour `VOID`. ``extent`` tells where the pixels lie."""
     axes.set_facecolor(VOID)
     return axes.imshow(np.ma.masked_invalid(values), **options)
 
@@ -143,6 +144,17 @@ def swatch(colour: str, label: str) -> Any:
     from matplotlib.patches import Patch
 
     return Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=label)
+
+
+def symmetric_limit(*maps: Map, percent: float = 2.0) -> float:
+    """Return the limit of a scale about zero that leaves out the given percentage of the finite values.
+
+    Returns
+    -------
+    float
+        Positive; 1 where there is no finite value.
+    """
+    return robust_limits(*(np.abs(values) for values in maps), percent=percent)[1]
 
 
 def robust_limits(*maps: Map, percent: float = 1.0) -> tuple[float, float]:

@@ -145,7 +145,8 @@ def surface_axes(figure: Any, box: tuple[float, float, float, float], limits: ND
         ends = (low - pad, high + pad)
         spans.append(ends[1] - ends[0])
         getattr(axes, f"set_{name}lim")(*(ends if name != "z" else ends[::-1]))
-    axes.set_box_aspect((spans[0], spans[2], spans[1]), zoom=0.95)
+    # Where the surface is higher than wide, the labels at the bottom need room.
+    axes.set_box_aspect((spans[0], spans[2], spans[1]), zoom=0.95 if spans[1] < max(spans[0], spans[2]) else 0.85)
     axes.tick_params(pad=1)
     axes.set_xlabel("$X$ [mm]")
     axes.set_ylabel("$Z$ [mm]")

@@ -10,8 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.schema import KIND_NONE, Intrinsics, intrinsics_of
-from scenetruth.scoring.alignment import align, check_recording
-from scenetruth.scoring.quantities import QUANTITIES, full_pixels, read_quantity, read_std
+from scenetruth.scoring.alignment import align, check_estimate, check_recording, select_pixels
+from scenetruth.scoring.pixel_grid import PixelGrid, grid_of, surface_points
+from scenetruth.scoring.quantities import QUANTITIES, full_pixels, quantities_of, read_quantity, read_std
 
 __all__ = ["Views", "views_of"]
 
@@ -30,14 +31,18 @@ class Views:
     image, image_frame, image_is_digital
         The reference camera's image, of colours the mean; its frame, and whether it holds digital numbers (else
         linear radiance).
+    grid
+        The pixels of all maps.
     intrinsics
         Of the estimate.
     estimate, truth
-        Maps by the names of `QUANTITIES`; the estimate is NaN wherever its kind is not full (see `full_pixels`).
+        Maps by the names of `QUANTITIES`: those that the estimate has. The estimate is NaN wherever its kind is not
+        full (see `full_pixels`). Without truth, that is empty.
     mixed
-        The truth's mixed pixels.
-    depth_std
-        Standard deviation that the estimate states for its depth, in mm, NaN as the depth; or None.
+        The truth's mixed pixels; none without truth.
+    stds
+        Standard deviations that the estimate states, by the names of `QUANTITIES`, in the units of the quantity, NaN
+        where its kind is not full.
     confidence, model_violation
         Of the estimate, or None.
     kinds
@@ -48,62 +53,78 @@ class Views:
     image: Map
     image_frame: int
     image_is_digital: bool
+    grid: PixelGrid
     intrinsics: Intrinsics
     estimate: dict[str, Map]
     truth: dict[str, Map]
     mixed: Mask
-    depth_std: Map | None
+    stds: dict[str, Map]
     confidence: Map | None
     model_violation: Mask | None
     kinds: dict[str, NDArray[np.int64]]
 
     def knows(self, name: str) -> bool:
         """Return whether the estimate of a quantity, a key of `QUANTITIES`, has any value."""
-        return bool(np.isfinite(self.estimate[name]).any())
+        return name in self.estimate and bool(np.isfinite(self.estimate[name]).any())
+
+    def panels(self, name: str) -> dict[str, Map]:
+        """Return the estimate of a quantity and its truth, if there is one, by what they are."""
+        return {"estimate": self.estimate[name]} | ({"truth": self.truth[name]} if name in self.truth else {})
+
+    @property
+    def map_focal_length_px(self) -> float:
+        """The focal length, counted in the distances between pixels of the maps."""
+        return self.intrinsics.focal_length_px / max(self.grid.step_px)
 
     def surface_points(self) -> Map:
         """Return the estimated surface (X, Y, Z) in mm, shape (y, x, 3), NaN where there is none."""
-        depth = self.estimate["depth"]
-        c_x, c_y = self.intrinsics.principal_point_px
-        y, x = np.indices(depth.shape, dtype=np.float64)
-        scale = depth / self.intrinsics.focal_length_px
-        return np.stack([(x - c_x) * scale, (y - c_y) * scale, depth], axis=-1)
+        return np.moveaxis(surface_points(self.estimate["depth"], self.intrinsics, self.grid), 0, -1)
 
     def velocities(self) -> Map:
         """Return the estimated velocity in mm per frame, shape (y, x, 3), NaN where there is none."""
         return np.stack([self.estimate[name] for name in ("velocity_x", "velocity_y", "velocity_z")], axis=-1)
 
 
-def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset) -> Views:
+def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None = None) -> Views:
     """Pick the frame t = 0 of an estimate, or its middle one, and what belongs to it.
+
+    Parameters
+    ----------
+    recording, estimate
+        What was estimated from, and the estimate.
+    truth
+        What the estimate is compared with, if there is a truth.
 
     Raises
     ------
     ScoreError
         If estimate and truth cannot be compared, or the recording does not belong to them.
     """
+    check_estimate(estimate)
     check_recording(recording, estimate)
-    estimate, truth = align(estimate, truth)
+    if truth is not None:
+        estimate, truth = align(estimate, truth)
     frames = estimate["t"].values.tolist()
     at = frames.index(0) if 0 in frames else len(frames) // 2
     image_frame = frames[at] if frames[at] in recording["t"].values else 0
-    image = recording["image"].sel(s=0, t=image_frame)
+    image = select_pixels(recording, estimate)["image"].sel(
+        {dim: 0 for dim in ("s_y", "s") if dim in recording["image"].dims} | {"t": image_frame}
+    )
     grey = image.mean("channel") if "channel" in image.dims else image
-    full = {entry.variable: full_pixels(estimate, entry.variable)[at] for entry in QUANTITIES.values()}
-    depth_std = read_std(estimate, "depth")
+    names = quantities_of(estimate)
+    full = {name: full_pixels(estimate, QUANTITIES[name].variable)[at] for name in names}
+    stds = {name: read_std(estimate, name) for name in names}
     return Views(
         frame=frames[at],
         image=grey.values.astype(np.float64),
         image_frame=image_frame,
         image_is_digital=image.dtype.kind in "ui",
+        grid=grid_of(estimate),
         intrinsics=intrinsics_of(estimate),
-        estimate={
-            name: np.where(full[entry.variable], read_quantity(estimate, name)[at], np.nan)
-            for name, entry in QUANTITIES.items()
-        },
-        truth={name: read_quantity(truth, name)[at] for name in QUANTITIES},
-        mixed=truth["mixed"].values[at].astype(bool),
-        depth_std=None if depth_std is None else np.where(full["depth"], depth_std[at], np.nan),
+        estimate={name: np.where(full[name], read_quantity(estimate, name)[at], np.nan) for name in names},
+        truth={} if truth is None else {name: read_quantity(truth, name)[at] for name in names},
+        mixed=np.zeros(grey.shape, dtype=bool) if truth is None else truth["mixed"].values[at].astype(bool),
+        stds={name: np.where(full[name], std[at], np.nan) for name, std in stds.items() if std is not None},
         confidence=estimate["confidence"].values[at].astype(np.float64) if "confidence" in estimate else None,
         model_violation=_flags(estimate["model_violation"].values[at]) if "model_violation" in estimate else None,
         kinds={

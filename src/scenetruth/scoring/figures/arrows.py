@@ -36,7 +36,7 @@ _LONGEST = 0.4
 def draw_velocity_arrows(views: Views, folder: Path) -> FigureInfo:
     """Draw the estimated velocities as arrows on the estimated surface."""
     points, velocities = views.surface_points(), views.velocities()
-    surface = surface_of(points, views.intrinsics.focal_length_px)
+    surface = surface_of(points, views.map_focal_length_px)
     extent = float(np.ptp(surface.limits, axis=1).max())
     tails, vectors = _pick(points, velocities, surface)
     factor = arrow_factor(vectors, extent)

@@ -31,6 +31,7 @@ __all__ = ["draw_confidence"]
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Panel = Callable[[Any, Any], None]
+Extent = tuple[float, float, float, float]
 
 _CODES = {KIND_FULL: (BLUE, "full"), KIND_NORMAL: ("#e69f00", "normal"), KIND_NONE: (VOID, "none")}
 _TITLES = {"kind": "Kind", "kind_disparity": "Kind of disparity", "kind_motion": "Kind of motion"}
@@ -41,14 +42,15 @@ def draw_confidence(views: Views, folder: Path) -> FigureInfo | None:
     """Draw confidence, kinds and model violation, or return None for an estimate that has none of them."""
     # The kind of everything is the lesser of the other two, which say more.
     kinds = {name: kind for name, kind in views.kinds.items() if name != "kind" or len(views.kinds) < 3}
+    extent = views.grid.extent
     panels, legend, names = [], [], []
     caption = "What the estimator says about itself, without any look at the truth."
     if views.confidence is not None:
-        panels.append(_confidence_panel(views.confidence))
+        panels.append(_confidence_panel(views.confidence, extent))
         names.append("confidence")
         caption += " The confidence is between 0 and 1; larger is better."
     if kinds:
-        panels += [_kind_panel(name, kind) for name, kind in kinds.items()]
+        panels += [_kind_panel(name, kind, extent) for name, kind in kinds.items()]
         names.append("kind")
         legend += [swatch(_CODES[code][0], f"kind {_CODES[code][1]}") for code in (KIND_FULL, KIND_NORMAL)]
         caption += (
@@ -56,7 +58,7 @@ def draw_confidence(views: Views, folder: Path) -> FigureInfo | None:
             f"(normal, the aperture problem), or nothing (none). Shares of the image: {_shares(kinds)}."
         )
     if views.model_violation is not None:
-        panels.append(_violation_panel(views.image, views.model_violation))
+        panels.append(_violation_panel(views.image, views.model_violation, extent))
         names.append("model violation")
         legend.append(swatch(_VIOLATED, "model violation"))
         caption += (
@@ -90,35 +92,36 @@ def _shares(kinds: dict[str, NDArray[np.int64]]) -> str:
     )
 
 
-def _confidence_panel(confidence: Map) -> Panel:
+def _confidence_panel(confidence: Map, extent: Extent) -> Panel:
     def draw(figure: Any, axes: Any) -> None:
-        drawn = show_map(axes, confidence, cmap="cividis", vmin=0, vmax=1)
+        drawn = show_map(axes, confidence, cmap="cividis", vmin=0, vmax=1, extent=extent)
         axes.set_title("Confidence")
         colorbar(figure, drawn, axes, "confidence [1]")
 
     return draw
 
 
-def _kind_panel(name: str, kind: NDArray[np.int64]) -> Panel:
+def _kind_panel(name: str, kind: NDArray[np.int64], extent: Extent) -> Panel:
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     colours = ListedColormap([_CODES[code][0] for code in sorted(_CODES)])
     norm = BoundaryNorm(np.arange(-0.5, len(_CODES)), len(_CODES))
 
     def draw(_: Any, axes: Any) -> None:
-        axes.imshow(kind, cmap=colours, norm=norm)
+        axes.imshow(kind, cmap=colours, norm=norm, extent=extent)
         axes.set_title(_TITLES[name])
 
     return draw
 
 
-def _violation_panel(image: Map, violation: Mask) -> Panel:
+def _violation_panel(image: Map, violation: Mask, extent: Extent) -> Panel:
     from matplotlib.colors import ListedColormap
 
     def draw(_: Any, axes: Any) -> None:
         # Pale, so that single violated pixels stand out.
-        axes.imshow(image, cmap="gray", alpha=0.35)
-        axes.imshow(np.ma.masked_where(~violation, violation), cmap=ListedColormap([_VIOLATED]))
+        axes.imshow(image, cmap="gray", alpha=0.35, extent=extent)
+        shown = np.ma.masked_where(~violation, violation)
+        axes.imshow(shown, cmap=ListedColormap([_VIOLATED]), extent=extent)
         axes.set_title("Model violation")
 
     return draw

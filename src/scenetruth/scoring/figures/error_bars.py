@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scoring._format import format_number, format_percent
 from scenetruth.scoring.alignment import align
+from scenetruth.scoring.differences import difference
 from scenetruth.scoring.figures._common import (
     BLUE,
     GREY,
@@ -27,8 +28,8 @@ from scenetruth.scoring.figures._common import (
     void_legend,
 )
 from scenetruth.scoring.figures._views import Views
-from scenetruth.scoring.quantities import QUANTITIES, full_pixels, read_quantity, read_std
-from scenetruth.scoring.regions import region_masks
+from scenetruth.scoring.quantities import QUANTITIES, read_pairs
+from scenetruth.scoring.regions import main_regions
 from scenetruth.scoring.score import Score
 from scenetruth.scoring.statistics import standardised
 
@@ -36,35 +37,35 @@ __all__ = ["draw_error_bars"]
 
 Map = NDArray[np.float64]
 
-_COLOURS = {"depth": BLUE, "velocity_x": ORANGE, "velocity_y": "#009e73", "velocity_z": "#b0006d"}
+_COLOURS = {"depth": BLUE, "disparity": BLUE, "velocity_x": ORANGE, "velocity_y": "#009e73", "velocity_z": "#b0006d"}
 _REACH, _BINS = 5.0, 50
 """Half the width of the histogram, in standard deviations, and its bins."""
 
 
 def draw_error_bars(
-    views: Views, estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path
+    views: Views, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None, folder: Path
 ) -> FigureInfo | None:
-    """Draw the standard deviation of depth, and the histogram of errors over their standard deviations.
+    """Draw the standard deviations that the estimate states, and the histogram of errors over them.
 
-    Returns None for an estimate that states neither for any pixel.
+    The histogram needs a truth and a score. Returns None for an estimate that states no standard deviation.
     """
-    std = views.depth_std
-    known = std is not None and bool(np.any(np.isfinite(std) & (std > 0)))
-    ratios = _interior_ratios(estimate, truth, score)
-    panels = int(known) + bool(ratios)
+    names = [name for name in _mapped(views) if np.any(np.isfinite(views.stds[name]) & (views.stds[name] > 0))]
+    ratios = {} if truth is None or score is None else _interior_ratios(estimate, truth, score)
+    panels = len(names) + bool(ratios)
     if not panels:
         return None
     figure = new_figure(5.2 * panels + 0.2, max(map_height(views.image, 3.9, 1.0), 3.6))
     places = list(figure.subplots(1, panels, squeeze=False)[0])
     caption = []
-    if known and std is not None:
-        _draw_map(figure, places.pop(0), std)
+    for name in names:
+        _draw_map(figure, places.pop(0), views, name)
+    if names:
         void_legend(figure, "no full estimate, or no standard deviation")
         caption.append(
-            f"The standard deviation of depth that the estimator states, t = {views.frame}; the scale is logarithmic "
-            "and spans the central 98 %."
+            f"The standard deviations that the estimator states, t = {views.frame}; scales are logarithmic and span "
+            "the central 98 %."
         )
-    if ratios:
+    if ratios and score is not None:
         _draw_histogram(places.pop(0), ratios, score)
         caption.append(
             "Errors divided by the standard deviation that the estimator states for the same pixel, in the interior "
@@ -73,40 +74,47 @@ def draw_error_bars(
             "small. The outermost bins also hold all that lies beyond."
         )
     save(figure, folder / "error_bars.png")
-    shown = {"depth": known} | {QUANTITIES[name].variable: True for name in ratios}
-    title = f"Error bars of {' and '.join(name for name, there in shown.items() if there)}"
+    shown = dict.fromkeys(QUANTITIES[name].variable for name in (*names, *ratios))
+    title = f"Error bars of {' and '.join(shown)}"
     return FigureInfo("error_bars.png", title, " ".join(caption))
+
+
+def _mapped(views: Views) -> list[str]:
+    """Return the quantities whose standard deviations are drawn as maps: disparity only where depth has none."""
+    names = [name for name in ("depth", "disparity", "velocity_z") if name in views.stds]
+    return [name for name in names if name != "disparity" or "depth" not in names]
 
 
 def _interior_ratios(estimate: xr.Dataset, truth: xr.Dataset, score: Score) -> dict[str, Map]:
     """Return error / standard deviation of the counted pixels of the interior, by quantity; those that have any."""
     estimate, truth = align(estimate, truth)
-    margin = float(score.metadata.get("margin_px", 20.0))
-    interior = region_masks(truth["depth"].values, truth["mixed"].values.astype(bool), margin)["interior"]
+    interior = main_regions(truth, float(score.metadata.get("margin_px", 20.0)))["interior"]
     ratios = {}
-    for name in _COLOURS:
-        std = read_std(estimate, name)
-        if std is None:
+    for name, pair in read_pairs(estimate, truth).items():
+        if name not in _COLOURS or pair.std is None or (name == "disparity" and "depth" in ratios):
             continue
-        error = read_quantity(estimate, name) - read_quantity(truth, name)
-        counted = interior & full_pixels(estimate, QUANTITIES[name].variable) & np.isfinite(error)
-        ratios[name] = standardised(error[counted], std[counted])
-    return {name: ratio for name, ratio in ratios.items() if ratio.size}
+        error = difference(pair.estimate, pair.truth)
+        counted = interior & np.isfinite(error) & (True if pair.full is None else pair.full)
+        ratio = standardised(error[counted], pair.std[counted])
+        if ratio.size:
+            ratios[name] = ratio
+    return ratios
 
 
-def _draw_map(figure: Any, axes: Any, std: Map) -> None:
+def _draw_map(figure: Any, axes: Any, views: Views, name: str) -> None:
     from matplotlib.colors import LogNorm
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
+    entry, std = QUANTITIES[name], views.stds[name]
     positive = np.where(std > 0, std, np.nan)
     low, high = robust_limits(positive)
-    drawn = show_map(axes, positive, cmap="cividis", norm=LogNorm(low, high))
-    axes.set_title("Standard deviation of depth")
+    drawn = show_map(axes, positive, cmap="cividis", norm=LogNorm(low, high), extent=views.grid.extent)
+    axes.set_title(f"Standard deviation of {entry.title[0].lower()}{entry.title[1:]}")
     pixel_axes(axes)
     # Less than a decade may hold no round number of a logarithmic scale.
     ticks = MaxNLocator(5) if high < 8 * low else LogLocator(subs=(1, 2, 5) if high < 1000 * low else (1,))
     bar = colorbar(
-        figure, drawn, axes, "standard deviation of $Z$ [mm]",
+        figure, drawn, axes, f"standard deviation of ${entry.symbol}$ [{entry.units}]",
         extend="both", ticks=ticks, format=FuncFormatter(lambda value, _: f"{value:g}"),
     )  # fmt: skip
     bar.minorticks_off()

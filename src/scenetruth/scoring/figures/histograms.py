@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.scoring.alignment import align
+from scenetruth.scoring.differences import difference, length
 from scenetruth.scoring.figures._common import BLUE, GREY, FigureInfo, new_figure, save
-from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES, full_pixels, read_quantity, units_of
-from scenetruth.scoring.regions import region_masks
+from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES, Pair, read_pairs, units_of
+from scenetruth.scoring.regions import main_regions
 from scenetruth.scoring.score import Score
 
 __all__ = ["draw_error_histograms"]
@@ -33,21 +35,23 @@ _STYLES: tuple[dict[str, Any], ...] = (
 def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path) -> FigureInfo:
     """Draw the histogram of every quantity's errors in both regions, over all frames."""
     estimate, truth = align(estimate, truth)
-    margin = float(score.metadata.get("margin_px", 20.0))
-    masks = region_masks(truth["depth"].values, truth["mixed"].values.astype(bool), margin)
-    full = {name: full_pixels(estimate, entry.variable) for name, entry in QUANTITIES.items()}
-    full[ENDPOINT] = full_pixels(estimate, "velocity")
-    errors = {name: read_quantity(estimate, name) - read_quantity(truth, name) for name in QUANTITIES}
-    errors[ENDPOINT] = np.sqrt(sum(errors[f"velocity_{axis}"] ** 2 for axis in "xyz"))
+    masks = main_regions(truth, float(score.metadata.get("margin_px", 20.0)))
+    errors = _errors(read_pairs(estimate, truth))
 
     # A fixed layout: finding one for eight logarithmic axes takes longer than all else here.
-    figure = new_figure(11.0, 5.4, layout=None)
-    figure.subplots_adjust(left=0.055, right=0.985, bottom=0.085, top=0.95, wspace=0.2, hspace=0.38)
-    panels = figure.subplots(2, 4)
-    for axes, (name, error) in zip(panels.flat, errors.items(), strict=True):
-        usable = full[name] & np.isfinite(error)
+    rows, columns = math.ceil(len(errors) / 4), min(len(errors), 4)
+    width, height = max(2.75 * columns, 5.5), 2.7 * rows
+    figure = new_figure(width, height, layout=None)
+    figure.subplots_adjust(
+        left=0.6 / width, right=1 - 0.165 / width, bottom=0.46 / height, top=1 - 0.27 / height, wspace=0.2, hspace=0.38
+    )
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for axes, (name, error) in zip(panels.flat, errors.items(), strict=False):
+        usable = np.isfinite(error)
         samples = {region: error[mask & usable] for region, mask in masks.items()}
         _draw_panel(axes, name, samples, score)
+    for axes in panels.flat[len(errors) :]:
+        axes.remove()
     for axes in panels[:, 0]:
         axes.set_ylabel("pixels per bin")
     save(figure, folder / "error_histograms.png")
@@ -57,6 +61,17 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
         "also hold all that lies beyond."
     )
     return FigureInfo("error_histograms.png", "Histograms of all errors", caption)
+
+
+def _errors(pairs: Mapping[str, Pair]) -> dict[str, Map]:
+    """Return the errors of every quantity, and of the velocity's endpoint; NaN where the estimate is not full."""
+    errors = {
+        name: np.where(True if pair.full is None else pair.full, difference(pair.estimate, pair.truth), np.nan)
+        for name, pair in pairs.items()
+    }
+    if "velocity_z" in errors:
+        errors[ENDPOINT] = length(np.stack([errors[f"velocity_{axis}"] for axis in "xyz"]))
+    return errors
 
 
 def _draw_panel(axes: Any, name: str, samples: Mapping[str, Map], score: Score) -> None:

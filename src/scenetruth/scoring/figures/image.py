@@ -15,7 +15,7 @@ def draw_image(views: Views, folder: Path) -> FigureInfo:
     title = f"Image of the reference camera, t = {views.image_frame}"
     figure = new_figure(6.4, map_height(views.image, 5.15, 0.75))
     axes = figure.add_subplot(title=title)
-    drawn = axes.imshow(views.image, cmap="gray")
+    drawn = axes.imshow(views.image, cmap="gray", extent=views.grid.extent)
     pixel_axes(axes)
     colorbar(figure, drawn, axes, "grey value [digital numbers]" if views.image_is_digital else "linear radiance [1]")
     save(figure, folder / "image.png")

@@ -22,7 +22,7 @@ def draw_surface(views: Views, folder: Path) -> FigureInfo:
     figure = new_figure(10.0, 4.6, layout=None)
     for at, (name, view) in enumerate(_PANELS, start=1):
         # The texture needs a finer mesh than the shape.
-        surface = surface_of(points, views.intrinsics.focal_length_px, max_quads=80_000 if at == 1 else 40_000)
+        surface = surface_of(points, views.map_focal_length_px, max_quads=80_000 if at == 1 else 40_000)
         axes = surface_axes(figure, (0.5 * at - 0.5, 0.02, 0.46, 0.9), surface.limits, view)
         grey = texture(views.image, surface) if at == 1 else shade(surface)
         add_surface(axes, surface, np.repeat(grey[:, None], 3, axis=1))

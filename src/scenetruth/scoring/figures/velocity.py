@@ -1,4 +1,4 @@
-"""The figures of the velocity in Z: as grey values, and along one row."""
+"""The figures of the velocity in Z: as a map, and along one row."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from scenetruth.scoring.figures._common import (
     robust_limits,
     save,
     show_map,
+    symmetric_limit,
     void_legend,
 )
 from scenetruth.scoring.figures._views import Views
@@ -32,35 +33,42 @@ def pick_row(views: Views) -> int:
 
 
 def draw_velocity_z(views: Views, folder: Path) -> FigureInfo:
-    """Draw the estimated velocity in Z as grey values, with one row marked."""
+    """Draw the estimated velocity in Z twice: as grey values, with one row marked, and in colours of its sign."""
     from matplotlib.lines import Line2D
 
-    row = pick_row(views)
+    row = views.grid.y[pick_row(views)]
     title = f"Estimated velocity in Z, t = {views.frame}"
     values = views.estimate["velocity_z"]
     low, high = robust_limits(values)
-    figure = new_figure(6.4, map_height(values, 5.1, 1.0))
-    axes = figure.add_subplot(title=title)
-    drawn = show_map(axes, values, cmap="gray", vmin=low, vmax=high)
-    axes.axhline(row, color=ORANGE, linewidth=1.2)
-    pixel_axes(axes)
-    colorbar(figure, drawn, axes, "$U_Z$ [mm/frame]", extend="both")
-    void_legend(figure, extra=(Line2D([], [], color=ORANGE, linewidth=1.2, label=f"row {row}"),))
+    bound = symmetric_limit(values)
+    figure = new_figure(10.8, map_height(values, 4.3, 1.0))
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    drawn = show_map(left, values, cmap="gray", vmin=low, vmax=high, extent=views.grid.extent)
+    left.set_title("Velocity in Z, grey values")
+    left.axhline(row, color=ORANGE, linewidth=1.2)
+    colorbar(figure, drawn, left, "$U_Z$ [mm/frame]", extend="both")
+    drawn = show_map(right, values, cmap="RdBu_r", vmin=-bound, vmax=bound, extent=views.grid.extent)
+    right.set_title("Velocity in Z, sign and size")
+    colorbar(figure, drawn, right, "$U_Z$ [mm/frame]", extend="both")
+    pixel_axes(left)
+    pixel_axes(right, label_y=False)
+    void_legend(figure, extra=(Line2D([], [], color=ORANGE, linewidth=1.2, label=f"row {row:g}"),))
     save(figure, folder / "velocity_z.png")
     caption = (
-        "Negative values approach the camera. The grey scale spans the central 98 % of the estimates; "
-        f"row {row} is the one whose profile is shown next."
+        "Left: the grey scale spans the central 98 % of the estimates, so that small differences can be seen; "
+        f"row {row:g} is the one whose profile is shown next. Right: the scale is symmetric about zero; blue "
+        "(negative) approaches the camera, red moves away, and white stands still in Z."
     )
     return FigureInfo("velocity_z.png", title, caption)
 
 
 def draw_velocity_z_row(views: Views, folder: Path) -> FigureInfo:
-    """Draw the velocity in Z along the marked row, estimate and truth."""
+    """Draw the velocity in Z along the marked row: the estimate, and the truth if there is one."""
     row = pick_row(views)
-    title = f"Velocity in Z along row {row}, t = {views.frame}"
-    estimate, truth = views.estimate["velocity_z"][row], views.truth["velocity_z"][row]
-    x = np.arange(estimate.size)
-    low, high = robust_limits(estimate, truth, percent=0.5)
+    title = f"Velocity in Z along row {views.grid.y[row]:g}, t = {views.frame}"
+    lines = {what: values[row] for what, values in views.panels("velocity_z").items()}
+    estimate, x = lines["estimate"], views.grid.x
+    low, high = robust_limits(*lines.values(), percent=0.5)
     pad = 0.15 * (high - low)
     low, high = low - pad, high + pad
     outside = int(np.sum((estimate < low) | (estimate > high)))
@@ -73,9 +81,10 @@ def draw_velocity_z_row(views: Views, folder: Path) -> FigureInfo:
             x, 0, 1, where=mixed, step="mid", transform=axes.get_xaxis_transform(),
             color="#c3c8cf", linewidth=1.2, label="mixed pixels of the truth",
         )  # fmt: skip
-    axes.plot(x, truth, color=ORANGE, linewidth=1.6, label="truth")
+    if "truth" in lines:
+        axes.plot(x, lines["truth"], color=ORANGE, linewidth=1.6, label="truth")
     axes.plot(x, estimate, color=BLUE, linewidth=0.9, label="estimate")
-    axes.set_xlim(-0.5, estimate.size - 0.5)
+    axes.set_xlim(*views.grid.extent[:2])
     axes.set_ylim(low, high)
     axes.set_xlabel("x [px]")
     axes.set_ylabel("$U_Z$ [mm/frame]")
@@ -83,10 +92,12 @@ def draw_velocity_z_row(views: Views, folder: Path) -> FigureInfo:
     axes.grid(axis="y")
     figure.legend(loc="outside lower left", ncols=4)
     save(figure, folder / "velocity_z_row.png")
-    caption = (
-        "Estimate and truth along the marked row. Grey bands mark mixed pixels, whose footprint crosses a silhouette "
-        "or a sharp edge; gaps have no full estimate."
-    )
+    caption = "The estimate along the marked row; gaps have no full estimate."
+    if "truth" in lines:
+        caption = (
+            "Estimate and truth along the marked row. Grey bands mark mixed pixels, whose footprint crosses a "
+            "silhouette or a sharp edge; gaps have no full estimate."
+        )
     if outside:
         caption += f" {outside} estimate{'s lie' if outside > 1 else ' lies'} outside the range shown."
     return FigureInfo("velocity_z_row.png", title, caption)

@@ -1,0 +1,174 @@
+"""Scoring an estimate against the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from scenetruth.errors import Problem, ScoreError
+from scenetruth.scoring.alignment import align, check_recording, select_pixels
+from scenetruth.scoring.contrast import local_contrast, reference_images
+from scenetruth.scoring.growth import growth_pairs
+from scenetruth.scoring.outliers import meaningful_rates
+from scenetruth.scoring.quantities import read_pairs
+from scenetruth.scoring.regions import further_regions, main_regions, seen_throughout
+from scenetruth.scoring.score import Score
+from scenetruth.scoring.statistics import region_statistics
+from scenetruth.settings import ScoreSettings
+
+__all__ = ["score", "score_settings"]
+
+
+def score_settings(**settings: Any) -> ScoreSettings:
+    """Validate the settings of a score.
+
+    Raises
+    ------
+    ScoreError
+        With every setting that is unknown or impossible.
+    """
+    try:
+        return ScoreSettings(**settings)
+    except ValidationError as error:
+        problems = [
+            Problem(".".join(map(str, entry["loc"])), entry["msg"].removeprefix("Value error, "), entry.get("input"))
+            for entry in error.errors()
+        ]
+        raise ScoreError(problems, source="settings") from error
+
+
+def score(
+    estimate: xr.Dataset,
+    truth: xr.Dataset,
+    recording: xr.Dataset | None = None,
+    *,
+    margin_px: float | None = None,
+    metadata: Mapping[str, Any] | None = None,
+    **settings: Any,
+) -> Score:
+    """Score an estimate against the truth.
+
+    An estimate may hold any of depth, disparity, velocity and flow; what it holds is scored. The errors
+    e = estimate - truth are summed up over all frames of the estimate, in the regions ``all`` and ``interior`` (see
+    `region_masks`), and in those of visibility, slope, distance to edges, contrast and objects that the truth can tell
+    (see `further_regions`):
+
+    - depth, disparity, the three components of velocity and the two of optical flow, as bias, rms, median and 95th
+      percentile of abs(e), relative rms, density and count (see `error_statistics`);
+    - ``velocity_endpoint``, the same of the distance ‖U_estimate - U_truth‖ (see `endpoint_statistics`);
+    - ``calibration`` and ``within_2_std``, where the estimate states standard deviations (``depth_std``,
+      ``disparity_std``, ``velocity_std``): whether the errors are as large as they say;
+    - ``outliers``, the shares of gross errors, where they can tell a good estimate from a poor one (see `outlier_rates`
+      and `meaningful_rates`);
+    - ``growth_rate`` and ``growth_rate_windowed`` in % per hour, where the truth has ``growth_rate`` and the estimate
+      depth and velocity (see `surface_growth` and `growth_pairs`).
+
+    A pixel counts where truth and estimate are finite and the estimate claims to know the quantity: ``kind_disparity``
+    is full for depth and disparity, ``kind_motion`` for optical flow, both for velocity and outliers. Where the
+    estimate has no kinds, every finite pixel counts (see `full_pixels`). The density is the share of the pixels with a
+    finite truth that count.
+
+    Pixels are matched by their coordinates: the estimate may belong to a part of the truth's image (see `align`).
+
+    Parameters
+    ----------
+    estimate
+        The estimate, dimensions (t, y, x).
+    truth
+        The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is taken; it may have more frames and pixels.
+    recording
+        What was estimated from; without it there are no regions of contrast.
+    margin_px
+        Distance of the interior from silhouettes and face edges, in px; the setting ``interior_margin_px`` by another
+        name.
+    metadata
+        More to keep with the score: anything that JSON can say, NumPy's numbers and paths. NaN becomes None.
+    **settings
+        Bounds of regions and windows, see `scenetruth.settings.ScoreSettings`.
+
+    Returns
+    -------
+    Score
+        With the frames, their size, the margin and the settings in the metadata, besides those given.
+
+    Raises
+    ------
+    ScoreError
+        If the data sets cannot be compared, or the settings or the metadata are not acceptable; lists what is wrong.
+
+    Examples
+    --------
+    A plane 500 mm away that stands still, and a method that tells depth only, 0.1 mm too far:
+
+    >>> from scenetruth.schema import Intrinsics, label
+    >>> camera = Intrinsics(focal_length_px=1000.0, principal_point_px=(15.5, 11.5), baseline_mm=5.0)
+    >>> still, one = np.zeros((3, 1, 24, 32)), np.ones((1, 24, 32))
+    >>> maps = {"depth": 500 * one, "disparity": 10 * one, "velocity": still, "flow": still[:2], "mixed": one == 0}
+    >>> truth = label("truth", maps, camera, t=[0])
+    >>> estimate = label("estimate", {"depth": 500.1 * one}, camera, t=[0])
+    >>> found = score(estimate, truth)
+    >>> found
+    Score(regions: all, interior and 4 more; quantities: depth; rms in the interior: depth 0.1 mm)
+    >>> f"{found.regions['all']['depth']['bias']:.3f}", found.regions["all"]["depth"]["density"]
+    ('0.100', 1.0)
+    """
+    chosen = score_settings(**settings, **({} if margin_px is None else {"interior_margin_px": margin_px}))
+    whole = truth
+    estimate, truth = align(estimate, truth)
+    masks = main_regions(truth, chosen.interior_margin_px)
+    masks |= further_regions(
+        truth,
+        masks["interior"],
+        chosen,
+        throughout=seen_throughout(select_pixels(whole, estimate)),
+        contrast=None if recording is None else _contrast(recording, estimate, chosen),
+    )
+    pairs = read_pairs(estimate, truth) | growth_pairs(estimate, truth, chosen)
+    rates = meaningful_rates(pairs, masks["all"])
+    own = {
+        "frames": estimate["t"].values.tolist(),
+        "image_size_px": [estimate.sizes["x"], estimate.sizes["y"]],
+        "margin_px": chosen.interior_margin_px,
+        "score_settings": chosen.model_dump(),
+    }
+    return Score(
+        regions={region: region_statistics(pairs, mask, rates) for region, mask in masks.items()},
+        metadata=_plain({**own, **(metadata or {})}, "metadata"),
+    )
+
+
+def _contrast(recording: xr.Dataset, estimate: xr.Dataset, settings: ScoreSettings) -> NDArray[np.float64]:
+    check_recording(recording, estimate)
+    frames = estimate["t"].values
+    missing = sorted(set(frames.tolist()) - set(recording["t"].values.tolist()))
+    if missing:
+        raise ScoreError([Problem("recording.t", "lacks frames of the estimate", missing)])
+    # The window may reach beyond the estimate's pixels.
+    contrast = local_contrast(reference_images(recording, frames), settings.contrast_window_px)
+    named = {dim: recording.coords[dim] for dim in ("y", "x") if dim in recording.coords}
+    labelled = xr.Dataset({"contrast": (("t", "y", "x"), contrast)}, coords=named)
+    return np.asarray(select_pixels(labelled, estimate)["contrast"].values)
+
+
+def _plain(value: Any, path: str) -> Any:
+    """Return a value as JSON can spell it."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry, f"{path}.{key}") for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist(), path)
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(entry, f"{path}.{index}") for index, entry in enumerate(value)]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    raise ScoreError([Problem(path, f"a {type(value).__name__} cannot be written as JSON", value)])
