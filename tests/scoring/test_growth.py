@@ -16,9 +16,9 @@ from scenetruth.errors import ScoreError
 from scenetruth.schema import KIND_NORMAL, Intrinsics, label
 from scenetruth.scoring import score, surface_growth
 from scenetruth.scoring.growth import growth_maps
-from scenetruth.scoring.growth_window import windowed_growth
+from scenetruth.scoring.growth.patches import surface_patches
+from scenetruth.scoring.growth.window import windowed_growth
 from scenetruth.scoring.pixel_grid import surface_points
-from scenetruth.scoring.surface_patches import surface_patches
 from scenetruth.settings import ScoreSettings
 from tests.scoring.synthetic import make_growing_case
 

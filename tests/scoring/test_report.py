@@ -14,8 +14,8 @@ import pytest
 from scenetruth.schema import KIND_FULL
 from scenetruth.scoring import QUANTITIES, score, write_report
 from scenetruth.scoring._format import format_number, format_percent
-from scenetruth.scoring.map_summary import describe_maps
-from scenetruth.scoring.report_content import content_of_score
+from scenetruth.scoring.report.content import content_of_score
+from scenetruth.scoring.report.maps import describe_maps
 from tests.scoring.conftest import Drawn
 from tests.scoring.synthetic import Case, make_case, make_growing_case, with_outliers
 

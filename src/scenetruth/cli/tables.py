@@ -87,17 +87,21 @@ def _print_regions(scored: Score) -> None:
 
     names = [
         name
-        for name in ("depth", "velocity_z", "velocity_endpoint", "growth_rate", "growth_rate_windowed")
-        if name in scored.regions["all"] and (name not in GROWTH_QUANTITIES or scored.grows)
+        for name in ("depth", "flow_x", "velocity_z", "velocity_endpoint", "growth_rate", "growth_rate_windowed")
+        if name in scored.regions["all"]
+        and (name not in GROWTH_QUANTITIES or scored.grows)
+        # Flow stands for motion where there is nothing better.
+        and (name != "flow_x" or "velocity_z" not in scored.regions["all"])
     ]
     table = Table(title="all regions, rms errors", title_justify="left")
     table.add_column("region", overflow="fold")
     for name in ("pixels", "density", *(f"{name}\n{units_of(name)}" for name in names)):
         table.add_column(name, justify="right")
+    first = names[0] if names else next(iter(scored.regions["all"]))
     for region, quantities in scored.regions.items():
-        depth = quantities["depth"]
-        if not depth["count"]:
+        count, density = (quantities[first][key] for key in ("count", "density"))
+        if not count:
             continue
-        cells = [depth["density"], *(quantities[name]["rms"] for name in names)]
-        table.add_row(region, f"{depth['count']:,}", *("–" if value is None else f"{value:.3g}" for value in cells))
+        cells = [density, *(quantities[name]["rms"] for name in names)]
+        table.add_row(region, f"{count:,}", *("–" if value is None else f"{value:.3g}" for value in cells))
     console().print(table)

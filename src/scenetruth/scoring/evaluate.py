@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from scenetruth.errors import Problem, ScoreError
+from scenetruth.schema import check_same_run, identity_of
 from scenetruth.scoring.alignment import align, check_recording, select_pixels
 from scenetruth.scoring.contrast import local_contrast, reference_images
 from scenetruth.scoring.growth import growth_pairs
@@ -51,6 +52,7 @@ def score(
     *,
     margin_px: float | None = None,
     metadata: Mapping[str, Any] | None = None,
+    check: bool = True,
     **settings: Any,
 ) -> Score:
     """Score an estimate against the truth.
@@ -90,6 +92,8 @@ def score(
         name.
     metadata
         More to keep with the score: anything that JSON can say, NumPy's numbers and paths. NaN becomes None.
+    check
+        Whether to refuse data sets that were made from different recordings.
     **settings
         Bounds of regions and windows, see `scenetruth.settings.ScoreSettings`.
 
@@ -102,6 +106,12 @@ def score(
     ------
     ScoreError
         If the data sets cannot be compared, or the settings or the metadata are not acceptable; lists what is wrong.
+    MismatchError
+        If the data sets say that they belong to different recordings.
+
+    See Also
+    --------
+    write_report : Pictures and a page.
 
     Examples
     --------
@@ -120,6 +130,9 @@ def score(
     ('0.100', 1.0)
     """
     chosen = score_settings(**settings, **({} if margin_px is None else {"interior_margin_px": margin_px}))
+    if check:
+        parts = {"truth": truth, "estimate": estimate, **({} if recording is None else {"recording": recording})}
+        check_same_run({name: part.attrs for name, part in parts.items()})
     whole = truth
     estimate, truth = align(estimate, truth)
     masks = main_regions(truth, chosen.interior_margin_px)
@@ -137,6 +150,7 @@ def score(
         "image_size_px": [estimate.sizes["x"], estimate.sizes["y"]],
         "margin_px": chosen.interior_margin_px,
         "score_settings": chosen.model_dump(),
+        **identity_of(estimate),
     }
     return Score(
         regions={region: region_statistics(pairs, mask, rates) for region, mask in masks.items()},

@@ -5,18 +5,19 @@ from __future__ import annotations
 import base64
 import json
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from scenetruth.schema import intrinsics_of, scene_of
+from scenetruth.progress import Progress
+from scenetruth.schema import check_same_run, intrinsics_of, scene_of
 from scenetruth.scoring._format import flatten, format_count, format_number, format_percent, humanise
 from scenetruth.scoring.evaluate import score as evaluate
 from scenetruth.scoring.figures import FigureInfo, draw_all
-from scenetruth.scoring.map_summary import describe_maps
-from scenetruth.scoring.report_content import content_of_score
+from scenetruth.scoring.report.content import content_of_score
+from scenetruth.scoring.report.maps import describe_maps
 from scenetruth.scoring.score import Score
 
 __all__ = ["write_report"]
@@ -32,7 +33,9 @@ def write_report(
     truth: xr.Dataset | None = None,
     score: Score | None = None,
     folder: str | Path = ".",
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
+    *,
+    check: bool = True,
 ) -> Path:
     """Draw the figures of an estimate, and write them with its numbers into one page.
 
@@ -52,6 +55,8 @@ def write_report(
         Where ``report.html`` and ``figures/*.png`` go; made if missing.
     progress
         Called as ``progress("report", done, total)``, in figures.
+    check
+        Whether to refuse data sets and a score that were made from different recordings.
 
     Returns
     -------
@@ -63,6 +68,8 @@ def write_report(
     ScoreError
         If recording, estimate and truth do not belong together, or there is a score without a truth; lists what is
         wrong.
+    MismatchError
+        If the parts say that they belong to different recordings.
 
     Examples
     --------
@@ -80,8 +87,12 @@ def write_report(
     ...     print(page.name, sorted(path.name for path in (page.parent / "figures").iterdir()))
     report.html ['disparity.png', 'image.png']
     """
+    if check:
+        parts = {"recording": recording.attrs, "estimate": estimate.attrs}
+        parts |= {} if truth is None else {"truth": truth.attrs}
+        check_same_run(parts | ({} if score is None else {"score": dict(score.metadata)}))
     if truth is not None and score is None:
-        score = evaluate(estimate, truth, recording)
+        score = evaluate(estimate, truth, recording, check=False)
     target = Path(folder)
     figures = draw_all(recording, estimate, truth, score, target / "figures", progress)
     page = target / "report.html"
@@ -95,7 +106,7 @@ def _render(
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("scenetruth.scoring", "templates"),
+        loader=PackageLoader("scenetruth.scoring.report", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

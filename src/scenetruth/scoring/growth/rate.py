@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, ScoreError
 from scenetruth.schema import Intrinsics, intrinsics_of
-from scenetruth.scoring.growth_window import windowed_growth
+from scenetruth.scoring.growth.patches import surface_patches
+from scenetruth.scoring.growth.window import windowed_growth
 from scenetruth.scoring.pixel_grid import grid_of, surface_points
 from scenetruth.scoring.quantities import Pair, full_pixels
-from scenetruth.scoring.surface_patches import surface_patches
 from scenetruth.settings import ScoreSettings
 
 __all__ = ["GrowthMaps", "growth_maps", "growth_pairs", "percent_per_hour", "surface_growth"]
