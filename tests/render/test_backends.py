@@ -64,7 +64,7 @@ def analytic_plaid(scene: Scene, t: float, x_mm: float, dx: float = 0.0, dy: flo
     camera, item = scene.camera, scene.objects[0]
     assert item.texture.kind == "plaid"
     (c_x, c_y), focal = camera.principal_point, camera.focal_px
-    velocity = np.array(item.motion[0].velocity_mm_per_frame)  # type: ignore[union-attr]
+    velocity = np.array(item.motion[0].velocity_mm_per_frame)  # type: ignore[attr-defined]
     x0, y0, z = np.array(item.pose.position_mm) + velocity * t
     result = np.full((camera.height, camera.width), item.texture.amplitude)
     y, x = np.mgrid[: camera.height, : camera.width]

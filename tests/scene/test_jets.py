@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from scenetruth.scene import jet_kernels
-from scenetruth.scene.jets import Jet, _Plain, compose, values_of, where
+from scenetruth.scene.jets import Jet, compose, values_of, where
+from scenetruth.scene.jets import kernels as jet_kernels
+from scenetruth.scene.jets.jet import _Plain
 
 numbers = some.floats(0.2, 1.3)
 

@@ -109,7 +109,7 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_overrides_reach_into_lists_and_new_sections() -> None:
     overrides = ["objects.0.motion.0.velocity_mm_per_frame=[1, 2, 3]", "render.supersampling=2", "sensor=ideal"]
     scene = st.load_scene(SCENES / "plaid.yaml", overrides)
-    assert scene.objects[0].motion[0].velocity_mm_per_frame == (1, 2, 3)  # type: ignore[union-attr]
+    assert scene.objects[0].motion[0].velocity_mm_per_frame == (1, 2, 3)  # type: ignore[attr-defined]
     assert scene.render.supersampling == 2
 
 

@@ -9,6 +9,8 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 from scenetruth.scene import motion, spec
+from scenetruth.scene.motion.rotation import ConstantRotation
+from scenetruth.scene.motion.velocity import ConstantVelocity
 
 vectors = some.tuples(*[some.floats(-50, 50)] * 3)
 axes = vectors.filter(lambda v: sum(x * x for x in v) > 1e-2)
@@ -25,7 +27,7 @@ def item(*motions: spec.Motion) -> spec.SceneObject:
 
 
 def motions_of(thing: spec.SceneObject) -> list[motion.PointMap]:
-    return motion.motions_about(thing.motion, thing.pose.position_mm)
+    return [entry.point_map(thing.pose.position_mm) for entry in thing.motion]
 
 
 def moved(
@@ -37,7 +39,7 @@ def moved(
 
 @given(velocity=vectors, t=some.floats(-10, 10))
 def test_constant_velocity(velocity: tuple[float, float, float], t: float) -> None:
-    motions = motions_of(item(spec.ConstantVelocity(kind="velocity", velocity_mm_per_frame=velocity)))
+    motions = motions_of(item(ConstantVelocity(kind="velocity", velocity_mm_per_frame=velocity)))
     start = np.array([[1.0, -2, 3], [4, 5, 6]])
     points, speeds = moved(motions, start, t)
     np.testing.assert_allclose(points, start + t * np.asarray(velocity), rtol=1e-14, atol=1e-12)
@@ -69,8 +71,8 @@ def test_composed_motion_against_extended_precision(
 ) -> None:
     motions = motions_of(
         item(
-            spec.ConstantVelocity(kind="velocity", velocity_mm_per_frame=velocity),
-            spec.ConstantRotation(kind="rotation", axis=axis, rate_deg_per_frame=rate, point_mm=centre),
+            ConstantVelocity(kind="velocity", velocity_mm_per_frame=velocity),
+            ConstantRotation(kind="rotation", axis=axis, rate_deg_per_frame=rate, point_mm=centre),
         )
     )
     start = [3.0, -4.0, 5.0]
@@ -93,7 +95,7 @@ def test_composed_motion_against_extended_precision(
 
 
 def test_rotation_turns_about_the_objects_position_by_default() -> None:
-    motions = motions_of(item(spec.ConstantRotation(kind="rotation", axis=(0, 0, 1), rate_deg_per_frame=90)))
+    motions = motions_of(item(ConstantRotation(kind="rotation", axis=(0, 0, 1), rate_deg_per_frame=90)))
     points, speeds = moved(motions, np.array([[1.0, 2, 600], [2.0, 2, 600]]), 1)
     # About Z the X axis turns towards the Y axis.
     np.testing.assert_allclose(points, [[1, 2, 600], [1, 3, 600]], atol=1e-12)

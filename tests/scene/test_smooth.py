@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as some
 
 from scenetruth.scene.jets import Jet
-from scenetruth.scene.smooth import exp_quotient, sinc_root
+from scenetruth.scene.jets.smooth import exp_quotient, sinc_root
 
 
 def series_exp(x: Any) -> Any:

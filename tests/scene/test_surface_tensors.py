@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from scenetruth.scene import mesh
 from scenetruth.scene.jets import Jet
-from scenetruth.scene.motion import PointMap, Points, turn
+from scenetruth.scene.motion import PointMap, Points
+from scenetruth.scene.motion.maps import turn
 from scenetruth.scene.osculation import osculate
 from scenetruth.scene.start import RestStart, SheetStart, Start
 from scenetruth.scene.surface_kernels import surface_tensors

@@ -8,9 +8,9 @@ import numpy as np
 
 from scenetruth.scene.deformation_spec import Bending
 from scenetruth.scene.jets import Field, values_of, where
+from scenetruth.scene.jets.smooth import sinc_root
 from scenetruth.scene.motion import PointMap, Points
-from scenetruth.scene.smooth import sinc_root
-from scenetruth.scene.time_curve import value_at
+from scenetruth.scene.motion.time_curve import value_at
 
 __all__ = ["bending_map", "bending_problem"]
 

@@ -12,8 +12,9 @@ from scenetruth.scene import deformation_spec as kinds
 from scenetruth.scene.bending import bending_map, bending_problem
 from scenetruth.scene.growth import growth_map, growth_problem
 from scenetruth.scene.jets import Field
-from scenetruth.scene.motion import PointMap, Points, turn
-from scenetruth.scene.time_curve import value_at
+from scenetruth.scene.motion import PointMap, Points
+from scenetruth.scene.motion.maps import turn
+from scenetruth.scene.motion.time_curve import value_at
 from scenetruth.scene.unrolling import unrolling_map, unrolling_problem
 
 __all__ = ["DeformationStep", "Surroundings", "deformation_map", "deformation_problem"]

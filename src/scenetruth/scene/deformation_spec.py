@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from scenetruth.model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
-from scenetruth.scene.motion_presets import GrowthPreset, filled_in, preset_or_fields
-from scenetruth.scene.time_curve import TimeCurve, value_at
+from scenetruth.scene.motion.presets import GrowthPreset, filled_in, preset_or_fields
+from scenetruth.scene.motion.time_curve import TimeCurve, value_at
 
 __all__ = ["Bending", "Deformation", "DeformationModel", "Growth", "Hinge", "Star", "Unrolling", "roll_problem"]
 

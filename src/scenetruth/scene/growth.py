@@ -8,8 +8,8 @@ import numpy as np
 
 from scenetruth.scene.deformation_spec import Growth
 from scenetruth.scene.jets import Field, values_of
+from scenetruth.scene.jets.smooth import exp_quotient, sinc_root
 from scenetruth.scene.motion import PointMap, Points
-from scenetruth.scene.smooth import exp_quotient, sinc_root
 
 __all__ = ["growth_map", "growth_problem"]
 

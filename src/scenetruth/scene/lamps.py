@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
 from scenetruth.scene.lighting_spec import Light, Lighting
-from scenetruth.scene.motion import compose, motions_about
+from scenetruth.scene.motion import compose
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World
 
@@ -59,7 +59,8 @@ def _lamp(light: Light, t: float) -> Lamp:
     else:
         at = np.asarray(light.position_mm)
         ahead = at + np.asarray(light.direction) if light.target_mm is None else np.asarray(light.target_mm)
-    motions = motions_about(light.motion, (float(at[0]), float(at[1]), float(at[2])))
+    position = (float(at[0]), float(at[1]), float(at[2]))
+    motions = [motion.point_map(position) for motion in light.motion]
     at, ahead = compose(motions, np.stack([at, ahead]), t).positions_mm
     axis = ahead - at
     axis = axis / max(float(np.linalg.norm(axis)), 1e-300)

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from scenetruth.model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
-from scenetruth.scene.motion_spec import Motion
+from scenetruth.scene.motions import Motion
 
 __all__ = ["DirectionalLight", "Flicker", "Light", "Lighting", "PointLight", "SpotLight"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.errors import Problem
 from scenetruth.scene.deformation import DeformationStep, deformation_problem
 from scenetruth.scene.motion import PointMap, Points
-from scenetruth.scene.motion_presets import FRAME_INTERVAL_S
+from scenetruth.scene.motion.presets import FRAME_INTERVAL_S
 from scenetruth.scene.spec import Scene, SceneObject
 from scenetruth.scene.start import Start
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from scenetruth.model import Finite, FrozenModel, Positive
-from scenetruth.scene.time_curve import increasing
+from scenetruth.scene.motion.time_curve import increasing
 
 __all__ = ["MeshSeries", "Morph", "Nodal", "NodalModel"]
 

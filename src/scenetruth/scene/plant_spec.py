@@ -9,7 +9,7 @@ from pydantic import Field
 from scenetruth.model import Finite, FrozenModel, NonNegative, Positive, Vector3
 from scenetruth.scene.deformation_spec import Deformation, Growth
 from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture, Petiole
-from scenetruth.scene.motion_spec import Motion
+from scenetruth.scene.motions import Motion
 from scenetruth.scene.pose_spec import Rotation
 
 __all__ = ["Plant", "Rosette", "Seedling"]

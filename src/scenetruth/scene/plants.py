@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation as Turn
 
 from scenetruth.scene.deformation_spec import Deformation, Hinge
 from scenetruth.scene.leaf_spec import LeafMesh
+from scenetruth.scene.motion.time_curve import HarmonicCurve
 from scenetruth.scene.plant_spec import Plant, Rosette
 from scenetruth.scene.pose_spec import Pose, Rotation
 from scenetruth.scene.spec import SceneObject
-from scenetruth.scene.time_curve import HarmonicCurve
 
 __all__ = ["leaves_of", "scaled"]
 

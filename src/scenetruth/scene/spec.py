@@ -12,7 +12,7 @@ from scenetruth.model import Finite, FrozenModel, NonNegative, Positive
 from scenetruth.scene.deformation_spec import Deformation
 from scenetruth.scene.leaf_spec import LeafMesh, LeafTexture
 from scenetruth.scene.lighting_spec import Lighting
-from scenetruth.scene.motion_spec import ConstantRotation, ConstantVelocity, Motion
+from scenetruth.scene.motions import Motion
 from scenetruth.scene.nodal_spec import MeshSeries, Morph, Nodal, NodalModel
 from scenetruth.scene.plant_spec import Plant, Rosette, Seedling
 from scenetruth.scene.pose_spec import Pose, Rotation
@@ -21,8 +21,6 @@ from scenetruth.settings import EstimateSettings, ScoreSettings
 
 __all__ = [
     "BoxMesh",
-    "ConstantRotation",
-    "ConstantVelocity",
     "CylinderMesh",
     "FileMesh",
     "ImageTexture",

@@ -9,7 +9,7 @@ import numpy as np
 from scenetruth.scene.deformation_spec import Unrolling, roll_problem
 from scenetruth.scene.jets import Field, values_of, where
 from scenetruth.scene.motion import PointMap, Points
-from scenetruth.scene.time_curve import value_at
+from scenetruth.scene.motion.time_curve import value_at
 
 __all__ = ["unrolling_map", "unrolling_problem"]
 

@@ -16,7 +16,7 @@ from scenetruth.randomness import generator_for
 from scenetruth.scene.deformation import DeformationStep, Surroundings, deformation_map
 from scenetruth.scene.jets import Jet
 from scenetruth.scene.mesh import TriangleMesh, make_mesh
-from scenetruth.scene.motion import Moved, PointMap, apply, motions_about, moved_of, pose_map
+from scenetruth.scene.motion import Moved, PointMap, apply, moved_of, pose_map
 from scenetruth.scene.movement_check import movement_problems
 from scenetruth.scene.nodal_spec import NodalModel
 from scenetruth.scene.spec import FileMesh, Scene, SceneObject
@@ -244,7 +244,7 @@ def maps_of(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> l
         *shape,
         *(step for step in steps if step not in in_the_flat),
         pose_map(item.pose.position_mm, rotations),
-        *motions_about(item.motion, item.pose.position_mm),
+        *(motion.point_map(item.pose.position_mm) for motion in item.motion),
     ]
 
 

@@ -12,7 +12,7 @@ from scenetruth.model import Finite, FrozenModel, Positive
 from scenetruth.scene.jets import Field as JetField
 from scenetruth.scene.jets import compose, values_of
 
-__all__ = ["HarmonicCurve", "KeyframeCurve", "LinearCurve", "SplineThrough", "TimeCurve", "value_at"]
+__all__ = ["HarmonicCurve", "KeyframeCurve", "LinearCurve", "SplineThrough", "TimeCurve", "increasing", "value_at"]
 
 
 class LinearCurve(FrozenModel):
@@ -24,6 +24,10 @@ class LinearCurve(FrozenModel):
     """Value at t = 0."""
     rate_per_frame: Finite
     """Change per frame."""
+
+    def at(self, t: JetField) -> Any:
+        """Return value and, of a jet, derivatives at times t."""
+        return self.start + self.rate_per_frame * t
 
 
 class HarmonicCurve(FrozenModel):
@@ -39,6 +43,10 @@ class HarmonicCurve(FrozenModel):
     """Period in frames."""
     phase_deg: Finite = 0.0
     """Phase at t = 0 in degrees; 0 passes the mean while rising."""
+
+    def at(self, t: JetField) -> Any:
+        """Return value and, of a jet, derivatives at times t."""
+        return self.mean + self.amplitude * np.sin(2 * np.pi / self.period_frames * t + np.deg2rad(self.phase_deg))
 
 
 class KeyframeCurve(FrozenModel):
@@ -62,6 +70,10 @@ class KeyframeCurve(FrozenModel):
             msg = f"needs one of values for each of times_frames: {len(self.values)} for {len(self.times_frames)}"
             raise ValueError(msg)
         return self
+
+    def at(self, t: JetField) -> Any:
+        """Return value and, of a jet, derivatives at times t."""
+        return SplineThrough(self.times_frames, self.values)(t)
 
 
 TimeCurve = Finite | Annotated[LinearCurve | HarmonicCurve | KeyframeCurve, Field(discriminator="kind")]
@@ -95,13 +107,7 @@ def value_at(curve: TimeCurve, t: JetField) -> Any:
     Field or float
         Value and, of a jet, its derivatives; a number for a curve that does not change.
     """
-    if isinstance(curve, LinearCurve):
-        return curve.start + curve.rate_per_frame * t
-    if isinstance(curve, HarmonicCurve):
-        return curve.mean + curve.amplitude * np.sin(2 * np.pi / curve.period_frames * t + np.deg2rad(curve.phase_deg))
-    if isinstance(curve, KeyframeCurve):
-        return SplineThrough(curve.times_frames, curve.values)(t)
-    return curve
+    return curve if isinstance(curve, float | int) else curve.at(t)
 
 
 class SplineThrough:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scene.jets import Field, compose, values_of
+from scenetruth.scene.jets.jet import Field, compose, values_of
 
 __all__ = ["exp_quotient", "sinc_root"]
 

@@ -137,9 +137,9 @@ def where(condition: NDArray[np.bool_], one: Any, other: Any) -> Any:
 def _kernels(field: Jet) -> Any:
     """Return compiled kernels for float64, and their plain reading for other precisions."""
     if field.coefficients.dtype == np.float64:
-        from scenetruth.scene import jet_kernels
+        from scenetruth.scene.jets import kernels
 
-        return jet_kernels
+        return kernels
     return _Plain
 
 
