@@ -22,7 +22,8 @@ from scenetruth.randomness import generator_for
 from scenetruth.raycast import Topology
 from scenetruth.render import choose_renderer
 from scenetruth.scene.check import check_scene
-from scenetruth.scene.spec import Lighting, Scene
+from scenetruth.scene.lighting import Lighting
+from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World, build_world
 from scenetruth.schema import VARIABLES, Intrinsics, label, make_recording
 from scenetruth.truth import (

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scenetruth.scene import load_scene
-from scenetruth.scene import mesh as meshes
+from scenetruth.scene.mesh.file import load
 from scenetruth.scene.world import build_world
 from tests.scenes import SCENES
 
@@ -35,7 +35,7 @@ def test_the_script_makes_the_files(fe: Any) -> None:
     stored = np.load(SCENES / "finite_elements" / "displacements.npy")
     # Solvers of other machines add up in another order.
     np.testing.assert_allclose(stored, displacements, rtol=1e-9, atol=1e-9 * np.abs(displacements).max())
-    mesh = meshes.load(SCENES / "finite_elements" / "plate.obj")
+    mesh = load(SCENES / "finite_elements" / "plate.obj")
     # Written with ten digits.
     np.testing.assert_allclose(mesh.vertices_mm, np.column_stack([nodes, np.zeros(len(nodes))]), atol=1e-8)
     assert (np.sort(mesh.faces, axis=1) == np.sort(triangles, axis=1)).all()
@@ -44,7 +44,7 @@ def test_the_script_makes_the_files(fe: Any) -> None:
 
 
 def test_the_plate_is_whole_and_faces_the_camera(fe: Any) -> None:
-    mesh = meshes.load(SCENES / "finite_elements" / "plate.obj")
+    mesh = load(SCENES / "finite_elements" / "plate.obj")
     corners = mesh.vertices_mm[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     assert (normals[:, 2] < 0).all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,11 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.scene import spec
-from scenetruth.scene.leaf_kernels import inside
-from scenetruth.scene.leaf_outline import entire_margin, half_width_mm, margin_of
-from scenetruth.scene.leaf_shape import LeafShape
-from scenetruth.scene.mesh import TriangleMesh, make_mesh
+from scenetruth.scene.leaf.kernels import inside
+from scenetruth.scene.leaf.mesh import LeafMesh
+from scenetruth.scene.leaf.outline import entire_margin, half_width_mm, margin_of
+from scenetruth.scene.leaf.shape import LeafShape
+from scenetruth.scene.mesh import TriangleMesh
 from tests.scenes import cube
 
 OUTLINES = ["ovate", "lanceolate", "cordate", "elliptic"]
@@ -26,11 +25,11 @@ STALK = {"length_mm": 20.0, "diameter_mm": 2.0}
 
 
 def leaf(**changes: Any) -> TriangleMesh:
-    return make_mesh(leaf_entry(**changes), Path())
+    return leaf_entry(**changes).make()
 
 
-def leaf_entry(**changes: Any) -> spec.LeafMesh:
-    return spec.LeafMesh.model_validate({"kind": "leaf", "length_mm": 60.0, "resolution_mm": 1.5, **changes})
+def leaf_entry(**changes: Any) -> LeafMesh:
+    return LeafMesh.model_validate({"kind": "leaf", "length_mm": 60.0, "resolution_mm": 1.5, **changes})
 
 
 def corner_angles(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -47,7 +46,7 @@ def edges_of(faces: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.in
     return edges, counts
 
 
-def check_sheet(mesh: TriangleMesh, entry: spec.LeafMesh) -> None:
+def check_sheet(mesh: TriangleMesh, entry: LeafMesh) -> None:
     assert mesh.material_mm is not None
     flat, faces = mesh.material_mm, mesh.faces
     corners = flat[faces]
@@ -114,7 +113,7 @@ def test_sheets_of_any_leaf_are_sound(
         petiole={"length_mm": 12.0, "diameter_mm": stalk} if stalk > 1.3 else None,
         resolution_mm=resolution,
     )
-    check_sheet(make_mesh(entry, Path()), entry)
+    check_sheet(entry.make(), entry)
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
@@ -140,7 +139,7 @@ def test_sheets_of_any_palmate_leaf_are_sound(
         petiole={"length_mm": 20.0, "diameter_mm": stalk} if stalk > 1.3 else None,
         resolution_mm=0.75,
     )
-    check_sheet(make_mesh(entry, Path()), entry)
+    check_sheet(entry.make(), entry)
     margin = entire_margin(entry)
     assert margin[0].tolist() == [0, 0]
     assert margin[-1].tolist() == [60, 0]
@@ -327,4 +326,4 @@ def test_impossible_leaves_are_refused_with_their_path(changes: dict[str, Any], 
 
 def test_small_leaf_with_default_resolution_is_told_to_be_finer() -> None:
     with pytest.raises(ValueError, match=r"must not exceed 0\.31"):
-        spec.LeafMesh.model_validate({"kind": "leaf", "length_mm": 2.0})
+        LeafMesh.model_validate({"kind": "leaf", "length_mm": 2.0})

@@ -11,13 +11,15 @@ import pytest
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.scene import spec
 from scenetruth.scene.check import describe_scene
-from scenetruth.scene.leaf_kernels import draw_dots, draw_veins, inside, net
-from scenetruth.scene.leaf_outline import entire_margin, half_width_mm
-from scenetruth.scene.leaf_veins import main_veins_of, side_veins_of
-from scenetruth.scene.mesh import TriangleMesh, make_mesh, plane
-from scenetruth.scene.texture import Painted, make_texture
+from scenetruth.scene.leaf.kernels import draw_dots, draw_veins, inside, net
+from scenetruth.scene.leaf.mesh import LeafMesh
+from scenetruth.scene.leaf.outline import entire_margin, half_width_mm
+from scenetruth.scene.leaf.texture import LeafTexture
+from scenetruth.scene.leaf.veins import main_veins_of, side_veins_of
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh.plane import plane
+from scenetruth.scene.texture import Painted
 from scenetruth.scene.world import build_world
 from tests.scenes import cube
 
@@ -26,16 +28,16 @@ LENGTH = 40.0
 
 def leaf_of(**changes: Any) -> TriangleMesh:
     plain = {"kind": "leaf", "length_mm": LENGTH, "resolution_mm": 2.0, **changes}
-    return make_mesh(spec.LeafMesh.model_validate(plain), Path())
+    return LeafMesh.model_validate(plain).make()
 
 
-def texture_of(**changes: Any) -> spec.LeafTexture:
-    return spec.LeafTexture.model_validate({"kind": "leaf", "texels_per_mm": 10.0, **changes})
+def texture_of(**changes: Any) -> LeafTexture:
+    return LeafTexture.model_validate({"kind": "leaf", "texels_per_mm": 10.0, **changes})
 
 
 @cache
 def painted(seed: int = 4, mesh: TriangleMesh | None = None, **changes: Any) -> Painted:
-    return make_texture(texture_of(**changes), mesh or leaf_of(), Path(), np.random.default_rng(seed))
+    return texture_of(**changes).paint(mesh or leaf_of(), Path(), np.random.default_rng(seed))
 
 
 def seen(item: Painted, a: Any, b: Any, back: bool = False) -> NDArray[np.float64]:
@@ -151,7 +153,7 @@ def test_same_seed_same_leaf_other_seed_other_leaf() -> None:
 
 @pytest.mark.parametrize("outline", ["ovate", "lanceolate", "cordate", "elliptic"])
 def test_side_veins_curve_to_the_margin_inside_the_blade(outline: str) -> None:
-    entry = spec.LeafMesh.model_validate({"kind": "leaf", "outline": outline, "length_mm": LENGTH, "resolution_mm": 1})
+    entry = LeafMesh.model_validate({"kind": "leaf", "outline": outline, "length_mm": LENGTH, "resolution_mm": 1})
     texture = texture_of(secondary_veins=7)
     veins = side_veins_of(entry, texture, np.random.default_rng(1))
     assert len(veins) >= 12
@@ -171,7 +173,7 @@ def test_side_veins_curve_to_the_margin_inside_the_blade(outline: str) -> None:
 
 def test_every_lobe_has_its_veins_inside_the_blade() -> None:
     plain = {"kind": "leaf", "outline": "palmate", "lobes": 9, "length_mm": LENGTH, "resolution_mm": 1}
-    entry = spec.LeafMesh.model_validate(plain)
+    entry = LeafMesh.model_validate(plain)
     margin = entire_margin(entry)
     outline = np.concatenate([margin, margin[-2:0:-1] * (1, -1)])
     main = main_veins_of(entry)
@@ -205,11 +207,11 @@ def test_every_lobe_has_its_veins_inside_the_blade() -> None:
 
 def test_veins_of_lobes_are_seen() -> None:
     mesh = leaf_of(outline="palmate", resolution_mm=1.0)
-    item = make_texture(texture_of(**PLAIN), mesh, Path(), np.random.default_rng(4))
+    item = texture_of(**PLAIN).paint(mesh, Path(), np.random.default_rng(4))
     flat = np.column_stack([mesh.chart_mm.reshape(-1, 2), np.ones(3 * len(mesh.faces))])
     linear = np.linalg.lstsq(flat, item.uv.reshape(-1, 2), rcond=None)[0]
-    assert mesh.leaf is not None
-    for vein in main_veins_of(mesh.leaf):
+    assert isinstance(mesh.source, LeafMesh)
+    for vein in main_veins_of(mesh.source):
         on = vein.points_mm[len(vein.points_mm) // 4 : 3 * len(vein.points_mm) // 4]
         step = on[-1] - on[0]
         beside = on + 1.5 * np.array([-step[1], step[0]]) / np.hypot(*step)

@@ -15,12 +15,12 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.scene import surfaces
+from scenetruth.scene.mesh.sheet import sheet
 from scenetruth.scene.world import build_world
 from tests.scene.test_nodal import scene_with
 
 Array = NDArray[np.float64]
-SHEET = surfaces.sheet((32, 24), 8)
+SHEET = sheet((32, 24), 8)
 TIMES = np.array([0.0, 0.5, 1.25, 2.0])
 WEIGHTS = np.array([[0.0, 1.0], [0.5, 0.75], [1.0, -0.25], [0.25, 0.5]])
 TURN = Rotation.from_euler("xyz", [20, -30, 40], degrees=True)

@@ -8,25 +8,30 @@ from hypothesis import given
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
-from scenetruth.scene import motion, spec
+from scenetruth.scene import motion
+from scenetruth.scene.item import SceneObject
+from scenetruth.scene.mesh.plane import PlaneMesh
 from scenetruth.scene.motion.rotation import ConstantRotation
 from scenetruth.scene.motion.velocity import ConstantVelocity
+from scenetruth.scene.motions import Motion
+from scenetruth.scene.pose import Pose
+from scenetruth.scene.texture.uniform import UniformTexture
 
 vectors = some.tuples(*[some.floats(-50, 50)] * 3)
 axes = vectors.filter(lambda v: sum(x * x for x in v) > 1e-2)
 
 
-def item(*motions: spec.Motion) -> spec.SceneObject:
-    return spec.SceneObject(
+def item(*motions: Motion) -> SceneObject:
+    return SceneObject(
         name="thing",
-        mesh=spec.PlaneMesh(kind="plane", size_mm=(1, 1)),
-        texture=spec.UniformTexture(kind="uniform"),
-        pose=spec.Pose(position_mm=(1, 2, 600)),
+        mesh=PlaneMesh(kind="plane", size_mm=(1, 1)),
+        texture=UniformTexture(kind="uniform"),
+        pose=Pose(position_mm=(1, 2, 600)),
         motion=motions,
     )
 
 
-def motions_of(thing: spec.SceneObject) -> list[motion.PointMap]:
+def motions_of(thing: SceneObject) -> list[motion.PointMap]:
     return [entry.point_map(thing.pose.position_mm) for entry in thing.motion]
 
 

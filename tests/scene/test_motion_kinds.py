@@ -12,11 +12,11 @@ from pydantic import TypeAdapter
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from scenetruth.scene.deformation_spec import Deformation
+from scenetruth.scene.deformations import Deformation
 from scenetruth.scene.motion import compose
 from scenetruth.scene.motion import maps as motion_maps
 from scenetruth.scene.motions import Motion
-from scenetruth.scene.start import SheetStart
+from scenetruth.scene.surface.start import SheetStart
 from tests.scene.moving import body, differences, made, positions, sheet, surface
 
 

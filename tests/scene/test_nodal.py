@@ -13,14 +13,14 @@ import zarr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.scene import surfaces
 from scenetruth.scene.jets import Jet
+from scenetruth.scene.mesh.sheet import sheet
 from scenetruth.scene.nodal import NodalStart
 from scenetruth.scene.world import World, build_world
 from tests.scenes import cube
 
 Array = NDArray[np.float64]
-SHEET = surfaces.sheet((40, 30), 5)
+SHEET = sheet((40, 30), 5)
 
 
 def write_obj(file: Path, vertices: Array, faces: NDArray[np.int32] = SHEET.faces) -> Path:
@@ -124,11 +124,11 @@ def growth(points: Array, t: float) -> Array:
 
 def growth_errors(resolution_mm: float, t: float) -> tuple[Array, Array]:
     """Return errors of the growth rate at the vertices, and against the areas of pairs of triangles."""
-    flat = surfaces.sheet((40, 30), resolution_mm)
+    flat = sheet((40, 30), resolution_mm)
     times = np.linspace(-2, 2, 17)
     rest = rolled(flat.vertices_mm, 0.0)
     start = NodalStart(times, sampled(rolled, times, flat.vertices_mm), flat.faces, rest, 60.0)
-    from scenetruth.scene.surface_kernels import surface_tensors
+    from scenetruth.scene.surface.kernels import surface_tensors
 
     jets = start.surface(Jet.variable(np.array([t]), 0, 3))
     tensors = surface_tensors(*(field.coefficients for field in jets))

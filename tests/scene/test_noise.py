@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from scenetruth.scene.noise import band_limited_noise
-from scenetruth.scene.texture_kernels import linear_lookup, spline_lookup
+from scenetruth.scene.texture.band_limited import band_limited_noise
+from scenetruth.scene.texture.kernels import linear_lookup, spline_lookup
 
 BAND = (0.8, 4.0)
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.scene import mesh
 from scenetruth.scene.jets import Jet
+from scenetruth.scene.mesh.box import box
 from scenetruth.scene.motion import PointMap, Points
 from scenetruth.scene.motion.maps import turn
-from scenetruth.scene.osculation import osculate
-from scenetruth.scene.start import RestStart, SheetStart, Start
-from scenetruth.scene.surface_kernels import surface_tensors
+from scenetruth.scene.surface.kernels import surface_tensors
+from scenetruth.scene.surface.osculation import osculate
+from scenetruth.scene.surface.start import RestStart, SheetStart, Start
 
 Array = NDArray[np.float64]
 
@@ -127,15 +127,15 @@ def test_rigid_motion_neither_grows_nor_bends_but_turns() -> None:
 
 
 def test_sides_of_a_box_are_surfaces_of_their_own() -> None:
-    box = mesh.box((10, 20, 30))
-    found = osculate(box.vertices_mm, box.faces, 1.0)
+    sides = box((10, 20, 30))
+    found = osculate(sides.vertices_mm, sides.faces, 1.0)
     assert len(found.vertices) == 24
-    np.testing.assert_array_equal(found.vertices[found.corners], box.faces)
-    flat = tensors(RestStart(box.vertices_mm, box.faces, 1.0), [])
+    np.testing.assert_array_equal(found.vertices[found.corners], sides.faces)
+    flat = tensors(RestStart(sides.vertices_mm, sides.faces, 1.0), [])
     np.testing.assert_allclose(np.abs(flat[:, :3]).max(axis=1), 1, atol=1e-14)
     np.testing.assert_allclose(flat[:, 12:18], 0, atol=1e-14)
     # With a crease angle of more than its edges a box counts as one smooth surface.
-    assert len(osculate(box.vertices_mm, box.faces, 91.0).vertices) == 8
+    assert len(osculate(sides.vertices_mm, sides.faces, 91.0).vertices) == 8
 
 
 def test_seams_and_flipped_faces_do_not_cut_a_surface() -> None:

@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.scene import mesh as meshes
-from scenetruth.scene import surfaces
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh.cylinder import cylinder
+from scenetruth.scene.mesh.relief import relief
+from scenetruth.scene.mesh.saddle import saddle
+from scenetruth.scene.mesh.sheet import sheet
+from scenetruth.scene.mesh.sphere import sphere, spherical_cap
+from scenetruth.scene.mesh.stairs import stairs
 from scenetruth.scene.world import build_world
 from tests.scenes import cube
 from tests.truth.test_surfaces import POSITION, SPEED, SPIN_DEG, TILT_DEG, scene_of
@@ -19,18 +24,18 @@ from tests.truth.test_surfaces import POSITION, SPEED, SPIN_DEG, TILT_DEG, scene
 Array = NDArray[np.float64]
 
 ALL = {
-    "plane": surfaces.sheet((30, 20), 2),
-    "sphere": surfaces.sphere(12, 1),
-    "cap": surfaces.spherical_cap(20, 50, 1.5),
-    "cylinder": surfaces.cylinder(9, 25, 1),
-    "closed cylinder": surfaces.cylinder(9, 25, 1, caps=True),
-    "saddle": surfaces.saddle((30, 20), 0.03, 1.5),
-    "relief": surfaces.relief((30, 20), 1.0, (12, None), (10, 0), 1.0),
-    "stairs": surfaces.stairs((10, 30), (5, -3), risers=True),
+    "plane": sheet((30, 20), 2),
+    "sphere": sphere(12, 1),
+    "cap": spherical_cap(20, 50, 1.5),
+    "cylinder": cylinder(9, 25, 1),
+    "closed cylinder": cylinder(9, 25, 1, caps=True),
+    "saddle": saddle((30, 20), 0.03, 1.5),
+    "relief": relief((30, 20), 1.0, (12, None), (10, 0), 1.0),
+    "stairs": stairs((10, 30), (5, -3), risers=True),
 }
 
 
-def face_normals(mesh: meshes.TriangleMesh) -> Array:
+def face_normals(mesh: TriangleMesh) -> Array:
     corners = mesh.vertices_mm[mesh.faces]
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
 

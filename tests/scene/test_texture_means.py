@@ -9,10 +9,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from scenetruth.scene import spec
-from scenetruth.scene.mesh import TriangleMesh, plane
-from scenetruth.scene.texture import SurfaceTexture, make_texture
-from scenetruth.scene.texture_kernels import linear_lookup, spline_lookup
+from scenetruth.scene.item import Texture
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh.plane import plane
+from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture.kernels import linear_lookup, spline_lookup
+from scenetruth.scene.texture.noise import NoiseTexture
+from scenetruth.scene.texture.own import OwnTexture
+from scenetruth.scene.texture.plaid import PlaidTexture
+from scenetruth.scene.texture.uniform import UniformTexture
 
 
 def made(kind: str) -> SurfaceTexture:
@@ -21,19 +26,19 @@ def made(kind: str) -> SurfaceTexture:
     if kind == "ramp":
         colours = generator.integers(0, 256, (len(mesh.vertices_mm), 3), dtype=np.uint8)
         mesh = TriangleMesh(mesh.vertices_mm, mesh.faces, mesh.chart_mm, vertex_colours=colours)
-        return make_texture(spec.OwnTexture(kind="own"), mesh, Path(), generator)[0]
+        return OwnTexture(kind="own").paint(mesh, Path(), generator)[0]
     if kind in ("image", "bordered"):
         picture = generator.random((9, 14, 3)).astype(np.float32)
         mesh = TriangleMesh(
             mesh.vertices_mm, mesh.faces, mesh.chart_mm, uv=mesh.uv, image=picture, tiled=kind == "image"
         )
-        return make_texture(spec.OwnTexture(kind="own"), mesh, Path(), generator)[0]
-    entries: dict[str, spec.Texture] = {
-        "noise": spec.NoiseTexture(kind="noise", wavelength_mm=(3.0, 9.0)),
-        "plaid": spec.PlaidTexture(kind="plaid", wavelength_mm=(4.0, 5.0)),
-        "uniform": spec.UniformTexture(kind="uniform", radiance=0.3),
+        return OwnTexture(kind="own").paint(mesh, Path(), generator)[0]
+    entries: dict[str, Texture] = {
+        "noise": NoiseTexture(kind="noise", wavelength_mm=(3.0, 9.0)),
+        "plaid": PlaidTexture(kind="plaid", wavelength_mm=(4.0, 5.0)),
+        "uniform": UniformTexture(kind="uniform", radiance=0.3),
     }
-    return make_texture(entries[kind], mesh, Path(), generator)[0]
+    return entries[kind].paint(mesh, Path(), generator)[0]
 
 
 def footprints(count: int) -> NDArray[np.float64]:
