@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import scenetruth as st
 from scenetruth.scene.mesh.sheet import sheet
 from scenetruth.scene.world import build_world
-from tests.scene.test_nodal import scene_with
+from tests.scene.nodal.test_array import scene_with
 
 Array = NDArray[np.float64]
 SHEET = sheet((32, 24), 8)
