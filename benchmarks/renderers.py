@@ -23,7 +23,8 @@ from scenetruth.raycast import Topology
 from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene, load_scene, scene_from_plain
-from scenetruth.scene.texture import SurfaceTexture, _Image
+from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture.image import Picture
 from scenetruth.scene.world import World, build_world
 from scenetruth.truth import GeometryPass, truth_maps
 
@@ -63,7 +64,7 @@ class Case:
     def bilinear_world(self) -> World:
         """Return the world with its textures as rasters that are interpolated as the other renderers do it."""
         bodies = [
-            replace(body, texture=_Image(texels_of(body.texture), body.texture.tiled)) for body in self.world.bodies
+            replace(body, texture=Picture(texels_of(body.texture), body.texture.tiled)) for body in self.world.bodies
         ]
         return World(tuple(bodies))
 

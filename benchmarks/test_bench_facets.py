@@ -15,8 +15,7 @@ from scenetruth.raycast import RayCaster, Topology
 from scenetruth.raycast import caster as caster_module
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene, scene_from_plain
-from scenetruth.scene import world as world_module
-from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh import MeshModel, TriangleMesh
 from scenetruth.scene.world import World, build_world
 from scenetruth.truth import GeometryPass, truth_maps
 
@@ -54,7 +53,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Scene, World, Topology]:
             ],
         }
     )
-    with patch.object(world_module, "make_mesh", return_value=sheet(request.param)):
+    with patch.object(MeshModel, "make", return_value=sheet(request.param)):
         world = build_world(scene)
     return scene, world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
 

@@ -9,8 +9,8 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from scenetruth.scene import load_scene
-from scenetruth.scene.noise import BandLimitedNoise, band_limited_noise
-from scenetruth.scene.texture_kernels import spline_lookup
+from scenetruth.scene.texture.band_limited import BandLimitedNoise, band_limited_noise
+from scenetruth.scene.texture.kernels import spline_lookup
 from scenetruth.scene.world import build_world
 
 CUBE = load_scene(Path(__file__).parents[1] / "scenes" / "cube.yaml")

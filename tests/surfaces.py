@@ -10,8 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from scenetruth.scene import Scene
-from scenetruth.scene import world as world_module
-from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh import MeshModel, TriangleMesh
 from scenetruth.scene.world import World, build_world
 from tests.scenes import cube
 
@@ -68,5 +67,5 @@ def scene_of(*items: dict[str, Any], **changes: Any) -> Scene:
 
 def world_of(scene: Scene, *meshes: TriangleMesh) -> World:
     """Build the world of a scene with other meshes than it says."""
-    with patch.object(world_module, "make_mesh", side_effect=meshes):
+    with patch.object(MeshModel, "make", side_effect=meshes):
         return build_world(scene)

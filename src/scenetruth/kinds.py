@@ -42,6 +42,9 @@ def kinds_in(base: type[BaseModel], *rooms: str) -> dict[str, type[BaseModel]]:
     found: dict[str, type[BaseModel]] = {}
     for room in rooms:
         for entry in pkgutil.iter_modules(import_module(room).__path__):
+            # Files of kernels hold nothing else, and importing them loads the compiler.
+            if entry.name.endswith("kernels"):
+                continue
             module = import_module(f"{room}.{entry.name}")
             for model in vars(module).values():
                 # What a module imports is another module's kind.

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from functools import partial
+from functools import partial, reduce
 from importlib.metadata import PackageNotFoundError, version
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
 from scenetruth.camera import Schedule
+from scenetruth.files import input_files
 from scenetruth.randomness import generator_for
 from scenetruth.scene.spec import Scene
 from scenetruth.schema import Intrinsics, digest
@@ -56,8 +58,11 @@ def scene_hash(scene: Scene, folder: str | Path = "") -> str:
     folder
         Where relative paths of its files count from.
     """
-    plain = {name: value for name, value in scene.to_plain().items() if name not in _WITHOUT_EFFECT}
-    return digest(_files_by_content(plain, Path(folder)))
+    plain = scene.to_plain()
+    for where, file in input_files(scene):
+        *path, last = (int(key) if key.isdigit() else key for key in where.split("."))
+        reduce(getitem, path, plain)[last] = content_hash(Path(folder) / file)
+    return digest({name: value for name, value in plain.items() if name not in _WITHOUT_EFFECT})
 
 
 def recording_hash(scene_hash: str, backend: str) -> str:
@@ -79,16 +84,6 @@ def provenance_of(scene: Scene, folder: str | Path = "") -> dict[str, Any]:
         "seed": scene.seed,
         "versions": json.dumps(versions),
     }
-
-
-def _files_by_content(value: Any, folder: Path, name: str = "") -> Any:
-    if isinstance(value, dict):
-        return {key: _files_by_content(entry, folder, key) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_files_by_content(entry, folder, name) for entry in value]
-    if name in ("file", "files") and isinstance(value, str):
-        return content_hash(folder / value)
-    return value
 
 
 def content_hash(path: Path) -> str:

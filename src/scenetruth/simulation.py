@@ -18,7 +18,8 @@ from scenetruth.provenance import provenance_of, recording_hash, schedule_of
 from scenetruth.randomness import generator_for
 from scenetruth.render import choose_renderer
 from scenetruth.scene.check import check_scene
-from scenetruth.scene.spec import Lighting, Scene
+from scenetruth.scene.lighting import Lighting
+from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World, build_world
 from scenetruth.schema import VARIABLES, make_recording
 from scenetruth.truth import TruthMaps, TruthPoses, TruthViews, truth_of_world

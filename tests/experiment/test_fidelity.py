@@ -22,6 +22,7 @@ from scenetruth.experiment.fidelity.registration import shift_errors
 from scenetruth.experiment.fidelity.run import SHIFTS_PX, TEXTURES_PX, noise_plane, reference_image, run_fidelity
 from scenetruth.render import opengl
 from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.scene.texture.noise import NoiseTexture
 from scenetruth.scene.world import build_world
 
 SMALL = (50, 75)
@@ -37,7 +38,7 @@ def test_pixel_integral_is_what_64_x_64_samples_of_the_texture_converge_to() -> 
     scene = noise_plane(TEXTURES_PX["beyond Nyquist"], (24, 20))
     item = scene.objects[0]
     assert item.mesh.kind == "plane"
-    assert item.texture.kind == "noise"
+    assert isinstance(item.texture, NoiseTexture)
     body = build_world(scene).bodies[0]
     pitch, n, shift = 660 / 5016, 64, 0.3
     corners = body.vertices_mm[body.faces].reshape(-1, 3)[:, :2]

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.raycast import RayCaster, Topology
 from scenetruth.raycast import caster as caster_module
-from scenetruth.scene.mesh import box
+from scenetruth.scene.mesh.box import box
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import pytest
 
 from scenetruth.raycast import ImageRays, RayCaster, TexturedMesh, Topology
 from scenetruth.raycast.kernels import footprint_forms
-from scenetruth.scene.mesh import box
+from scenetruth.scene.mesh.box import box
 
 
 @pytest.mark.parametrize("per_pixel", [False, True])

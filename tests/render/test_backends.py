@@ -19,6 +19,7 @@ from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import Renderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
+from scenetruth.scene.texture.plaid import PlaidTexture
 from scenetruth.scene.world import World, build_world
 from tests.scenes import cube
 
@@ -62,9 +63,9 @@ def plaid_plane(**changes: Any) -> Scene:
 def analytic_plaid(scene: Scene, t: float, x_mm: float, dx: float = 0.0, dy: float = 0.0) -> NDArray[np.float64]:
     """Return the pattern of `plaid_plane`, averaged over each pixel's footprint; written from the projection alone."""
     camera, item = scene.camera, scene.objects[0]
-    assert item.texture.kind == "plaid"
+    assert isinstance(item.texture, PlaidTexture)
     (c_x, c_y), focal = camera.principal_point, camera.focal_px
-    velocity = np.array(item.motion[0].velocity_mm_per_frame)  # type: ignore[union-attr]
+    velocity = np.array(item.motion[0].velocity_mm_per_frame)  # type: ignore[attr-defined]
     x0, y0, z = np.array(item.pose.position_mm) + velocity * t
     result = np.full((camera.height, camera.width), item.texture.amplitude)
     y, x = np.mgrid[: camera.height, : camera.width]

@@ -17,7 +17,9 @@ from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.render.sides import seen_uv
 from scenetruth.scene import Scene
-from scenetruth.scene.mesh import TriangleMesh, box, plane
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh.box import box
+from scenetruth.scene.mesh.plane import plane
 from scenetruth.scene.world import World
 from tests.surfaces import relief, scene_of, world_of
 

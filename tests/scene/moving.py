@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scene.deformation import Surroundings, deformation_map
-from scenetruth.scene.deformation_spec import DeformationModel
+from scenetruth.scene.deformation import DeformationModel, Surroundings
 from scenetruth.scene.jets import Jet
 from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.motion import PointMap, motion_map
-from scenetruth.scene.motion_spec import Motion
-from scenetruth.scene.start import SheetStart
+from scenetruth.scene.motion import MotionModel, PointMap
+from scenetruth.scene.surface.start import SheetStart
 from scenetruth.scene.texture import SurfaceTexture
 from scenetruth.scene.world import Body
 
@@ -47,9 +45,9 @@ def body(start: SheetStart, maps: Sequence[PointMap]) -> Body:
 def made(entry: Any, around: Surroundings = HOUR) -> PointMap:
     """The map of a motion, about the point (1, -2, 3) mm, or of a deformation."""
     if isinstance(entry, DeformationModel):
-        return deformation_map(entry, around)
-    motion: Motion = entry
-    return motion_map(motion, (1.0, -2.0, 3.0))
+        return entry.point_map(around)
+    motion: MotionModel = entry
+    return motion.point_map((1.0, -2.0, 3.0))
 
 
 def positions(maps: Sequence[PointMap], points: NDArray[Any], t: Any) -> NDArray[Any]:

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import scenetruth as st
 from scenetruth.scene.check import check_scene
-from scenetruth.scene.lamps import lamps_at, lighting_problems
-from scenetruth.scene.spec import Lighting
+from scenetruth.scene.lighting import Lighting
+from scenetruth.scene.lighting_check import lighting_problems
 from scenetruth.scene.world import build_world
 from tests.scenes import SCENES, cube
 
@@ -88,7 +88,7 @@ def test_brightness_must_stay_positive() -> None:
 def test_lamps_move_as_one_rigid_body(t: float) -> None:
     turn = {"kind": "rotation", "axis": [0, 1, 0], "rate_deg_per_frame": 5, "point_mm": CENTRE}
     push = {"kind": "velocity", "velocity_mm_per_frame": [1, 2, 3]}
-    moved = lamps_at(lit(*({**light, "motion": [turn, push]} for light in (SPOT, POINT, SUN))).lighting, t)
+    moved = lit(*({**light, "motion": [turn, push]} for light in (SPOT, POINT, SUN))).lighting.lamps_at(t)
     rotation = Rotation.from_euler("y", 5 * t, degrees=True)
     start = np.array([0.0, -80.0, 400.0])
     position = rotation.apply(start - CENTRE) + CENTRE + t * np.array([1, 2, 3])
@@ -105,7 +105,7 @@ def test_lamps_turn_about_themselves_by_default() -> None:
     turn = {"kind": "rotation", "axis": [1, 0, 0], "rate_deg_per_frame": 90}
     spot = {**SPOT, "direction": [0, 0, 1], "motion": [turn]}
     del spot["target_mm"]
-    (lamp,) = lamps_at(lit(spot).lighting, 1.0)
+    (lamp,) = lit(spot).lighting.lamps_at(1.0)
     np.testing.assert_allclose(lamp.position_mm, [0, -80, 400], atol=1e-9)  # type: ignore[arg-type]
     np.testing.assert_allclose(lamp.axis, [0, -1, 0], atol=1e-12)
 

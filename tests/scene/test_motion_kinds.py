@@ -12,11 +12,11 @@ from pydantic import TypeAdapter
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from scenetruth.scene import motion
-from scenetruth.scene.deformation_spec import Deformation
+from scenetruth.scene.deformations import Deformation
 from scenetruth.scene.motion import compose
-from scenetruth.scene.motion_spec import Motion
-from scenetruth.scene.start import SheetStart
+from scenetruth.scene.motion import maps as motion_maps
+from scenetruth.scene.motions import Motion
+from scenetruth.scene.surface.start import SheetStart
 from tests.scene.moving import body, differences, made, positions, sheet, surface
 
 
@@ -168,9 +168,9 @@ def test_a_leaf_of_all_parts_moves_consistently() -> None:
 def test_points_in_blocks_are_moved_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     start = sheet(90, 60)
     leaf = body(start, [made(entry(name)) for name in ("growth", "bending", "nutation")])
-    assert len(start.material_mm) > motion._BLOCK
+    assert len(start.material_mm) > motion_maps._BLOCK
     blocks, tensors = leaf.at(0.7), leaf.surface_at(0.7)
-    monkeypatch.setattr(motion, "_BLOCK", 10**9)
+    monkeypatch.setattr(motion_maps, "_BLOCK", 10**9)
     whole = leaf.at(0.7)
     np.testing.assert_array_equal(blocks.accelerations, whole.accelerations)
     np.testing.assert_array_equal(blocks.positions_mm, whole.positions_mm)

@@ -11,7 +11,7 @@ import trimesh
 
 import scenetruth as st
 from scenetruth.scene import scene_from_plain
-from scenetruth.scene.motion_presets import MOTION_PRESETS
+from scenetruth.scene.motion.presets import MOTION_PRESETS
 from scenetruth.scene.world import build_world
 from tests.scene.moving import sheet
 from tests.scenes import cube

@@ -13,8 +13,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.scene import mesh as meshes
 from scenetruth.scene.check import check_scene, describe_scene
+from scenetruth.scene.mesh.box import box
+from scenetruth.scene.mesh.file import load
 from scenetruth.scene.world import build_world
 from tests.scenes import SCENES, cube
 
@@ -40,13 +41,13 @@ def test_mesh_files_give_the_same_depth(tmp_path: Path, form: str) -> None:
 
 
 def test_mesh_units() -> None:
-    one = meshes.box((1, 1, 1))
+    one = box((1, 1, 1))
     assert np.ptp(one.vertices_mm, axis=0).tolist() == [1, 1, 1]
 
 
 def test_mesh_unit_mm_scales(tmp_path: Path) -> None:
     file = ball(tmp_path / "ball.ply")
-    np.testing.assert_allclose(meshes.load(file, 2.0).vertices_mm, 2 * meshes.load(file).vertices_mm)
+    np.testing.assert_allclose(load(file, 2.0).vertices_mm, 2 * load(file).vertices_mm)
 
 
 @pytest.mark.parametrize(
@@ -186,7 +187,7 @@ def test_all_objects_that_cannot_be_made_are_named() -> None:
 
 
 def test_charts_are_isometric_and_do_not_overlap() -> None:
-    mesh = meshes.box((10, 20, 30))
+    mesh = box((10, 20, 30))
     corners, chart = mesh.vertices_mm[mesh.faces], mesh.chart_mm
     for one, two in ((0, 1), (1, 2), (2, 0)):
         on_mesh = np.linalg.norm(corners[:, one] - corners[:, two], axis=1)
@@ -201,7 +202,7 @@ def test_charts_are_isometric_and_do_not_overlap() -> None:
 
 def test_box_projection_keeps_a_cubes_sides_isometric(tmp_path: Path) -> None:
     trimesh.creation.box((10, 20, 30)).export(tmp_path / "box.stl")
-    mesh = meshes.load(tmp_path / "box.stl")
+    mesh = load(tmp_path / "box.stl")
     corners = mesh.vertices_mm[mesh.faces]
     np.testing.assert_allclose(
         np.linalg.norm(mesh.chart_mm[:, 0] - mesh.chart_mm[:, 1], axis=1),
@@ -249,6 +250,6 @@ def test_report_of_the_cube() -> None:
     assert report.recording_bytes == 5 * 9 * 160 * 120 * 4
     (item,) = report.objects
     turn = Rotation.from_euler("yx", [45, 20], degrees=True)
-    corners = turn.apply(meshes.box((49, 49, 49)).vertices_mm)[:, 2] + 692.56
+    corners = turn.apply(box((49, 49, 49)).vertices_mm)[:, 2] + 692.56
     assert item.depth_mm == pytest.approx((corners.min() - 4, corners.max() + 4))
     assert item.wavelength_px == pytest.approx((3.2 * 1254 / item.depth_mm[1], 12 * 1254 / item.depth_mm[0]))

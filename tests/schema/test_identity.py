@@ -14,7 +14,7 @@ from scenetruth.provenance import scene_hash
 from scenetruth.schema import check_same_run
 from tests.scenes import SCENES, cube
 
-TINY = {"camera": {"width": 40, "height": 30, "focal_length_px": 300}, "frames": {"count": 1}}
+TINY = {"camera": {"width": 40, "height": 30, "focal_length_px": 700}, "frames": {"count": 1}}
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ def analytic_box_depth(scene: Scene, x_mm: float, t: float) -> Array:
     about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
     about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
     turn = about_x @ about_y
-    velocity = np.asarray(scene.objects[0].motion[0].velocity_mm_per_frame)  # type: ignore[union-attr]
+    velocity = np.asarray(scene.objects[0].motion[0].velocity_mm_per_frame)  # type: ignore[attr-defined]
     centre = np.array([0, 0, 692.56]) + velocity * t
     width, height, focal = scene.camera.width, scene.camera.height, scene.camera.focal_px
     y, x = np.mgrid[:height, :width]

@@ -14,7 +14,7 @@ from scenetruth.render.opengl import use_platform
 from scenetruth.render.protocol import Renderer
 from scenetruth.render.quadrature import even_rule
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.scene.spec import Lighting
+from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.world import World
 
 __all__ = ["PyrenderRenderer"]

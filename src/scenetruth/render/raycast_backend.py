@@ -13,7 +13,7 @@ from scenetruth.render.protocol import Renderer
 from scenetruth.render.quadrature import gauss_rule
 from scenetruth.render.shading import Shader
 from scenetruth.render.sides import seen_uv
-from scenetruth.scene.spec import Lighting
+from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.world import World
 
 __all__ = ["RaycastRenderer"]

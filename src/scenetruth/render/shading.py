@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast import Hits, RayCaster, ShadowCaster
-from scenetruth.scene.lamps import Lamp, lamps_at
-from scenetruth.scene.spec import Lighting
+from scenetruth.scene.light import Lamp
+from scenetruth.scene.lighting import Lighting
 
 __all__ = ["PixelLight", "Shader"]
 
@@ -119,7 +119,7 @@ class Shader:
             seen,
             self._face_normals(caster),
         )
-        lamps = lamps_at(self._lighting, t)
+        lamps = self._lighting.lamps_at(t)
         irradiance, zones = self.irradiance(caster, lamps, points, normals, hits.face[seen])
         factors, state = np.ones(len(directions)), np.zeros(len(directions), dtype=np.uint64)
         factors[seen], state[seen] = irradiance, zones

@@ -10,9 +10,9 @@ import numpy as np
 
 from scenetruth.camera import chain_of
 from scenetruth.errors import Problem, SceneError, SceneWarning
-from scenetruth.scene import spec
-from scenetruth.scene.lamps import lighting_problems
+from scenetruth.scene.lighting_check import lighting_problems
 from scenetruth.scene.spec import Scene
+from scenetruth.scene.texture import TextureModel
 from scenetruth.scene.times import times_of
 from scenetruth.scene.world import World
 
@@ -212,12 +212,9 @@ def _in_view(scene: Scene, vertices: np.ndarray) -> bool:
     return False
 
 
-def _wavelengths_px(texture: spec.Texture, focal: float, near: float, far: float) -> tuple[float, float] | None:
-    if isinstance(texture, spec.NoiseTexture | spec.PlaidTexture):
-        return min(texture.wavelength_mm) * focal / far, max(texture.wavelength_mm) * focal / near
-    if isinstance(texture, spec.LeafTexture):
-        return texture.mottling_wavelength_mm[0] * focal / far, texture.mottling_wavelength_mm[1] * focal / near
-    return None
+def _wavelengths_px(texture: TextureModel, focal: float, near: float, far: float) -> tuple[float, float] | None:
+    wavelengths = texture.shortest_and_longest_mm
+    return None if wavelengths is None else (wavelengths[0] * focal / far, wavelengths[1] * focal / near)
 
 
 def _texture_warnings(reports: list[ObjectReport]) -> list[str]:

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
+from scenetruth.files import context_of
 from scenetruth.scene.spec import Scene
 
 __all__ = ["apply_overrides", "load_scene", "scene_from_plain"]
@@ -52,12 +53,20 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     if not isinstance(plain, dict):
         raise SceneError([Problem("", "must be a mapping of camera, stage, frames, objects, ...", plain)], source=path)
     apply_overrides(plain, overrides, source=path)
-    _make_paths_absolute(plain, path.parent.resolve())
-    return scene_from_plain(plain, source=path)
+    return scene_from_plain(plain, source=path, folder=path.parent.resolve())
 
 
-def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None) -> Scene:
+def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None, folder: Path | None = None) -> Scene:
     """Validate a scene given as plain values.
+
+    Parameters
+    ----------
+    plain
+        The values, as in a scene file.
+    source
+        Where they are from, for messages.
+    folder
+        Folder that relative paths of files count from; None leaves them as they are.
 
     Raises
     ------
@@ -77,7 +86,7 @@ def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None)
                 for problem in error.problems
             ]
     try:
-        scene = Scene.model_validate(validated)
+        scene = Scene.model_validate(validated, context=context_of(folder))
     except ValidationError as error:
         raise SceneError([*_problems_of(error, plain), *problems], source=source) from error
     if problems:
@@ -135,21 +144,6 @@ def _assign(target: Any, keys: list[str], value: Any) -> str | None:
     return None
 
 
-def _make_paths_absolute(plain: dict[str, Any], folder: Path) -> None:
-    objects = plain.get("objects")
-    for item in objects if isinstance(objects, list) else ():
-        for part in ("mesh", "texture"):
-            entry = item.get(part) if isinstance(item, dict) else None
-            if isinstance(entry, dict) and isinstance(entry.get("file"), str):
-                entry["file"] = str(folder / entry["file"])
-        deformations = item.get("deformation") if isinstance(item, dict) else None
-        for entry in deformations if isinstance(deformations, list) else ():
-            if isinstance(entry, dict) and isinstance(entry.get("file"), str):
-                entry["file"] = str(folder / entry["file"])
-            if isinstance(entry, dict) and isinstance(entry.get("files"), list):
-                entry["files"] = [str(folder / name) if isinstance(name, str) else name for name in entry["files"]]
-
-
 def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
     found: dict[tuple[str, str], tuple[str, Problem]] = {}
     for entry in error.errors():
@@ -181,28 +175,19 @@ def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int]) -> str:
         listed = isinstance(here, list) and isinstance(key, int) and key < len(here)
         if inside or listed:
             here = here[key]  # type: ignore[index]
-        elif index < len(loc) - 1 or _is_union_member(str(key)) or _is_kind(here, key):
+        elif index < len(loc) - 1 or _is_union_member(here, key):
             continue
         keys.append(str(key))
     return ".".join(keys)
 
 
-def _is_kind(here: object, key: str | int) -> bool:
-    """Tell whether a key names the kind of a mapping, as pydantic adds it when the mapping as a whole is wrong."""
-    return isinstance(here, dict) and here.get("kind") == key
-
-
-def _is_union_member(key: str) -> bool:
-    return key.startswith(("literal[", "function-")) or key in (
-        "ideal",
-        "gaussian",
-        "emva1288",
-        "chain",
-        "int",
-        "float",
-        "str",
-        "constrained-int",
-    )
+def _is_union_member(here: object, key: str | int) -> bool:
+    """Tell whether the last part of a location names a type that was tried, not a field or an index."""
+    if isinstance(key, int):
+        return False
+    # A mapping that is wrong as a whole is reported under its kind, which may be called like a field.
+    kind = here.get("kind") if isinstance(here, dict) else None
+    return key not in _known_keys() or (isinstance(kind, str) and kind.lower() == key)
 
 
 def _suggestion(key: str) -> str:

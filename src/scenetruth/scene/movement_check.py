@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
-from scenetruth.scene.deformation import DeformationStep, deformation_problem
+from scenetruth.scene.deformation import DeformationStep
+from scenetruth.scene.item import SceneObject
 from scenetruth.scene.motion import PointMap, Points
-from scenetruth.scene.motion_presets import FRAME_INTERVAL_S
-from scenetruth.scene.spec import Scene, SceneObject
-from scenetruth.scene.start import Start
+from scenetruth.scene.motion.presets import FRAME_INTERVAL_S
+from scenetruth.scene.spec import Scene
+from scenetruth.scene.surface.start import Start
 
 __all__ = ["movement_problems"]
 
@@ -59,7 +60,7 @@ def movement_problems(
             if not isinstance(item, DeformationStep):
                 points = item(points, at)
                 continue
-            field, message = deformation_problem(item, points, at)
+            field, message = item.problem(points, at)
             moved = points if field else item(points, at)
             if not field and item.entry.in_the_flat:
                 message = _inside_out(points, moved, faces)

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.camera import Frames
 from scenetruth.errors import Problem, SceneError
 from scenetruth.randomness import generator_for
-from scenetruth.scene.deformation import DeformationStep, Surroundings, deformation_map
+from scenetruth.scene.deformation import DeformationModel, DeformationStep, Surroundings
+from scenetruth.scene.item import SceneObject
 from scenetruth.scene.jets import Jet
-from scenetruth.scene.mesh import TriangleMesh, make_mesh
-from scenetruth.scene.motion import Moved, PointMap, apply, motions_about, moved_of, pose_map
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.motion import Moved, PointMap, apply, moved_of, pose_map
 from scenetruth.scene.movement_check import movement_problems
-from scenetruth.scene.nodal_spec import NodalModel
-from scenetruth.scene.spec import FileMesh, Scene, SceneObject
-from scenetruth.scene.start import RestStart, SheetStart, SmoothStart, Start
-from scenetruth.scene.texture import SurfaceTexture, make_texture
+from scenetruth.scene.nodal import NodalModel
+from scenetruth.scene.spec import Scene
+from scenetruth.scene.surface.start import Start, start_of
+from scenetruth.scene.texture import SurfaceTexture
 from scenetruth.scene.times import times_of
 
 __all__ = ["Body", "Snapshot", "World", "build_world", "maps_of"]
@@ -75,7 +75,7 @@ class Body:
 
     def surface_at(self, t: float) -> NDArray[np.float64]:
         """Return the tensors of motion and form of all surface points at time t; see `surface_tensors`."""
-        from scenetruth.scene.surface_kernels import surface_tensors
+        from scenetruth.scene.surface.kernels import surface_tensors
 
         time = Jet.variable(np.array([float(t)]), 0, 3)
         points = self.start.surface(time)
@@ -205,12 +205,13 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
     for path, item in scene.parts:
         part = "mesh"
         try:
-            mesh = make_mesh(item.mesh, folder)
+            mesh = item.mesh.make(folder)
             part = "texture"
             generator = generator_for(scene.seed, "texture", item.name)
-            texture, uv, uv_back = make_texture(item.texture, mesh, folder, generator)
+            texture, uv, uv_back = item.texture.paint(mesh, folder, generator)
             part = "deformation.0"
-            start = _start_of(item, mesh, folder, scene.frames)
+            given = item.deformation[0] if item.deformation else None
+            start = given.start(mesh, folder, scene.frames) if isinstance(given, NodalModel) else start_of(mesh)
         except SceneError as error:
             problems += [
                 Problem(f"{path}.{part}.{problem.path}", problem.message, problem.value) for problem in error.problems
@@ -232,9 +233,9 @@ def maps_of(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> l
     x = mesh.vertices_mm[:, 0] if mesh.material_mm is None else mesh.material_mm[:, 0]
     around = Surroundings((float(x.min()), float(x.max())), frame_interval_s)
     steps = [
-        DeformationStep(number, entry, around, deformation_map(entry, around))
+        DeformationStep(number, entry, around, entry.point_map(around))
         for number, entry in enumerate(item.deformation)
-        if not isinstance(entry, NodalModel)
+        if isinstance(entry, DeformationModel)
     ]
     in_the_flat = [step for step in steps if mesh.shape is not None and step.entry.in_the_flat]
     shape = [] if mesh.shape is None else [mesh.shape]
@@ -244,18 +245,5 @@ def maps_of(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> l
         *shape,
         *(step for step in steps if step not in in_the_flat),
         pose_map(item.pose.position_mm, rotations),
-        *motions_about(item.motion, item.pose.position_mm),
+        *(motion.point_map(item.pose.position_mm) for motion in item.motion),
     ]
-
-
-def _start_of(item: SceneObject, mesh: TriangleMesh, folder: Path, frames: Frames) -> Start:
-    given = item.deformation[0] if item.deformation else None
-    if isinstance(given, NodalModel) and isinstance(item.mesh, FileMesh):
-        from scenetruth.scene.nodal import nodal_start
-
-        return nodal_start(given, mesh, folder / item.mesh.file, item.mesh.unit_mm, folder, frames)
-    if mesh.material_mm is not None:
-        return SheetStart(mesh.material_mm, mesh.faces)
-    if mesh.along is not None:
-        return SmoothStart(mesh.vertices_mm, mesh.faces, mesh.along)
-    return RestStart(mesh.vertices_mm, mesh.faces, mesh.crease_deg)

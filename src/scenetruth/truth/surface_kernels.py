@@ -51,7 +51,7 @@ def fill_surface_maps(
     """Interpolate the tensors of surface points at every pixel and take them apart.
 
     ``normal`` is that of the face at every pixel in the camera's frame, towards the camera, shape (3, n); ``tensors``
-    are those of `scenetruth.scene.surface_kernels.surface_tensors` in the world, ``to_camera`` turns the world into the
+    are those of `scenetruth.scene.surface.kernels.surface_tensors` in the world, ``to_camera`` turns the world into the
     camera's frame. Returns principal curvatures (2, n), rotation rate (3, n), growth rate (n), principal growth rates
     (2, n) and the direction of the first (3, n); NaN where nothing is met.
     """

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from scenetruth.experiment.fidelity.run import Fidelity, Measurement
+    from scenetruth.experiment.fidelity.results import Fidelity, Measurement
 
 __all__ = ["draw_errors", "draw_maps"]
 

@@ -6,7 +6,7 @@ import csv
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,13 @@ from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.experiment.fidelity.reference import PlaneImage
 from scenetruth.experiment.fidelity.registration import shift_errors
+from scenetruth.experiment.fidelity.results import BOUNDS_PX, Fidelity, Measurement
 from scenetruth.randomness import generator_for
 from scenetruth.render import Renderer
 from scenetruth.scene import Scene, scene_from_plain
-from scenetruth.scene.noise import band_limited_noise
-from scenetruth.scene.texture import noise_limit
+from scenetruth.scene.mesh.plane import PlaneMesh
+from scenetruth.scene.texture.band_limited import band_limited_noise
+from scenetruth.scene.texture.noise import NoiseTexture
 from scenetruth.scene.world import World, build_world
 
 __all__ = [
@@ -48,80 +50,12 @@ SAMPLINGS = (1, 2, 4, 8)
 SUBSET_PX = 25
 """Edge of the square subsets that are registered."""
 
-BOUNDS_PX = {"pyrender": 5e-4, "raycast": 1e-4}
-"""What the rms of the shift errors must not exceed with the band-limited texture and 4 x 4 samples; ten times as much
-for the largest error."""
 
 _FOCAL_LENGTH_PX = 5016.0
 _DEPTH_MM = 660.0
 _MARGIN_PX = 8  # of the plane around the image, at every shift: no silhouette takes part
 _PITCH_MM = _DEPTH_MM / _FOCAL_LENGTH_PX
 _OBJECT = "plane"
-
-
-@dataclass(frozen=True)
-class Fidelity:
-    """How true one backend is with one number of samples.
-
-    Parameters
-    ----------
-    texture
-        Which of `TEXTURES_PX`.
-    shortest_wavelength_px
-        Its shortest wavelength.
-    backend
-        Name of the renderer, with its platform.
-    supersampling
-        n, of n x n samples.
-    subsets
-        How many subsets were registered, over all shifts.
-    rms_px, max_px
-        Of the shift errors of all subsets, x and y together.
-    rms_grey, max_grey
-        Of rendered minus exact grey values, over the texture's standard deviation.
-    seconds_per_image
-        Median over the shifts.
-    """
-
-    texture: str
-    shortest_wavelength_px: float
-    backend: str
-    supersampling: int
-    subsets: int
-    rms_px: float
-    max_px: float
-    rms_grey: float
-    max_grey: float
-    seconds_per_image: float
-
-    @property
-    def bound_px(self) -> float | None:
-        """The rms shift error that this must not exceed, where `BOUNDS_PX` states one."""
-        if self.texture != "band-limited" or self.supersampling != 4:
-            return None
-        return BOUNDS_PX[self.backend.split()[0]]
-
-    @property
-    def within_bounds(self) -> bool | None:
-        """Whether rms and maximum keep to the bound; None where there is none."""
-        bound = self.bound_px
-        return None if bound is None else self.rms_px <= bound and self.max_px <= 10 * bound
-
-
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """A result and what it was computed from.
-
-    Parameters
-    ----------
-    result
-        The figures.
-    errors_px
-        Shift errors (x, y) of every subset, shape (shifts, rows, columns, 2).
-    """
-
-    result: Fidelity
-    errors_px: NDArray[np.float64]
 
 
 def noise_plane(wavelength_px: tuple[float, float], shape: tuple[int, int]) -> Scene:
@@ -163,15 +97,15 @@ def reference_image(scene: Scene) -> PlaneImage:
     The noise is made anew from the scene's seed; nothing of the renderers' splines or coordinates is used.
     """
     item = scene.objects[0]
-    assert item.texture.kind == "noise"
-    assert item.mesh.kind == "plane"
+    assert isinstance(item.texture, NoiseTexture)
+    assert isinstance(item.mesh, PlaneMesh)
     entry, (plane_width, plane_height) = item.texture, item.mesh.size_mm
     noise = band_limited_noise(
         entry.wavelength_mm,
         (plane_width, plane_height),
         generator_for(scene.seed, "texture", item.name),
         exponent=entry.spectrum_exponent,
-        peak=noise_limit(entry),
+        peak=entry.peak,
     )
     width, height = scene.camera.width, scene.camera.height
     first = [(plane - (side - 1) * _PITCH_MM) / 2 for plane, side in ((plane_width, width), (plane_height, height))]
@@ -271,7 +205,7 @@ def _measure(
     exact: Sequence[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
 ) -> Measurement:
     item = scene.objects[0].texture
-    assert item.kind == "noise"
+    assert isinstance(item, NoiseTexture)
     viewpoint = Viewpoint.on_axis(0.0)
     renderer.render(0.0, viewpoint)  # compiles and uploads, untimed
     seconds, errors, grey = [], [], []

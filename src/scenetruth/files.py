@@ -1,0 +1,80 @@
+"""Fields of models that name input files: relative paths become absolute, and all files of a model can be listed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+from pydantic import AfterValidator, BaseModel, ValidationInfo
+
+__all__ = ["InputFile", "context_of", "input_files"]
+
+_FOLDER = "folder"
+
+
+class _NamesAFile:
+    """Marks the type of a path."""
+
+
+_MARK = _NamesAFile()
+
+
+def _absolute(value: str, info: ValidationInfo) -> str:
+    folder = (info.context or {}).get(_FOLDER)
+    return value if folder is None else str(folder / value)
+
+
+InputFile = Annotated[str, _MARK, AfterValidator(_absolute)]
+"""Path of a file that a model is made from; relative paths count from the folder of the validation's context."""
+
+
+def context_of(folder: Path | None) -> dict[str, Any]:
+    """Return the context of a validation that makes relative paths absolute.
+
+    Parameters
+    ----------
+    folder
+        Folder that relative paths count from; None leaves them as they are.
+    """
+    return {_FOLDER: folder}
+
+
+def input_files(model: BaseModel) -> list[tuple[str, Path]]:
+    """Return every file that a validated model names.
+
+    Parameters
+    ----------
+    model
+        The model; models, tuples, lists and mappings in it are looked through.
+
+    Returns
+    -------
+    list
+        Where the model names it (``objects.0.mesh.file``), and the path.
+    """
+    return list(_files_of_model(model, ""))
+
+
+def _files_of_model(model: BaseModel, where: str) -> Iterator[tuple[str, Path]]:
+    for name, field in type(model).model_fields.items():
+        marked = _MARK in field.metadata or _is_marked(field.annotation)
+        yield from _files_in(getattr(model, name), f"{where}{name}", marked)
+
+
+def _files_in(value: Any, where: str, marked: bool) -> Iterator[tuple[str, Path]]:
+    if isinstance(value, BaseModel):
+        yield from _files_of_model(value, f"{where}.")
+    elif isinstance(value, tuple | list):
+        for index, item in enumerate(value):
+            yield from _files_in(item, f"{where}.{index}", marked)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _files_in(item, f"{where}.{key}", marked)
+    elif marked and isinstance(value, str):
+        yield where, Path(value)
+
+
+def _is_marked(annotation: Any) -> bool:
+    """Whether a type is, or is made from, that of a path."""
+    return annotation is _MARK or any(_is_marked(part) for part in get_args(annotation))

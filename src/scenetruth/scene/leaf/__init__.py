@@ -1,0 +1,1 @@
+"""Leaves: their margin, form and mesh, and what is seen on them."""

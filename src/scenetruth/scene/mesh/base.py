@@ -1,0 +1,96 @@
+"""What all meshes are: a model of the scene file that is made into triangles with coordinates on their surface."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.model import FrozenModel
+from scenetruth.scene.motion import PointMap
+
+__all__ = ["MeshModel", "TriangleMesh"]
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """A triangle mesh.
+
+    Parameters
+    ----------
+    vertices_mm
+        Positions in the object's own frame (X right, Y down, Z forward), shape (n, 3), float64.
+    faces
+        Vertex indices, shape (m, 3), int32.
+    chart_mm
+        Coordinates on the surface in mm at every corner of every face, shape (m, 3, 2). Faces that must not show the
+        same piece of a pattern lie in different places of the chart.
+    uv
+        Coordinates in a texture image, shape (m, 3, 2): (0, 0) is its upper left, (1, 1) its lower right corner.
+        None if the mesh has none.
+    tiled
+        Whether ``uv`` outside [0, 1] repeats the image (files) or keeps its border (generated meshes).
+    image
+        Texture image that came with the mesh, uint8 or float, shape (h, w) or (h, w, c), or None.
+    vertex_colours
+        Colours that came with the mesh, uint8, shape (n, 3), or None.
+    crease_deg
+        Edges between faces that differ by more are edges of the object; others are parts of a smooth surface.
+    material_mm
+        Coordinates (a, b) of the vertices on the flat sheet that the mesh is made from, shape (n, 2), or None.
+    shape
+        The map of that sheet, at (a, b, 0), to ``vertices_mm``; None if it is flat, or no sheet.
+    source
+        The model that it was made from, or None.
+    uv_back
+        As ``uv``, for whoever sees a face from behind, so that its corners run the other way round; None if both sides
+        show the same.
+    along
+        Derivatives (a, b, aa, ab, bb) of the vertices' positions by two coordinates along the smooth surface that the
+        mesh stands for, shape (5, n, 3), with a x b to the outside; None if it has no formula, or is a sheet.
+    """
+
+    vertices_mm: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    chart_mm: NDArray[np.float64]
+    uv: NDArray[np.float64] | None = None
+    tiled: bool = False
+    image: NDArray[Any] | None = None
+    vertex_colours: NDArray[np.uint8] | None = None
+    crease_deg: float = 1.0
+    material_mm: NDArray[np.float64] | None = None
+    shape: PointMap | None = None
+    source: MeshModel | None = None
+    uv_back: NDArray[np.float64] | None = None
+    along: NDArray[np.float64] | None = None
+
+
+class MeshModel(FrozenModel):
+    """What all meshes share."""
+
+    kind: str
+    """Name of the shape."""
+
+    @final
+    def make(self, folder: Path = Path()) -> TriangleMesh:
+        """Make the mesh.
+
+        Parameters
+        ----------
+        folder
+            Where relative paths count from.
+
+        Raises
+        ------
+        SceneError
+            If it cannot be made; paths count from the mesh.
+        """
+        return replace(self.triangles(folder), source=self)
+
+    @abstractmethod
+    def triangles(self, folder: Path) -> TriangleMesh:
+        """Return vertices, faces and coordinates; see `make`."""

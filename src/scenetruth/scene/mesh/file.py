@@ -1,0 +1,112 @@
+"""Meshes from files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.errors import Problem, SceneError
+from scenetruth.files import InputFile
+from scenetruth.model import Positive
+from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+
+__all__ = ["FileMesh", "load"]
+
+
+class FileMesh(MeshModel):
+    """A triangle mesh from a file (OBJ, PLY, GLB, STL); its coordinates X right, Y down, Z forward."""
+
+    kind: Literal["file"]
+    """``file``."""
+    file: InputFile
+    """Path of the file; relative paths count from the scene file."""
+    unit_mm: Positive = 1.0
+    """Length of one unit of the file in mm."""
+
+    def triangles(self, folder: Path) -> TriangleMesh:
+        """Return the mesh; see `MeshModel`."""
+        return load(folder / self.file, self.unit_mm)
+
+
+def load(file: Path, unit_mm: float = 1.0) -> TriangleMesh:
+    """Load a mesh file with trimesh.
+
+    Parameters
+    ----------
+    file
+        OBJ, PLY, GLB or STL. Its coordinates are taken as X right, Y down, Z forward.
+    unit_mm
+        Length of the file's unit in mm.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, unreadable, without faces, or holds numbers that are not finite.
+    """
+    import trimesh
+
+    if not file.is_file():
+        raise SceneError([Problem("file", "no such mesh file", str(file))])
+    try:
+        loaded = trimesh.load(file, force="mesh", process=False)
+    except Exception as error:  # trimesh's loaders raise whatever their formats raise
+        raise SceneError([Problem("file", f"cannot be read as a mesh: {error}", str(file))]) from error
+    faces = np.asarray(getattr(loaded, "faces", ()), dtype=np.int64)
+    if faces.ndim != 2 or len(faces) == 0:
+        raise SceneError([Problem("file", "has no faces", str(file))])
+    vertices = np.asarray(loaded.vertices, dtype=np.float64) * unit_mm
+    if not np.all(np.isfinite(vertices)):
+        count = int(np.sum(~np.isfinite(vertices).all(axis=1)))
+        raise SceneError([Problem("file", f"has {count} vertices that are not finite", str(file))])
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise SceneError([Problem("file", "has faces that refer to vertices which do not exist", str(file))])
+    areas = np.linalg.norm(_face_normals(vertices, faces), axis=1)
+    # A sliver without area has no normal and no surface; it can be dropped without changing the shape.
+    faces = faces[areas > 1e-14 * max(float(areas.max()), 1e-300)].astype(np.int32)
+    if len(faces) == 0:
+        raise SceneError([Problem("file", "has only faces without area", str(file))])
+    uv, image, colours = _appearance(loaded, faces)
+    return TriangleMesh(vertices, faces, _box_projection(vertices, faces), uv, True, image, colours)
+
+
+def _face_normals(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
+    corners = vertices[faces]
+    normals: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals
+
+
+def _box_projection(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Project each face along the axis nearest to its normal; each of the six directions has a place of its own."""
+    normals = _face_normals(vertices, faces)
+    axis = np.argmax(np.abs(normals), axis=1)
+    sign = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0
+    low, extent = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    corners = (vertices - low)[faces]
+    cell = np.array([max(extent[0], extent[2]), max(extent[1], extent[2])])
+    chart = np.empty((len(faces), 3, 2))
+    for normal_axis, (across, down) in enumerate(((2, 1), (0, 2), (0, 1))):
+        chosen = axis == normal_axis
+        chart[chosen] = corners[chosen][:, :, [across, down]]
+    chart[..., 0] += (axis * cell[0])[:, None]
+    chart[..., 1] += (sign * cell[1])[:, None]
+    return chart
+
+
+def _appearance(
+    loaded: Any, faces: NDArray[np.int32]
+) -> tuple[NDArray[np.float64] | None, NDArray[Any] | None, NDArray[np.uint8] | None]:
+    visual = loaded.visual
+    if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
+        # Mesh files count v upwards from the image's lower edge, an image counts its rows downwards.
+        uv = np.asarray(visual.uv, dtype=np.float64) * (1, -1) + (0, 1)
+        material = visual.material
+        picture = getattr(material, "baseColorTexture", None)
+        if picture is None:
+            picture = getattr(material, "image", None)
+        return uv[faces], None if picture is None else np.asarray(picture.convert("RGB")), None
+    if getattr(visual, "kind", None) == "vertex":
+        return None, None, np.asarray(visual.vertex_colors, dtype=np.uint8)[:, :3]
+    return None, None, None

@@ -1,0 +1,134 @@
+"""Maps of points, applied one after the other, with all derivatives in time; rotations and poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.scene.jets import Field, Jet
+from scenetruth.scene.jets.smooth import sinc_root
+from scenetruth.scene.motion.base import Moved, PointMap, Points
+
+__all__ = ["apply", "compose", "moved_of", "pose_map", "turn", "turn_by"]
+
+# Points mapped at once: what a map keeps in between, some jets of ten numbers a point, fits into the cache.
+_BLOCK = 4096
+
+
+def compose(maps: Sequence[PointMap], points_mm: NDArray[np.float64], t: float) -> Moved:
+    """Apply maps one after the other to points that rest.
+
+    Parameters
+    ----------
+    maps
+        The maps, first applied first.
+    points_mm
+        Positions before all of them, shape (n, 3), mm.
+    t
+        Time in frames, any real number.
+    """
+    points: Points = tuple(Jet.constant(column, 1) for column in np.ascontiguousarray(points_mm.T))  # type: ignore[assignment]
+    time = Jet.variable(np.array([float(t)]), 0, 1)
+    return moved_of(apply(maps, points, time), len(points_mm))
+
+
+def apply(maps: Sequence[PointMap], points: Points, t: Field) -> Points:
+    """Apply maps one after the other to jets of n points, in blocks that stay in the processor's cache.
+
+    Parameters
+    ----------
+    maps
+        The maps, first applied first.
+    points
+        Coordinates, three jets of n values, or of one that stands for all.
+    t
+        Time, a jet of one value.
+    """
+    count = max(len(field) for field in points)
+    if not maps or count <= _BLOCK:
+        for item in maps:
+            points = item(points, t)
+        return points
+    results = [np.empty((len(field.coefficients), count)) for field in points]
+    for low in range(0, count, _BLOCK):
+        part: Points = tuple(  # type: ignore[assignment]
+            field if len(field) == 1 else Jet(field.coefficients[:, low : low + _BLOCK]) for field in points
+        )
+        for item in maps:
+            part = item(part, t)
+        for result, field in zip(results, part, strict=True):
+            result[:, low : low + _BLOCK] = field.coefficients
+    return Jet(results[0]), Jet(results[1]), Jet(results[2])
+
+
+def moved_of(points: Points, count: int) -> Moved:
+    """Return positions, velocities and accelerations from coordinates that are jets in time."""
+    rows = [np.broadcast_to(field.coefficients, (3, count)) for field in points]
+    return Moved(*(np.stack([row[order] for row in rows], axis=1) for order in range(3)))
+
+
+def pose_map(
+    position_mm: tuple[float, float, float], rotations: Sequence[tuple[tuple[float, float, float], float]]
+) -> PointMap:
+    """Return the map from an object's own frame to the world: rotations (axis, angle in degrees), then a shift."""
+
+    def place(points: Points, t: Field) -> Points:
+        for axis, angle_deg in rotations:
+            points = turn(points, axis, np.deg2rad(angle_deg), (0.0, 0.0, 0.0))
+        x, y, z = points
+        return x + position_mm[0], y + position_mm[1], z + position_mm[2]
+
+    return place
+
+
+def turn(points: Points, axis: tuple[float, float, float], angle: Any, centre: tuple[float, float, float]) -> Points:
+    """Turn points about an axis through a centre (right-hand rule, Rodrigues' formula).
+
+    Parameters
+    ----------
+    points
+        Coordinates, mm.
+    axis
+        Direction of the axis, of any length.
+    angle
+        Angle in rad: a number or a field.
+    centre
+        Point on the axis, mm.
+    """
+    nx, ny, nz = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+    x, y, z = (field - at for field, at in zip(points, centre, strict=True))
+    sine, cosine = np.sin(angle), np.cos(angle)
+    along = (nx * x + ny * y + nz * z) * (1 - cosine)
+    return (
+        x * cosine + (ny * z - nz * y) * sine + nx * along + centre[0],
+        y * cosine + (nz * x - nx * z) * sine + ny * along + centre[1],
+        z * cosine + (nx * y - ny * x) * sine + nz * along + centre[2],
+    )
+
+
+def turn_by(points: Points, vector_rad: Points, centre: tuple[float, float, float]) -> Points:
+    """Turn points by a rotation vector, which may vanish, about a centre.
+
+    Parameters
+    ----------
+    points
+        Coordinates, mm.
+    vector_rad
+        The axis, its length the angle in rad (right-hand rule): three fields.
+    centre
+        Point that stays in place, mm.
+    """
+    x, y, z = (field - at for field, at in zip(points, centre, strict=True))
+    u, v, w = vector_rad
+    square = u * u + v * v + w * w
+    half = sinc_root(square * 0.25)
+    once, twice = sinc_root(square), half * half * 0.5
+    i, j, k = v * z - w * y, w * x - u * z, u * y - v * x
+    return (
+        x + once * i + twice * (v * k - w * j) + centre[0],
+        y + once * j + twice * (w * i - u * k) + centre[1],
+        z + once * k + twice * (u * j - v * i) + centre[2],
+    )

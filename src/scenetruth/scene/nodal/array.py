@@ -1,0 +1,95 @@
+"""Arrays of nodal displacements or positions, as finite-element solvers write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from scenetruth.camera import Frames
+from scenetruth.errors import Problem, SceneError
+from scenetruth.files import InputFile
+from scenetruth.model import Positive
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.nodal.base import States, TimedModel
+
+__all__ = ["Nodal"]
+
+Floats = NDArray[np.float64]
+
+
+class Nodal(TimedModel):
+    """An array of nodal displacements or positions, as a finite-element solver writes it."""
+
+    kind: Literal["nodal"]
+    """``nodal``."""
+    file: InputFile
+    """NumPy file (.npy, .npz) or zarr store with shape (frames, nodes, 3), nodes as in the mesh file; relative paths
+    count from the scene file."""
+    key: str | None = None
+    """Name of the array in an .npz file or a zarr group; null if there is only one."""
+    what: Literal["displacements", "positions"] = "displacements"
+    """What it holds: displacements from the mesh file's positions, or positions; in the mesh's own frame."""
+    unit_mm: Positive = 1.0
+    """Length of one unit of the array in mm."""
+
+    def states(self, mesh: TriangleMesh, mesh_file: Path, unit_mm: float, folder: Path, frames: Frames) -> States:
+        """Read the array; see `NodalModel`."""
+        source = folder / self.file
+        states = _read_array(source, self.key)
+        order = _node_order(mesh_file, mesh.vertices_mm / unit_mm)
+        nodes = len(mesh.vertices_mm) if order is None else order[1]
+        if states.ndim != 3 or states.shape[1:] != (nodes, 3) or states.dtype.kind not in "fiu":
+            message = f"must hold numbers of shape (frames, {nodes}, 3), for the {nodes} nodes of {mesh_file.name}"
+            raise SceneError([Problem("file", message, f"{states.dtype} of shape {states.shape}")])
+        states = np.asarray(states if order is None else states[:, order[0]], dtype=np.float64) * self.unit_mm
+        if self.what == "displacements":
+            states = states + mesh.vertices_mm
+        return States(self.times(len(states)), states, "file", source)
+
+
+def _read_array(file: Path, key: str | None) -> NDArray[Any]:
+    if not file.exists():
+        raise SceneError([Problem("file", "no such file", str(file))])
+    try:
+        if file.is_dir() or file.suffix == ".zarr":
+            import zarr
+
+            loaded: Any = zarr.open(str(file), mode="r")
+            names = None if isinstance(loaded, zarr.Array) else sorted(loaded.array_keys())
+        else:
+            loaded = np.load(file, allow_pickle=False)
+            names = None if isinstance(loaded, np.ndarray) else sorted(loaded.files)
+        if names is not None:
+            chosen = key if key is not None or len(names) != 1 else names[0]
+            if chosen not in names:
+                message = f"must name one of its arrays: {', '.join(names) or '(it has none)'}"
+                raise SceneError([Problem("key", message, key)])
+            loaded = loaded[chosen]
+        return np.asarray(loaded[...])
+    except SceneError:
+        raise
+    except Exception as error:  # numpy's and zarr's readers raise whatever their formats raise
+        raise SceneError([Problem("file", f"cannot be read as an array: {error}", str(file))]) from error
+
+
+def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] | None:
+    """Return which node of an OBJ file each vertex is, and how many nodes there are; None if they are in order.
+
+    An OBJ file may have nodes that no face uses, and its nodes are split where a texture has seams.
+    """
+    if file.suffix.lower() != ".obj":
+        return None
+    lines = (line.split() for line in file.read_text(encoding="utf-8", errors="replace").splitlines())
+    nodes = np.array([[float(word) for word in line[1:4]] for line in lines if line and line[0] == "v"])
+    if nodes.shape == vertices.shape and np.allclose(nodes, vertices, rtol=1e-9, atol=0):
+        return None
+    near = 1e-9 * float(np.abs(nodes).max())
+    distance, found = cKDTree(nodes).query(vertices, k=2)
+    if distance[:, 0].max() > near or distance[:, 1].min() <= near:
+        message = "has several nodes at one place and seams in its texture: which node is which is not clear"
+        raise SceneError([Problem("file", message, str(file))])
+    return found[:, 0], len(nodes)
