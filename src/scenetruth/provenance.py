@@ -5,9 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from functools import partial, reduce
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +59,11 @@ def scene_hash(scene: Scene, folder: str | Path = "") -> str:
     """
     plain = scene.to_plain()
     for where, file in input_files(scene):
+        place: Any = plain
         *path, last = (int(key) if key.isdigit() else key for key in where.split("."))
-        reduce(getitem, path, plain)[last] = content_hash(Path(folder) / file)
+        for key in path:
+            place = place[key]
+        place[last] = content_hash(Path(folder) / file)
     return digest({name: value for name, value in plain.items() if name not in _WITHOUT_EFFECT})
 
 
