@@ -1,7 +1,7 @@
 """Compare what two checkouts make of every scene: recordings and truths bit for bit, estimates to a tolerance.
 
     git worktree add ../before COMMIT
-    python tools/compare_checkouts.py ../before . [--scenes cube leaf] [--complete] [--keep FOLDER]
+    python tools/compare_checkouts.py ../before . [--scenes cube leaf] [--complete] [--set PATH=VALUE] [--keep FOLDER]
 
 Run it with the Python of an environment in which either checkout runs. What one checkout made is kept in FOLDER/before
 and FOLDER/after and taken from there when it is asked for again; delete what is to be made anew.
@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 import scenetruth as st
 
-file, target, content = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
+file, target, content, *overrides = Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:]
 warnings.simplefilter("ignore")
-scene = st.load_scene(file)
+scene = st.load_scene(file, overrides)
 
 def digests(dataset):
     found = {}
@@ -43,14 +43,15 @@ target.with_suffix(".json").write_text(json.dumps({"recording": digests(recordin
 """
 
 
-def make(checkout: Path, scene: str, target: Path, content: str) -> None:
+def make(checkout: Path, scene: str, target: Path, content: str, overrides: list[str]) -> None:
     """Make recording, truth and estimate of a scene with one checkout, if that is not done yet."""
     if target.with_suffix(".json").exists():
         return
     environment = {**os.environ, "PYTHONPATH": str(checkout / "src")}
     # The scene of the checkout itself: a field that was renamed is renamed there too.
     file = checkout / "scenes" / f"{scene}.yaml"
-    subprocess.run([sys.executable, "-c", WORKER, file, target, content], env=environment, cwd=checkout, check=True)
+    command = [sys.executable, "-c", WORKER, file, target, content, *overrides]
+    subprocess.run(command, env=environment, cwd=checkout, check=True)
 
 
 def differences(before: Path, after: Path, tolerance: float) -> list[str]:
@@ -87,6 +88,7 @@ def main() -> int:
     parser.add_argument("after", type=Path)
     parser.add_argument("--scenes", nargs="*", help="names of scenes; all of the first checkout if not given")
     parser.add_argument("--complete", action="store_true", help="compare the complete truth")
+    parser.add_argument("--set", dest="overrides", action="append", default=[], help="override a field in both")
     parser.add_argument("--tolerance", type=float, default=1e-6, help="of estimates, relative to values above 1")
     parser.add_argument("--keep", type=Path, default=Path("outputs/compare"), help="where results are kept")
     arguments = parser.parse_args()
@@ -95,7 +97,7 @@ def main() -> int:
     keep, differing = arguments.keep.resolve(), 0
     for scene in scenes:
         for name, checkout in (("before", arguments.before), ("after", arguments.after)):
-            make(checkout.resolve(), scene, keep / name / content / scene, content)
+            make(checkout.resolve(), scene, keep / name / content / scene, content, arguments.overrides)
         found = differences(keep / "before" / content / scene, keep / "after" / content / scene, arguments.tolerance)
         differing += bool(found)
         print(f"{scene}: {'equal' if not found else ''}", *found, sep="\n    " if found else "", flush=True)

@@ -16,7 +16,7 @@ Bounds = Annotated[tuple[NonNegative, ...], Field(min_length=1)]
 
 
 class EstimateSettings(FrozenModel):
-    """How the 4D structure tensor is set up; the defaults are the paper's (section 4)."""
+    """How the 4D structure tensor is set up; filters and windows are the paper's (section 4) if not given."""
 
     window_sigma_px: Positive = 6.0
     """Standard deviation of the Gaussian window B in x and y, in px."""
@@ -26,9 +26,9 @@ class EstimateSettings(FrozenModel):
     """Standard deviation of the Gaussian window B in t, in frames."""
     window_taps_frames: Annotated[int, Field(ge=1)] = 5
     """Length of that window in t, odd."""
-    tau: NonNegative | Literal["auto"] = 0.0012
+    tau: NonNegative | Literal["auto"] = "auto"
     """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1];
-    ``auto`` puts it just above what the images' noise makes."""
+    ``auto`` puts it just above what the images' noise makes. The paper's is 0.0012, for strong textures."""
     noise_std: Positive | Literal["auto"] = "auto"
     """Standard deviation σ_n of the images' noise, for grey values in [-1, 1], from which error bars follow; ``auto``
     takes it from what the model leaves unexplained around each pixel."""

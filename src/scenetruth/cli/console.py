@@ -92,7 +92,9 @@ def guard(run: Callable[[], None]) -> None:
     except BaseException as error:
         # Compiled code may turn the interrupt that reaches it into an error of its own.
         if _interrupted:
-            _print_error("interrupted; nothing half-written was kept, the command can be repeated")
+            _print_error(
+                "interrupted; nothing half-written was kept, only finished results; the command can be repeated"
+            )
             sys.exit(_EXIT_INTERRUPTED)
         if isinstance(error, ScenetruthError):
             _print_error(str(error))

@@ -57,7 +57,9 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize(("noise", "tau"), [(0.0, 0.0012), (0.02, 0.0012), (0.02, "auto"), (0.005, "auto")])
+@pytest.mark.parametrize(
+    ("noise", "tau"), [(0.0, 0.0012), (0.02, 0.0012), (0.02, "auto"), (0.005, "auto"), (0.0, "auto")]
+)
 def test_kinds_are_right_on_99_percent_of_the_pixels(noise: float, tau: float | str) -> None:
     estimate = st.estimate(scene(noise), working_point_px=0, flow_working_point_px=(0, 0), tau=tau).isel(t=0)
     right = []

@@ -26,15 +26,19 @@ def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[T
     settings = task.settings
     if settings.tau != "auto":
         return task, float(settings.noise_std) if settings.noise_std != "auto" else float("nan")
-    power = _sample_noise(task, registrations) if settings.noise_std == "auto" else float(settings.noise_std) ** 2
-    tau = _TAU_OVER_NOISE * power * task.noise.gradient
+    if settings.noise_std == "auto":
+        power, largest = _sample(task, registrations)
+    else:
+        power, largest = float(settings.noise_std) ** 2, 0.0
+    # Images without noise leave what float32 cannot tell from zero beside the largest eigenvalue.
+    tau = max(_TAU_OVER_NOISE * power * task.noise.gradient, float(np.finfo(np.float32).eps) * largest)
     return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
 
 
-def _sample_noise(task: Task, registrations: Sequence[Registration]) -> float:
+def _sample(task: Task, registrations: Sequence[Registration]) -> tuple[float, float]:
     """Estimate the power of the images' noise from what the model leaves unexplained, at pixels all over the image.
 
-    Each pixel takes the registration that suits it best, as in the estimate itself.
+    Returns it, and the largest eigenvalue that was met. Each pixel takes the registration that suits it best, as in the estimate itself.
     """
     plain = replace(task, settings=task.settings.model_copy(update={"tau": 0.0}), outputs=task.outputs[:1])
     model, (height, width) = task.noise, task.images.shape[-2:]
@@ -48,9 +52,10 @@ def _sample_noise(task: Task, registrations: Sequence[Registration]) -> float:
             if top <= y < bottom:
                 tiles = np.array([(y, y + 1, x, x + 1) for x in inside], dtype=np.int64).reshape(-1, 4)
                 run_kernel(plain, item, Candidate(number, images, 0.0), tiles, line, y)
-    powers = []
+    powers, largest = [], 0.0
     for _, line in lines:
         at = (0, 0, np.flatnonzero(line.choice[0, 0] >= 0))
+        largest = max(largest, float(line.eigenvalues[0, 0, 0, at[-1]].max(initial=0.0)))
         if task.rig.sees_depth:
             of_unit = model.residual_s[0] + model.residual_s[1] * line.v_x[at] ** 2
             powers.append(line.residual_s[at] / of_unit)
@@ -59,4 +64,4 @@ def _sample_noise(task: Task, registrations: Sequence[Registration]) -> float:
             powers.append(line.residual_t[at] / of_unit)
     values = np.concatenate(powers)
     values = values[np.isfinite(values)]
-    return float(max(np.median(values), 0.0)) if values.size else 0.0
+    return (float(max(np.median(values), 0.0)) if values.size else 0.0), largest

@@ -19,6 +19,8 @@ from scenetruth.schema import KIND_FULL
 
 __all__ = ["conditions", "measure", "run_figure2"]
 
+_PAPERS_TAU = 0.0012
+
 Progress = Callable[[str, int, int], None]
 
 WAVELENGTHS_PX = (4, 8, 16, 32)
@@ -72,7 +74,13 @@ def measure(condition: Condition, divergence: Literal["paper", "consistent"], ru
             noise_std=condition.noise_std,
             generator=generator,
         )
-        maps = estimate(recording, working_point_px=0, flow_working_point_px=(0, 0), divergence=divergence)
+        maps = estimate(
+            recording,
+            working_point_px=0,
+            flow_working_point_px=(0, 0),
+            divergence=divergence,
+            tau=_PAPERS_TAU,
+        )
         centre = {"t": 0, "y": recording.sizes["y"] // 2, "x": recording.sizes["x"] // 2}
         pixel = maps.isel(centre)
         if int(pixel["kind"]) != KIND_FULL:

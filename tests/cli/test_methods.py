@@ -1,0 +1,102 @@
+"""Methods side by side on the command line, parts of different runs, and images without a truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import scenetruth as st
+from tests.cli.test_app import names, scenetruth
+from tests.scenes import cube
+
+SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "frames": {"count": 5}}
+
+
+def write_scene(file: Path, **changes: object) -> Path:
+    file.write_text(yaml.safe_dump(cube(**SMALL, **changes).to_plain()))
+    return file
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("runs")
+    scene = write_scene(place / "scene.yaml")
+    done = scenetruth("run", scene, "-o", place / "x", "--method", "structure_tensor", "--method", "opencv_flow")
+    assert done.returncode == 0, done.stderr
+    assert "structure_tensor, region interior" in done.stdout
+    assert "opencv_flow, region interior" in done.stdout
+    return place / "x"
+
+
+def test_run_puts_methods_side_by_side(folder: Path) -> None:
+    for name in ("estimate.zarr", "estimate.opencv_flow.zarr", "score.opencv_flow.json", "report.opencv_flow.html"):
+        assert (folder / name).exists()
+
+
+def test_one_other_method_is_the_scenes_own_from_then_on(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path / "scene.yaml")
+    overrides = ("--set", "estimate.flow_window_px=15")
+    done = scenetruth("run", scene, "-o", tmp_path / "x", "--method", "opencv_flow", *overrides)
+    assert done.returncode == 0, done.stderr
+    assert "estimate.zarr" in names(tmp_path / "x")
+    again = st.load_scene(tmp_path / "x" / "scene.yaml")
+    assert again.estimate.method == "opencv_flow"
+    estimate = st.load(tmp_path / "x" / "estimate.zarr", "estimate")
+    assert json.loads(estimate.attrs["settings"])["flow_window_px"] == 15
+
+
+def test_score_and_report_take_every_estimate(folder: Path) -> None:
+    done = scenetruth("score", folder, "--overwrite")
+    assert done.returncode == 0, done.stderr
+    assert "score.json" in done.stdout
+    assert "score.opencv_flow.json" in done.stdout
+    done = scenetruth("report", folder, "--overwrite", "--method", "opencv_flow")
+    assert done.returncode == 0, done.stderr
+    assert "report.opencv_flow.html" in done.stdout
+
+
+def test_parts_of_different_runs_are_refused_unless_allowed(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    scene = write_scene(tmp_path / "scene.yaml", seed=99)
+    assert scenetruth("render", scene, "-o", other).returncode == 0
+    st.save(st.load(folder / "estimate.zarr"), other / "estimate.zarr")
+    done = scenetruth("score", other)
+    assert done.returncode == 2
+    assert "estimate.zarr: belongs to another recording than" in done.stderr
+    assert str(other / "recording.zarr") in done.stderr
+    assert "--allow-mismatch" in done.stderr
+    assert scenetruth("score", other, "--allow-mismatch").returncode == 0
+
+
+def test_real_images_are_estimated_and_reported(tmp_path: Path) -> None:
+    images = np.random.default_rng(0).integers(0, 255, (3, 3, 48, 64), dtype=np.uint8)
+    st.save(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
+    for command in (("estimate", "--set", "estimate.working_point_px=0"), ("report",)):
+        done = scenetruth(command[0], tmp_path, *command[1:])
+        assert done.returncode == 0, done.stderr
+    assert "no truth" in (tmp_path / "report.html").read_text().lower()
+    done = scenetruth("score", tmp_path)
+    assert done.returncode == 2
+    assert "truth.zarr: no such store" in done.stderr
+
+
+def test_methods_are_listed() -> None:
+    done = scenetruth("methods")
+    assert done.returncode == 0, done.stderr
+    for name in ("structure_tensor", "opencv_stereo", "opencv_flow", "opencv_scene_flow"):
+        assert name in done.stdout
+
+
+def test_a_method_that_cannot_is_named_before_the_work(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path / "scene.yaml")
+    wrong = scenetruth("run", scene, "-o", tmp_path / "x", "--method", "opencv_flw")
+    assert wrong.returncode == 2
+    assert "did you mean 'opencv_flow'?" in wrong.stderr
+    single = scenetruth("run", scene, "-o", tmp_path / "x", "--method", "opencv_flow", "--set", "frames.count=1")
+    assert single.returncode == 2
+    assert "frames.count: 'opencv_flow' needs 2 frames (got 1)" in single.stderr
+    assert not (tmp_path / "x").exists()
