@@ -38,7 +38,8 @@ def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[T
 def _sample(task: Task, registrations: Sequence[Registration]) -> tuple[float, float]:
     """Estimate the power of the images' noise from what the model leaves unexplained, at pixels all over the image.
 
-    Returns it, and the largest eigenvalue that was met. Each pixel takes the registration that suits it best, as in the estimate itself.
+    Returns it, and the largest eigenvalue that was met. Each pixel takes the registration that suits it best, as in the
+    estimate itself.
     """
     plain = replace(task, settings=task.settings.model_copy(update={"tau": 0.0}), outputs=task.outputs[:1])
     model, (height, width) = task.noise, task.images.shape[-2:]
