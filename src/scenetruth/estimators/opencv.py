@@ -31,6 +31,8 @@ Map = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 _SIXTEENTHS = 16
+# Columns that are enough to find the range of disparities.
+_LEAST_WIDTH = 160
 
 
 class StereoSettings(MethodSettings):
@@ -209,18 +211,19 @@ def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, 
 
 
 def _least_disparity(reference: Bytes, other: Bytes, span: int) -> int:
-    """Return the least disparity of the range in which most of the image is found at a quarter of the resolution."""
+    """Return the least disparity of the range in which most of the image is found, at a lower resolution if it can."""
     import cv2
 
-    small = [cv2.resize(image, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA) for image in (reference, other)]
-    width = small[0].shape[1]
+    factor = next((factor for factor in (4, 2) if reference.shape[1] // factor >= _LEAST_WIDTH), 1)
+    size = (reference.shape[1] // factor, reference.shape[0] // factor)
+    small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (reference, other)]
     # Matching needs some columns beside the range.
-    most = max(16, (width - 32) // 16 * 16)
+    most = max(16, (size[0] - 32) // 16 * 16)
     matcher = cv2.StereoSGBM.create(0, most, 7, P1=8 * 49, P2=32 * 49, uniquenessRatio=10)
-    pad = cv2.copyMakeBorder
-    padded = [pad(image, 0, 0, most, 0, cv2.BORDER_REPLICATE) for image in small]
+    padded = [cv2.copyMakeBorder(image, 0, 0, most, 0, cv2.BORDER_REPLICATE) for image in small]
     found = np.asarray(matcher.compute(*padded)[:, most:], dtype=np.float64) / _SIXTEENTHS
-    known = found[found > 0] * 4
+    found[np.arange(size[0]) - found < 0] = 0
+    known = found[found > 0] * factor
     if known.size == 0:
         return 0
     low, high = np.percentile(known, (5, 95))

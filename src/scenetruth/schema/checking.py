@@ -76,7 +76,7 @@ def _intrinsics_problems(dataset: xr.Dataset) -> list[Problem]:
             problems.append(Problem(f"attrs.{name}", "must be a finite number", value))
         elif positive and float(value or 0) <= 0:
             problems.append(Problem(f"attrs.{name}", "must be positive", value))
-        elif value == 0 and dataset.sizes.get("s", 2) > 1:
+        elif value == 0 and dataset.sizes.get("s", 1) > 1:
             problems.append(
                 Problem(f"attrs.{name}", "must not be zero: depth cannot be seen without a baseline", value)
             )

@@ -69,7 +69,8 @@ class Plane:
         images = np.moveaxis(images, 0, -1) if channels else images[0]
         if noise:
             images = images + np.random.default_rng(seed).normal(0, noise / 2, images.shape)
-        return st.make_recording(images.astype(np.float32), self.focal_length_px, baseline_mm, stage_x_mm=positions)
+        single = images.astype(np.float32)
+        return st.make_recording(single, self.focal_length_px, baseline_mm, stage_x_mm=positions, full_scale=1.0)
 
     def truth(self, baseline_mm: float = 1.0) -> dict[str, Array]:
         """Return depth, velocity, disparity, flow and divergence of the reference."""

@@ -78,7 +78,9 @@ def barred(disparity: int, seed: int, bars: int) -> NDArray[np.float32]:
 @given(disparity=some.integers(10, 30), seed=some.integers(0, 10_000), bars=some.integers(1, 12))
 def test_no_disparity_is_false_beside_the_border(disparity: int, seed: int, bars: int) -> None:
     still = np.repeat(barred(disparity, seed, bars)[:, None], 5, axis=1)
-    recording = st.make_recording(still + np.random.default_rng(seed).normal(0, 0.002, still.shape), 500.0, 5.0)
+    recording = st.make_recording(
+        still + np.random.default_rng(seed).normal(0, 0.002, still.shape), 500.0, 5.0, full_scale=1.0
+    )
     estimate = st.estimate(recording, tau=0.0, flow_working_point_px=(0, 0))
     known = estimate["kind_disparity"].values != KIND_NONE
     assert known.any()

@@ -68,4 +68,5 @@ def pattern_recording(
     if noise_std > 0:
         assert generator is not None
         grey = grey + noise_std * generator.standard_normal(shape)
-    return make_recording((grey + 1) / 2, FOCAL_LENGTH_PX, baseline)
+    # Noise may exceed full scale a little.
+    return make_recording((grey + 1) / 2, FOCAL_LENGTH_PX, baseline, full_scale=1.0)
