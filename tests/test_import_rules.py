@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "pipeline": {
         *LEAVES,
         "scene",
-        "provenance",
+        "camera", "provenance",
         "schema",
         "estimators",
         "scoring",

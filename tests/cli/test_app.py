@@ -1,4 +1,4 @@
-"""The commands as a user runs them: in a process of their own."""
+"""The commands as a user runs them; in processes of their own where that matters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,21 +17,11 @@ import yaml
 
 import scenetruth as st
 from scenetruth.cli.app import app
+from tests.cli.calling import in_own_process, names, scenetruth
 from tests.scenes import SCENES, cube
 
 STORES = {"recording.zarr", "truth.zarr"}
 RESULTS = {"scene.yaml", *STORES, "estimate.zarr", "score.json", "score.csv", "report.html", "figures"}
-
-
-def scenetruth(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "scenetruth", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-        **options,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -46,15 +35,11 @@ def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def finished(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "one"
-    done = scenetruth("run", scene_file, "-o", folder, "--images", "png")
+    done = in_own_process("run", scene_file, "-o", folder, "--images", "png")
     assert done.returncode == 0, done.stderr
     assert "depth" in done.stdout
     assert "rendered with raycast" in done.stderr
     return folder
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 def test_run_does_everything_in_one_go(finished: Path) -> None:
@@ -336,12 +321,12 @@ def test_no_gl_at_all_renders_by_ray_casting_and_says_why(scene_file: Path, tmp_
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
     arguments: list[str | Path] = ["render", scene_file, "-o", tmp_path / "out", "--set", "render.backend=auto"]
-    done = scenetruth(*arguments, env=environment)
+    done = in_own_process(*arguments, env=environment)
     assert done.returncode == 0, done.stderr
     assert "rendered with raycast" in done.stderr
     assert "osmesa" in done.stderr
     assert "rendered by ray casting instead" in done.stderr
-    refused = scenetruth(*arguments[:3], tmp_path / "two", "--set", "render.backend=pyrender", env=environment)
+    refused = in_own_process(*arguments[:3], tmp_path / "two", "--set", "render.backend=pyrender", env=environment)
     assert refused.returncode == 2
     assert "libosmesa6" in refused.stderr
     assert not (tmp_path / "two").exists()

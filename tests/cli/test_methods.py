@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import scenetruth as st
-from tests.cli.test_app import names, scenetruth
+from tests.cli.calling import names, scenetruth
 from tests.scenes import cube
 
 SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "frames": {"count": 5}}

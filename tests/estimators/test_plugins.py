@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,8 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.estimators import find_method, method_entries
 from scenetruth.scene import Scene
-from tests.estimators.plugins import BLOCK_MATCHING, offer, offer_block_matching
+from tests.cli.calling import scenetruth
+from tests.estimators.plugins import offer, offer_block_matching
 from tests.scenes import cube
 
 TINY = {"camera": {"width": 96, "height": 64, "focal_length_px": 900}, "frames": {"count": 2}}
@@ -67,16 +66,9 @@ def test_settings_of_a_plug_in_are_validated_and_in_the_schema(tmp_path: Path, m
     assert "Side of the blocks in px, odd." in json.dumps(variants)
 
 
-def test_the_command_line_runs_a_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    offer_block_matching(tmp_path / "site", monkeypatch)
-    path = os.pathsep.join([str(tmp_path / "site"), str(BLOCK_MATCHING), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, "-m", "scenetruth", "methods"],
-        env={**os.environ, "PYTHONPATH": path, "COLUMNS": "150"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+def test_the_command_line_lists_a_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    offer_block_matching(tmp_path, monkeypatch)
+    done = scenetruth("methods", env={**os.environ, "COLUMNS": "150"})
     assert "block_matching" in done.stdout
     assert "block-matching 0.3" in done.stdout
 

@@ -111,7 +111,7 @@ def test_estimate_holds_what_its_method_gives(held: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize(("largest", "dtype"), [(255.0, np.float32), (1.01, np.float64)])
 def test_floats_of_unknown_full_scale_are_refused(largest: float, dtype: type) -> None:
-    images = np.full((2, 1, 4, 4), 0.5, dtype=dtype)
+    images: np.ndarray = np.full((2, 1, 4, 4), 0.5, dtype=dtype)
     images[0, 0, 0, 0] = largest
     with pytest.raises(st.RecordingError, match=r"beyond \[-1, 1\]: say by full_scale= which value is full scale"):
         st.make_recording(images, 100.0, 5.0)

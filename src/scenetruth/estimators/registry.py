@@ -168,6 +168,8 @@ def _made(found: Any, name: str) -> Estimator:
         shadows = sorted(RESERVED_SETTINGS & set(found.settings.model_fields))
         if shadows:
             wrong.append(f"its settings have names that are reserved: {', '.join(shadows)}; rename them")
+    if not wrong and found.name != name:
+        wrong.append(f"calls itself '{found.name}': the name of its entry point must be the same")
     if wrong:
         raise _refused("; ".join(wrong), name)
     return cast("Estimator", found)
