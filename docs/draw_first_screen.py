@@ -1,4 +1,4 @@
-"""Draws the picture of the README: a growing rosette as the camera sees it, and three of the maps that are known of it."""
+"""Draws the picture of the README: a growing rosette as the camera sees it, and three of its true maps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def main() -> None:
     motion_um = 1000 * truth["velocity"].sel(component="Z").values
     growth = 100 / hours_per_frame * truth["growth_rate"].values
 
-    figure, axes = plt.subplots(1, 4, figsize=(13.6, 3.4), layout="constrained")
+    figure, axes = plt.subplots(1, 4, figsize=(13.6, 3.72), layout="constrained")
     bright = image.values / recording.attrs["full_scale"]
     panel(axes[0], bright, "image", "share of full scale", "gray", (0.0, float(np.percentile(bright, 99.9))))
     # The bench under the pot lies deeper; the scale is for the plant.
