@@ -10,7 +10,7 @@ help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
 	@echo "make test    environment, then lint, types and all tests"
 	@echo "make bench   environment, then the benchmarks"
-	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md)"
+	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md) and of the README"
 	@echo "make format  environment, then the formatter"
 	@echo "make clean   remove the environment, caches and results"
 
@@ -34,6 +34,7 @@ bench: setup
 
 gallery: setup
 	$(PYTHON_BIN)/python docs/make_gallery.py
+	$(PYTHON_BIN)/python docs/draw_first_screen.py
 
 format: setup
 	$(PYTHON_BIN)/ruff check --fix .

@@ -35,7 +35,8 @@ MAY_IMPORT = {
     "pipeline": {
         *LEAVES,
         "scene",
-        "camera", "provenance",
+        "camera",
+        "provenance",
         "schema",
         "estimators",
         "scoring",

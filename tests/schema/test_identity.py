@@ -97,3 +97,11 @@ def test_estimates_are_told_apart_by_method_and_settings() -> None:
         st.estimate(recording, working_point_px=0, window_sigma_px=sigma).attrs["estimate_hash"] for sigma in sigmas
     ]
     assert hashes[0] == hashes[2] != hashes[1]
+
+
+def test_made_estimates_are_told_apart_by_what_they_hold() -> None:
+    recording = st.make_recording(np.zeros((2, 1, 8, 8)), 300.0, 5.0)
+    hashes = [
+        st.make_estimate(like=recording, depth=np.full((8, 8), z)).attrs["estimate_hash"] for z in (1.0, 2.0, 1.0)
+    ]
+    assert hashes[0] == hashes[2] != hashes[1]

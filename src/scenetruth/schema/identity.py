@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from scenetruth.errors import MismatchError, Problem
@@ -29,10 +30,17 @@ def digest(value: Any) -> str:
 
 
 def estimate_hash(estimate: xr.Dataset) -> str:
-    """Return a hash of what an estimate depends on: its recording, the method and the method's settings."""
+    """Return a hash of what an estimate depends on: its recording, the method and the method's settings.
+
+    An estimate without settings was computed elsewhere: what its maps hold counts instead.
+    """
     attrs = estimate.attrs
-    settings = json.loads(attrs.get("settings", "{}"))
-    return digest([attrs.get("recording_hash"), attrs.get("method"), settings])
+    if "settings" in attrs:
+        return digest([attrs.get("recording_hash"), attrs.get("method"), json.loads(attrs["settings"])])
+    found = hashlib.sha256()
+    for name, item in sorted(estimate.data_vars.items()):
+        found.update(str(name).encode() + np.ascontiguousarray(item.values).tobytes())
+    return digest([attrs.get("recording_hash"), attrs.get("method"), found.hexdigest()])
 
 
 def identity_of(dataset: xr.Dataset) -> dict[str, str]:
