@@ -132,6 +132,8 @@ def _common(one: Path, other: Path) -> int:
 
 
 def _spelled(place: Path, key: str, kinds: set[str], path: Sequence[str]) -> str:
+    if not place:
+        return f"'{key}' at the top level"
     shared = _common(place, _pattern(path))
     text = f"'{'.'.join((*path[:shared], *place[shared:], key))}'"
     every = {other.kind for other in _places() if other.path == place}
