@@ -159,14 +159,14 @@ class Scene(FrozenModel):
         return " and ".join(parts + (["a rolling shutter"] if self.shutter.readout_time_s > 0 else []))
 
     def __repr__(self) -> str:
-        names = [item.name for item in (*self.objects, *self.plants)]
+        names = [item.name for item in self.objects] + [item.name for item in self.plants]
         return line_of(self.description, self.camera, self.stage, self.frames, names)
 
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
         """Return a table of what the scene consists of, as notebooks show it."""
-        things = (*self.objects, *self.plants)
+        things: list[SceneObject | Plant] = [*self.objects, *self.plants]
         rows = rows_of(self.camera, self.stage, self.frames, things, self.lighting, self.sensor)
         return html_table(self.description or "Scene", rows)
 

@@ -43,7 +43,7 @@ def rows_of(
         "frames": f"{frames.count}, {frames.frame_interval_s:g} s apart",
         **{f"{_noun(thing)} '{thing.name}'": _text_of(thing) for thing in things},
         "light": _light(lighting),
-        "sensor": sensor if isinstance(sensor, str) else _sensor(sensor),
+        "sensor": _sensor(sensor),
     }
 
 
@@ -58,7 +58,9 @@ def _noun(thing: SceneObject | PlantModel) -> str:
 
 
 def _text_of(thing: SceneObject | PlantModel) -> str:
-    shape = f"{thing.kind} of {len(thing.places())} leaves" if isinstance(thing, PlantModel) else thing.mesh.kind
+    shape = (
+        f"{_plant_kind(thing)} of {len(thing.places())} leaves" if isinstance(thing, PlantModel) else thing.mesh.kind
+    )
     growth = [thing.growth] if isinstance(thing, PlantModel) and thing.growth is not None else []
     parts = {
         "": shape,
@@ -69,6 +71,10 @@ def _text_of(thing: SceneObject | PlantModel) -> str:
     return "; ".join(f"{name}{text}" for name, text in parts.items() if text)
 
 
+def _plant_kind(plant: PlantModel) -> str:
+    return str(getattr(plant, "kind", "plant"))
+
+
 def _light(lighting: Lighting) -> str:
     if not lighting.lit:
         return "unlit: radiance is the textures'"
@@ -77,6 +83,8 @@ def _light(lighting: Lighting) -> str:
 
 
 def _sensor(sensor: AnySensor) -> str:
+    if isinstance(sensor, str):
+        return sensor
     preset = getattr(sensor, "preset", None)
     bits = getattr(sensor, "bit_depth", None)
     effects = ", ".join(effect.kind for effect in getattr(sensor, "effects", ()))
