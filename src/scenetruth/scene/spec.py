@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
 from scenetruth.camera import AnySensor, Camera, Frames, Optics, Shutter, Stage
 from scenetruth.estimators import MethodChoice, choose
@@ -74,6 +74,11 @@ class Scene(FrozenModel):
     >>> st.scene_from_plain(scene.to_plain()) == scene
     True
     """
+
+    # The schema of scene files says no more than it needs to.
+    model_config = ConfigDict(
+        json_schema_extra={"description": "Everything that a recording and its truth are made from."}
+    )
 
     format: Literal[1] = 1
     """Version of the format of scene files."""
