@@ -63,8 +63,10 @@ SCENE_MAY_IMPORT = {
     "pose": set(),
     "item": {"motions", "deformation", "mesh", "nodal", "texture", "pose"},
     "plant": {"motion", "motions", "deformation", "deformations", "leaf", "pose", "item"},
-    "spec": {"texture", "lighting", "item", "plant"},
-    "load": {"spec"},
+    "summary": {"lighting", "item", "plant"},
+    "spec": {"texture", "lighting", "item", "plant", "summary"},
+    "suggestions": {"spec"},
+    "load": {"spec", "suggestions"},
     "times": {"spec"},
     "movement_check": {"motion", "deformation", "surface", "item", "spec"},
     "world": {

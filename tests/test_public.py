@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
+import re
 import subprocess
 import sys
 from types import ModuleType
@@ -16,6 +18,45 @@ import scenetruth as st
 @pytest.mark.parametrize("name", st.__all__)
 def test_every_public_name_exists_and_is_documented(name: str) -> None:
     assert getattr(st, name).__doc__
+
+
+FUNCTIONS = [name for name in st.__all__ if inspect.isfunction(getattr(st, name))]
+EXAMPLES = [*FUNCTIONS, "Problem", "RunFolder", "Scene", "Score"]
+
+
+def sections_of(thing: object) -> dict[str, str]:
+    """The sections of a docstring in the form of numpydoc, by their headings."""
+    parts = re.split(r"^([A-Z][A-Za-z ]+)\n-{3,}\n", inspect.getdoc(thing) or "", flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def described_in(section: str) -> list[str]:
+    """The names that a section describes, without stars; several may share a line."""
+    heads = re.findall(r"^(?! )(\S.*)$", section, flags=re.MULTILINE)
+    return [name.strip().lstrip("*") for head in heads for name in head.split(",")]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_public_functions_describe_what_they_take_and_return(name: str) -> None:
+    function = getattr(st, name)
+    signature, sections = inspect.signature(function), sections_of(function)
+    assert described_in(sections.get("Parameters", "")) == list(signature.parameters)
+    assert ("Returns" in sections) == (signature.return_annotation not in ("None", None))
+    # What each of them refuses is part of what it promises.
+    assert all(name in st.__all__ or name == "ValueError" for name in described_in(sections["Raises"]))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_public_functions_and_classes_have_examples_that_run(name: str) -> None:
+    example = sections_of(getattr(st, name)).get("Examples", "")
+    assert ">>>" in example
+    assert "+SKIP" not in example
+
+
+def test_sections_of_a_docstring_are_told_apart() -> None:
+    sections = sections_of(st.run_scene)
+    assert list(sections) == ["Parameters", "Returns", "Raises", "See Also", "Examples"]
+    assert {"truth_views", "ideal", "notice"} <= set(described_in(sections["Parameters"]))
 
 
 def test_rooms_are_modules_and_none_is_called_like_a_public_name() -> None:

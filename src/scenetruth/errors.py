@@ -35,6 +35,14 @@ class Problem:
         What is wrong and how to mend it.
     value
         The offending value, if there is one to show.
+
+    Examples
+    --------
+    >>> print(Problem("camera.width", "must be positive", -3))
+    camera.width: must be positive (got -3)
+    >>> print(SceneError([Problem("objects", "are missing")], source="cube.yaml"))
+    1 problem with the scene in cube.yaml:
+      - objects: are missing
     """
 
     path: str

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, Field
 
-__all__ = ["kinds_in", "one_of"]
+__all__ = ["kind_in_lower_case", "kinds_in", "one_of"]
 
 
 def one_of(base: type[BaseModel], *rooms: str) -> Any:
@@ -28,7 +28,7 @@ def one_of(base: type[BaseModel], *rooms: str) -> Any:
     """
     models = tuple(kinds_in(base, *rooms).values())
     union: Any = Union[models]  # noqa: UP007
-    return Annotated[union, Field(discriminator="kind"), BeforeValidator(_in_lower_case)]
+    return Annotated[union, Field(discriminator="kind"), BeforeValidator(kind_in_lower_case)]
 
 
 def kinds_in(base: type[BaseModel], *rooms: str) -> dict[str, type[BaseModel]]:
@@ -61,8 +61,8 @@ def kinds_in(base: type[BaseModel], *rooms: str) -> dict[str, type[BaseModel]]:
     return dict(sorted(found.items()))
 
 
-def _in_lower_case(value: Any) -> Any:
-    """Let kinds be written in any case."""
+def kind_in_lower_case(value: Any) -> Any:
+    """Return a mapping with its ``kind`` in lower case, and anything else as it is: kinds may be in any case."""
     if isinstance(value, dict) and isinstance(value.get("kind"), str):
         return {**value, "kind": value["kind"].lower()}
     return value

@@ -1,10 +1,13 @@
-"""The base of every validated model of a scene file: frozen, and closed to unknown keys."""
+"""The base of every validated model of a scene file: frozen, closed to unknown keys, and blind to the case of words."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from types import UnionType
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, model_validator
 
 __all__ = ["Direction", "Finite", "FrozenModel", "NonNegative", "Positive", "Vector3"]
 
@@ -26,6 +29,59 @@ Direction = Annotated[Vector3, AfterValidator(_nonzero)]
 
 
 class FrozenModel(BaseModel):
-    """A pydantic model whose instances cannot change and whose keys are all known."""
+    """A pydantic model whose instances cannot change and whose keys are all known.
+
+    Where a field takes one of some words, they may be written in any case; the field holds the word as it is declared.
+
+    Examples
+    --------
+    >>> class Filter(FrozenModel):
+    ...     sides: Literal["upper", "lower"]
+    ...     cutoff_px: Positive | Literal["auto"] = "auto"
+    >>> Filter.model_validate({"sides": "Upper", "cutoff_px": "AUTO"})
+    Filter(sides='upper', cutoff_px='auto')
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+
+    # It wraps the model, so that a model's own validators, which look up presets, find the words as they are declared.
+    @model_validator(mode="wrap")
+    @classmethod
+    def _words_in_any_case(cls, given: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        return handler({**given, **_as_declared(cls, given)} if isinstance(given, dict) else given)
+
+
+def _as_declared(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[str, str]:
+    """Return the words among given values that are declared in another case, as they are declared."""
+    changed = {}
+    for name, words in _words_of_fields(model).items():
+        value = given.get(name)
+        if isinstance(value, str) and value not in words.values() and value.casefold() in words:
+            changed[name] = words[value.casefold()]
+    return changed
+
+
+@lru_cache(maxsize=1024)
+def _words_of_fields(model: type[BaseModel]) -> dict[str, dict[str, str]]:
+    """Return the words that each field of a model takes, by what they are when case is ignored."""
+    found = {}
+    for name, field in model.model_fields.items():
+        words = list(_words_in(field.annotation))
+        by_folded = {word.casefold(): word for word in words if isinstance(word, str)}
+        # Where any text is good, or two words differ by case alone, case matters.
+        if by_folded and str not in words and len(by_folded) == len(set(words)):
+            found[name] = by_folded
+    return found
+
+
+def _words_in(annotation: Any) -> Iterator[str | type[str]]:
+    """Yield the literal words that a type takes, and ``str`` if it takes any."""
+    if annotation is str:
+        yield annotation
+    elif get_origin(annotation) is Literal:
+        yield from (value for value in get_args(annotation) if isinstance(value, str))
+    elif get_origin(annotation) is Annotated:
+        yield from _words_in(get_args(annotation)[0])
+    elif get_origin(annotation) in (Union, UnionType):
+        for part in get_args(annotation):
+            yield from _words_in(part)

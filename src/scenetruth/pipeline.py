@@ -122,16 +122,25 @@ def run_scene(
     MismatchError
         If the folder holds another scene's recording.
 
+    See Also
+    --------
+    simulate, estimate, score, write_report : The stages one by one, in memory.
+    RunFolder : Which file of the folder is what.
+
     Examples
     --------
     >>> import scenetruth as st
     >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
-    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 20]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
     >>> plain = {"camera": {"width": 60, "height": 50, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
-    >>> results = run_scene(st.scene_from_plain(plain), "outputs/wall", stages=("render", "estimate", "score"))
-    ... # doctest: +SKIP
-    >>> results.scores["structure_tensor"].to_frame()  # doctest: +SKIP
+    >>> with TemporaryDirectory() as folder:
+    ...     results = run_scene(st.scene_from_plain(plain), f"{folder}/wall", stages=("render", "estimate", "score"))
+    ...     print(*sorted(path.name for path in results.folder.path.iterdir()))
+    estimate.zarr recording.zarr scene.yaml score.csv score.json truth.zarr
+    >>> error = results.scores["structure_tensor"].regions["interior"]["depth"]
+    >>> error["count"] > 50, error["relative_rms"] < 0.02, results.failures
+    (True, True, {})
     """
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:

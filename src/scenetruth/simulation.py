@@ -72,6 +72,25 @@ def simulate(
         If the scene cannot be made, or nothing of it can be seen.
     BackendUnavailableError
         If the scene names a render backend that does not run here.
+
+    See Also
+    --------
+    make_truth : The truth alone.
+    run_scene : All stages, with their results in a folder.
+    make_recording : A recording from images of any origin.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 2}, "render": {"backend": "raycast"}}
+    >>> recording, truth = simulate(st.scene_from_plain(plain))
+    >>> dict(recording.image.sizes), recording.attrs["render_backend"]
+    ({'s': 3, 't': 2, 'y': 30, 'x': 40}, 'raycast')
+    >>> truth.depth.dims, truth.depth.sel(t=0)[15, 20].item(), truth.disparity.sel(t=0)[15, 20].item()
+    (('t', 'y', 'x'), 100.0, 3.0)
     """
     world = build_world(scene, Path(folder))
     check_scene(scene, world)

@@ -202,6 +202,26 @@ def load(path: str | Path, kind: Literal["recording", "truth", "estimate"] | Non
     ------
     StoreError
         If there is no such store, it is not ours or of another kind, or it is damaged.
+
+    See Also
+    --------
+    save : Write a store.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save(recording, f"{folder}/recording.zarr")
+    ...     again = load(f"{folder}/recording.zarr")
+    ...     try:
+    ...         load(f"{folder}/recording.zarr", "truth")
+    ...     except StoreError as error:
+    ...         print(error.message)
+    holds a recording, but a truth is needed
+    >>> again.image.dims, again.attrs["baseline_mm"]
+    (('s', 't', 'y', 'x'), 5.0)
     """
     import zarr
 

@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from scenetruth.camera.pinhole import Camera
+from scenetruth.kinds import kind_in_lower_case
 from scenetruth.model import Finite, FrozenModel, Positive
 
 __all__ = ["AiryPsf", "Defocus", "GaussianPsf", "Optics", "Psf", "Vignetting"]
@@ -84,7 +85,7 @@ class AiryPsf(FrozenModel):
         return 0.345 * self.radius_px
 
 
-Psf = Annotated[GaussianPsf | AiryPsf, Field(discriminator="kind")]
+Psf = Annotated[GaussianPsf | AiryPsf, Field(discriminator="kind"), BeforeValidator(kind_in_lower_case)]
 
 
 class Defocus(FrozenModel):

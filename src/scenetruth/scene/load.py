@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.files import context_of
 from scenetruth.scene.spec import Scene
+from scenetruth.scene.suggestions import kinds_at, known_keys, suggest_key, suggest_setting, suggest_word
 
 __all__ = ["apply_overrides", "load_scene", "scene_from_plain"]
 
@@ -38,6 +38,29 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     ------
     SceneError
         If the file cannot be read, or with every problem that its content has.
+
+    See Also
+    --------
+    scene_from_plain : A scene from plain values, without a file.
+    simulate : Images and truth of a scene.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> text = '''
+    ... camera: {width: 40, height: 30, focal_length_px: 60}
+    ... stage: {positions: 3, baseline_mm: 5}
+    ... frames: {count: 2}
+    ... objects:
+    ...   - name: wall
+    ...     mesh: {kind: plane, size_mm: [90, 90]}
+    ...     texture: {kind: uniform}
+    ...     pose: {position_mm: [0, 0, 100]}
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "wall.yaml").write_text(text)
+    ...     load_scene(f"{folder}/wall.yaml", ["camera.width=80", "render.backend=raycast"])
+    Scene(80 x 30 px; 3 positions x 2 frames; objects: wall)
     """
     import yaml
 
@@ -68,10 +91,39 @@ def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None,
     folder
         Folder that relative paths of files count from; None leaves them as they are.
 
+    Returns
+    -------
+    Scene
+        Validated and frozen.
+
     Raises
     ------
     SceneError
         With every problem and its path.
+
+    See Also
+    --------
+    load_scene : A scene from a file in YAML.
+    Scene.to_plain : Back to plain values.
+
+    Examples
+    --------
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 2}}
+    >>> scene_from_plain(plain)
+    Scene(40 x 30 px; 3 positions x 2 frames; objects: wall)
+
+    All problems are told at once:
+
+    >>> try:
+    ...     scene_from_plain({**plain, "width": 80, "render": {"backend": "raycst"}})
+    ... except SceneError as error:
+    ...     print(error)
+    2 problems with the scene:
+      - render.backend: input should be 'auto', 'pyrender' or 'raycast'; did you mean 'raycast'? (got 'raycst')
+      - width: unknown key; did you mean 'camera.width'? (got 80)
     """
     problems: list[Problem] = []
     validated = dict(plain)
@@ -81,10 +133,7 @@ def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None,
         except EstimateError as error:
             # What is wrong inside the settings of a method is told field by field, with all else.
             del validated["estimate"]
-            problems += [
-                Problem(".".join(filter(None, ("estimate", problem.path))), problem.message, problem.value)
-                for problem in error.problems
-            ]
+            problems += [_in_estimate(problem) for problem in error.problems]
     try:
         scene = Scene.model_validate(validated, context=context_of(folder))
     except ValidationError as error:
@@ -144,30 +193,72 @@ def _assign(target: Any, keys: list[str], value: Any) -> str | None:
     return None
 
 
+def _in_estimate(problem: Problem) -> Problem:
+    """Return a problem of the settings of a method as one of the scene."""
+    message = problem.message
+    if message.startswith("unknown setting"):
+        message += suggest_setting(problem.path)
+    elif message.startswith("input should be '"):
+        message += suggest_word(problem.value, message)
+    return Problem(".".join(filter(None, ("estimate", problem.path))), message, problem.value)
+
+
 def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
     found: dict[tuple[str, str], tuple[str, Problem]] = {}
     for entry in error.errors():
-        path = _path_in(plain, entry["loc"])
-        message = entry["msg"].removeprefix("Value error, ")
-        value = entry.get("input")
-        if entry["type"] == "extra_forbidden":
-            message = "unknown key" + _suggestion(str(entry["loc"][-1]))
-        elif entry["type"] == "missing":
-            message, value = "is missing", None
-        elif path == "sensor":
-            message = "must be 'ideal', or a mapping of kind gaussian (the default), emva1288 or chain with its fields"
-        message = message[:1].lower() + message[1:]
-        found.setdefault((path, message), (entry["type"], Problem(path, message, value)))
-    paths = [problem.path for _, problem in found.values()]
-    # Of a value that may be a word or a mapping, pydantic reports both; what is wrong inside the mapping says more.
-    return [
-        problem
-        for kind, problem in found.values()
-        if not (kind == "literal_error" and any(path.startswith(f"{problem.path}.") for path in paths))
-    ]
+        path = _path_in(plain, entry["loc"], entry["type"])
+        message, value = _message_of(entry, path), entry.get("input")
+        problem = Problem(path, message[:1].lower() + message[1:], None if entry["type"] == "missing" else value)
+        found.setdefault((path, problem.message), (entry["type"], problem))
+    return _joined(list(found.values()))
 
 
-def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int]) -> str:
+def _message_of(entry: ErrorDetails, path: str) -> str:
+    message, value = entry["msg"].removeprefix("Value error, "), entry.get("input")
+    match entry["type"]:
+        case "extra_forbidden":
+            return "unknown key" + suggest_key(entry["loc"])
+        case "missing":
+            return "is missing"
+        case _ if path == "sensor":
+            named = value.get("kind") if isinstance(value, dict) else value
+            return (
+                "must be 'ideal', or a mapping of kind gaussian (the default), emva1288 or chain with its fields"
+                + suggest_word(named, "'ideal', 'gaussian', 'emva1288', 'chain'")
+            )
+        case "literal_error":
+            return message + suggest_word(value, message)
+        case "union_tag_invalid":
+            kinds = entry["ctx"]["expected_tags"]
+            return f"is of no known kind: '{entry['ctx']['tag']}' is none of {kinds}" + suggest_word(
+                entry["ctx"]["tag"], kinds
+            )
+        case "union_tag_not_found":
+            return f"needs a kind, one of {str(kinds_at(entry['loc']))[1:-1]}"
+    return message
+
+
+def _joined(found: Sequence[tuple[str, Problem]]) -> list[Problem]:
+    """Return problems so that each value has one: of a value that may be of several types, pydantic reports each."""
+    problems: list[Problem] = []
+    for kind, problem in found:
+        others = [other for entry, other in found if entry != "literal_error" and other.path == problem.path]
+        if kind == "literal_error":
+            # What is wrong inside a mapping says more than that it is not a word.
+            if not others and not any(other.path.startswith(f"{problem.path}.") for _, other in found):
+                problems.append(problem)
+            continue
+        words = [
+            other.message.removeprefix("input should be ")
+            for entry, other in found
+            if entry == "literal_error" and other.path == problem.path
+        ]
+        message = " or ".join([problem.message.partition(", unable to parse")[0], *words]) if words else problem.message
+        problems.append(Problem(problem.path, message, problem.value))
+    return problems
+
+
+def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int], kind_of_error: str) -> str:
     """Spell a location as keys of the file, leaving out the names of union members that pydantic puts in between."""
     keys, here = [], plain
     for index, key in enumerate(loc):
@@ -175,7 +266,7 @@ def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int]) -> str:
         listed = isinstance(here, list) and isinstance(key, int) and key < len(here)
         if inside or listed:
             here = here[key]  # type: ignore[index]
-        elif index < len(loc) - 1 or _is_union_member(here, key):
+        elif index < len(loc) - 1 or (kind_of_error != "missing" and _is_union_member(here, key)):
             continue
         keys.append(str(key))
     return ".".join(keys)
@@ -187,18 +278,4 @@ def _is_union_member(here: object, key: str | int) -> bool:
         return False
     # A mapping that is wrong as a whole is reported under its kind, which may be called like a field.
     kind = here.get("kind") if isinstance(here, dict) else None
-    return key not in _known_keys() or (isinstance(kind, str) and kind.lower() == key)
-
-
-def _suggestion(key: str) -> str:
-    near = difflib.get_close_matches(key, _known_keys(), n=1)
-    return f"; did you mean '{near[0]}'?" if near else "; see `scenetruth schema` for the known ones"
-
-
-@cache
-def _known_keys() -> tuple[str, ...]:
-    schema = Scene.model_json_schema()
-    keys = set(schema["properties"])
-    for definition in schema.get("$defs", {}).values():
-        keys |= set(definition.get("properties", ()))
-    return tuple(sorted(keys))
+    return key not in known_keys() or (isinstance(kind, str) and kind.lower() == key)

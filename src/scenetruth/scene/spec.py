@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
 from scenetruth.camera import AnySensor, Camera, Frames, Optics, Shutter, Stage
 from scenetruth.estimators import MethodChoice, choose
@@ -14,6 +14,7 @@ from scenetruth.model import FrozenModel
 from scenetruth.scene.item import SceneObject
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.plant import PlantModel
+from scenetruth.scene.summary import html_table, line_of, rows_of
 from scenetruth.scene.texture.base import Radiance
 from scenetruth.settings import ScoreSettings
 
@@ -44,7 +45,40 @@ def _refuse_twice(names: list[str]) -> None:
 
 
 class Scene(FrozenModel):
-    """Everything that a recording and its truth are made from."""
+    """Everything that a recording and its truth are made from.
+
+    Scenes are read with `load_scene` or `scene_from_plain`. They cannot be changed, and compare and hash by their
+    values; notebooks show them as a table.
+
+    See Also
+    --------
+    load_scene : A scene from a file in YAML.
+    scene_from_plain : A scene from plain values.
+    simulate : Images and truth of a scene.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> scene = Scene(
+    ...     camera={"width": 40, "height": 30, "focal_length_px": 60},
+    ...     stage={"positions": 3, "baseline_mm": 5},
+    ...     frames={"count": 2},
+    ...     objects=[wall],
+    ... )
+    >>> scene
+    Scene(40 x 30 px; 3 positions x 2 frames; objects: wall)
+    >>> scene.camera.principal_point, scene.stage.s.tolist(), scene.render.backend
+    ((19.5, 14.5), [-1, 0, 1], 'auto')
+    >>> st.scene_from_plain(scene.to_plain()) == scene
+    True
+    """
+
+    # The schema of scene files says no more than it needs to.
+    model_config = ConfigDict(
+        json_schema_extra={"description": "Everything that a recording and its truth are made from."}
+    )
 
     format: Literal[1] = 1
     """Version of the format of scene files."""
@@ -128,6 +162,18 @@ class Scene(FrozenModel):
         """What of the scene only ray casting can render; empty if nothing."""
         parts = ["a lens that distorts"] if self.camera.distortion is not None else []
         return " and ".join(parts + (["a rolling shutter"] if self.shutter.readout_time_s > 0 else []))
+
+    def __repr__(self) -> str:
+        names = [item.name for item in self.objects] + [item.name for item in self.plants]
+        return line_of(self.description, self.camera, self.stage, self.frames, names)
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """Return a table of what the scene consists of, as notebooks show it."""
+        things: list[SceneObject | Plant] = [*self.objects, *self.plants]
+        rows = rows_of(self.camera, self.stage, self.frames, things, self.lighting, self.sensor)
+        return html_table(self.description or "Scene", rows)
 
     def to_plain(self) -> dict[str, Any]:
         """Return the scene as plain values, ready for YAML or JSON."""

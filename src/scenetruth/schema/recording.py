@@ -66,6 +66,11 @@ def make_recording(
     RecordingError
         If the images or the numbers do not have the agreed form; lists all that is wrong.
 
+    See Also
+    --------
+    simulate : A recording of a scene, with its truth.
+    estimate : Depth and motion from a recording.
+
     Examples
     --------
     >>> recording = make_recording(np.zeros((5, 9, 32, 64)), focal_length_px=500, baseline_mm=5)

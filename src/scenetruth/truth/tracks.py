@@ -46,6 +46,10 @@ def track_points(
     SceneError
         If the scene cannot be made.
 
+    See Also
+    --------
+    make_truth : The truth whose pixels are followed.
+
     Examples
     --------
     >>> import scenetruth as st

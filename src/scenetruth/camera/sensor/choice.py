@@ -9,16 +9,13 @@ from pydantic import BeforeValidator, Discriminator, Tag
 from scenetruth.camera.sensor.chain import SensorChain
 from scenetruth.camera.sensor.emva1288 import EmvaSensor
 from scenetruth.camera.sensor.gaussian import GaussianSensor
+from scenetruth.kinds import kind_in_lower_case
 
 __all__ = ["AnySensor", "chain_of"]
 
 
 def _in_lower_case(value: Any) -> Any:
-    if isinstance(value, str):
-        return value.lower()
-    if isinstance(value, dict) and isinstance(value.get("kind"), str):
-        return {**value, "kind": value["kind"].lower()}
-    return value
+    return value.lower() if isinstance(value, str) else kind_in_lower_case(value)
 
 
 def _sensor_kind(value: object) -> str:

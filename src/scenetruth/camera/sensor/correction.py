@@ -30,6 +30,22 @@ def two_point_correction(images: ArrayLike, dark: ArrayLike, flat: ArrayLike) ->
     ------
     ValueError
         If the shapes do not match, or no pixel is brighter in the flat field.
+
+    See Also
+    --------
+    scenetruth.simulate : Images of a sensor with a fixed pattern (``dsnu_e``, ``prnu``).
+
+    References
+    ----------
+    EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras: the nonuniformities of dark signal
+    and photo response (DSNU, PRNU) are what is taken out.
+
+    Examples
+    --------
+    The second pixel is twice as sensitive as the first and has an offset of 10:
+
+    >>> two_point_correction([[[5.0, 20.0]], [[10.0, 30.0]]], dark=[[0.0, 10.0]], flat=[[20.0, 50.0]]).tolist()
+    [[[7.5, 7.5]], [[15.0, 15.0]]]
     """
     values = np.asarray(images)
     low, high = np.asarray(dark, dtype=np.float64), np.asarray(flat, dtype=np.float64)

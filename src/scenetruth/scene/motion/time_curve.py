@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 from scipy.interpolate import CubicSpline
 
+from scenetruth.kinds import kind_in_lower_case
 from scenetruth.model import Finite, FrozenModel, Positive
 from scenetruth.scene.jets import Field as JetField
 from scenetruth.scene.jets import compose, values_of
@@ -76,7 +77,10 @@ class KeyframeCurve(FrozenModel):
         return SplineThrough(self.times_frames, self.values)(t)
 
 
-TimeCurve = Finite | Annotated[LinearCurve | HarmonicCurve | KeyframeCurve, Field(discriminator="kind")]
+_Curve = Annotated[
+    LinearCurve | HarmonicCurve | KeyframeCurve, Field(discriminator="kind"), BeforeValidator(kind_in_lower_case)
+]
+TimeCurve = Finite | _Curve
 """A number, or a curve of numbers over time in frames."""
 
 

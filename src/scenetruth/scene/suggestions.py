@@ -1,0 +1,209 @@
+"""What a wrong key or word of a scene was meant to be: the nearest one there, or where else it belongs."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+
+from scenetruth.estimators import MethodChoice, choose
+from scenetruth.scene.spec import Scene
+
+__all__ = ["kinds_at", "known_keys", "suggest_key", "suggest_setting", "suggest_word"]
+
+_HERE, _ELSEWHERE = 0.6, 0.75
+"""Least likeness of a word that is suggested; other places have many keys, of which some are alike by chance."""
+_WITHOUT_UNIT = 0.9
+_MOST = 3
+"""Most suggestions of one sort."""
+
+Path = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A mapping of the scene format: its path with N for every index, and its model."""
+
+    path: Path
+    model: type[BaseModel]
+    kind: str
+    """Kind of the innermost thing around it that has several; empty if it is a part of every kind of it."""
+
+
+def known_keys() -> frozenset[str]:
+    """Return every key that a scene file may have anywhere, but for settings of methods."""
+    return _known_keys()
+
+
+def suggest_key(location: Sequence[str | int]) -> str:
+    """Return the end of a message about an unknown key: what it was meant to be.
+
+    Parameters
+    ----------
+    location
+        Of the key as pydantic tells it, with the names of union members in between.
+    """
+    *around, last = location
+    path, models = _place_at(around)
+    here = sorted({name for model in models for name in _fields_of(model)})
+    key = str(last)
+    guesses = [f"'{name}'" for name in _nearest(key, here, _HERE)]
+    others = sorted(
+        {place.kind for place in _places() if place.path == _pattern(path) and key in _fields_of(place.model)}
+    )
+    if others:
+        return f"; it belongs to kind {_listed(others)}" + (_question(guesses) or _known(here))
+    elsewhere = _where(key, path)
+    if not guesses and not elsewhere:
+        elsewhere = [text for name in _nearest(key, known_keys(), _ELSEWHERE) for text in _where(name, path)]
+    return _question(guesses + elsewhere[:_MOST]) or _known(here)
+
+
+def kinds_at(location: Sequence[str | int]) -> list[str]:
+    """Return the kinds of what may stand at a location, in order."""
+    return sorted(filter(None, {_kind_of(model) for model in _place_at(location)[1]}))
+
+
+def suggest_setting(name: str) -> str:
+    """Return where in a scene a key belongs that is no setting of the method, as the end of a message, or nothing."""
+    belongs = [text for text in _where(name, ("estimate",)) if not text.startswith("'estimate.")]
+    return _question(belongs[:_MOST])
+
+
+def suggest_word(given: object, message: str) -> str:
+    """Return what a word was meant to be, as the end of a message that quotes the allowed ones, or nothing."""
+    near = _nearest(given, re.findall(r"'([^']*)'", message), _HERE) if isinstance(given, str) else []
+    return _question([f"'{word}'" for word in near])
+
+
+def _nearest(word: str, words: Iterable[str], least: float) -> list[str]:
+    """Return the words that are most like one, in any case; several only if they are equally like it."""
+    likeness = {known: _likeness(known.casefold(), word.casefold()) for known in words}
+    best = max(likeness.values(), default=0.0)
+    return sorted(known for known, ratio in likeness.items() if ratio == best)[:_MOST] if best >= least else []
+
+
+def _known(here: Sequence[str]) -> str:
+    return f"; known here: {', '.join(here)}" if here else "; see `scenetruth schema` for the known ones"
+
+
+def _likeness(known: str, word: str) -> float:
+    ratio = difflib.SequenceMatcher(None, known, word).ratio()
+    # Names end in their units, which are soon forgotten.
+    return max(ratio, _WITHOUT_UNIT) if known.startswith(f"{word}_") else ratio
+
+
+def _question(guesses: Sequence[str]) -> str:
+    return f"; did you mean {_listed(guesses)}?" if guesses else ""
+
+
+def _listed(texts: Sequence[str]) -> str:
+    return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
+
+
+def _where(key: str, path: Sequence[str]) -> list[str]:
+    """Return the paths nearest to a place that end in a key, with the kinds of what has it, if not all have."""
+    kinds: dict[Path, set[str]] = {}
+    for place in _places():
+        if key in _fields_of(place.model):
+            kinds.setdefault(place.path, set()).add(place.kind)
+    distances = {other: _distance(_pattern(path), other) for other in kinds}
+    nearest = [other for other in sorted(kinds) if distances[other] == min(distances.values())]
+    return [_spelled(other, key, kinds[other], path) for other in nearest]
+
+
+def _pattern(path: Sequence[str]) -> Path:
+    return tuple("N" if part.isdigit() else part for part in path)
+
+
+def _distance(one: Path, other: Path) -> int:
+    """Return the steps from one place to another by way of what both are parts of."""
+    return len(one) + len(other) - 2 * _common(one, other)
+
+
+def _common(one: Path, other: Path) -> int:
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((index for index, (a, b) in pairs if a != b), min(len(one), len(other)))
+
+
+def _spelled(place: Path, key: str, kinds: set[str], path: Sequence[str]) -> str:
+    if not place:
+        return f"'{key}' at the top level"
+    shared = _common(place, _pattern(path))
+    text = f"'{'.'.join((*path[:shared], *place[shared:], key))}'"
+    every = {other.kind for other in _places() if other.path == place}
+    return text if kinds == every else f"{text} of kind {_listed(sorted(kinds))}"
+
+
+def _place_at(location: Sequence[str | int]) -> tuple[list[str], list[type[BaseModel]]]:
+    """Return the path of a location without the names of union members, and the models that may stand there."""
+    path: list[str] = []
+    models: list[type[BaseModel]] = [Scene]
+    for part in location:
+        if isinstance(part, int):
+            path.append(str(part))
+            continue
+        chosen = [model for model in models if part in (_kind_of(model), model.__name__)]
+        if len(models) > 1 and chosen:
+            models = chosen
+            continue
+        inner = [found for model in models if part in _fields_of(model) for _, found in _models_of(model, part)]
+        if inner or any(part in _fields_of(model) for model in models):
+            path.append(part)
+            models = inner
+    return path, models
+
+
+@cache
+def _known_keys() -> frozenset[str]:
+    return frozenset(name for place in _places() if place.path != ("estimate",) for name in _fields_of(place.model))
+
+
+@cache
+def _places() -> tuple[_Place, ...]:
+    return tuple(dict.fromkeys(_walk(Scene, (), "", ())))
+
+
+def _walk(model: type[BaseModel], path: Path, kind: str, above: tuple[type[BaseModel], ...]) -> Iterator[_Place]:
+    """Yield the place of a model and all places in it."""
+    yield _Place(path, model, kind)
+    for name in _fields_of(model):
+        inner = _models_of(model, name)
+        several = len({found for _, found in inner}) > 1
+        for listed, found in inner:
+            if found not in above:
+                place = (*path, name, *(("N",) if listed else ()))
+                yield from _walk(found, place, _kind_of(found) if several else kind, (*above, model))
+
+
+def _fields_of(model: type[BaseModel]) -> tuple[str, ...]:
+    if model is MethodChoice:
+        return ("method", *type(choose({}).settings).model_fields)
+    return tuple(model.model_fields)
+
+
+def _models_of(model: type[BaseModel], field: str) -> list[tuple[bool, type[BaseModel]]]:
+    """Return the models that a field may hold, and whether in a list."""
+    if model is MethodChoice:
+        return []
+    return list(_models_in(model.model_fields[field].annotation))
+
+
+def _models_in(annotation: Any, listed: bool = False) -> Iterator[tuple[bool, type[BaseModel]]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield listed, annotation
+        return
+    origin = get_origin(annotation)
+    if origin is not Literal:
+        for part in get_args(annotation):
+            yield from _models_in(part, listed or origin in (tuple, list))
+
+
+def _kind_of(model: type[BaseModel]) -> str:
+    field = model.model_fields.get("kind")
+    return str(get_args(field.annotation)[0]) if field is not None and get_origin(field.annotation) is Literal else ""
