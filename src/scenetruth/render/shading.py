@@ -84,7 +84,6 @@ class Shader:
     def __init__(self, lighting: Lighting) -> None:
         self._lighting = lighting
         self._shadows: ShadowCaster | None = None
-        self._normals: tuple[RayCaster, NDArray[np.float64]] | None = None
 
     def factors(
         self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
@@ -117,7 +116,7 @@ class Shader:
             hits.depth,
             hits.face,
             seen,
-            self._face_normals(caster),
+            caster.face_normals,
         )
         lamps = self._lighting.lamps_at(t)
         irradiance, zones = self.irradiance(caster, lamps, points, normals, hits.face[seen])
@@ -146,7 +145,7 @@ class Shader:
         faces
             The face that each point lies on, shape (n,); it casts no shadow on itself.
         """
-        from scenetruth.render.shading_kernels import direct_light
+        from scenetruth.render.shading_kernels import DARK, direct_light
 
         total = np.full(len(points_mm), self._lighting.ambient or 0.0)
         state = np.zeros(len(points_mm), dtype=np.uint64)
@@ -169,7 +168,7 @@ class Shader:
                         points_mm[reached], faces[reached], to_light[reached], distance[reached]
                     )
                 ]
-                light[dark], zone[dark] = 0.0, 0
+                light[dark], zone[dark] = 0.0, DARK
             total += light
             state = state * _MIX + zone
         return total, state
@@ -206,11 +205,3 @@ class Shader:
         if self._shadows is None or self._shadows.vertices_mm is not caster.vertices_mm:
             self._shadows = ShadowCaster(caster.vertices_mm, caster.topology)
         return self._shadows
-
-    def _face_normals(self, caster: RayCaster) -> NDArray[np.float64]:
-        if self._normals is None or self._normals[0] is not caster:
-            corners = caster.vertices_mm[caster.topology.faces]
-            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-            self._normals = (caster, normals)
-        return self._normals[1]

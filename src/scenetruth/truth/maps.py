@@ -52,15 +52,6 @@ class GeometryPass:
         self.caster = RayCaster(self.snapshot.vertices_mm, topology)
 
     @cached_property
-    def normals(self) -> NDArray[np.float64]:
-        """Unit normals of all faces in the world, by the order of their corners, shape (m, 3)."""
-        corners = self.snapshot.vertices_mm[self.world.faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        # A face without an area is met by no ray.
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        return normals
-
-    @cached_property
     def surface_tensors(self) -> NDArray[np.float64]:
         """Form and motion of all surface points (`World.surface_at`), shape (k, 18)."""
         return self.world.surface_at(self.snapshot.t)
@@ -123,7 +114,7 @@ def truth_maps(
         MovingMesh(
             world.faces,
             viewpoint.directions_to_camera(geometry.snapshot.velocities),
-            viewpoint.directions_to_camera(geometry.normals),
+            viewpoint.directions_to_camera(geometry.caster.face_normals),
             world.face_body,
             world.face_offsets,
         ),
