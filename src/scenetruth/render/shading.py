@@ -1,4 +1,4 @@
-"""Lambertian shading, the same for every renderer: the light on points of surfaces, and on the pixels of an image."""
+"""Lambertian shading for all renderers: the light on points of surfaces, and on the pixels of an image."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from scenetruth.scene.lighting import Lighting
 
 __all__ = ["PixelLight", "Shader"]
 
-# Where neighbouring pixels differ by more than this share of the brightest, every sample is shaded by itself.
+# Where neighbouring pixels differ by more than this share of the brightest pixel, every sample is shaded by itself.
 _STEEPEST = 0.05
-# Turns the numbers of the lights' zones into one number for all lights.
+# Multiplier by which the zones of all lights are combined into one number.
 _MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
 @dataclass(frozen=True, eq=False)
 class PixelLight:
-    """The light on what the pixels of one image see at their centres.
+    """The light on the surface points at the pixel centres of one image.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ class PixelLight:
 class Shader:
     """Lambertian shading of surfaces that are seen from both sides.
 
-    The normal is that of the flat triangle, turned towards the eye; normals that are interpolated between vertices
-    would enter in `factors` in its place.
+    The normal is that of the flat triangle, turned towards the camera; normals that are interpolated between
+    vertices would take its place in `factors`.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Shader:
     def factors(
         self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Return the irradiance where rays meet the world.
+        """Compute the irradiance where rays meet the world.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class Shader:
         normals: NDArray[np.float64],
         faces: NDArray[np.int32],
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Return the irradiance of points on surfaces, shape (n,), and numbers that tell zones of light apart.
+        """Compute the irradiance of points on surfaces.
 
         Parameters
         ----------
@@ -144,6 +144,12 @@ class Shader:
             Points and unit normals on the side that is looked at, shape (n, 3) each.
         faces
             The face that each point lies on, shape (n,); it casts no shadow on itself.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Irradiance, shape (n,); and numbers, shape (n,), that differ where other lights reach, or other zones of
+            their cones.
         """
         from scenetruth.render.shading_kernels import DARK, direct_light
 
@@ -190,6 +196,11 @@ class Shader:
             As of `factors`; the rays through the pixels' centres, row by row.
         mixed
             Pixels at edges, shape (height, width).
+
+        Returns
+        -------
+        PixelLight
+            The irradiance, and where it is smooth.
         """
         from scenetruth.render.shading_kernels import uneven_pixels
 

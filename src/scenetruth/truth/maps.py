@@ -1,4 +1,4 @@
-"""What one camera sees at one time: where it is, how it moves and grows, and which point of which surface it is."""
+"""Exact maps of one image: depth, motion and growth of the surface, and which surface point each pixel sees."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STANDARD = (
 
 
 class GeometryPass:
-    """The world at one time, ready to be looked at from any camera position.
+    """The world at one time, for the maps of any camera.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class GeometryPass:
 
     @cached_property
     def surface_tensors(self) -> NDArray[np.float64]:
-        """Form and motion of all surface points (`World.surface_at`), shape (k, 18)."""
+        """Tensors of form and motion of all surface points (`World.surface_at`), shape (k, 18)."""
         return self.world.surface_at(self.snapshot.t)
 
 
@@ -69,7 +69,7 @@ def truth_maps(
     camera
         The camera.
     viewpoint
-        Where it stands. Depth and all vectors are in its frame.
+        Pose of the camera. Depth and all vectors are in its frame.
     baseline_mm
         V_X in mm per step of s, for the disparity.
     maps
