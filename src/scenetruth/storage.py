@@ -269,7 +269,7 @@ def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png",
     folder
         Folder for the files; it must not exist yet.
     form
-        ``"png"``: 16 bit, full scale is 65535 (digital numbers of up to 16 bit can be told from it exactly).
+        ``"png"``: 16 bit, full scale is 65535 (digital numbers of up to 16 bits follow from it exactly).
         ``"tiff"``: float32, full scale is 1.
     """
     import imageio.v3 as imageio

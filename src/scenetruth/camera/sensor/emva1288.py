@@ -156,7 +156,7 @@ class EmvaSensor(FrozenModel):
         return min(self.full_well_e, (largest_dn - self.black_level_dn) / self.gain_dn_per_e)
 
     def chain(self) -> SensorChain:
-        """Return the effects that this sensor stands for; what has no strength is left out."""
+        """Return the chain of effects that models this sensor; effects of strength 0 are left out."""
         return SensorChain(effects=inserted(self._own_effects(), self.insert))
 
     def _own_effects(self) -> tuple[Effect, ...]:

@@ -44,7 +44,7 @@ def checked_hot_pixel_current(value: float, info: ValidationInfo) -> float:
 class DarkCurrent(Effect):
     """Heat frees electrons too: their mean number is added, in hot pixels more than in others.
 
-    It stands before the shot noise, which dark electrons have as well.
+    It comes before the shot noise in the chain, as dark electrons have shot noise too.
     """
 
     takes: ClassVar[Unit] = "electrons"
