@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,21 @@ from scenetruth.randomness import generator_for
 Array = NDArray[np.float64]
 
 SHAPE = (300, 400)
+
+NOISY_SENSOR: dict[str, Any] = {
+    "photon_rate_per_s": 5e6,
+    "exposure_time_s": 0.01,
+    "quantum_efficiency": 0.45,
+    "full_well_e": 18000.0,
+    "gain_dn_per_e": 0.2,
+    "bit_depth": 12,
+    "black_level_dn": 64.0,
+    "temporal_dark_noise_e": 16.0,
+    "dark_current_e_per_s": 300.0,
+    "dsnu_e": 12.0,
+    "prnu": 0.012,
+}
+"""A sensor of EMVA 1288 with strong fixed patterns, much readout noise and much dark current."""
 
 
 def applied(

@@ -46,16 +46,16 @@ def simulate(
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
     truth_poses
-        ``"real"``: truth of what each pixel saw, from where the camera stood when the image was taken; ``"nominal"``:
-        of what it would have seen from where, and when, it was planned.
+        ``"real"``: truth at the time and pose at which each image was taken, with the errors of the stage;
+        ``"nominal"``: truth at the planned time and pose.
     truth_content
-        ``"standard"``: what estimates are scored against; ``"complete"``: everything that is known of the surface
-        points, at more than twice the size: acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
-        rotation rate, principal growth, coordinates on the surface.
+        ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
+        size, with acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
+        rotation rate, principal growth, and coordinates on the surface.
     ideal
         Whether the recording also holds ``ideal``, the linear images without noise that the sensor was given.
     folder
-        Where relative paths of mesh and image files in the scene count from.
+        Folder to which relative paths of mesh and image files in the scene refer.
     progress
         Called with (what, done, total) as the work goes on.
 
@@ -63,8 +63,8 @@ def simulate(
     -------
     tuple
         The recording, ``image`` (s, t, y, x) and perhaps ``ideal``, and the truth, maps (t, y, x) or (s, t, y, x).
-        The recording says where and when images were planned, the truth where and when they were taken in fact. If the
-        stage has rows, ``s_y`` comes before ``s``.
+        The recording holds the planned poses and times of the images, the truth the real ones. If the stage has rows,
+        ``s_y`` comes before ``s``.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def _record(
     choice = choose_renderer(scene, world)
     with choice.renderer as renderer:
         for n, t in enumerate(frames.t.tolist()):
-            # In the order of the scan: some sensors remember the image before.
+            # In the order of the scan: some sensors need the image before.
             for k, m, s_y, s in sorted(places, key=lambda place: stage.number_in_scan(place[3], t, place[2])):
                 if progress is not None:
                     progress("render", done, total)

@@ -1,4 +1,4 @@
-"""Stores on disk: data sets in zarr, images as files; written aside, sealed, and renamed into place."""
+"""Stores on disk: data sets in zarr and images as files, written beside their target and then renamed."""
 
 from __future__ import annotations
 
@@ -159,12 +159,12 @@ def save(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> N
     with write_aside(path, overwrite=overwrite) as aside, _without_warnings():
         dataset.to_zarr(aside, mode="w", zarr_format=3, consolidated=False, encoding=encoding)
         zarr.open_group(aside, mode="r+").attrs[_SEAL] = _content(aside)
-        # Whoever opens the store with xarray alone is not warned that it looks for this in vain.
+        # Without consolidated metadata, xarray alone would warn when it opens the store.
         zarr.consolidate_metadata(aside, zarr_format=3)
 
 
 def _stamped(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a data set that says what it is; arithmetic with xarray may have taken its attributes away.
+    """Return a data set with its kind and format version; arithmetic with xarray may have dropped its attributes.
 
     Raises
     ------
@@ -191,12 +191,12 @@ def load(path: str | Path, kind: Literal["recording", "truth", "estimate"] | Non
     path
         The store.
     kind
-        What it must hold; anything of ours if not given.
+        Kind that the store must hold; any kind if not given.
 
     Returns
     -------
     xarray.Dataset
-        In memory.
+        The data set, in memory.
 
     Raises
     ------
@@ -287,9 +287,9 @@ def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png",
     recording
         The recording.
     folder
-        Where; it must not exist yet.
+        Folder for the files; it must not exist yet.
     form
-        ``"png"``: 16 bit, full scale is 65535 (digital numbers of up to 16 bit can be told from it exactly).
+        ``"png"``: 16 bit, full scale is 65535 (digital numbers of up to 16 bits follow from it exactly).
         ``"tiff"``: float32, full scale is 1.
     """
     import imageio.v3 as imageio

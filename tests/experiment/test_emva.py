@@ -17,6 +17,7 @@ from scenetruth.camera import PRESETS, EmvaSensor, PhotonTransfer
 from scenetruth.cli.app import app
 from scenetruth.experiment.emva import run as emva
 from scenetruth.experiment.emva.run import compare, measure_sensor, run_emva
+from tests.sensors import NOISY_SENSOR
 
 # What a measurement must recover. Scatter, as one standard error with 300 x 400 pixels: gain 0.1 %, spatial standard
 # deviations 0.2 % to 0.4 %, saturation as the gain, a level's mean 0.01 %.
@@ -29,20 +30,8 @@ BOUNDS = {
     "saturation_capacity_e": 0.01,
     "linearity_error": 0.001,
 }
-# One more, with strong patterns, much dark current, and hot pixels' absence.
-NOISY: dict[str, Any] = {
-    "photon_rate_per_s": 5e6,
-    "exposure_time_s": 0.1,
-    "quantum_efficiency": 0.45,
-    "full_well_e": 18000.0,
-    "gain_dn_per_e": 0.2,
-    "bit_depth": 12,
-    "black_level_dn": 64.0,
-    "temporal_dark_noise_e": 16.0,
-    "dark_current_e_per_s": 300.0,
-    "dsnu_e": 12.0,
-    "prnu": 0.012,
-}
+# One more, whose dark current has more time to add electrons.
+NOISY = NOISY_SENSOR | {"exposure_time_s": 0.1}
 SENSORS: dict[str, dict[str, Any]] = {**{name: {"preset": name} for name in PRESETS}, "noisy": NOISY}
 
 

@@ -11,7 +11,17 @@ from hypothesis import strategies as some
 
 from scenetruth.raycast import RayCaster, Topology
 from scenetruth.raycast import caster as caster_module
-from scenetruth.raycast.inside_kernels import blurs, inside
+from scenetruth.raycast.inside_kernels import (
+    DISTANCE,
+    FORMS,
+    blurs,
+    edge_functions,
+    inside,
+    rounding,
+    slope,
+    weigh,
+    write_forms,
+)
 
 
 @pytest.mark.parametrize("path", ["tiles", "cells", "embree"])
@@ -47,7 +57,7 @@ coordinate = some.floats(-700, 700)
 @given(
     points=some.lists(coordinate, min_size=9, max_size=9), way=some.lists(some.floats(-2, 2), min_size=3, max_size=3)
 )
-def test_volumes_are_rounded_by_no_more_than_the_blur(points: list[float], way: list[float]) -> None:
+def test_edge_functions_are_rounded_by_no_more_than_the_bound(points: list[float], way: list[float]) -> None:
     a, b, c = np.array(points).reshape(3, 3)
     for p, q in ((a, b), (b, c), (c, a)):
         n = (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0])
@@ -71,3 +81,20 @@ def test_rule_at_edges() -> None:
     # Seen edge-on nothing is added.
     assert not inside(1e-8, 1e-8, -1e-9, 1e-9)
     assert inside(1e-8, 1e-8, 0.0, 1e-9)
+
+
+def test_the_forms_of_a_face_give_edge_functions_depth_and_weights() -> None:
+    corners = np.array([[1.0, 2.0, 30.0], [9.0, 1.0, 35.0], [3.0, 8.0, 31.0]])
+    origin = np.array([0.5, -1.0, 2.0])
+    point = 0.2 * corners[0] + 0.3 * corners[1] + 0.5 * corners[2]
+    direction = (point - origin) / 4
+    form = np.empty(FORMS)
+    write_forms(corners, np.array([[0, 1, 2]], dtype=np.int32), 0, origin, form)
+    a, b, c = corners - origin
+    volumes = [np.linalg.det([direction, p, q]) for p, q in ((b, c), (c, a), (a, b))]
+    np.testing.assert_allclose(edge_functions(form, *direction), volumes, rtol=1e-12)
+    np.testing.assert_allclose(weigh(form, *direction), [0.3, 0.5], rtol=1e-12)
+    assert form[DISTANCE] / slope(form, *direction) == pytest.approx(4, rel=1e-12)
+    bound = rounding(form, *direction)
+    assert bound == pytest.approx(np.abs(direction) @ blurs(*a, *b, *c), rel=1e-15)
+    assert inside(*edge_functions(form, *direction), bound)

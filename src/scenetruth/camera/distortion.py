@@ -49,15 +49,38 @@ class Distortion(FrozenModel):
         return (self.k1, self.k2, self.p1, self.p2, self.k3, self.k4, self.k5, self.k6)
 
     def distort(self, points: Array) -> Array:
-        """Return where points appear that a pinhole images at (x, y), shape (..., 2)."""
+        """Distort image positions.
+
+        Parameters
+        ----------
+        points
+            Positions (x, y) in the image of a pinhole, in units of the focal length from the principal point, shape
+            (..., 2).
+
+        Returns
+        -------
+        numpy.ndarray
+            Positions (x_d, y_d) in the image of the lens, in the same unit, shape (..., 2).
+        """
         return self._map(points)[0]
 
     def jacobian(self, points: Array) -> Array:
-        """Return the derivatives of `distort`, shape (..., 2, 2): row x_d, y_d; column x, y."""
+        """Return the derivatives of `distort`.
+
+        Parameters
+        ----------
+        points
+            Positions as for `distort`, shape (..., 2).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (..., 2, 2): rows x_d and y_d, columns x and y.
+        """
         return self._map(points)[1]
 
     def undistort(self, points: Array) -> Array:
-        """Return the inverse of `distort`, found by Newton's method.
+        """Find the inverse of `distort` by Newton's method.
 
         Parameters
         ----------
@@ -67,11 +90,11 @@ class Distortion(FrozenModel):
         Returns
         -------
         numpy.ndarray
-            Where a pinhole would image them, shape (..., 2); NaN where the distortion folds the image, so that no
-            position, or more than one, is imaged there.
+            Positions in the image of a pinhole, shape (..., 2). NaN where the distortion folds the image, so that no
+            pinhole position, or more than one, belongs to the distorted one.
         """
         found = self._solve(np.asarray(points, dtype=np.float64))
-        # On the way from the axis the image must not turn over: else this is not the only solution.
+        # The determinant must stay positive from the axis to the solution: else there are other solutions.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for share in _ON_THE_WAY:
                 turned = ~(np.linalg.det(self.jacobian(share * found)) > 0)

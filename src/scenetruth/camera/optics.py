@@ -30,12 +30,23 @@ class GaussianPsf(FrozenModel):
     """Standard deviation in px."""
 
     def transfer(self, frequency_per_px: Array) -> Array:
-        """Return the modulation transfer function at spatial frequencies in periods per px."""
+        """Return the modulation transfer function exp(-2 (π σ f)²).
+
+        Parameters
+        ----------
+        frequency_per_px
+            Spatial frequencies f in periods per px, any shape.
+
+        Returns
+        -------
+        numpy.ndarray
+            Contrast that is left, from 0 to 1, of the same shape.
+        """
         return np.asarray(np.exp(-2 * (np.pi * self.sigma_px * frequency_per_px) ** 2))
 
     @property
     def reach_px(self) -> float:
-        """How far light is spread, in px."""
+        """Radius in px beyond which the spread light is neglected."""
         return _GAUSSIAN_REACH * self.sigma_px
 
     @property
@@ -67,16 +78,26 @@ class AiryPsf(FrozenModel):
         return 1.2196698912665045 / self.cutoff_per_px
 
     def transfer(self, frequency_per_px: Array) -> Array:
-        """Return the modulation transfer function at spatial frequencies in periods per px.
+        """Return the modulation transfer function 2/π (arccos ν - ν √(1 - ν²)).
 
-        2/π (arccos ν - ν √(1 - ν²)) with ν the frequency over the cut-off (Goodman, Introduction to Fourier Optics).
+        ν is the frequency over the cut-off frequency (Goodman, Introduction to Fourier Optics).
+
+        Parameters
+        ----------
+        frequency_per_px
+            Spatial frequencies in periods per px, any shape.
+
+        Returns
+        -------
+        numpy.ndarray
+            Contrast that is left, from 0 to 1, of the same shape.
         """
         share = np.minimum(np.abs(frequency_per_px) / self.cutoff_per_px, 1.0)
         return np.asarray(2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share**2)))
 
     @property
     def reach_px(self) -> float:
-        """How far light is spread, in px."""
+        """Radius in px beyond which the spread light is neglected."""
         return _AIRY_REACH * self.radius_px
 
     @property
@@ -103,19 +124,42 @@ class Defocus(FrozenModel):
     """Points on the aperture from which an image is rendered; discs of more than about 4 px need more."""
 
     def blur_diameter_px(self, depth_mm: Array, focal_length_px: float) -> Array:
-        """Return the diameter of the blur disc of points at a depth."""
+        """Return the diameter of the blur disc.
+
+        Parameters
+        ----------
+        depth_mm
+            Depths Z of points, any shape.
+        focal_length_px
+            Focal length f of the camera.
+
+        Returns
+        -------
+        numpy.ndarray
+            f A |1/Z - 1/Z_f| in px, of the same shape.
+        """
         return np.asarray(focal_length_px * self.aperture_mm * np.abs(1 / depth_mm - 1 / self.focus_distance_mm))
 
     def points_mm(self, count: int) -> Array:
-        """Return points that cover the aperture evenly (a spiral with the golden angle, Vogel 1979), shape (count, 2).
+        """Return points that cover the aperture evenly: a spiral with the golden angle (Vogel 1979).
 
-        Their mean is zero, and their mean square that of the disc, A² / 16 along each axis.
+        Their mean is zero, and from three points on, their mean square is that of the disc, A² / 16 along each axis.
+
+        Parameters
+        ----------
+        count
+            Number of points.
+
+        Returns
+        -------
+        numpy.ndarray
+            Offsets (X, Y) from the centre in mm, shape (count, 2).
         """
         number = np.arange(count)
         radius = self.aperture_mm / 2 * np.sqrt((number + 0.5) / count)
         angle = np.pi * (3 - np.sqrt(5)) * number
         points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-        # Few points lie a little askew, which would shift and stretch what is out of focus.
+        # The moments of few points are a little off, which would shift and stretch blurred points.
         points -= points.mean(axis=0)
         spread = points.T @ points / count
         values, axes = np.linalg.eigh(spread)
@@ -137,7 +181,18 @@ class Vignetting(FrozenModel):
     """(a1, a2, a3); a1 = -0.2 darkens the corners by 20 %."""
 
     def factor(self, camera: Camera) -> Array:
-        """Return by what every pixel is darkened, shape (height, width); not below 0."""
+        """Return the factor by which every pixel is darkened.
+
+        Parameters
+        ----------
+        camera
+            The camera, with its distortion.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (height, width); 1 at the principal point, not below 0.
+        """
         grid = camera.pixel_grid()
         square = ((grid - camera.principal_point) ** 2).sum(axis=-1) / ((camera.width**2 + camera.height**2) / 4)
         a1, a2, a3 = self.coefficients

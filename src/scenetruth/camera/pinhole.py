@@ -82,14 +82,19 @@ class Camera(FrozenModel):
         return self if self.distortion is None else self.model_copy(update={"distortion": None})
 
     def refined(self, parts: int, margin_px: int) -> Camera:
-        """Return the camera whose pixels are parts x parts smaller, and whose image is wider by a margin all around.
+        """Return the camera with smaller pixels, and with a margin around the image.
 
         Parameters
         ----------
         parts
-            Into how many pixels one is divided along x and along y.
+            Number of new pixels along x, and along y, for one pixel of this camera.
         margin_px
-            Margin in pixels of this camera.
+            Margin on every side, in pixels of this camera.
+
+        Returns
+        -------
+        Camera
+            Focal length and principal point are scaled so that the same points are seen.
         """
         c_x, c_y = self.principal_point
         return Camera(
@@ -102,7 +107,18 @@ class Camera(FrozenModel):
         )
 
     def rows(self, first: int, last: int) -> Camera:
-        """Return the camera that sees rows from the first to before the last only."""
+        """Return the camera that sees only some rows of the image.
+
+        Parameters
+        ----------
+        first, last
+            First row, and the row behind the last one; rows outside the image are allowed.
+
+        Returns
+        -------
+        Camera
+            Its row 0 is the row ``first`` of this camera.
+        """
         c_x, c_y = self.principal_point
         return self.model_copy(update={"height": last - first, "principal_point_px": (c_x, c_y - first)})
 
@@ -132,7 +148,7 @@ class Camera(FrozenModel):
         return np.asarray(self.focal_px * self.distortion.distort(normalised) + self.principal_point)
 
     def flow_of(self, directions: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how fast images move, from how fast they would move in a pinhole of focal length 1.
+        """Return the optical flow of points of a lens that distorts, from that of a pinhole with focal length 1.
 
         Parameters
         ----------
@@ -144,7 +160,7 @@ class Camera(FrozenModel):
         Returns
         -------
         numpy.ndarray
-            Rates of the pixel coordinates, shape (n, 2).
+            Rates of the pixel coordinates in px, per unit of time of ``rates``, shape (n, 2).
         """
         if self.distortion is None:
             return self.focal_px * rates

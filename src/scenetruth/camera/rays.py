@@ -16,7 +16,7 @@ __all__ = ["PixelRays", "pixel_rays"]
 
 @dataclass(frozen=True, eq=False)
 class PixelRays:
-    """What all images of one camera share; shared between those who ask, so not to be written to.
+    """The rays through the pixel centres of a camera; the arrays are shared, and must not be changed.
 
     Parameters
     ----------
@@ -41,7 +41,18 @@ _known: WeakKeyDictionary[Camera, PixelRays] = WeakKeyDictionary()
 
 
 def pixel_rays(camera: Camera) -> PixelRays:
-    """Return the rays of a camera's pixels, kept for as long as the camera."""
+    """Return the rays of a camera's pixels; they are kept for as long as the camera lives.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+
+    Returns
+    -------
+    PixelRays
+        The same object for equal cameras.
+    """
     rays = _known.get(camera)
     if rays is None:
         # With a camera of its own, or the key would be kept alive by its value.

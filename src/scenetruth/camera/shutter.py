@@ -1,4 +1,4 @@
-"""When the pixels of an image collect light."""
+"""The shutter: when the pixels of an image collect light."""
 
 from __future__ import annotations
 
@@ -31,9 +31,33 @@ class Shutter(FrozenModel):
     """Speed of the camera along X while it takes an image, in mm/s; its position is reached in the image's middle."""
 
     def row_offsets_s(self, rows: Array, height: int) -> Array:
-        """Return how much later than the image's own time rows are exposed, in s; row 0 first."""
+        """Return how much later than the middle of the image rows are exposed.
+
+        Parameters
+        ----------
+        rows
+            Numbers of rows, which may be fractions; row 0 is exposed first.
+        height
+            Number of rows of the image.
+
+        Returns
+        -------
+        numpy.ndarray
+            Times in s, of the shape of ``rows``; negative for the upper half of the image.
+        """
         return np.asarray((rows - (height - 1) / 2) * (self.readout_time_s / max(height - 1, 1)))
 
     def exposure_offsets_s(self, count: int) -> Array:
-        """Return the middles of equal parts of the exposure, in s from its middle."""
+        """Return moments that sample the exposure: the middles of equal parts of it.
+
+        Parameters
+        ----------
+        count
+            Number of moments.
+
+        Returns
+        -------
+        numpy.ndarray
+            Times in s from the middle of the exposure, in order, shape (count,).
+        """
         return np.asarray(((np.arange(count) + 0.5) / count - 0.5) * self.exposure_time_s)

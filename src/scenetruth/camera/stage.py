@@ -154,8 +154,8 @@ class Stage(FrozenModel):
     def scan_interval_s(self) -> float:
         """Shortest time between two frames in which the stage gets through all its positions.
 
-        If every other frame is scanned backwards and the reference is not the middle of the scan, this is more than the
-        time of one scan: the reference's images are equally spaced, so that every other scan begins late.
+        This is more than the time of one scan if every other frame is scanned backwards and the reference is not in the
+        middle of the scan: the images of the reference are equally spaced in time, so that every other scan must wait.
         """
         before, after = self.number_in_scan(0, 0), self.number_in_scan(0, 1)
         # Images from the reference of one frame up to that of the next.
@@ -163,7 +163,18 @@ class Stage(FrozenModel):
         return most * self.time_per_position_s
 
     def number_in_scan(self, s: int, t: int, s_y: int = 0) -> int:
-        """Count the images of frame t in the order in which they are taken, from 0, up to camera s of row s_y."""
+        """Return the number of an image in the order in which the images of its frame are taken.
+
+        Parameters
+        ----------
+        s, t, s_y
+            Camera position, frame and row, 0 the reference.
+
+        Returns
+        -------
+        int
+            From 0 for the first image of the frame.
+        """
         row, place = s_y - int(self.s_y[0]), s - int(self.s[0])
         to_and_fro = self.scan == "bidirectional"
         if to_and_fro and row % 2 == 1:

@@ -1,4 +1,4 @@
-"""How far a real stage puts the camera from where it should be."""
+"""Errors of position and angle of a real stage."""
 
 from __future__ import annotations
 

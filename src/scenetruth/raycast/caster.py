@@ -1,31 +1,27 @@
-"""Casting rays at a mesh: float64 decides, for every triangle near a ray or after Embree's guess."""
+"""Casting rays at a mesh: which face each ray meets first, decided in float64."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.embree import EmbreeMesh
 from scenetruth.raycast.topology import Topology
-
-if TYPE_CHECKING:
-    from embreex.rtcore_scene import EmbreeScene
 
 __all__ = ["Hits", "RayCaster"]
 
-# Embree's rays and triangles are float32: a few roundings of the coordinates' size at the hit.
+# Embree's rays and triangles are float32: its hits are off by a few roundings of the coordinates' size.
 _MARGIN_ROUNDINGS = 16
-# Rays are handed to Embree in pieces, so that its copies of them stay small.
-_PIECE = 1 << 20
-# Faces up to which each is held against the rays near it: at 1e6 seven times as fast as asking Embree (measured), but
-# 136 bytes a face.
+# Up to so many faces, each is tested against the rays near it: with 1e6 faces seven times as fast as asking Embree
+# (measured), but it takes 136 bytes a face.
 _MOST_RASTERED = 2_000_000
-# Faces up to which a grid of rays is searched tile by tile; beyond, faces are small and cells of a few rays are better.
+# Up to so many faces, a grid of rays is searched tile by tile. More faces are small: cells of a few rays are faster.
 _MOST_TILED = 2_000
-# A ray's cell holds about so many rays, and cells list no more faces than this, all together.
+# About so many rays are sorted into one cell, and the lists of faces of all cells have at most so many entries.
 _RAYS_PER_CELL = 4
 _MOST_LISTED = 1 << 26
 
@@ -49,11 +45,35 @@ class Hits:
     weights: NDArray[np.float64]
 
     def interpolate(self, faces: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate values given at vertices; shape (n, ...), NaN where nothing is hit."""
+        """Interpolate values that are given at vertices.
+
+        Parameters
+        ----------
+        faces
+            Corners of the faces, shape (m, 3).
+        values
+            Values at the vertices, shape (k, ...).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n, ...); NaN where nothing is met.
+        """
         return self._mix(values[faces[self.face, 0]], values[faces[self.face, 1]], values[faces[self.face, 2]])
 
     def interpolate_corners(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate values given at the corners of faces, shape (m, 3, ...)."""
+        """Interpolate values that are given at the corners of faces.
+
+        Parameters
+        ----------
+        values
+            Values at the corners, shape (m, 3, ...).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n, ...); NaN where nothing is met.
+        """
         return self._mix(values[self.face, 0], values[self.face, 1], values[self.face, 2])
 
     def _mix(
@@ -66,8 +86,17 @@ class Hits:
         return mixed
 
 
+class _Prepared(NamedTuple):
+    """What `prepare_faces` finds for rays from one point, and for which point and projection."""
+
+    origin: NDArray[np.float64]
+    frame: NDArray[np.float64]
+    forms: NDArray[np.float64]
+    boxes: NDArray[np.float64]
+
+
 class RayCaster:
-    """A mesh at one time, ready for rays.
+    """A mesh at one time, to cast rays at.
 
     Parameters
     ----------
@@ -80,16 +109,21 @@ class RayCaster:
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
         self.vertices_mm = np.ascontiguousarray(vertices_mm, dtype=np.float64)
         self.topology = topology
-        # float32 is most precise around zero: the mesh is moved there, and the rays with it.
         self._centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
         self._extent = float(np.abs(self.vertices_mm - self._centre).max())
-        # Origin, frame, forms and boxes of `prepare_faces`.
-        self._prepared: (
-            tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None
-        ) = None
+        self._prepared: _Prepared | None = None
+
+    @cached_property
+    def face_normals(self) -> NDArray[np.float64]:
+        """Unit normals of the faces along (p1 - p0) x (p2 - p0), shape (m, 3)."""
+        corners = self.vertices_mm[self.topology.faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        # A face without an area is met by no ray.
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        return normals
 
     def cast(self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], grid_width: int = 0) -> Hits:
-        """Find what rays from one point meet first.
+        """Find the first face that each ray from one point meets.
 
         Parameters
         ----------
@@ -98,13 +132,13 @@ class RayCaster:
         directions
             Their directions, shape (n, 3), of any length; the depth of a hit counts in these lengths.
         grid_width
-            If the rays form a grid, row by row, its width: few faces are then held against it tile by tile, and should
-            Embree be asked, neighbours in the grid help to decide rays that pass an edge within float32 precision.
+            Rays in a row if they form a grid, row by row; else 0. A grid is faster with few faces. Where Embree is
+            asked, the neighbours in the grid help to find the right face for rays that pass close to an edge.
 
         Returns
         -------
         Hits
-            The first face met by every ray, from either side.
+            The first face that every ray meets, from either side.
         """
         origin = np.asarray(origin_mm, dtype=np.float64)
         directions = np.ascontiguousarray(directions, dtype=np.float64)
@@ -116,7 +150,7 @@ class RayCaster:
         return self._trace(origin, directions, grid_width)
 
     def _raster(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
-        """Hold faces against tiles of a grid of rays; None if the rays do not all point into one half space."""
+        """Search a grid of rays tile by tile; None if the rays do not all point into one half space."""
         from scenetruth.raycast.raster_kernels import raster_hits, tile_bounds
 
         frame = _frame_of(directions)
@@ -127,12 +161,12 @@ class RayCaster:
         return Hits(*raster_hits(forms, boxes, frame, bounds, directions, width))
 
     def _scatter(self, origin: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits | None:
-        """Hold faces against the rays in the cells that they touch; None as of `_raster`, or if they touch too many."""
+        """Search sorted rays cell by cell; None as `_raster`, or if faces touch too many cells."""
         from scenetruth.raycast.scatter_kernels import bin_faces, scatter_hits, sort_rays
 
         side = 1 << max(0, round(np.log2(max(1, len(directions) // _RAYS_PER_CELL)) / 2))
-        # Rays that come after others from the same point use what was prepared for those.
-        frames = [] if self._prepared is None else [self._prepared[1]]
+        # Rays from the same point as the ones before try their projection first: the faces are prepared for it.
+        frames = [] if self._prepared is None else [self._prepared.frame]
         for frame in (*frames, _frame_of(directions)):
             order, cell_start, field, forward = sort_rays(directions, frame, side)
             if forward:
@@ -148,25 +182,20 @@ class RayCaster:
     def _prepared_for(
         self, origin: NDArray[np.float64], frame: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what `prepare_faces` finds, kept until rays start elsewhere."""
+        """Return the forms and boxes of `prepare_faces`; they are kept until rays start elsewhere."""
         from scenetruth.raycast.raster_kernels import prepare_faces
 
-        if self._prepared is None or not ((self._prepared[0] == origin).all() and (self._prepared[1] == frame).all()):
+        known = self._prepared
+        if known is None or not ((known.origin == origin).all() and (known.frame == frame).all()):
             prepared = prepare_faces(self.vertices_mm, self.topology.faces, origin, frame)
-            self._prepared = (origin.copy(), frame, *prepared)
-        return self._prepared[2:]
+            known = self._prepared = _Prepared(origin.copy(), frame, *prepared)
+        return known.forms, known.boxes
 
     def _trace(self, origin: NDArray[np.float64], directions: NDArray[np.float64], grid_width: int) -> Hits:
         """Let Embree guess a face for every ray, and float64 decide."""
         from scenetruth.raycast.kernels import refine_hits
 
-        start = (origin - self._centre).astype(np.float32)
-        guesses = np.empty(len(directions), dtype=np.int32)
-        for first in range(0, len(directions), _PIECE):
-            piece = directions[first : first + _PIECE].astype(np.float32)
-            guesses[first : first + _PIECE] = self._embree.run(
-                np.ascontiguousarray(np.broadcast_to(start, piece.shape)), piece
-            )
+        guesses = self._embree.first_faces(origin, directions)
         reach = np.linalg.norm(self._centre - origin)
         nearest = max(float(reach) - self._extent, 1e-2 * float(reach), 1e-9)
         margin = _MARGIN_ROUNDINGS * float(np.finfo(np.float32).eps) * (1 + self._extent / nearest)
@@ -183,17 +212,12 @@ class RayCaster:
         return Hits(face, depth, weights)
 
     @cached_property
-    def _embree(self) -> EmbreeScene:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
-        scene = EmbreeScene(robust=True)
-        self._mesh = TriangleMesh(scene, (self.vertices_mm - self._centre).astype(np.float32), self.topology.faces)
-        return scene
+    def _embree(self) -> EmbreeMesh:
+        return EmbreeMesh(self.vertices_mm, self.topology.faces)
 
 
 def _frame_of(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return two directions across, and an axis along which rays point, as the rows of a rotation."""
+    """Return the projection for rays: two unit vectors across and their mean direction, as the rows of a rotation."""
     few = directions[:: max(1, len(directions) // 1024)]
     few = few[np.isfinite(few).all(axis=1)]
     axis = (few / np.maximum(np.linalg.norm(few, axis=1, keepdims=True), 1e-300)).sum(axis=0)

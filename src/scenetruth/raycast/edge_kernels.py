@@ -1,4 +1,4 @@
-"""Kernels that find the edges of a mesh that stand out, and cut them into pieces in the image."""
+"""Kernels that find the silhouette edges and sharp edges of a mesh, and cut them into pieces in the image."""
 
 from __future__ import annotations
 
@@ -13,7 +13,23 @@ __all__ = ["contour_edges", "cut_segments", "face_sides"]
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def face_sides(vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64]) -> Any:
-    """Return unit normals of faces by the order of their corners, shape (m, 3), and whether a point is before them."""
+    """Compute the normals of faces, and tell which faces show their front to a point.
+
+    Parameters
+    ----------
+    vertices
+        World positions in mm, shape (n, 3).
+    faces
+        Corners of the faces, shape (m, 3).
+    origin
+        The point, in mm, shape (3,).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Unit normals along (p1 - p0) x (p2 - p0), shape (m, 3); and whether the point is on the side of the face to
+        which its normal points, shape (m,).
+    """
     count = faces.shape[0]
     normals = np.empty((count, 3), dtype=np.float64)
     front = np.empty(count, dtype=np.bool_)
@@ -39,7 +55,20 @@ def contour_edges(
     crowded: NDArray[np.bool_],
     crease_cosine: NDArray[np.float64],
 ) -> Any:
-    """Tell which edges are boundaries, lie between a front and a back face, or are sharp; the rest as in `Topology`."""
+    """Tell which edges are seen as lines: boundaries, silhouette edges (between a front and a back face), sharp edges.
+
+    Parameters
+    ----------
+    normals, front
+        Unit normals of the faces, and which are seen from the front, as `face_sides` returns them.
+    edge_faces, flipped, crowded, crease_cosine
+        The edges, as of `Topology`: ``edge_faces``, ``edge_flipped``, ``edge_crowded``, ``edge_crease_cosine``.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (k,). An edge at which more than two faces meet counts always.
+    """
     count = edge_faces.shape[0]
     chosen = np.empty(count, dtype=np.bool_)
     for edge in numba.prange(count):
@@ -68,11 +97,26 @@ def cut_segments(
     leave: NDArray[np.float64],
     piece: float,
 ) -> Any:
-    """Cut segments in the image at half-integer coordinates, or into equal pieces of at most ``piece`` if that is > 0.
+    """Cut segments in the image at the borders of pixels, or into short equal pieces.
 
-    ``first`` and ``last`` are the ends in px, shape (n, 2), with 1 / Z there; ``enter`` and ``leave`` the shares of the
-    way between which they are wanted; ``chosen`` which of them. Returns 1 / Z, position and segment of the middles of
-    all pieces, in order along each segment.
+    Parameters
+    ----------
+    first, last
+        Ends of the segments in px, shape (n, 2).
+    inverse_first, inverse_last
+        1 / Z at these ends, in 1/mm, shape (n,).
+    chosen
+        Indices of the segments to cut.
+    enter, leave
+        Shares of the segment, from 0 at its first end to 1 at its last, between which it is cut, shape (n,).
+    piece
+        Largest length of the pieces in px; 0 cuts at the pixels' borders, at half-integer coordinates.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Of the middle of every piece, in order along each segment: 1 / Z, shape (k,); position in px, shape (k, 2); and
+        index of the segment, shape (k,). 1 / Z is linear along a segment in the image.
     """
     most, total = 0, 0
     for n in chosen:
@@ -105,7 +149,10 @@ def _cuts(
     piece: float,
     out: NDArray[np.float64],
 ) -> int:
-    """Write where a segment begins, is cut and ends, unsorted, if there is room; return how many these are."""
+    """Write the shares at which a segment begins, is cut and ends, unsorted; return their number.
+
+    With an ``out`` of size 0, they are only counted.
+    """
     room = out.shape[0] > 0
     count = 2
     if room:

@@ -12,11 +12,13 @@ from scenetruth.raycast.caster import RayCaster
 
 __all__ = ["mixed_pixels"]
 
+# Edges are clipped at this depth in mm.
 _NEAR = 1e-6
+# A line this near to the border of two pixels belongs to both.
 _TOUCH_PX = 1e-6
-# Length of the pieces of lines that a lens bends: a pixel of which less is touched may go unmarked.
+# Length of the pieces of lines that the lens curves: a pixel that a line touches on a shorter length may be missed.
 _PIECE_PX = 1 / 64
-# A point of an edge counts as hidden if something is nearer by more than this share of its depth.
+# A point of an edge is hidden if a face is nearer by more than this share of its depth.
 _HIDDEN = 1e-7
 
 
@@ -34,7 +36,7 @@ def mixed_pixels(
     caster
         The mesh at the time of the image.
     viewpoint, camera
-        Where the camera stands, and which it is.
+        Pose of the camera, and the camera.
     bodies
         Index of the body at every pixel centre, shape (height, width), -1 for none: where it changes between
         two pixels and no edge was found (bodies that cut into each other), both are marked.
@@ -124,7 +126,7 @@ def _cut_at_pixels(
 
 @lru_cache(maxsize=4096)
 def _seen_rectangle(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the corners of what a pinhole must see for the image to show, in its pixels."""
+    """Return the corners of the rectangle in the image of a pinhole that covers the distorted image, in px."""
     if camera.distortion is None:
         return np.full(2, -0.5), np.array([camera.width, camera.height]) - 0.5
     x, y = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, 65), np.linspace(-0.5, camera.height - 0.5, 65))

@@ -1,4 +1,4 @@
-"""A triangle as linear forms of a ray's direction, and the one rule by which a ray is inside it."""
+"""A triangle as linear functions of a ray's direction, and the one rule by which a ray is inside it."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["blurs", "inside", "weigh", "write_forms"]
+__all__ = ["DISTANCE", "FORMS", "blurs", "edge_functions", "inside", "rounding", "slope", "weigh", "write_forms"]
 
-# Linear forms of a face in the direction d of a ray: the volumes with its edges (opposite to corners 0, 1 and 2), the
-# normal (not of unit length), its product with a corner, and by how much rounding may blur the volumes per |d|.
+# Places of the numbers that are kept of a face. All but DISTANCE are coefficients of a ray's direction d = (x, y, z):
+# of the edge functions of the edges opposite to corners 0, 1 and 2, of the scalar product with the normal (not of unit
+# length), and of the bound of the edge functions' rounding, which |x|, |y| and |z| multiply. DISTANCE is the scalar
+# product of the normal with a corner.
 W0_X, W0_Y, W0_Z, W1_X, W1_Y, W1_Z, W2_X, W2_Y, W2_Z = range(9)
 NORMAL_X, NORMAL_Y, NORMAL_Z, DISTANCE = range(9, 13)
 BLUR_X, BLUR_Y, BLUR_Z = range(13, 16)
 FORMS = 16
 
-# A volume d . (p x q) is rounded by at most 3 roundings (of 2^-53) of a sum of six products, and twice as a whole.
+# An edge function d . (p x q) has at most 3 roundings (of 2^-53) of a sum of six products, and two of the whole.
 _ROUNDINGS = 8 * 2.0**-52
-# Faces whose whole volume is less than so many times the rounding are seen edge-on: nothing is added to them.
+# Faces whose three edge functions add up to less than so many times the rounding are seen edge-on: they gain no border.
 _EDGE_ON = 1e3
 
 
@@ -27,9 +29,17 @@ _EDGE_ON = 1e3
 def blurs(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
 ) -> Any:  # fmt: skip
-    """Return by how much a face's volumes may be rounded, per unit of |d_x|, |d_y| and |d_z|.
+    """Bound the rounding errors of a face's edge functions.
 
-    Arguments are the face's corners, seen from where the ray starts.
+    Parameters
+    ----------
+    ax, ay, az, bx, by, bz, cx, cy, cz
+        The three corners, relative to the origin of the ray, in mm.
+
+    Returns
+    -------
+    tuple of float
+        Bounds in mm² for each unit of |d_x|, |d_y| and |d_z| of the ray's direction d.
     """
     x, y, z = max(abs(ax), abs(bx), abs(cx)), max(abs(ay), abs(by), abs(cy)), max(abs(az), abs(bz), abs(cz))
     return _ROUNDINGS * y * z, _ROUNDINGS * z * x, _ROUNDINGS * x * y
@@ -37,11 +47,23 @@ def blurs(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def inside(w0: float, w1: float, w2: float, blur: float) -> Any:
-    """Tell from the three volumes of a ray and the edges of a face whether the ray is inside, edges included.
+    """Tell whether a ray is inside a face, edges included.
 
-    The volumes of an edge have exactly opposite signs for the two faces that share it, so that no ray slips through
-    between two faces. At a corner, the volumes of several edges are zero but for rounding, and their signs may be such
-    that no face has it: a face therefore also has what lies beyond its edges by no more than rounding, ``blur``.
+    The edge functions of two faces at their common edge have exactly opposite signs, so that no ray passes between the
+    two. At a corner, the functions of several edges are zero but for rounding, and their signs may be such that no face
+    has the ray. Therefore a face also has the rays that pass outside its edges by no more than the rounding error.
+
+    Parameters
+    ----------
+    w0, w1, w2
+        The edge functions of the ray.
+    blur
+        Bound of their rounding errors, not negative.
+
+    Returns
+    -------
+    bool
+        Whether all three have the same sign, within rounding. Never for faces seen exactly edge-on.
     """
     total = w0 + w1 + w2
     if (w0 >= 0.0 and w1 >= 0.0 and w2 >= 0.0) or (w0 <= 0.0 and w1 <= 0.0 and w2 <= 0.0):
@@ -58,9 +80,22 @@ def write_forms(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
     form: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Write the linear forms of a face: of three volumes, of its normal, its distance, and how far rounding blurs them.
+    """Write the coefficients by which a ray's direction gives the edge functions of a face, its slope and rounding.
 
     The operations and their order are those of `kernels._meet`, so that both find the same bits.
+
+    Parameters
+    ----------
+    vertices
+        World positions in mm, shape (n, 3).
+    faces
+        Corners of the faces, shape (m, 3).
+    face
+        Index of the face.
+    origin
+        Where the rays start, in mm, shape (3,).
+    form
+        Output, shape (16,), in the order of `W0_X` to `BLUR_Z`.
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
@@ -77,10 +112,75 @@ def write_forms(
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Return the barycentric weights of a face's second and third corner where a ray meets it."""
+def edge_functions(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Evaluate the edge functions of a face (Pineda, SIGGRAPH 1988) for a ray.
+
+    Parameters
+    ----------
+    form
+        What `write_forms` wrote.
+    dx, dy, dz
+        Direction of the ray, of any length.
+
+    Returns
+    -------
+    tuple of float
+        w_k = d . (p x q) with the corners p and q of the edge opposite to corner k, in mm² times the length of d.
+    """
     w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
     w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
     w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
+    return w0, w1, w2
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def rounding(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Bound the rounding errors of the edge functions of a face for a ray.
+
+    Parameters
+    ----------
+    form, dx, dy, dz
+        As of `edge_functions`.
+
+    Returns
+    -------
+    float
+        The bound, in the unit of the edge functions.
+    """
+    return abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def slope(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Return the scalar product of a face's normal with the direction of a ray.
+
+    Parameters
+    ----------
+    form, dx, dy, dz
+        As of `edge_functions`.
+
+    Returns
+    -------
+    float
+        The product. ``form[DISTANCE]`` over it is the ray parameter at which the ray meets the face's plane.
+    """
+    return form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Return the barycentric coordinates of the point at which a ray meets a face.
+
+    Parameters
+    ----------
+    form, dx, dy, dz
+        As of `edge_functions`.
+
+    Returns
+    -------
+    tuple of float
+        Coordinates of the second and third corner.
+    """
+    w0, w1, w2 = edge_functions(form, dx, dy, dz)
     total = w0 + w1 + w2
     return w1 / total, w2 / total

@@ -1,4 +1,4 @@
-"""Kernels that turn Embree's float32 guess of a triangle into the exact triangle and point in float64."""
+"""Kernels that find the exact face and point from Embree's float32 guess, and that map footprints to textures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from scenetruth.raycast.inside_kernels import blurs, inside
 
 __all__ = ["footprint_forms", "refine_hits"]
 
+# Faces that are tested for one ray.
 _MOST_CANDIDATES = 40
+# Rows of the forms of a footprint: the numerators of u and v, and their denominator. Columns: the coefficients of 1,
+# and of the offsets across and down from the pixel's centre. `scene.texture.kernels` reads them in this order.
+_U, _V, _DENOMINATOR = range(3)
+_CENTRE, _ACROSS, _DOWN = range(3)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -21,15 +26,15 @@ def _meet(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
     dx: float, dy: float, dz: float,
 ) -> Any:  # fmt: skip
-    """Return (inside, depth, b1, b2, angular distance to the nearest edge) of a ray and a face.
+    """Return whether a ray is inside a face, its depth, b1, b2, and its angle to the nearest edge (its sine).
 
-    Inside is by the three signed volumes d · (p_i x p_j): `inside_kernels.inside`.
+    Inside is by the three edge functions d . (p_i x p_j), as in `inside_kernels.inside`.
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
     bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
     cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
-    # Cross products of the edges with the eye.
+    # Normals of the planes through the origin and each edge.
     abx, aby, abz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     bcx, bcy, bcz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
     cax, cay, caz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
@@ -37,7 +42,7 @@ def _meet(
     w0 = dx * bcx + dy * bcy + dz * bcz
     w1 = dx * cax + dy * cay + dz * caz
     total = w0 + w1 + w2
-    # The plane from the edges themselves: more accurate than from the sum of the volumes.
+    # The plane from two sides of the face: more accurate than from the sum of the edge functions.
     ux, uy, uz = bx - ax, by - ay, bz - az
     vx, vy, vz = cx - ax, cy - ay, cz - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -69,8 +74,32 @@ def refine_hits(
 ) -> Any:
     """Find the exact first face, depth and barycentric coordinates of every ray.
 
-    Where a ray passes an edge closer than ``margin`` (an angle), or where rays beside it meet other faces, every face
-    nearby is tried in float64 and the nearest one wins. ``width`` > 0 says that the rays form a grid of that width.
+    Where a ray passes close to an edge, or where neighbouring rays meet other faces, every face nearby is tested in
+    float64, and the nearest one wins.
+
+    Parameters
+    ----------
+    vertices
+        World positions in mm, shape (n, 3).
+    faces
+        Corners of the faces, shape (m, 3).
+    neighbours
+        The face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
+    origin
+        Where the rays start, in mm, shape (3,).
+    directions
+        Directions of the rays, shape (k, 3).
+    guesses
+        The face that Embree found for each ray, -1 for none, shape (k,).
+    width
+        Rays in a row if they form a grid, row by row; else 0.
+    margin
+        Angle in rad to an edge below which the faces beside are tested too.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Face, depth and barycentric coordinates, as of `Hits`.
     """
     count = directions.shape[0]
     height = count // width if width > 0 else 0
@@ -120,7 +149,7 @@ def refine_hits(
             if within and (depth < best_depth or (depth == best_depth and face < best)):
                 best, best_depth, best_1, best_2 = face, depth, b1, b2
         if best < 0 and own >= 0 and width == 0:
-            # Without neighbours to ask, a ray that only just misses keeps the face that Embree found.
+            # Without a grid there are no neighbours: a ray that just misses its face keeps what Embree found.
             best, best_depth, best_1, best_2 = own, own_depth, own_1, own_2
         face_out[n] = best
         depth_out[n] = best_depth if best >= 0 else np.nan
@@ -147,8 +176,8 @@ def footprint_forms(mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int6
     Returns
     -------
     tuple of numpy.ndarray
-        The coefficients of 1, x and y in the numerators of u and v and in their denominator, shape (n, 3, 3); and
-        whether the square of half-width ``reach`` around the centre stays inside the face, shape (n,).
+        The forms: numerators of u and v and their denominator (rows), coefficients of 1, x and y (columns), shape
+        (n, 3, 3); and whether the square of half-width ``reach`` around the centre stays inside the face, shape (n,).
     """
     vertices, faces, uv, origin = mesh.vertices, mesh.faces, mesh.uv, rays.origin
     directions, across, down, hits = rays.directions, rays.across, rays.down, rays.face
@@ -163,7 +192,7 @@ def footprint_forms(mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int6
         ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
         bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
         cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
-        # The three signed volumes of `_meet` are linear in the direction; texture coordinates mix the corners' by them.
+        # The edge functions of `_meet` are linear in the direction; over their sum, they are barycentric coordinates.
         abx, aby, abz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         bcx, bcy, bcz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
         cax, cay, caz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
@@ -180,22 +209,22 @@ def footprint_forms(mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int6
         w0_y = step_y[0] * bcx + step_y[1] * bcy + step_y[2] * bcz
         w1_y = step_y[0] * cax + step_y[1] * cay + step_y[2] * caz
         w2_y = step_y[0] * abx + step_y[1] * aby + step_y[2] * abz
-        forms[n, 0, 0] = w0 * u0 + w1 * u1 + w2 * u2
-        forms[n, 0, 1] = w0_x * u0 + w1_x * u1 + w2_x * u2
-        forms[n, 0, 2] = w0_y * u0 + w1_y * u1 + w2_y * u2
-        forms[n, 1, 0] = w0 * v0 + w1 * v1 + w2 * v2
-        forms[n, 1, 1] = w0_x * v0 + w1_x * v1 + w2_x * v2
-        forms[n, 1, 2] = w0_y * v0 + w1_y * v1 + w2_y * v2
-        forms[n, 2, 0] = w0 + w1 + w2
-        forms[n, 2, 1] = w0_x + w1_x + w2_x
-        forms[n, 2, 2] = w0_y + w1_y + w2_y
-        # By how much each volume may change up to the corners of the square; inside the face, all have one sign.
+        forms[n, _U, _CENTRE] = w0 * u0 + w1 * u1 + w2 * u2
+        forms[n, _U, _ACROSS] = w0_x * u0 + w1_x * u1 + w2_x * u2
+        forms[n, _U, _DOWN] = w0_y * u0 + w1_y * u1 + w2_y * u2
+        forms[n, _V, _CENTRE] = w0 * v0 + w1 * v1 + w2 * v2
+        forms[n, _V, _ACROSS] = w0_x * v0 + w1_x * v1 + w2_x * v2
+        forms[n, _V, _DOWN] = w0_y * v0 + w1_y * v1 + w2_y * v2
+        forms[n, _DENOMINATOR, _CENTRE] = w0 + w1 + w2
+        forms[n, _DENOMINATOR, _ACROSS] = w0_x + w1_x + w2_x
+        forms[n, _DENOMINATOR, _DOWN] = w0_y + w1_y + w2_y
+        # By how much each edge function changes at most up to the square's corners; inside the face, all have one sign.
         span0, span1, span2 = (
             reach * (abs(w0_x) + abs(w0_y)),
             reach * (abs(w1_x) + abs(w1_y)),
             reach * (abs(w2_x) + abs(w2_y)),
         )
-        positive = w0 >= span0 and w1 >= span1 and w2 >= span2 and forms[n, 2, 0] > 0.0
-        negative = w0 <= -span0 and w1 <= -span1 and w2 <= -span2 and forms[n, 2, 0] < 0.0
+        positive = w0 >= span0 and w1 >= span1 and w2 >= span2 and forms[n, _DENOMINATOR, _CENTRE] > 0.0
+        negative = w0 <= -span0 and w1 <= -span1 and w2 <= -span2 and forms[n, _DENOMINATOR, _CENTRE] < 0.0
         whole[n] = positive or negative
     return forms, whole

@@ -14,51 +14,54 @@ from scenetruth.raycast.inside_kernels import (
     BLUR_Z,
     DISTANCE,
     FORMS,
-    NORMAL_X,
-    NORMAL_Y,
-    NORMAL_Z,
     W0_X,
-    W0_Y,
-    W0_Z,
     W1_X,
-    W1_Y,
-    W1_Z,
     W2_X,
-    W2_Y,
-    W2_Z,
+    edge_functions,
     inside,
+    rounding,
+    slope,
     weigh,
     write_forms,
 )
+from scenetruth.raycast.projection_kernels import HIGH_U, HIGH_V, LEAST_COSINE, LOW_U, LOW_V, RANGES, components
 
 __all__ = ["TILE", "prepare_faces", "raster_hits", "tile_bounds"]
 
 TILE = 16
 """Side of the square tiles in rays."""
 
-# What lies nearer to the plane of the eye than this share of its distance is taken to be anywhere in the image.
+# Corners that are nearer to the plane through the origin, across the axis, than this share of their distance have no
+# useful projection: their faces count as met by any ray.
 _GRAZING = 1e-6
 # Tests that only skip work err by so much on the safe side, relative to the numbers' size; rounding is below 1e-9 even
 # at `_GRAZING`, and below 1e-14 elsewhere.
 _BOX_MARGIN = 1e-8
 _PLANE_MARGIN = 1e-12
-# Directions must point this far (cosine) into the half space of the axis.
-_LEAST_COSINE = 0.05
-# Range of a tile or a face in the projection's coordinates u and v.
-_LOW_U, _HIGH_U, _LOW_V, _HIGH_V = range(4)
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def tile_bounds(directions: NDArray[np.float64], width: int, frame: NDArray[np.float64]) -> Any:
-    """Bound the directions of every tile in the central projection along an axis.
+    """Bound the rays of every tile in the central projection along an axis.
 
-    ``frame`` has two directions across and the axis as its rows. Returns (lowest u, highest u, lowest v, highest v) of
-    every tile, shape (tile rows, tile columns, 4), and whether all rays point along the axis. Directions that are NaN
-    are passed over.
+    Parameters
+    ----------
+    directions
+        Directions of a grid of rays, row by row, shape (n, 3). Directions that are NaN are passed over.
+    width
+        Rays in a row of the grid.
+    frame
+        The projection, as of `components`.
+
+    Returns
+    -------
+    tuple
+        Lowest u, highest u, lowest v, highest v of every tile, shape (tile rows, tile columns, 4); and whether all rays
+        point into the half space of the axis.
     """
     height = directions.shape[0] // width
     rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
-    bounds = np.empty((rows, columns, 4), dtype=np.float64)
+    bounds = np.empty((rows, columns, RANGES), dtype=np.float64)
     forward = np.ones(rows, dtype=np.bool_)
     for row in numba.prange(rows):
         for column in range(columns):
@@ -66,18 +69,17 @@ def tile_bounds(directions: NDArray[np.float64], width: int, frame: NDArray[np.f
             for y in range(row * TILE, min((row + 1) * TILE, height)):
                 for x in range(column * TILE, min((column + 1) * TILE, width)):
                     dx, dy, dz = directions[y * width + x]
-                    along = dx * frame[2, 0] + dy * frame[2, 1] + dz * frame[2, 2]
+                    across, down, along = components(dx, dy, dz, frame)
                     if np.isnan(along):
                         continue
-                    if along <= _LEAST_COSINE * np.sqrt(dx * dx + dy * dy + dz * dz):
+                    if along <= LEAST_COSINE * np.sqrt(dx * dx + dy * dy + dz * dz):
                         forward[row] = False
                         continue
-                    u = (dx * frame[0, 0] + dy * frame[0, 1] + dz * frame[0, 2]) / along
-                    v = (dx * frame[1, 0] + dy * frame[1, 1] + dz * frame[1, 2]) / along
+                    u, v = across / along, down / along
                     low_u, high_u = min(low_u, u), max(high_u, u)
                     low_v, high_v = min(low_v, v), max(high_v, v)
-            bounds[row, column, _LOW_U], bounds[row, column, _HIGH_U] = low_u, high_u
-            bounds[row, column, _LOW_V], bounds[row, column, _HIGH_V] = low_v, high_v
+            bounds[row, column, LOW_U], bounds[row, column, HIGH_U] = low_u, high_u
+            bounds[row, column, LOW_V], bounds[row, column, HIGH_V] = low_v, high_v
     return bounds, forward.all()
 
 
@@ -88,29 +90,42 @@ def prepare_faces(
     origin: NDArray[np.float64],
     frame: NDArray[np.float64],
 ) -> Any:
-    """Compute what the rays from one point share: the linear forms of every face, and where it lies.
+    """Prepare all faces for rays from one point: their edge functions, and their ranges in the projection.
 
-    Returns the forms, shape (m, 16), and (lowest u, highest u, lowest v, highest v) of every face in the projection of
-    ``frame``, shape (m, 4), with margins for rounding; an empty range for what lies behind.
+    Parameters
+    ----------
+    vertices
+        World positions in mm, shape (n, 3).
+    faces
+        Corners of the faces, shape (m, 3).
+    origin
+        Where the rays start, in mm, shape (3,).
+    frame
+        The projection, as of `components`.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Coefficients of every face as of `write_forms`, shape (m, 16); and its lowest u, highest u, lowest v, highest v,
+        shape (m, 4), with margins for rounding. The range of faces behind the origin is empty.
     """
     count = faces.shape[0]
     forms = np.empty((count, FORMS), dtype=np.float64)
-    boxes = np.empty((count, 4), dtype=np.float64)
+    boxes = np.empty((count, RANGES), dtype=np.float64)
     for face in numba.prange(count):
         low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
         behind, grazing = True, False
         for corner in range(3):
             vertex = faces[face, corner]
             x, y, z = vertices[vertex, 0] - origin[0], vertices[vertex, 1] - origin[1], vertices[vertex, 2] - origin[2]
-            along = x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2]
+            across, down, along = components(x, y, z, frame)
             size = np.sqrt(x * x + y * y + z * z)
             if along > -_PLANE_MARGIN * size:
                 behind = False
             if along <= _GRAZING * size:
                 grazing = True
                 continue
-            u = (x * frame[0, 0] + y * frame[0, 1] + z * frame[0, 2]) / along
-            v = (x * frame[1, 0] + y * frame[1, 1] + z * frame[1, 2]) / along
+            u, v = across / along, down / along
             low_u, high_u = min(low_u, u), max(high_u, u)
             low_v, high_v = min(low_v, v), max(high_v, v)
         if behind:
@@ -121,27 +136,26 @@ def prepare_faces(
             margin_u = _BOX_MARGIN * (1.0 + max(abs(low_u), abs(high_u)))
             margin_v = _BOX_MARGIN * (1.0 + max(abs(low_v), abs(high_v)))
             low_u, high_u, low_v, high_v = low_u - margin_u, high_u + margin_u, low_v - margin_v, high_v + margin_v
-        boxes[face, _LOW_U], boxes[face, _HIGH_U] = low_u, high_u
-        boxes[face, _LOW_V], boxes[face, _HIGH_V] = low_v, high_v
+        boxes[face, LOW_U], boxes[face, HIGH_U] = low_u, high_u
+        boxes[face, LOW_V], boxes[face, HIGH_V] = low_v, high_v
         write_forms(vertices, faces, face, origin, forms[face])
     return forms, boxes
 
 
 @numba.njit(cache=True, nogil=True)
 def _edges_of_tile(form: NDArray[np.float64], frame: NDArray[np.float64], bounds: NDArray[np.float64]) -> Any:
-    """Tell whether a face may be met in a tile, and whether all rays of the tile are inside its three edges."""
+    """Tell whether any ray of a tile may be inside a face's three edges, and whether all of them are for certain."""
     may_positive, may_negative, all_positive, all_negative = True, True, True, True
-    largest_u = max(abs(bounds[_LOW_U]), abs(bounds[_HIGH_U]))
-    largest_v = max(abs(bounds[_LOW_V]), abs(bounds[_HIGH_V]))
-    for edge in range(3):
-        nx, ny, nz = form[3 * edge], form[3 * edge + 1], form[3 * edge + 2]
-        along_u = nx * frame[0, 0] + ny * frame[0, 1] + nz * frame[0, 2]
-        along_v = nx * frame[1, 0] + ny * frame[1, 1] + nz * frame[1, 2]
-        constant = nx * frame[2, 0] + ny * frame[2, 1] + nz * frame[2, 2]
+    largest_u = max(abs(bounds[LOW_U]), abs(bounds[HIGH_U]))
+    largest_v = max(abs(bounds[LOW_V]), abs(bounds[HIGH_V]))
+    for first in (W0_X, W1_X, W2_X):
+        nx, ny, nz = form[first], form[first + 1], form[first + 2]
+        # The edge function over the ray's component along the axis is linear in u and v.
+        along_u, along_v, constant = components(nx, ny, nz, frame)
         blur = form[BLUR_X] + form[BLUR_Y] + form[BLUR_Z]
         margin = (_PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * (1.0 + largest_u + largest_v)
-        one_u, two_u = along_u * bounds[_LOW_U], along_u * bounds[_HIGH_U]
-        one_v, two_v = along_v * bounds[_LOW_V], along_v * bounds[_HIGH_V]
+        one_u, two_u = along_u * bounds[LOW_U], along_u * bounds[HIGH_U]
+        one_v, two_v = along_v * bounds[LOW_V], along_v * bounds[HIGH_V]
         lowest = min(one_u, two_u) + min(one_v, two_v) + constant - margin
         highest = max(one_u, two_u) + max(one_v, two_v) + constant + margin
         may_positive, may_negative = may_positive and highest >= 0.0, may_negative and lowest <= 0.0
@@ -158,10 +172,28 @@ def raster_hits(
     directions: NDArray[np.float64],
     width: int,
 ) -> Any:
-    """Find the first face, depth and barycentric coordinates of every ray of a grid.
+    """Find the first face that every ray of a grid meets, tile by tile.
 
-    Every face is held against every ray of the tiles that it may touch: inside by the signs of three volumes, depth
-    from its plane, the nearest wins, of equal ones the lower index.
+    Every face is tested against every ray of the tiles that it may touch: inside by the signs of its three edge
+    functions, depth from its plane. The nearest face wins, and of equally near ones that with the lower index.
+
+    Parameters
+    ----------
+    forms, boxes
+        The faces, as `prepare_faces` returns them.
+    frame
+        The projection, as of `components`.
+    bounds
+        The ranges of the tiles, as `tile_bounds` returns them.
+    directions
+        Directions of the rays, row by row, shape (n, 3).
+    width
+        Rays in a row of the grid.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Face, depth and barycentric coordinates, as of `Hits`.
     """
     count = directions.shape[0]
     height = count // width
@@ -176,16 +208,16 @@ def raster_hits(
         top, bottom = row * TILE, min((row + 1) * TILE, height)
         for n in range(top * width, bottom * width):
             face_out[n], depth_out[n] = -1, np.inf
-        row_low, row_high = bounds[row, :, _LOW_V].min(), bounds[row, :, _HIGH_V].max()
+        row_low, row_high = bounds[row, :, LOW_V].min(), bounds[row, :, HIGH_V].max()
         for face in range(forms.shape[0]):
-            if boxes[face, _LOW_V] > row_high or boxes[face, _HIGH_V] < row_low:
+            if boxes[face, LOW_V] > row_high or boxes[face, HIGH_V] < row_low:
                 continue
             form = forms[face]
             for column in range(columns):
                 tile = bounds[row, column]
-                if boxes[face, _LOW_U] > tile[_HIGH_U] or boxes[face, _HIGH_U] < tile[_LOW_U]:
+                if boxes[face, LOW_U] > tile[HIGH_U] or boxes[face, HIGH_U] < tile[LOW_U]:
                     continue
-                if boxes[face, _LOW_V] > tile[_HIGH_V] or boxes[face, _HIGH_V] < tile[_LOW_V]:
+                if boxes[face, LOW_V] > tile[HIGH_V] or boxes[face, HIGH_V] < tile[LOW_V]:
                     continue
                 possible, certain = _edges_of_tile(form, frame, tile)
                 if not possible:
@@ -195,16 +227,13 @@ def raster_hits(
                     for n in range(y * width + left, y * width + right):
                         dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
                         if not certain:
-                            w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
-                            w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
-                            w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
-                            blur = abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
-                            if not inside(w0, w1, w2, blur):
+                            w0, w1, w2 = edge_functions(form, dx, dy, dz)
+                            if not inside(w0, w1, w2, rounding(form, dx, dy, dz)):
                                 continue
-                        slope = form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
-                        if slope == 0.0:
+                        towards = slope(form, dx, dy, dz)
+                        if towards == 0.0:
                             continue
-                        depth = form[DISTANCE] / slope
+                        depth = form[DISTANCE] / towards
                         if depth > 0.0 and depth < depth_out[n]:
                             face_out[n], depth_out[n] = face, depth
         for n in range(top * width, bottom * width):

@@ -1,4 +1,4 @@
-"""Kernels that decide in float64 whether a face stands between a light and a point."""
+"""Kernels that decide in float64 whether a face lies between a light and a point."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ def _meets(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, start: NDArray[np.float64],
     way: NDArray[np.float64], farthest: float,
 ) -> Any:  # fmt: skip
-    """Tell whether a ray meets a face between its start and ``farthest`` (Möller and Trumbore)."""
+    """Tell whether a ray meets a face between its start and the share ``farthest`` of its length.
+
+    The test is that of Möller and Trumbore (J. Graphics Tools 2, 1997).
+    """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ux, uy, uz = (vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2])
     vx, vy, vz = (vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2])
@@ -45,7 +48,34 @@ def confirm_blocked(
     own: NDArray[np.int32],
     farthest: float,
 ) -> Any:
-    """Tell which rays meet the face that was guessed for them, or one beside it, before the point on their own face."""
+    """Tell which rays from a light are blocked before they reach their point.
+
+    The face that Embree guessed and its three neighbours are tested in float64, but never the point's own face.
+
+    Parameters
+    ----------
+    vertices
+        World positions in mm, shape (n, 3).
+    faces
+        Corners of the faces, shape (m, 3).
+    neighbours
+        The face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
+    starts
+        Where the rays start, in mm, shape (k, 3).
+    ways
+        Vectors from there to the points, in mm, shape (k, 3).
+    guesses
+        The face that Embree found for each ray, -1 for none, shape (k,).
+    own
+        The face on which each point lies, shape (k,).
+    farthest
+        Share of the ray's length, below 1, beyond which faces do not block it.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (k,).
+    """
     count = starts.shape[0]
     out = np.empty(count, dtype=np.bool_)
     for n in numba.prange(count):

@@ -1,4 +1,4 @@
-"""Which faces of a mesh share which edge."""
+"""The topology of a mesh: its edges, and which faces share them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 __all__ = ["Topology"]
 
 CREASE_DEG = 1.0
-"""Crease angle of a mesh that gives none: any edge that can be seen."""
+"""Crease angle of meshes without one of their own: almost every edge is sharp."""
 
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """Faces, edges, and who meets whom; constant while a mesh moves.
+    """Faces and edges of a mesh, and which faces meet at an edge; constant while the mesh moves.
 
     Parameters
     ----------
@@ -62,6 +62,11 @@ class Topology:
         crease_deg
             Crease angle of all faces, or of each, shape (m,): an edge is sharp if its faces differ by more than the
             smaller of their two angles.
+
+        Returns
+        -------
+        Topology
+            Faces and edges.
         """
         first, welded = _weld(vertices)
         corners = welded[faces]

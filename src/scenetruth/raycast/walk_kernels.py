@@ -1,4 +1,4 @@
-"""A kernel that walks from the face at a pixel's centre to those that the samples around it meet."""
+"""A kernel that walks from the face at a pixel's centre to the faces that the samples around it meet."""
 
 from __future__ import annotations
 
@@ -9,35 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast.footprints import ImageRays, TexturedMesh
-from scenetruth.raycast.inside_kernels import (
-    BLUR_X,
-    BLUR_Y,
-    BLUR_Z,
-    DISTANCE,
-    NORMAL_X,
-    NORMAL_Y,
-    NORMAL_Z,
-    W0_X,
-    W0_Y,
-    W0_Z,
-    W1_X,
-    W1_Y,
-    W1_Z,
-    W2_X,
-    W2_Y,
-    W2_Z,
-    write_forms,
-)
+from scenetruth.raycast.inside_kernels import DISTANCE, FORMS, edge_functions, rounding, slope, write_forms
 
 __all__ = ["walk_footprints"]
 
-# Steps of one sample after which a pixel is given up: some hundred facets across a pixel.
+# Steps to one sample after which a pixel is given up: some hundred faces across a pixel.
 _MOST_STEPS = 512
 
 
 @numba.njit(cache=True, nogil=True)
 def _ways_out(w0: float, w1: float, w2: float) -> Any:
-    """Return beyond how many edges a ray passes, one of them (corner k to k + 1), and the corner between if two."""
+    """Return outside how many edges a ray is, one of these edges, and the corner between them if they are two.
+
+    Edge k runs from corner k to corner k + 1; -1 stands for no edge, or no corner.
+    """
     if w0 < 0.0:
         if w1 < 0.0:
             return (3, -1, -1) if w2 < 0.0 else (2, 1, 2)
@@ -51,15 +36,16 @@ def _ways_out(w0: float, w1: float, w2: float) -> Any:
 def walk_footprints(
     mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64]
 ) -> Any:
-    """Find what the samples of pixels meet whose footprints no edge crosses.
+    """Find the faces that the samples of pixels meet, for pixels whose footprint no silhouette or sharp edge crosses.
 
-    From the face at the centre the way leads straight in the image to the first sample, from there to the next one, and
-    so on, face by face across the edges that this line crosses. The line stays in the footprint; where no silhouette
-    and no sharp edge is seen in it, the surface seen there is one sheet, and every face on the way belongs to it.
+    The walk follows a straight line in the image from the pixel's centre to the first sample, from there to the second,
+    and so on. It goes from face to face across the edges that the line crosses. The line stays in the footprint. Where
+    no silhouette and no sharp edge is seen there, the footprint shows one smooth surface, and all faces on the line
+    belong to it.
 
-    A walk is given up where the surface ends, turns its other side, or is another body's; where one of the eight
-    pixels around sees another body (they may cut into each other); at a ray exactly through an edge, which two faces
-    meet; and after too many steps.
+    A walk is given up where the surface ends, turns its other side, or belongs to another body; where one of the eight
+    neighbouring pixels sees another body (the two may intersect); where a sample's ray passes exactly through an edge,
+    so that it is inside two faces; and after too many steps.
 
     Parameters
     ----------
@@ -73,8 +59,8 @@ def walk_footprints(
     Returns
     -------
     tuple of numpy.ndarray
-        Whether the walk arrived, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates, (n, k, 2), as of
-        `Hits`; and texture coordinates, (n, k, 2).
+        Whether the walk reached all samples, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates,
+        (n, k, 2), as of `Hits`; and texture coordinates, (n, k, 2).
     """
     vertices, faces, neighbours, face_body, uv = mesh.vertices, mesh.faces, mesh.neighbours, mesh.face_body, mesh.uv
     origin, directions, across, down = rays.origin, rays.directions, rays.across, rays.down
@@ -99,7 +85,7 @@ def walk_footprints(
                 alone = alone and other >= 0 and face_body[other] == body
         if not alone:
             continue
-        form = np.empty(16, dtype=np.float64)
+        form = np.empty(FORMS, dtype=np.float64)
         write_forms(vertices, faces, face, origin, form)
         side = 1.0 if form[DISTANCE] > 0.0 else -1.0
         step_x, step_y = across[pixel * apart], down[pixel * apart]
@@ -112,9 +98,7 @@ def walk_footprints(
             dz = directions[pixel, 2] + (right * step_x[2] + below * step_y[2])
             found = False
             for _step in range(_MOST_STEPS):
-                w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
-                w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
-                w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
+                w0, w1, w2 = edge_functions(form, dx, dy, dz)
                 ways, edge, corner = _ways_out(side * w0, side * w1, side * w2)
                 if ways == 0:
                     found = True
@@ -122,8 +106,9 @@ def walk_footprints(
                 if ways == 3:
                     break
                 if ways == 2:
-                    # Beyond a corner: the line passes it on one side. Seen along the line from inside, the edge that
-                    # arrives at the corner is to the right, the one that leaves it to the left.
+                    # The ray is outside both edges at a corner. The line passes the corner on one side: seen along the
+                    # line from inside, the edge that ends at the corner is to the right, the one that begins there to
+                    # the left.
                     vertex = faces[face, corner]
                     nx, ny, nz = py * dz - pz * dy, pz * dx - px * dz, px * dy - py * dx
                     left = (
@@ -139,13 +124,13 @@ def walk_footprints(
                 if not side * form[DISTANCE] > 0.0:
                     break
             total = w0 + w1 + w2
-            slope = form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
-            # A ray through an edge, but for rounding, is in two faces: those who see all of them tell which one counts.
-            blur = abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
-            if not found or min(abs(w0), abs(w1), abs(w2)) <= blur or not side * slope > 0.0:
+            towards = slope(form, dx, dy, dz)
+            # A ray through an edge, but for rounding, is inside two faces: only a search over all faces decides.
+            blur = rounding(form, dx, dy, dz)
+            if not found or min(abs(w0), abs(w1), abs(w2)) <= blur or not side * towards > 0.0:
                 break
             b1, b2 = w1 / total, w2 / total
-            face_out[n, sample], depth_out[n, sample] = face, form[DISTANCE] / slope
+            face_out[n, sample], depth_out[n, sample] = face, form[DISTANCE] / towards
             weights[n, sample, 0], weights[n, sample, 1] = b1, b2
             for k in range(2):
                 first = uv[face, 0, k]

@@ -1,4 +1,4 @@
-"""Kernels that average the samples of pixels."""
+"""A kernel that averages the samples of pixels."""
 
 from __future__ import annotations
 
@@ -11,10 +11,16 @@ __all__ = ["average_samples"]
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def average_samples(samples: NDArray[np.float32], weights: NDArray[np.float64], out: NDArray[np.float32]) -> None:
-    """Write the weighted means of n x n samples, whose rows run from the bottom up, to an image from the top down.
+    """Average n x n samples per pixel, with sums in float64, and turn the image upright.
 
-    ``samples`` has the shape (height n, width n), ``out`` (height, width); ``weights``, shape (n,), serve both axes and
-    sum to 1. Sums are float64.
+    Parameters
+    ----------
+    samples
+        Samples with rows from the bottom up, as OpenGL has them, shape (height n, width n).
+    weights
+        Weights along either axis of a pixel, with the sum 1, shape (n,).
+    out
+        Output with rows from the top down, shape (height, width).
     """
     height, width = out.shape
     n = weights.shape[0]

@@ -66,7 +66,12 @@ class FloatBuffer:
         renderer._get_primitive_program = self._program
 
     def draw(self, scene: Any) -> NDArray[np.float32]:
-        """Draw a ``pyrender.Scene``.
+        """Draw a scene.
+
+        Parameters
+        ----------
+        scene
+            A ``pyrender.Scene``.
 
         Returns
         -------
@@ -96,7 +101,12 @@ class FloatBuffer:
         return self._programs[primitive.material.texture_defines]
 
     def prepare(self, material: Any) -> None:
-        """Compile the program that draws a material of `float_material`, if it is not there yet.
+        """Compile the program that draws a material, if it is not there yet.
+
+        Parameters
+        ----------
+        material
+            What `float_material` returned.
 
         Raises
         ------
@@ -131,14 +141,20 @@ class FloatBuffer:
 
 
 def largest_side() -> int:
-    """Return how many samples wide or high a buffer may be; the OpenGL context must be current."""
+    """Return the largest width or height of a buffer; the OpenGL context must be current.
+
+    Returns
+    -------
+    int
+        Number of samples.
+    """
     from OpenGL import GL
 
     return int(min(GL.glGetIntegerv(GL.GL_MAX_RENDERBUFFER_SIZE), *GL.glGetIntegerv(GL.GL_MAX_VIEWPORT_DIMS)))
 
 
 def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two_sided: bool = False) -> Any:
-    """Make a material for meshes whose texture coordinates count in texels.
+    """Make a material for meshes with texture coordinates in texels.
 
     Parameters
     ----------

@@ -42,35 +42,73 @@ class Band:
 
 
 def is_sharp(optics: Optics, shutter: Shutter) -> bool:
-    """Whether lens and shutter leave images as they are."""
+    """Tell whether lens and shutter leave images as they are.
+
+    Parameters
+    ----------
+    optics, shutter
+        The lens and the shutter.
+
+    Returns
+    -------
+    bool
+        True without point spread function, defocus, vignetting, exposure time and readout time.
+    """
     return optics == Optics() and shutter.exposure_time_s == 0 and shutter.readout_time_s == 0
 
 
 def fine_parts(psf: Psf | None) -> int:
-    """Return into how many parts, along x and y, pixels are divided before light is spread."""
+    """Return into how many parts pixels are divided before the point spread function is applied.
+
+    Parameters
+    ----------
+    psf
+        The point spread function; None for none.
+
+    Returns
+    -------
+    int
+        Number of parts along x, and along y.
+    """
     if psf is None:
         return 1
     return _PARTS if psf.finest_px >= _NARROW_PX else _MORE_PARTS
 
 
 def margin_px(psf: Psf | None) -> int:
-    """Return how far around the image the light comes from that a lens spreads into it."""
+    """Return the margin around the image from which a point spread function spreads light into it.
+
+    Parameters
+    ----------
+    psf
+        The point spread function; None for none.
+
+    Returns
+    -------
+    int
+        Margin in px on every side.
+    """
     return 0 if psf is None else int(np.ceil(psf.reach_px))
 
 
 def motion_px(
     world: World, camera: Camera, viewpoint: Viewpoint, times: tuple[float, float], travel_mm: float
 ) -> float:
-    """Return the longest way in px that a vertex before the camera goes in its image.
+    """Return the longest displacement in the image of a vertex in front of the camera.
 
     Parameters
     ----------
     world, camera, viewpoint
-        What is seen, with which camera, from where in the middle of the time.
+        The scene's objects, the camera, and its pose in the middle of the time.
     times
         First and last moment in frames.
     travel_mm
         How far the camera moves along X in this time.
+
+    Returns
+    -------
+    float
+        Displacement in px; 0 if no vertex is in front of the camera.
     """
     ends = []
     for time, share in zip(times, (-0.5, 0.5), strict=True):
@@ -85,7 +123,7 @@ def motion_px(
 
 
 def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float64]:
-    """Spread the light of an image as a lens does.
+    """Convolve an image with a point spread function.
 
     The transfer function multiplies the image's spectrum; the image wraps around, so that it needs a margin.
 
@@ -97,6 +135,11 @@ def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float
         The point spread function.
     parts
         Parts per pixel.
+
+    Returns
+    -------
+    numpy.ndarray
+        The blurred image, shape (y, x), float64.
     """
     from scipy import fft
 
@@ -110,7 +153,7 @@ def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float
 
 
 class LensRenderer(Renderer):
-    """Renders what a lens and a shutter make of sharp images.
+    """Renders images through a lens and a shutter: means of sharp images, blurred and darkened.
 
     Parameters
     ----------
@@ -119,7 +162,7 @@ class LensRenderer(Renderer):
     bands
         Renderers that together see the fine image: one for all rows, or one for every row with a time of its own.
     world, camera
-        What is seen, and with which camera.
+        The scene's objects, and the camera.
     optics, shutter
         Its lens and its shutter.
     frame_interval_s
@@ -195,7 +238,7 @@ class LensRenderer(Renderer):
         points = defocus.points_mm(count)
         if not moving:
             return np.zeros(count), points
-        # Neighbours on the spiral at times far apart, so that every part of the aperture sees the whole exposure.
+        # Neighbours on the spiral have moments far apart: every part of the aperture samples the whole exposure.
         order = np.argsort(np.argsort((np.arange(count) * _GOLDEN) % 1.0))
         return shutter.exposure_offsets_s(count)[order], points
 
@@ -214,7 +257,7 @@ class LensRenderer(Renderer):
 def bands_of(
     camera: Camera, optics: Optics, shutter: Shutter, open_renderer: Callable[[Camera], Renderer]
 ) -> list[Band]:
-    """Open renderers for what a lens and a shutter need: of one fine image, or of each row of pixels.
+    """Open the renderers of the sharp images: one for the fine image, or one for each row of pixels.
 
     Parameters
     ----------
@@ -222,6 +265,11 @@ def bands_of(
         The camera.
     open_renderer
         Opens a renderer for a camera.
+
+    Returns
+    -------
+    list of Band
+        One band with a global shutter, one for every row of pixels with a rolling shutter.
     """
     parts, margin = fine_parts(optics.psf), margin_px(optics.psf)
     fine = camera.refined(parts, margin) if optics.psf is not None else camera

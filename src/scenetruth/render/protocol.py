@@ -1,4 +1,4 @@
-"""What a render backend must do."""
+"""The interface of the render backends."""
 
 from __future__ import annotations
 
@@ -14,13 +14,20 @@ __all__ = ["Renderer"]
 
 
 class Renderer(Protocol):
-    """Makes images of one world with one camera; holds resources until it is closed, as at the end of a with block."""
+    """Renders images of one world with one camera. It holds resources until it is closed, or its with block ends."""
 
     name: str
     """The backend and its platform: ``pyrender (osmesa)``."""
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        """Return the image at time t (in frames) from a viewpoint.
+        """Render one image.
+
+        Parameters
+        ----------
+        t
+            Time in frames.
+        viewpoint
+            Pose of the camera.
 
         Returns
         -------

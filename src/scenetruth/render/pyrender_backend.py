@@ -36,17 +36,17 @@ class PyrenderRenderer(Renderer):
     Parameters
     ----------
     world
-        What to see.
+        The scene's objects.
     camera
-        With which camera.
+        The camera.
     background
         Radiance in [0, 1] where no surface is met.
     supersampling
-        n.
+        Number n of samples along x, and along y.
     platform
         ``"osmesa"``, ``"egl"`` or ``"auto"``.
     lighting
-        The light on it; none for textures that shine by themselves. OpenGL gives the unlit image, which is multiplied
+        The lights; none for textures whose values are the radiance. OpenGL gives the unlit image, which is multiplied
         by the light that ray casting finds for each pixel; pixels at edges, of objects or of light, are ray cast.
 
     Raises

@@ -1,4 +1,4 @@
-"""Rules by which a pixel's mean is taken from samples of its footprint."""
+"""Quadrature rules for the mean over a pixel's footprint."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Rule = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def even_rule(count: int) -> Rule:
-    """Return evenly spaced samples along one axis of a footprint, and weights that make the most of them.
+    """Return evenly spaced samples along one axis of a footprint, with weights for the highest order.
 
     Equal weights (the midpoint rule) are exact for linear functions only, and amplify a wave of f cycles per pixel by
     1 + (πf / n)² / 6. From three samples on, there are weights that are exact for cubic functions; those nearest to
@@ -20,7 +20,7 @@ def even_rule(count: int) -> Rule:
     Parameters
     ----------
     count
-        n.
+        Number of samples n.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def gauss_rule(count: int) -> Rule:
     Parameters
     ----------
     count
-        n.
+        Number of samples n.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The reference backend: rays find the surface, float64 gives the point, the texture is evaluated there."""
+"""The ray-casting backend, which is the reference: rays find the surface in float64, the texture is evaluated there."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _RAYS_PER_PIECE = 1 << 19
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What one image starts from: rays through the pixels' centres, row by row, and what they meet."""
+    """The rays through the pixels' centres of one image, row by row, and the faces and bodies that they meet."""
 
     caster: RayCaster
     t: float
@@ -45,16 +45,16 @@ class RaycastRenderer(Renderer):
     Parameters
     ----------
     world
-        What to see.
+        The scene's objects.
     camera
-        With which camera.
+        The camera.
     background
         Radiance where no surface is met.
     supersampling
         n: every pixel is the mean of n x n samples, by Gauss and Legendre's rule (`gauss_rule`); of evenly spaced ones
         where a silhouette crosses it.
     lighting
-        The light on it; none for textures that shine by themselves.
+        The lights; none for textures whose values are the radiance.
     topology
         Faces and edges of the world, if they are known already.
     """
@@ -78,7 +78,7 @@ class RaycastRenderer(Renderer):
         self._directions = rays.directions
         # Directions of one pixel step to the right and one down, per pixel where they differ.
         self._across, self._down = rays.steps
-        # Where the texture is smooth Gauss's rule is all but exact; across a silhouette even samples are best.
+        # Where the texture is smooth, Gauss's rule is almost exact; across a silhouette, even samples are best.
         steps, weights = gauss_rule(supersampling)
         self._reach_px = float(steps[-1])
         self._smooth = _square(steps, weights)
@@ -91,14 +91,14 @@ class RaycastRenderer(Renderer):
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`.
 
-        Where a pixel's footprint stays on one face, its samples map to the texture through that face's plane; where it
-        stays on one smooth surface, they are found by walking over its faces; only at edges, they need rays of their
-        own.
+        If a pixel's footprint stays on one face, its samples map to the texture through the plane of this face. If it
+        stays on one smooth surface, the samples are found by walking over its faces. Only at edges, every sample has a
+        ray of its own.
         """
         return self._render(t, viewpoint, None)
 
     def light(self, albedo: NDArray[np.float32], t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        """Return the lit image from an unlit one that another renderer made of the same world at the same sampling.
+        """Light an image that another renderer made of the same world with the same samples.
 
         Only pixels at edges, of objects or of light, are rendered here.
 
@@ -108,6 +108,11 @@ class RaycastRenderer(Renderer):
             The unlit image, shape (height, width).
         t, viewpoint
             As of `render`.
+
+        Returns
+        -------
+        numpy.ndarray
+            Linear radiance, shape (height, width), float32.
         """
         return self._render(t, viewpoint, albedo)
 
@@ -145,7 +150,7 @@ class RaycastRenderer(Renderer):
                 if np.count_nonzero(whole) < len(pixels) / 2:
                     image[pixels[whole]] = item.texture.mean_radiance(forms[whole], offsets, weights)
                 else:
-                    # The few others are found again below.
+                    # The few others are rendered again below.
                     image[pixels] = item.texture.mean_radiance(forms, offsets, weights)
                 leaving[pixels[~whole]] = True
         if light is not None:
@@ -172,7 +177,7 @@ class RaycastRenderer(Renderer):
     def _walk(
         self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Return means over footprints that no edge crosses, found without rays, and which of them were found."""
+        """Return which walks reached all samples, and the means over footprints, without rays for the samples."""
         from scenetruth.raycast.walk_kernels import walk_footprints
 
         world = self._world

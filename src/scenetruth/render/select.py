@@ -1,4 +1,4 @@
-"""Choosing the backend that a scene asks for and this machine can run."""
+"""The choice of the render backend: the one that the scene names, or the best that runs on this machine."""
 
 from __future__ import annotations
 
@@ -35,6 +35,11 @@ def choose_renderer(scene: Scene, world: World) -> Choice:
         The scene; its ``render`` section says which backend and how many samples.
     world
         Its objects.
+
+    Returns
+    -------
+    Choice
+        The open renderer, and why it is not the first choice.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Lambertian shading, the same for every renderer: the light on points of surfaces, and on the pixels of an image."""
+"""Lambertian shading for all renderers: the light on points of surfaces, and on the pixels of an image."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from scenetruth.scene.lighting import Lighting
 
 __all__ = ["PixelLight", "Shader"]
 
-# Where neighbouring pixels differ by more than this share of the brightest, every sample is shaded by itself.
+# Where neighbouring pixels differ by more than this share of the brightest pixel, every sample is shaded by itself.
 _STEEPEST = 0.05
-# Turns the numbers of the lights' zones into one number for all lights.
+# Multiplier by which the zones of all lights are combined into one number.
 _MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
 @dataclass(frozen=True, eq=False)
 class PixelLight:
-    """The light on what the pixels of one image see at their centres.
+    """The light on the surface points at the pixel centres of one image.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ class PixelLight:
 class Shader:
     """Lambertian shading of surfaces that are seen from both sides.
 
-    The normal is that of the flat triangle, turned towards the eye; normals that are interpolated between vertices
-    would enter in `factors` in its place.
+    The normal is that of the flat triangle, turned towards the camera; normals that are interpolated between
+    vertices would take its place in `factors`.
 
     Parameters
     ----------
@@ -84,12 +84,11 @@ class Shader:
     def __init__(self, lighting: Lighting) -> None:
         self._lighting = lighting
         self._shadows: ShadowCaster | None = None
-        self._normals: tuple[RayCaster, NDArray[np.float64]] | None = None
 
     def factors(
         self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Return the irradiance where rays meet the world.
+        """Compute the irradiance where rays meet the world.
 
         Parameters
         ----------
@@ -117,7 +116,7 @@ class Shader:
             hits.depth,
             hits.face,
             seen,
-            self._face_normals(caster),
+            caster.face_normals,
         )
         lamps = self._lighting.lamps_at(t)
         irradiance, zones = self.irradiance(caster, lamps, points, normals, hits.face[seen])
@@ -133,7 +132,7 @@ class Shader:
         normals: NDArray[np.float64],
         faces: NDArray[np.int32],
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Return the irradiance of points on surfaces, shape (n,), and numbers that tell zones of light apart.
+        """Compute the irradiance of points on surfaces.
 
         Parameters
         ----------
@@ -145,8 +144,14 @@ class Shader:
             Points and unit normals on the side that is looked at, shape (n, 3) each.
         faces
             The face that each point lies on, shape (n,); it casts no shadow on itself.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Irradiance, shape (n,); and numbers, shape (n,), that differ where other lights reach, or other zones of
+            their cones.
         """
-        from scenetruth.render.shading_kernels import direct_light
+        from scenetruth.render.shading_kernels import DARK, direct_light
 
         total = np.full(len(points_mm), self._lighting.ambient or 0.0)
         state = np.zeros(len(points_mm), dtype=np.uint64)
@@ -169,7 +174,7 @@ class Shader:
                         points_mm[reached], faces[reached], to_light[reached], distance[reached]
                     )
                 ]
-                light[dark], zone[dark] = 0.0, 0
+                light[dark], zone[dark] = 0.0, DARK
             total += light
             state = state * _MIX + zone
         return total, state
@@ -191,6 +196,11 @@ class Shader:
             As of `factors`; the rays through the pixels' centres, row by row.
         mixed
             Pixels at edges, shape (height, width).
+
+        Returns
+        -------
+        PixelLight
+            The irradiance, and where it is smooth.
         """
         from scenetruth.render.shading_kernels import uneven_pixels
 
@@ -206,11 +216,3 @@ class Shader:
         if self._shadows is None or self._shadows.vertices_mm is not caster.vertices_mm:
             self._shadows = ShadowCaster(caster.vertices_mm, caster.topology)
         return self._shadows
-
-    def _face_normals(self, caster: RayCaster) -> NDArray[np.float64]:
-        if self._normals is None or self._normals[0] is not caster:
-            corners = caster.vertices_mm[caster.topology.faces]
-            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-            self._normals = (caster, normals)
-        return self._normals[1]

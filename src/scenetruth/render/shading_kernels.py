@@ -1,4 +1,4 @@
-"""Kernels that shade points, and images pixel by pixel."""
+"""Kernels that compute the light on points of surfaces, and that shade images pixel by pixel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["direct_light", "facing_points", "shade_image", "uneven_pixels"]
+__all__ = ["DARK", "direct_light", "facing_points", "shade_image", "uneven_pixels"]
+
+DARK = 0
+"""Zone of a light's cone whose points get no light from it."""
+
+# The other zones: the border of the cone, where the light falls off, and its inside. Without a cone, all is inside.
+_BORDER, _INSIDE = 1, 2
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -20,7 +26,26 @@ def facing_points(
     seen: NDArray[np.int64],
     face_normals: NDArray[np.float64],
 ) -> Any:
-    """Return the points that the rays ``seen`` meet, and unit normals there, turned towards the rays' origin."""
+    """Compute the points that rays meet, and the unit normals there on the side that is seen.
+
+    Parameters
+    ----------
+    origin
+        Where the rays start, in mm, shape (3,).
+    directions
+        Directions of the rays, shape (k, 3).
+    depth, face
+        What they meet, as of `Hits`, shape (k,).
+    seen
+        Indices of the rays to take, shape (n,); each must meet a face.
+    face_normals
+        Unit normals of the faces, shape (m, 3).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Points in mm and unit normals, towards the origin, shape (n, 3) each.
+    """
     count = seen.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
     normals = np.empty((count, 3), dtype=np.float64)
@@ -48,10 +73,34 @@ def direct_light(
     cos_inner: float,
     cos_outer: float,
 ) -> Any:
-    """Return what one light would give to points if nothing stood between.
+    """Compute the irradiance of points by one light, without shadows.
 
-    Returns irradiance E falloff max(0, n l), shape (n,); the zone of the light's cone, 0 dark, 1 its border, 2 in full,
-    shape (n,); unit vectors towards the light, shape (n, 3); its distance, shape (n,).
+    The irradiance is E (r_0 / r)² S(cos θ) max(0, n . l) (Lambert's cosine law, inverse square law) with the unit
+    vector l towards the light, its distance r, and the angle θ to the axis of a spotlight; S is 3 h² - 2 h³ of the
+    share h of the cone's border that is passed. Parallel light has no distance, and only spotlights have S.
+
+    Parameters
+    ----------
+    points, normals
+        Points in mm, and unit normals there on the side that is seen, shape (n, 3) each.
+    position
+        Position of the light in mm, shape (3,); not used for parallel light.
+    axis
+        Unit vector along which it shines, shape (3,).
+    parallel_light
+        Whether the light is parallel.
+    irradiance
+        E, irradiance at normal incidence at the reference distance.
+    reference_distance
+        r_0 in mm.
+    cos_inner, cos_outer
+        Cosines of the half angles of the cone: full light inside, none outside. -1 inside for a light without a cone.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Irradiance, shape (n,); zone of the cone, `DARK` also where the surface faces away, shape (n,), uint8; unit
+        vectors towards the light, shape (n, 3); distance of the light in mm, shape (n,), infinite for parallel light.
     """
     count = points.shape[0]
     light = np.empty(count, dtype=np.float64)
@@ -60,7 +109,7 @@ def direct_light(
     distance = np.empty(count, dtype=np.float64)
     for n in numba.prange(count):
         value = irradiance
-        place = 2
+        place = _INSIDE
         if parallel_light:
             lx, ly, lz = -axis[0], -axis[1], -axis[2]
             length = np.inf
@@ -72,14 +121,14 @@ def direct_light(
             if cos_inner > -1.0:
                 cosine = -(lx * axis[0] + ly * axis[1] + lz * axis[2])
                 if cosine < cos_outer:
-                    value, place = 0.0, 0
+                    value, place = 0.0, DARK
                 elif cosine < cos_inner:
                     share = (cosine - cos_outer) / (cos_inner - cos_outer)
                     value *= share * share * (3.0 - 2.0 * share)
-                    place = 1
+                    place = _BORDER
         facing = normals[n, 0] * lx + normals[n, 1] * ly + normals[n, 2] * lz
         if facing <= 0.0:
-            value, place = 0.0, 0
+            value, place = 0.0, DARK
         else:
             value *= facing
         light[n], zone[n], distance[n] = value, place, length
@@ -103,10 +152,28 @@ def uneven_pixels(
     mixed: NDArray[np.bool_],
     steepest: float,
 ) -> Any:
-    """Mark pixels of images (h, w) whose light is not smooth.
+    """Mark pixels whose light is not smooth.
 
-    Smooth is: on the same surface, all eight neighbours are reached by the same lights (``state``), and their shades
-    differ by no more than ``steepest``.
+    The light is smooth if all eight neighbours on the same surface are reached by the same lights, and their
+    irradiance differs by no more than a limit.
+
+    Parameters
+    ----------
+    shade
+        Irradiance, shape (height, width).
+    state
+        Numbers that differ where other lights, or other zones of their cones, reach the pixel, shape (height, width).
+    face
+        The face that each pixel sees, -1 for none, shape (height, width).
+    mixed
+        Pixels whose footprint crosses an edge, shape (height, width).
+    steepest
+        Largest difference of the irradiance of neighbours.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (height, width).
     """
     rows, columns = shade.shape
     out = np.zeros((rows, columns), dtype=np.bool_)
@@ -124,7 +191,7 @@ def uneven_pixels(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _usable(face: Any, mixed: Any, unknown: Any, y: int, x: int, v: int, u: int) -> Any:
-    """Tell whether a pixel lies in the image, on the same surface as another, and with an albedo that is known."""
+    """Tell whether pixel (v, u) lies in the image, has a known albedo and is on the same surface as pixel (y, x)."""
     if v < 0 or u < 0 or v >= face.shape[0] or u >= face.shape[1]:
         return False
     return not unknown[v, u] and _joined(face, mixed, y, x, v, u)
@@ -140,12 +207,30 @@ def shade_image(
     uneven: NDArray[np.bool_],
     variance: float,
 ) -> Any:
-    """Multiply pixels' mean albedo A by the shade S at their centres, exact to second order in the footprint.
+    """Shade an image: multiply the mean albedo A of each pixel by the irradiance S at its centre, and correct the mean.
 
-    The mean of a product over a footprint whose samples have ``variance`` (px², along x and y each) around its centre
-    is A S + variance (grad A grad S + A laplace S / 2). Slopes come from the neighbours on the same surface, from both
-    sides, those of A to fourth order where there are enough of them, or from one side at edges if the light is smooth
-    there. Pixels whose albedo is ``unknown`` are not touched and not used.
+    The mean of A times S over a footprint is A S + σ² (∇A . ∇S + A ΔS / 2) to second order, with A the mean albedo and
+    σ² the variance of the footprint. Derivatives are differences between neighbours on the same surface: central
+    differences, those of A of fourth order where there are enough neighbours, and one-sided ones at edges where the
+    light is smooth.
+
+    Parameters
+    ----------
+    albedo
+        Mean albedo over each footprint, shape (height, width).
+    shade, face, mixed
+        As of `uneven_pixels`.
+    unknown
+        Pixels without an albedo, shape (height, width): they are not shaded, and not used for differences.
+    uneven
+        Pixels whose light is not smooth, as `uneven_pixels` returns them.
+    variance
+        σ², variance of the samples around the pixel's centre along x, and along y, in px².
+
+    Returns
+    -------
+    numpy.ndarray
+        Mean radiance, shape (height, width), float32.
     """
     rows, columns = shade.shape
     out = albedo.copy()
@@ -169,7 +254,7 @@ def shade_image(
                 elif before or after:
                     way = 1 if after else -1
                     v1, u1, v2, u2 = y + way * dy, x + way * dx, y + 2 * way * dy, x + 2 * way * dx
-                    # Beside a pixel that is smooth the shade may be used, but not beyond one that is uneven.
+                    # Differences must not reach across a neighbour whose light is not smooth.
                     if uneven[v1, u1] or not _usable(face, mixed, unknown, y, x, v2, u2):
                         continue
                     a1, a2 = np.float64(albedo[v1, u1]), np.float64(albedo[v2, u2])

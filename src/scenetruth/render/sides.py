@@ -1,4 +1,4 @@
-"""Which side of a surface is seen, and the texture coordinates on it."""
+"""Texture coordinates on the side of a surface that is seen."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ __all__ = ["seen_uv"]
 
 
 def seen_uv(world: World, vertices_mm: NDArray[np.float64], origin_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the texture coordinates at the corners of all faces as somebody sees them.
+    """Return the texture coordinates at the corners of all faces, on the side that is seen from a point.
 
-    A face is seen from behind by whoever stands on the side from which its corners run clockwise, away from which
-    (p1 - p0) x (p2 - p0) points.
+    The front of a face is the side to which its normal (p1 - p0) x (p2 - p0) points: seen from there, its corners run
+    counter-clockwise.
 
     Parameters
     ----------
     world
         The scene's objects.
     vertices_mm
-        Where their vertices are, shape (n, 3).
+        World positions of the vertices, shape (n, 3).
     origin_mm
-        Where the eye is, shape (3,).
+        Position of the camera, shape (3,).
 
     Returns
     -------
     numpy.ndarray
-        Shape (m, 3, 2): `World.uv` of faces seen from before, `World.uv_back` of those seen from behind.
+        Shape (m, 3, 2): `World.uv` of faces seen from the front, `World.uv_back` of those seen from the back.
     """
     if world.uv_back is world.uv:
         return world.uv

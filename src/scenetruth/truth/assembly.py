@@ -1,4 +1,4 @@
-"""The truth of a recording: the maps of all its images, put together."""
+"""The truth of a recording: the maps of all its images in one data set."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def make_truth(
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
     truth_poses
-        ``"real"``: truth of what each pixel saw, from where the camera stood when the image was taken; ``"nominal"``:
-        of what it would have seen from where, and when, it was planned.
+        ``"real"``: truth at the time and pose at which each image was taken, with the errors of the stage;
+        ``"nominal"``: truth at the planned time and pose.
     truth_content
-        ``"standard"``: what estimates are scored against; ``"complete"``: everything that is known of the surface
-        points, at more than twice the size: acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
-        rotation rate, principal growth, coordinates on the surface.
+        ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
+        size, with acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
+        rotation rate, principal growth, and coordinates on the surface.
     folder
-        Where relative paths of mesh and image files in the scene count from.
+        Folder to which relative paths of mesh and image files in the scene refer.
     progress
         Called with (what, done, total) as the work goes on.
 
@@ -105,7 +105,12 @@ def truth_of_world(
     truth_views, truth_poses, truth_content, progress
         As of `make_truth`.
     provenance
-        Attributes that tell where the truth is from.
+        Attributes that say from which scene and program the truth is.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of `make_truth`.
     """
     stage, frames, schedule = scene.stage, scene.frames, schedule_of(scene)
     moment_of = schedule.moment if truth_poses == "real" else schedule.nominal
@@ -144,7 +149,7 @@ def truth_of_world(
         [cameras.index(view) for view in views],
         seen,
         (views.index((0, 0)), frames.t.tolist().index(0)),
-        # Where a point lands in an image whose rows are taken one after the other, its displacement does not say.
+        # With a rolling shutter, the displacement of a point does not tell in which row, and so when, it is seen next.
         "standard" if scene.shutter.readout_time_s > 0 else truth_content,
         None if progress is None else lambda done, _: progress("truth", total - images + done, total),
     )
@@ -182,7 +187,7 @@ def _truth_by_rows(
 
 
 def _poses(scene: Scene, schedule: Schedule) -> dict[str, NDArray[np.float64]]:
-    """Return where and when all images are taken in fact."""
+    """Return the real poses and times of all images."""
     stage, frames = scene.stage, scene.frames
     shape = (stage.rows, stage.positions, frames.count)
     position, rotation, time = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty(shape)

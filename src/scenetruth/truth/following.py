@@ -1,4 +1,4 @@
-"""What becomes of the points that pixels see: where they go, and which images show them."""
+"""Surface points that pixels see, followed to other cameras and frames: displacements and occlusions."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class PixelPoints:
     maps
         The truth of the image (`truth_maps`).
     geometry
-        The world at its time.
+        The world at the time of the image.
     viewpoint
-        Its camera.
+        Pose of its camera.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ def follow_points(
             moved[f"flow_{way}"] = np.full((2, *lead, *size), np.nan)
 
     def meet(view: int, frame: int, geometry: GeometryPass, viewpoint: Viewpoint, way: str) -> NDArray[np.bool_]:
-        """Look where the points of a frame are at its neighbour in time."""
+        """Find the points of a frame in the neighbouring frame, and tell which are visible there."""
         own = seen[view][frame]
         shown, pixels = points_seen(own.points, geometry, camera, viewpoint)
         if maps == "complete":

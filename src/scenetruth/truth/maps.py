@@ -1,4 +1,4 @@
-"""What one camera sees at one time: where it is, how it moves and grows, and which point of which surface it is."""
+"""Exact maps of one image: depth, motion and growth of the surface, and which surface point each pixel sees."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STANDARD = (
 
 
 class GeometryPass:
-    """The world at one time, ready to be looked at from any camera position.
+    """The world at one time, for the maps of any camera.
 
     Parameters
     ----------
@@ -52,17 +52,8 @@ class GeometryPass:
         self.caster = RayCaster(self.snapshot.vertices_mm, topology)
 
     @cached_property
-    def normals(self) -> NDArray[np.float64]:
-        """Unit normals of all faces in the world, by the order of their corners, shape (m, 3)."""
-        corners = self.snapshot.vertices_mm[self.world.faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        # A face without an area is met by no ray.
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        return normals
-
-    @cached_property
     def surface_tensors(self) -> NDArray[np.float64]:
-        """Form and motion of all surface points (`World.surface_at`), shape (k, 18)."""
+        """Tensors of form and motion of all surface points (`World.surface_at`), shape (k, 18)."""
         return self.world.surface_at(self.snapshot.t)
 
 
@@ -78,7 +69,7 @@ def truth_maps(
     camera
         The camera.
     viewpoint
-        Where it stands. Depth and all vectors are in its frame.
+        Pose of the camera. Depth and all vectors are in its frame.
     baseline_mm
         V_X in mm per step of s, for the disparity.
     maps
@@ -123,7 +114,7 @@ def truth_maps(
         MovingMesh(
             world.faces,
             viewpoint.directions_to_camera(geometry.snapshot.velocities),
-            viewpoint.directions_to_camera(geometry.normals),
+            viewpoint.directions_to_camera(geometry.caster.face_normals),
             world.face_body,
             world.face_offsets,
         ),

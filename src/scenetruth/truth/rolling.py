@@ -1,4 +1,4 @@
-"""Truth of an image whose rows are exposed one after the other."""
+"""The truth of an image with a rolling shutter, whose rows are exposed one after the other."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def truth_by_rows(
     times
         Time of every row in frames, shape (height,).
     viewpoints
-        Where the camera stands at these times.
+        Poses of the camera at these times.
     baseline_mm
         V_X in mm per step of s.
     maps
@@ -56,5 +56,5 @@ def truth_by_rows(
             if name not in found:
                 found[name] = np.empty((*values.shape[:-2], camera.height, camera.width), dtype=values.dtype)
             found[name][..., row, :] = values[..., 1, :]
-    # Rows know no other rows' boundaries.
+    # The nearest mixed pixel may be in another row.
     return found | {"boundary_distance": boundary_distance(found["mixed"])}

@@ -1,4 +1,4 @@
-"""A kernel that writes the maps of a surface's form and of how it changes."""
+"""A kernel that writes the maps of curvature, rotation rate and growth from the tensors of surface points."""
 
 from __future__ import annotations
 
@@ -8,25 +8,31 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+# numba keeps compiled kernels until their own file changes: after a change of these places, change this file too.
+from scenetruth.scene.surface.columns import (
+    CURVATURE,
+    DEFORMATION,
+    NORMAL,
+    ROTATION,
+    TENSOR_COLUMNS,
+    TENSOR_ROWS,
+    WIDTH,
+)
+
 __all__ = ["fill_surface_maps"]
 
-# Where the numbers of a surface point begin (`scenetruth.scene.surface_kernels.surface_tensors`): normal, rate of
-# growth, rate of rotation, curvature; the two tensors in the order 11, 22, 33, 12, 13, 23.
-_NORMAL, _GROWTH, _ROTATION, _CURVATURE, _NUMBERS = 0, 3, 9, 12, 18
-_ROWS = (0, 1, 2, 0, 0, 1)
-_COLUMNS = (0, 1, 2, 1, 2, 2)
 # Principal rates that differ by less than this share of the tensor's size have no directions.
 _EQUAL = 1e-9
-# Pixels that share scratch memory.
+# Number of pixels that share scratch memory.
 _BLOCK = 1024
 
 
 @numba.njit(cache=True, nogil=True)
 def _tangential(tensors: Any, first: int, one: Any, two: Any) -> Any:
-    """Return the entries (11, 12, 22) on two tangents of the symmetric tensor whose numbers begin at ``first``."""
+    """Return the entries (11, 12, 22) of a symmetric tensor on two tangents; its six numbers begin at ``first``."""
     aa, ab, bb = 0.0, 0.0, 0.0
     for entry in range(6):
-        i, j = _ROWS[entry], _COLUMNS[entry]
+        i, j = TENSOR_ROWS[entry], TENSOR_COLUMNS[entry]
         value = tensors[first + entry]
         if i == j:
             aa += value * one[i] * one[i]
@@ -48,12 +54,29 @@ def fill_surface_maps(
     tensors: NDArray[np.float64],
     to_camera: NDArray[np.float64],
 ) -> Any:
-    """Interpolate the tensors of surface points at every pixel and take them apart.
+    """Interpolate the tensors of surface points at every pixel, and find their principal values and directions.
 
-    ``normal`` is that of the face at every pixel in the camera's frame, towards the camera, shape (3, n); ``tensors``
-    are those of `scenetruth.scene.surface.kernels.surface_tensors` in the world, ``to_camera`` turns the world into the
-    camera's frame. Returns principal curvatures (2, n), rotation rate (3, n), growth rate (n), principal growth rates
-    (2, n) and the direction of the first (3, n); NaN where nothing is met.
+    Parameters
+    ----------
+    face, weights
+        The face that each pixel sees, -1 for none, and barycentric coordinates on it, as of `Hits`.
+    normal
+        Unit normal of this face in the camera's frame, towards the camera, shape (3, n).
+    corners
+        The surface points at the corners of the faces, as indices into ``tensors``, shape (m, 3).
+    tensors
+        Tensors of surface points in the world, as of `scenetruth.scene.surface.kernels.surface_tensors`, shape (k, 18).
+    to_camera
+        Rotation from the world to the camera's frame, shape (3, 3).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Principal curvatures in 1/mm, the larger first, positive where the surface bulges towards the camera, shape
+        (2, n); rotation rate in rad per frame in the camera's frame, (3, n); rate of growth of the area, 1 per frame,
+        (n,); principal rates of growth, the larger first, 1 per frame, (2, n); and the direction of the first of them
+        in the camera's frame, with X >= 0, (3, n). NaN where nothing is met. The direction is also NaN where both
+        principal rates are the same.
     """
     count = face.shape[0]
     curvature = np.empty((2, count), dtype=np.float64)
@@ -62,7 +85,7 @@ def fill_surface_maps(
     principal = np.empty((2, count), dtype=np.float64)
     direction = np.empty((3, count), dtype=np.float64)
     for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
-        mean, middle = np.empty(_NUMBERS), np.empty(3)
+        mean, middle = np.empty(WIDTH), np.empty(3)
         one, two, way = np.empty(3), np.empty(3), np.empty(3)
         for n in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
             met = face[n]
@@ -74,14 +97,14 @@ def fill_surface_maps(
                 continue
             b1, b2 = weights[n, 0], weights[n, 1]
             first, second, third = corners[met, 0], corners[met, 1], corners[met, 2]
-            for k in range(_NUMBERS):
+            for k in range(WIDTH):
                 value = tensors[first, k]
                 mean[k] = value + b1 * (tensors[second, k] - value) + b2 * (tensors[third, k] - value)
-            length = np.sqrt(mean[_NORMAL] ** 2 + mean[_NORMAL + 1] ** 2 + mean[_NORMAL + 2] ** 2)
+            length = np.sqrt(mean[NORMAL] ** 2 + mean[NORMAL + 1] ** 2 + mean[NORMAL + 2] ** 2)
             if not length > 0.0:
                 length = np.nan
             for k in range(3):
-                middle[k] = mean[_NORMAL + k] / length
+                middle[k] = mean[NORMAL + k] / length
             # Two tangents, from the axis that is farthest from the normal.
             axis = 0
             for k in range(1, 3):
@@ -93,8 +116,8 @@ def fill_surface_maps(
                 one[k] = ((1.0 if k == axis else 0.0) - along * middle[k]) / np.sqrt(square)
             for k in range(3):
                 two[k] = middle[(k + 1) % 3] * one[(k + 2) % 3] - middle[(k + 2) % 3] * one[(k + 1) % 3]
-            growth[n] = mean[_GROWTH] + mean[_GROWTH + 1] + mean[_GROWTH + 2]
-            aa, ab, bb = _tangential(mean, _GROWTH, one, two)
+            growth[n] = mean[DEFORMATION] + mean[DEFORMATION + 1] + mean[DEFORMATION + 2]
+            aa, ab, bb = _tangential(mean, DEFORMATION, one, two)
             half, spread = 0.5 * (aa - bb), np.hypot(0.5 * (aa - bb), ab)
             principal[0, n], principal[1, n] = 0.5 * growth[n] + spread, 0.5 * growth[n] - spread
             # The eigenvector of the larger value, from the half angle.
@@ -103,16 +126,16 @@ def fill_surface_maps(
                 way[k] = np.cos(angle) * one[k] + np.sin(angle) * two[k]
             if spread <= _EQUAL * (abs(aa) + abs(bb)) or spread < 1e-15:
                 way[:] = np.nan
-            aa, ab, bb = _tangential(mean, _CURVATURE, one, two)
+            aa, ab, bb = _tangential(mean, CURVATURE, one, two)
             trace, spread = 0.5 * (aa + bb), np.hypot(0.5 * (aa - bb), ab)
             facing = 0.0
             for k in range(3):
                 turned = to_camera[k, 0] * middle[0] + to_camera[k, 1] * middle[1] + to_camera[k, 2] * middle[2]
                 facing += turned * normal[k, n]
                 rotation[k, n] = (
-                    to_camera[k, 0] * mean[_ROTATION]
-                    + to_camera[k, 1] * mean[_ROTATION + 1]
-                    + to_camera[k, 2] * mean[_ROTATION + 2]
+                    to_camera[k, 0] * mean[ROTATION]
+                    + to_camera[k, 1] * mean[ROTATION + 1]
+                    + to_camera[k, 2] * mean[ROTATION + 2]
                 )
                 direction[k, n] = to_camera[k, 0] * way[0] + to_camera[k, 1] * way[1] + to_camera[k, 2] * way[2]
             # Positive where the surface bulges towards the camera.

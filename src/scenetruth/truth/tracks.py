@@ -1,4 +1,4 @@
-"""Surface points that are followed to any time."""
+"""Tracks of surface points over time."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ __all__ = ["track_points"]
 def track_points(
     scene: Scene, truth: xr.Dataset, times: Iterable[float], *, t: int = 0, folder: str | Path = ""
 ) -> NDArray[np.float64]:
-    """Return where the surface points that pixels show at one frame are at other times.
+    """Follow the surface points that pixels see at one frame to other times.
 
-    ``object_id``, ``face_id`` and ``barycentric`` of a truth are the lasting address of every pixel's surface point,
-    which is looked up in the scene.
+    ``object_id``, ``face_id`` and ``barycentric`` of a truth name the surface point of every pixel; it stays the same
+    while the surface moves.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def track_points(
     t
         The frame whose pixels are followed.
     folder
-        Where relative paths of files in the scene count from.
+        Folder to which relative paths of files in the scene refer.
 
     Returns
     -------

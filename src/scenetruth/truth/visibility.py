@@ -1,4 +1,4 @@
-"""Surface points that are followed through time, and whether a camera sees them."""
+"""Which surface points a camera sees, and at which pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["SurfacePoints", "points_seen"]
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """Points on the faces of the world: they keep their place on the surface while it moves.
+    """Points on the faces of the world, which move with the surface.
 
     Parameters
     ----------
@@ -25,8 +25,8 @@ class SurfacePoints:
     weights
         Barycentric coordinates of the face's second and third corner, shape (n, 2).
     towards
-        Whether the side that is meant is that to which the face's normal points (by the order of its corners), shape
-        (n,): what is seen of a sheet from its other side is another surface.
+        Whether the point is on the front of its face, to which the normal (p1 - p0) x (p2 - p0) points, shape (n,). The
+        two sides of a thin sheet are different surfaces.
     """
 
     face: NDArray[np.int32]
@@ -37,7 +37,17 @@ class SurfacePoints:
     def seen_from(
         cls, viewpoint: Viewpoint, geometry: GeometryPass, face: NDArray[np.int32], weights: NDArray[np.float64]
     ) -> Self:
-        """Return points on the sides of their faces that look at a camera at the time of a geometry."""
+        """Return points on the sides of their faces that a camera sees.
+
+        Parameters
+        ----------
+        viewpoint
+            Pose of the camera.
+        geometry
+            The world at the time of the image.
+        face, weights
+            The points, as of the class.
+        """
         from scenetruth.truth.visibility_kernels import place_points
 
         vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
@@ -45,7 +55,18 @@ class SurfacePoints:
         return cls(face, weights, towards)
 
     def positions_mm(self, geometry: GeometryPass) -> NDArray[np.float64]:
-        """Return where the points are in the world at the time of a geometry, shape (n, 3)."""
+        """Return the positions of the points in the world.
+
+        Parameters
+        ----------
+        geometry
+            The world at the time that is asked for.
+
+        Returns
+        -------
+        numpy.ndarray
+            Positions in mm, shape (n, 3).
+        """
         from scenetruth.truth.visibility_kernels import place_points
 
         points, _ = place_points(geometry.snapshot.vertices_mm, geometry.world.faces, self.face, self.weights)
@@ -55,10 +76,10 @@ class SurfacePoints:
 def points_seen(
     points: SurfacePoints, geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return whether a camera sees surface points, and where.
+    """Tell which surface points a camera sees, and compute their positions in the image.
 
-    A point is seen if it lies in the image, if its side of the face looks at the camera, and if no other face stands in
-    the way (every face near the line of sight is asked, in float64).
+    A point is seen if it lies in the image, if its side of the face is turned towards the camera, and if no other face
+    lies between (every face near the line of sight is tested in float64).
 
     Parameters
     ----------
@@ -67,12 +88,13 @@ def points_seen(
     geometry
         The world at the time of the image.
     camera, viewpoint
-        Who looks.
+        The camera, and its pose.
 
     Returns
     -------
     tuple
-        bool, shape (n,), and positions in the image in px, shape (n, 2), NaN behind the camera.
+        Whether each point is seen, bool, shape (n,); and positions in the image in px, shape (n, 2), NaN behind the
+        camera.
     """
     from scenetruth.truth.visibility_kernels import hide_points, place_points, sort_into_cells
 

@@ -1,4 +1,4 @@
-"""Kernels that hold points on a mesh against every triangle that may hide them, in float64."""
+"""Kernels that tell which points on a mesh are hidden by one of its faces, in float64."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from scenetruth.raycast.inside_kernels import blurs, inside
 
 __all__ = ["hide_points", "place_points", "sort_into_cells"]
 
-# What is nearer to the camera by less than this share of the point's depth does not hide it: roundings in float64.
+# A face that is nearer to the camera by less than this share of the point's depth does not hide it: float64 rounding.
 _TOUCH = 1e-9
-# Boxes around faces are wider by this share, for roundings.
+# The boxes around faces are wider by this share, for rounding.
 _MARGIN = 1e-9
-# What lies nearer to the plane of the eye than this share of its distance is taken to be anywhere in the image.
+# Faces with a corner whose depth is less than this share of their size may be anywhere in the image.
 _GRAZING = 1e-6
 
 
@@ -27,9 +27,24 @@ def place_points(
     face: NDArray[np.int32],
     weights: NDArray[np.float64],
 ) -> Any:
-    """Return points on faces, shape (n, 3), and whether the normal of their face points towards the origin.
+    """Compute points on faces, and tell which faces show their front to the origin.
 
-    ``weights`` are the barycentric coordinates of the second and third corner; normals follow the order of the corners.
+    Parameters
+    ----------
+    vertices
+        Positions in mm, shape (k, 3).
+    faces
+        Corners of the faces, shape (m, 3).
+    face
+        The face on which each point lies, shape (n,).
+    weights
+        Barycentric coordinates of the face's second and third corner, shape (n, 2).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Points in mm, shape (n, 3); and whether the normal (p1 - p0) x (p2 - p0) of their face points to the side on
+        which the origin lies, shape (n,).
     """
     count = face.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
@@ -51,7 +66,25 @@ def place_points(
 def sort_into_cells(
     u: NDArray[np.float64], v: NDArray[np.float64], low: NDArray[np.float64], cell: float, columns: int, rows: int
 ) -> Any:
-    """Sort points by square cells of the plane; return the order, and where every cell begins and the last ends."""
+    """Sort points of a plane into square cells.
+
+    Parameters
+    ----------
+    u, v
+        Coordinates of the points, shape (n,).
+    low
+        Lowest u and v, shape (2,).
+    cell
+        Edge of the cells.
+    columns, rows
+        Number of cells along u and along v; points outside belong to the nearest cell.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Indices of the points in the order of their cells, row by row, shape (n,); and where each cell begins in this
+        order, then n, shape (rows * columns + 1,).
+    """
     count = u.shape[0]
     starts = np.zeros(rows * columns + 1, dtype=np.int64)
     cells = np.empty(count, dtype=np.int64)
@@ -83,11 +116,30 @@ def hide_points(
     columns: int,
     rows: int,
 ) -> Any:
-    """Return which points a face hides from the origin.
+    """Tell which points are hidden from the camera by a face.
 
-    ``vertices`` and ``points`` are in the camera's frame, the points in front of it (Z > 0) and sorted into cells of
-    (X / Z, Y / Z). A face hides a point if the ray to it meets the face (`scenetruth.raycast.inside_kernels.inside`)
-    nearer than the point; a point's own face does not.
+    A face hides a point if the ray to the point meets the face (`scenetruth.raycast.inside_kernels.inside`) before the
+    point. A point's own face does not hide it.
+
+    Parameters
+    ----------
+    vertices
+        Positions in the camera's frame in mm, shape (k, 3).
+    faces
+        Corners of the faces, shape (m, 3).
+    points
+        Points in the camera's frame in mm, with Z > 0, shape (n, 3).
+    own
+        The face on which each point lies, shape (n,).
+    starts, order
+        The points' cells in X / Z and Y / Z, as `sort_into_cells` returns them.
+    low, cell, columns, rows
+        The cells, as of `sort_into_cells`.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (n,).
     """
     hidden = np.zeros(points.shape[0], dtype=np.bool_)
     for face in numba.prange(faces.shape[0]):
@@ -104,7 +156,7 @@ def hide_points(
             low_u, high_u = min(ax / az, bx / bz, cx / cz), max(ax / az, bx / bz, cx / cz)
             low_v, high_v = min(ay / az, by / bz, cy / cz), max(ay / az, by / bz, cy / cz)
             margin = _MARGIN * (1.0 + max(abs(low_u), abs(high_u), abs(low_v), abs(high_v)))
-            # Compared as floats: a face far outside has no whole number of cells.
+            # Compared as floats: the cell of a face far outside may be too large for an integer.
             first, last = (low_u - margin - low[0]) / cell, (high_u + margin - low[0]) / cell
             upper, lower = (low_v - margin - low[1]) / cell, (high_v + margin - low[1]) / cell
             if last < 0.0 or lower < 0.0 or first >= columns or upper >= rows:
@@ -136,7 +188,7 @@ def hide_points(
                 if slope == 0.0:
                     continue
                 share = constant / slope
-                # Faces write the same value if they write at once.
+                # Threads that write at the same time write the same value.
                 if share > 0.0 and share < 1.0 - _TOUCH:
                     hidden[n] = True
     return hidden

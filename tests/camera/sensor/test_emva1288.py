@@ -14,6 +14,7 @@ from scenetruth.camera import PRESETS, EmvaSensor, LinearImage
 from scenetruth.randomness import generator_for
 from scenetruth.scene import scene_from_plain
 from tests.scenes import cube
+from tests.sensors import NOISY_SENSOR
 
 Array = NDArray[np.float64]
 
@@ -44,19 +45,7 @@ SENSORS: dict[str, dict[str, Any]] = {
         "dsnu_e": 4.0,
         "prnu": 0.006,
     },
-    "noisy": {
-        "photon_rate_per_s": 5e6,
-        "exposure_time_s": 0.01,
-        "quantum_efficiency": 0.45,
-        "full_well_e": 18000.0,
-        "gain_dn_per_e": 0.2,
-        "bit_depth": 12,
-        "black_level_dn": 64.0,
-        "temporal_dark_noise_e": 16.0,
-        "dark_current_e_per_s": 300.0,
-        "dsnu_e": 12.0,
-        "prnu": 0.012,
-    },
+    "noisy": NOISY_SENSOR,
 }
 SHAPE = (400, 500)
 

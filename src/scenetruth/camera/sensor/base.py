@@ -1,4 +1,4 @@
-"""What every effect of a sensor is: a step from one signal to the next, with a random stream of its own."""
+"""The interface of the effects that model a sensor: each turns one signal into the next."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class LinearImage:
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """What an effect may know of the image that it works on.
+    """The image that an effect works on, and what it may use for it.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Exposure:
 
 
 class Effect(FrozenModel):
-    """A step of the chain that a sensor is: takes a signal, and gives the next one."""
+    """One step of a sensor's chain: it takes a signal, and gives the next one."""
 
     takes: ClassVar[Unit]
     """Unit of the signal that it needs."""
@@ -88,18 +88,34 @@ class Effect(FrozenModel):
         return self.name or self.kind
 
     def stream(self, s_y: int, s: int, t: int) -> tuple[str | int, ...]:
-        """Return the key of its random numbers for one image."""
+        """Return the key of its random numbers for one image.
+
+        Parameters
+        ----------
+        s_y, s, t
+            Row, camera position and frame, 0 the reference.
+
+        Returns
+        -------
+        tuple
+            The effect's key and the image.
+        """
         return (self.key, s_y, s, t)
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64] | None:
-        """Return what distinguishes the pixels from each other in all images of a recording; None if nothing does.
+        """Return the fixed pattern: how pixels differ from each other in all images of a recording.
 
         Parameters
         ----------
         shape
             Rows and columns.
         generator
-            Source of the pattern: the effect's own, the same for all images.
+            The effect's own source of random numbers for the pattern.
+
+        Returns
+        -------
+        numpy.ndarray or None
+            One value for each pixel, shape (y, x), in the unit that the effect needs; None if all pixels are alike.
         """
         return None
 
@@ -111,14 +127,45 @@ class Effect(FrozenModel):
         signal
             In the unit that it takes, shape (y, x); not to be changed in place.
         exposure
-            What it may know of the image.
+            The image, its random numbers, the fixed pattern and the image before.
+
+        Returns
+        -------
+        numpy.ndarray
+            In the unit that the effect gives, shape (y, x), float64.
         """
         raise NotImplementedError
 
     def mean_response(self, signal: float, full_scale: float) -> float:
-        """Return what becomes of a uniform signal in the mean over pixels and images."""
+        """Return the mean response, over pixels and images, to a uniform signal.
+
+        Parameters
+        ----------
+        signal
+            In the unit that the effect takes.
+        full_scale
+            Largest digital number of the chain; 1 if it does not digitise.
+
+        Returns
+        -------
+        float
+            In the unit that the effect gives.
+        """
         return signal
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the largest mean signal that it still tells from larger ones, if what follows tells so much."""
+        """Return the largest signal that does not saturate the effect, or those behind it.
+
+        Parameters
+        ----------
+        largest_output
+            Largest signal that does not saturate the effects behind it, in the unit that the effect gives.
+        full_scale
+            Largest digital number of the chain; 1 if it does not digitise.
+
+        Returns
+        -------
+        float
+            In the unit that the effect takes; infinite without a limit.
+        """
         return largest_output

@@ -1,4 +1,4 @@
-"""A sensor as a chain of effects: whether they fit together, and what they make of images."""
+"""A sensor as a chain of effects: the checks whether they fit together, and the simulation of images."""
 
 from __future__ import annotations
 
@@ -92,6 +92,11 @@ class SensorChain(FrozenModel):
         generator_for
             Source of random numbers. Called with ``("pattern", name)`` for what an effect's pixels keep over the
             recording, and with ``(name, s_y, s, t)`` for what it draws for one image.
+
+        Returns
+        -------
+        OpenSensor
+            The sensor with its fixed patterns, which turns linear images into images.
         """
         return OpenSensor(self, shape, generator_for)
 
@@ -178,7 +183,7 @@ def _limits(effects: Sequence[Effect]) -> list[float]:
 
 
 def _misfits(effects: Sequence[Effect]) -> list[InitErrorDetails]:
-    """Return where an effect takes what the one before does not give."""
+    """Return the places where an effect takes another unit than the one before it gives."""
     problems = []
     given: Unit = "radiance"
     maker = "the chain begins with"
@@ -194,7 +199,7 @@ def _misfits(effects: Sequence[Effect]) -> list[InitErrorDetails]:
 
 
 def _taken_twice(effects: Sequence[Effect]) -> list[InitErrorDetails]:
-    """Return effects that would draw the random numbers of another one."""
+    """Return the effects that have the same random numbers as an earlier one."""
     keys = [effect.key for effect in effects]
     message = "draws the same random numbers as effect {} of the same name: give it a 'name' of its own"
     return [
@@ -207,7 +212,7 @@ def _taken_twice(effects: Sequence[Effect]) -> list[InitErrorDetails]:
 def _blind_spots(effects: Sequence[Effect]) -> list[InitErrorDetails]:
     """Return where the sensor is saturated without any light."""
     dark = [index for index, limit in enumerate(_limits(effects)[:-1]) if limit <= 0]
-    # Whoever is nearest to the end is to blame, those before it only inherit it.
+    # The last of them is the cause; those before it saturate because of it.
     return [_problem(dark[-1], "saturates the sensor without light", effects[dark[-1]].kind)] if dark else []
 
 

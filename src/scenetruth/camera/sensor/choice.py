@@ -1,4 +1,4 @@
-"""Which sensors a scene file may say, and the chain of effects that each of them is."""
+"""The sensors that a scene may have, and the chain of effects that models each of them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _in_lower_case(value: Any) -> Any:
 
 
 def _sensor_kind(value: object) -> str:
-    """Tell sensors apart; the plain one need not say its kind."""
+    """Return the kind of a sensor; the Gaussian sensor may leave it out."""
     if isinstance(value, str):
         return "ideal"
     kind = value.get("kind", "gaussian") if isinstance(value, dict) else getattr(value, "kind", "gaussian")
@@ -38,7 +38,18 @@ AnySensor = Annotated[
 
 
 def chain_of(sensor: Literal["ideal"] | GaussianSensor | EmvaSensor | SensorChain) -> SensorChain:
-    """Return the chain of effects that a sensor is; the empty one for ``"ideal"``."""
+    """Return the chain of effects that models a sensor.
+
+    Parameters
+    ----------
+    sensor
+        The sensor, as a scene describes it.
+
+    Returns
+    -------
+    SensorChain
+        Its effects; the empty chain for ``"ideal"``.
+    """
     if isinstance(sensor, str):
         return SensorChain()
     return sensor if isinstance(sensor, SensorChain) else sensor.chain()

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, field_v
 from scenetruth.camera.sensor.base import Effect
 from scenetruth.camera.sensor.chain import SensorChain
 from scenetruth.camera.sensor.effects.bayer_filter import BayerFilter, BayerOrder
-from scenetruth.camera.sensor.effects.dark_current import DarkCurrent
+from scenetruth.camera.sensor.effects.dark_current import DarkCurrent, checked_hot_pixel_current
 from scenetruth.camera.sensor.effects.dark_signal_nonuniformity import DarkSignalNonuniformity
 from scenetruth.camera.sensor.effects.digitisation import Digitisation
 from scenetruth.camera.sensor.effects.full_well import FullWell
@@ -140,14 +140,7 @@ class EmvaSensor(FrozenModel):
             raise ValueError(msg)
         return value
 
-    @field_validator("hot_pixel_current_e_per_s")
-    @classmethod
-    def _hotter_than_the_rest(cls, value: float, info: ValidationInfo) -> float:
-        current = info.data.get("dark_current_e_per_s")
-        if info.data.get("hot_pixel_share") and current is not None and value < current:
-            msg = f"must not be below dark_current_e_per_s, {current:g}, where there are hot pixels"
-            raise ValueError(msg)
-        return value
+    _hot_pixel_current = field_validator("hot_pixel_current_e_per_s")(checked_hot_pixel_current)
 
     @model_validator(mode="after")
     def _insertions_fit(self) -> Self:
@@ -163,7 +156,7 @@ class EmvaSensor(FrozenModel):
         return min(self.full_well_e, (largest_dn - self.black_level_dn) / self.gain_dn_per_e)
 
     def chain(self) -> SensorChain:
-        """Return the effects that this sensor stands for; what has no strength is left out."""
+        """Return the chain of effects that models this sensor; effects of strength 0 are left out."""
         return SensorChain(effects=inserted(self._own_effects(), self.insert))
 
     def _own_effects(self) -> tuple[Effect, ...]:

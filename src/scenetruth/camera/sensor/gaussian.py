@@ -30,7 +30,7 @@ class GaussianSensor(FrozenModel):
     """Radiance that gives full scale."""
 
     def chain(self) -> SensorChain:
-        """Return the effects that this sensor stands for."""
+        """Return the chain of effects that models this sensor."""
         effects: list[Effect] = [FullScale(kind="full_scale", full_scale_radiance=self.full_scale_radiance)]
         if self.noise_std > 0:
             effects.append(GaussianNoise(kind="gaussian_noise", noise_std=self.noise_std))

@@ -1,4 +1,4 @@
-"""Effects put into the chain of a sensor that is described in another way."""
+"""Further effects that are put into the chain of a sensor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Insertion", "inserted", "misplaced"]
 
 
 class Insertion(FrozenModel):
-    """One more effect, and where the signal passes it."""
+    """A further effect, and its place in the chain."""
 
     after: str
     """Name of the effect that it comes behind; its kind if it has no name."""
@@ -25,12 +25,24 @@ class Insertion(FrozenModel):
 
 
 def inserted(effects: Sequence[Effect], insertions: Sequence[Insertion]) -> tuple[Effect, ...]:
-    """Return effects with more of them in their places, put in one after the other.
+    """Put further effects into a chain, one after the other.
+
+    Parameters
+    ----------
+    effects
+        The chain.
+    insertions
+        The further effects; one may come behind another.
+
+    Returns
+    -------
+    tuple of Effect
+        The longer chain.
 
     Raises
     ------
     ValueError
-        If there is no effect of the name that one comes behind.
+        If the chain has no effect of the name that one should come behind.
     """
     chain = list(effects)
     for insertion in insertions:
@@ -43,7 +55,22 @@ def inserted(effects: Sequence[Effect], insertions: Sequence[Insertion]) -> tupl
 
 
 def misplaced(effects: Sequence[Effect], insertions: Sequence[Insertion], field: str) -> list[InitErrorDetails]:
-    """Return what is wrong with insertions, each on its own, with its path in a field of that name."""
+    """Return all problems of insertions, each with its path.
+
+    Parameters
+    ----------
+    effects
+        The chain.
+    insertions
+        The further effects.
+    field
+        Name of the field that holds them.
+
+    Returns
+    -------
+    list of pydantic_core.InitErrorDetails
+        One for each insertion that does not fit; empty if all do.
+    """
     fitting: list[Insertion] = []
     problems = []
     for index, insertion in enumerate(insertions):

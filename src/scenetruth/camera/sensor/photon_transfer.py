@@ -1,4 +1,4 @@
-"""What a sensor is, measured from flat images by the photon transfer method of EMVA 1288."""
+"""The figures of a sensor, measured from flat images by the photon transfer method of EMVA 1288."""
 
 from __future__ import annotations
 
@@ -83,6 +83,11 @@ def photon_transfer(
     saturated
         Images far beyond saturation, shape (m, y, x) or (y, x).
 
+    Returns
+    -------
+    PhotonTransfer
+        The figures that were measured.
+
     Raises
     ------
     ValueError
@@ -144,13 +149,13 @@ def _check_shapes(light: Array, images: NDArray[np.generic], stacks: dict[str, N
 
 
 def _difference_variance(pair: NDArray[np.generic]) -> float:
-    """Return the temporal variance of two images of the same."""
+    """Return the temporal variance of two images of the same surface."""
     first, second = pair.astype(np.float64)
     return float(np.var(first - second)) / 2
 
 
 def _moments(stack: NDArray[np.generic]) -> tuple[float, float, float]:
-    """Return mean, temporal variance and spatial variance of images of the same, shape (m, y, x)."""
+    """Return mean, temporal variance and spatial variance of images of the same surface, shape (m, y, x)."""
     values = stack.astype(np.float64)
     mean_image = values.mean(axis=0)
     temporal = float(values.var(axis=0, ddof=1).mean())

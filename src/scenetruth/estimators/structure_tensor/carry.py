@@ -1,4 +1,4 @@
-"""Carrying maps from where they were estimated to the reference camera and frame."""
+"""Resampling maps that were estimated between cameras or frames, at the pixels of the reference."""
 
 from __future__ import annotations
 

@@ -61,9 +61,17 @@ class FilterPair:
         return float(np.sum(self.derivative**2) / np.sum(self.smoothing**2))
 
     def transfer(self, wave_number: float | Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return the transfer functions of D and S at a wave number in radian per step.
+        """Return the transfer functions of D and S. Filters that match have D̂(w) = i w Ŝ(w).
 
-        Matching filters have D̂(w) = i w Ŝ(w).
+        Parameters
+        ----------
+        wave_number
+            w in radian per step, any shape.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            D̂ and Ŝ, of the same shape, complex128.
         """
         phase = np.exp(1j * np.multiply.outer(np.asarray(wave_number, dtype=np.float64), self.nodes))
         return np.asarray(phase @ self.derivative), np.asarray(phase @ self.smoothing)
@@ -87,7 +95,12 @@ def compact_pair(nodes: ArrayLike) -> FilterPair:
     Parameters
     ----------
     nodes
-        At least two different positions; the estimate belongs to 0.
+        At least two different positions in steps of the axis; the estimate belongs to 0.
+
+    Returns
+    -------
+    FilterPair
+        The pair at these nodes.
     """
     s = np.asarray(nodes, dtype=np.float64)
     differences = s[:, None] - s[None, :]
@@ -114,7 +127,12 @@ def least_squares_pair(nodes: ArrayLike, band: float = _BAND, noise_weight: floa
     band
         Largest wave number that has to match, in radian per mean gap between nodes.
     noise_weight
-        What noise counts.
+        Weight of the noise that passes the filters, against the mismatch of the two.
+
+    Returns
+    -------
+    FilterPair
+        The pair at these nodes.
     """
     s = np.asarray(nodes, dtype=np.float64)
     gap = (s.max() - s.min()) / (len(s) - 1)
@@ -156,15 +174,31 @@ _NAMED = {
 
 
 def single() -> FilterPair:
-    """Return the pair of an axis with one sample: nothing can be derived along it."""
+    """Return the pair of an axis with one sample, along which there is no derivative.
+
+    Returns
+    -------
+    FilterPair
+        Smoothing 1, derivative 0.
+    """
     return FilterPair("one sample", np.zeros(1), np.ones(1), np.zeros(1))
 
 
 def pair_for(nodes: ArrayLike) -> FilterPair:
-    """Return the pair for samples at given positions, in steps from where the estimate belongs.
+    """Return the best known pair for samples at given positions.
 
-    Equidistant samples around 0 take the named pair of their number (2, 3, 4, 5, 7, 9), all others the least-squares
-    pair.
+    Equidistant samples around 0 take the published pair for their number (2, 3, 4, 5, 7, 9). All others take the
+    least-squares pair, two samples the compact one.
+
+    Parameters
+    ----------
+    nodes
+        Positions in ascending order, in steps of the axis; the estimate belongs to 0.
+
+    Returns
+    -------
+    FilterPair
+        The pair at these nodes.
     """
     s = np.asarray(nodes, dtype=np.float64)
     count = len(s)
@@ -181,18 +215,41 @@ def pair_for(nodes: ArrayLike) -> FilterPair:
 
 
 def gaussian_window(sigma: float, taps: int) -> Array:
-    """Return a Gaussian sampled at ``taps`` (odd) points around its centre, with the sum 1."""
+    """Return a Gaussian window.
+
+    Parameters
+    ----------
+    sigma
+        Standard deviation, in samples.
+    taps
+        Number of samples, odd.
+
+    Returns
+    -------
+    numpy.ndarray
+        Weights with the sum 1, shape (taps,).
+    """
     offsets = np.arange(taps) - taps // 2
     weights = np.exp(-(offsets**2) / (2 * sigma**2))
     return np.asarray(weights / weights.sum())
 
 
 def transfer(wave_number: float | NDArray[Any]) -> tuple[Array, Array]:
-    """Return the transfer functions (D̂, Ŝ) of the paper's two filters at a wave number in radian per sample.
+    """Return the transfer functions of the paper's two filters.
 
     The derivative filter multiplies exp(i w n) by i D̂(w), D̂(w) = 2 Σ d_j sin jw; the smoothing filter multiplies it by
     Ŝ(w) = s_0 + 2 Σ s_j cos jw. A pattern cos(k x) that moves by u per step is estimated to move by
     D̂(k u) Ŝ(k) / (D̂(k) Ŝ(k u)).
+
+    Parameters
+    ----------
+    wave_number
+        w in radian per sample, any shape.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        D̂ and Ŝ, of the same shape.
     """
     derivative, smoothing = PAPER.transfer(np.asarray(wave_number, dtype=np.float64))
     return np.asarray(derivative.imag), np.asarray(smoothing.real)

@@ -64,7 +64,13 @@ class Best(NamedTuple):
 
     @classmethod
     def empty(cls, frames: int, rows: int, columns: int) -> Best:
-        """Return arrays in which no registration has been tried."""
+        """Return arrays for a band of rows, before any registration has been tried.
+
+        Parameters
+        ----------
+        frames, rows, columns
+            Size of the arrays.
+        """
         shape = (frames, rows, columns)
         exact = ("v_x", "flow_x", "flow_y", "u_z", "certain_u_z")
         flags = ("kind_disparity", "kind_motion", "model_violation")
@@ -108,7 +114,15 @@ class Maps(NamedTuple):
 
     @classmethod
     def empty(cls, frames: int, height: int, width: int, *, shifted: bool) -> Maps:
-        """Return maps that are still to be written; ``shifted`` if the estimates do not belong to the reference."""
+        """Return maps whose values are still to be written.
+
+        Parameters
+        ----------
+        frames, height, width
+            Size of the maps.
+        shifted
+            Whether the estimates belong between cameras or frames, so that ``shift`` is needed.
+        """
         shape = (frames, height, width)
         components = {"velocity": 3, "velocity_std": 3, "flow": 2, "eigenvalues": 5, "shift": 2}
         flags = ("kind", "kind_disparity", "kind_motion", "model_violation")

@@ -12,10 +12,11 @@ from scenetruth.estimators.structure_tensor.filters import PAPER
 from scenetruth.estimators.structure_tensor.maps import Maps
 from scenetruth.estimators.structure_tensor.registration import Registration
 from scenetruth.estimators.structure_tensor.rig import requirements, rig_of
-from scenetruth.estimators.structure_tensor.run import Progress, run
+from scenetruth.estimators.structure_tensor.run import run
 from scenetruth.estimators.structure_tensor.task import check_common_view, make_task, plain_images
 from scenetruth.estimators.structure_tensor.threshold import with_threshold
 from scenetruth.estimators.structure_tensor.working_points import choose_registrations
+from scenetruth.progress import Progress
 from scenetruth.schema import PixelGrid, intrinsics_of, label, pixel_grid_of
 from scenetruth.settings import EstimateSettings
 
@@ -61,7 +62,7 @@ def estimate_structure_tensor(
         problems.append(Problem("stage_x_mm", message, recording["stage_x_mm"].values.tolist()))
     elif abs(positions[recording["s"].values == 0][0]) > 1e-6:
         problems.append(Problem("stage_x_mm", "must be 0 at s = 0", recording["stage_x_mm"].values.tolist()))
-    # A sum is finite if all is, unless it overflows; the count is exact.
+    # The sum is quick: it is finite only if all values are. If it overflows, the exact count decides.
     if images.dtype.kind == "f" and not np.isfinite(images.sum()):
         missing = sum(int((~np.isfinite(part)).sum()) for channel in images for part in channel)
     else:
@@ -73,7 +74,7 @@ def estimate_structure_tensor(
     if problems:
         raise EstimateError(problems)
     rig = rig_of(positions, count_t, settings)
-    # Filters know only columns and rows.
+    # The filters work in columns and rows of the recording, not in pixels of the camera.
     grid = pixel_grid_of(recording)
     full_scale = float(recording.attrs["full_scale"])
     task = make_task(images, rig, _in_columns(settings, grid), grid.in_columns(intrinsics), full_scale)

@@ -1,4 +1,4 @@
-"""By how many whole pixels images are moved along s and t before filtering, and where which of that may be best."""
+"""Registration: by how many whole pixels images are shifted along s and t before filtering, and for which cells."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ CELL = 16
 """Edge of the cells, in px, for which registrations are chosen."""
 
 _SMALLEST_RANGE = 16
-# A worse neighbour in disparity is never as far off as half; a false match in a periodic texture is as good.
+# A disparity far from the best so far must have less than this share of its cost: a false match in a periodic texture
+# has about the same cost.
 _CLEARLY_BETTER = 0.5
-# Motions up to this are estimated without registration, px per frame.
+# Flows up to this are estimated without registration, px per frame.
 _STILL = 0.75
-# Disparities off the nearest one that are tried as well: they tell more of motion in depth.
+# Differences to the nearest disparity that are tried as well: at some of them, divergence has smaller error bars.
 _OFF = (0, -1, 1, -2, 2)
-# Cells that a surface only touches are left to its neighbours.
+# A registration must fit in more than this share of a cell to be tried there.
 _SHARE = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """One working point: integer disparity, integer flow, and the cells of the image for which it may be the best."""
+    """A working point: integer disparity and integer flow, and the cells of the image in which it is tried."""
 
     disparity: int
     """Disparity, px per step of s: image s is read ``disparity s`` columns to the left."""
@@ -130,7 +131,7 @@ def _best(total: NDArray[Any], distance: NDArray[Any], margin: float = 1e-9) -> 
 def registrations_along_surfaces(
     images: NDArray[Any], positions: NDArray[np.float64], largest: int
 ) -> list[Registration]:
-    """Scan the integer disparities for those that the images of one frame want, and where.
+    """Find the integer disparities at which the images of one frame agree, and the cells where they do.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def registrations_along_surfaces(
     Returns
     -------
     list of Registration
-        For every cell the disparities that fit somewhere in it or next to it.
+        For every cell the disparities that fit there or in a neighbouring cell.
     """
     channels = np.ascontiguousarray(images, dtype=np.float32)
     middle = find_working_point(np.concatenate(channels, axis=1), positions)
@@ -184,7 +185,7 @@ def _sweep(
 def registrations_from_coarse(
     disparity: NDArray[Any], flow: NDArray[Any], known: NDArray[np.bool_], shape: Sequence[int], largest: int
 ) -> list[Registration]:
-    """Return the registrations that an estimate at half the resolution asks for.
+    """Return the registrations for the disparity and flow of an estimate at half the resolution.
 
     Parameters
     ----------
@@ -196,6 +197,11 @@ def registrations_from_coarse(
         Rows and columns of the fine image.
     largest
         Largest disparity that the fine image allows.
+
+    Returns
+    -------
+    list of Registration
+        For every cell the working points that fit there or in a neighbouring cell, and their nearest disparities.
     """
     if not known.any():
         return [Registration(0)]

@@ -1,4 +1,4 @@
-"""Kernel that sweeps through integer disparities and tells how well the images agree at each of them."""
+"""A kernel that computes how well the images of neighbouring cameras agree at integer disparities."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: Any) -> None:
     """Sum up, for blocks of STEP pixels of a row, the squared differences of neighbouring cameras' images.
 
-    Pixels that a camera does not see are not compared: a border that stands in for them matches anything plain.
+    Pixels that a camera does not see are not compared: repeated border pixels would match any plain surface.
     """
     width = images.shape[3]
-    seen = np.zeros((2, out.shape[0]), dtype=np.float32)
+    compared = np.zeros(out.shape[0], dtype=np.float32)
+    wanted = np.zeros(out.shape[0], dtype=np.float32)
     out[:] = 0.0
     for channel in range(images.shape[0]):
         for s in range(images.shape[1] - 1):
@@ -43,11 +44,11 @@ def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: 
                     difference = a[x + first[s]] - b[x + second[s]]
                     total += difference * difference
                 out[block] += total * weights[s]
-                seen[0, block] += max(high - low, 0) * weights[s]
-                seen[1, block] += (end - start) * weights[s]
+                compared[block] += max(high - low, 0) * weights[s]
+                wanted[block] += (end - start) * weights[s]
     for block in range(out.shape[0]):
-        # What leaves the view of some cameras is judged by the others.
-        out[block] = out[block] * seen[1, block] / seen[0, block] if seen[0, block] > 0 else UNSEEN
+        # Pixels that some cameras do not see are compared by the others: the sum is scaled to all of them.
+        out[block] = out[block] * wanted[block] / compared[block] if compared[block] > 0 else UNSEEN
 
 
 @_jit

@@ -1,4 +1,4 @@
-"""What the recording's cameras and frames allow: filters along s and t, window in t, and where an estimate belongs."""
+"""The rig of a recording: its cameras and frames, and the filters and the window that they allow."""
 
 from __future__ import annotations
 
@@ -61,16 +61,41 @@ class Rig:
         return self.frames > 1
 
     def outputs(self, count_t: int) -> NDArray[np.int64]:
-        """Return the indices of the frames that estimates are given for."""
+        """Return the frames for which there are estimates.
+
+        Parameters
+        ----------
+        count_t
+            Number of frames of the recording.
+
+        Returns
+        -------
+        numpy.ndarray
+            Indices of frames, int64; empty if the recording has fewer than `frames`.
+        """
         return np.arange(count_t - self.frames + 1) + self.before
 
 
 def rig_of(positions: Array, count_t: int, settings: EstimateSettings) -> Rig:
-    """Choose filters and window for cameras at these positions and this number of frames.
+    """Choose filters and window for the cameras and frames of a recording.
 
     Along s, all cameras enter one derivative. It belongs to the reference if the others surround it evenly, else to the
     middle of all. Along t, the longest of 2, 3 and 5 taps that fits is taken, then a window up to the one in the
     settings.
+
+    Parameters
+    ----------
+    positions
+        Positions of the cameras in steps, X_s / V_X, ascending.
+    count_t
+        Number of frames.
+    settings
+        Window along t.
+
+    Returns
+    -------
+    Rig
+        The rig.
     """
     middle = float(positions.mean())
     gap = (positions.max() - positions.min()) / max(len(positions) - 1, 1)
@@ -88,7 +113,22 @@ def rig_of(positions: Array, count_t: int, settings: EstimateSettings) -> Rig:
 
 
 def requirements(settings: EstimateSettings, cameras: int, frames: int, width: int, height: int) -> list[Problem]:
-    """Return what keeps the filters and the window from fitting into a recording of this size."""
+    """Return why a recording is too small for the filters and the window.
+
+    Parameters
+    ----------
+    settings
+        The window.
+    cameras, frames
+        Number of camera positions and of frames.
+    width, height
+        Size of the images in px.
+
+    Returns
+    -------
+    list of Problem
+        All problems; empty if the recording is large enough.
+    """
     border = 2 * REACH + settings.window_taps_px
     problems = []
     if cameras == 1 and frames == 1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,14 +21,14 @@ from scenetruth.estimators.structure_tensor.texture import STRIDE
 from scenetruth.estimators.structure_tensor.tiling import Rectangle, tiles_of
 from scenetruth.estimators.structure_tensor.uncertainty import texture_transfer
 from scenetruth.estimators.threads import bands, in_threads, thread_count
+from scenetruth.progress import Progress
 
 if TYPE_CHECKING:
     from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
 
-__all__ = ["Candidate", "Progress", "run", "run_kernel"]
+__all__ = ["Candidate", "run", "run_kernel"]
 
-Progress = Callable[[str, int, int], None]
-# What is kept for a pixel between the kernels, and how much of that at a time.
+# Bytes of a pixel of `Best`, bytes of all pixels that are kept at a time, and the least rows of a band.
 _BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 192e6, 128
 
 
@@ -76,7 +76,7 @@ def run_kernel(
         ),
     )
     still = registration.flow == (0, 0)
-    # Frames slide through the window; frames that are registered in t stand elsewhere for every estimate.
+    # Frames slide through the window. Frames that are registered along t are shifted anew for every estimate.
     groups = [task.outputs] if still else [task.outputs[n : n + 1] for n in range(len(task.outputs))]
     for index, group in enumerate(groups):
         first = int(group[0]) - rig.before
@@ -114,7 +114,22 @@ def _filters_at(task: Task, disparity: int) -> Filters:
 
 
 def run(task: Task, registrations: Sequence[Registration], progress: Progress | None) -> Maps:
-    """Estimate all frames, a band of rows and some frames at a time, so that scratch memory stays bounded."""
+    """Estimate all frames, a band of rows and some frames at a time, so that scratch memory stays bounded.
+
+    Parameters
+    ----------
+    task
+        Images, filters and settings, with a threshold τ.
+    registrations
+        The working points; every pixel takes the best of those that are tried in its cell.
+    progress
+        Called with (what, done, total); None for no reports.
+
+    Returns
+    -------
+    Maps
+        The estimate at the reference camera and frame.
+    """
     height, width = task.images.shape[-2:]
     frames = len(task.outputs)
     elsewhere = task.rig.centre_s != 0 or task.rig.centre_t != 0
@@ -130,7 +145,7 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     areas = [common_area(task, item) for item in registrations]
     only = registered(task, registrations[0].disparity) if len(registrations) == 1 else None
     steps = len(parts) * len(registrations)
-    # Where registrations differ in flow, what they leave to move along t counts too.
+    # Where registrations differ in flow, the displacement that they leave along t counts too.
     weight_t = float(len({item.flow for item in registrations}) > 1)
     if progress is not None:
         progress("estimate", 0, steps)
@@ -160,10 +175,10 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
 def _forget_second_best(
     choice: NDArray[np.int16], registrations: Sequence[Registration], areas: Sequence[Rectangle], first_row: int
 ) -> None:
-    """Take back choices, shape (t, y, x), where a disparity that fits could not be tried.
+    """Drop choices, shape (t, y, x), where a disparity that fits better could not be tried.
 
-    Beside the border of the image, large disparities leave the common view first. Those that are left are false there,
-    and may look right: they are off by more than filters can tell.
+    Near the border of the image, large disparities leave the common view first. The disparities that are left there are
+    wrong by more than the filters can measure, and may still look right.
     """
     _, rows, columns = choice.shape
     flows = [item.flow for item in registrations]
@@ -234,7 +249,7 @@ def _to_world(
 
 
 def _carry(maps: Maps, index: int, rig: Rig) -> None:
-    """Carry one frame to the reference."""
+    """Resample one frame of the maps at the pixels of the reference camera and frame."""
     shift = maps.shift[:, index].astype(np.float64)
     interpolated = (
         *(maps.depth[None], maps.velocity, maps.disparity[None], maps.flow, maps.divergence[None]),
@@ -255,7 +270,7 @@ def _carry(maps: Maps, index: int, rig: Rig) -> None:
     for flag, values in zip(flags, kinds, strict=False):
         flag[index] = values
     maps.confidence[index] = np.nan_to_num(maps.confidence[index])
-    # What is interpolated from pixels of which not all had a value has none; its kind says so.
+    # A value that is interpolated between pixels of which one has none is NaN, and its kind is none.
     disparity_known = np.isfinite(maps.depth[index]) & np.isfinite(maps.disparity[index])
     motion_known = np.isfinite(maps.flow[:, index]).all(axis=0) & np.isfinite(maps.divergence[index])
     for kind, known, lost in (

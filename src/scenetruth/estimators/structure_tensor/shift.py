@@ -1,4 +1,4 @@
-"""Moving images by a part of a pixel, where the stage does not let them be registered by whole ones."""
+"""Shifting images by a fraction of a pixel, where positions of the stage need more than whole pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,22 @@ __all__ = ["registered"]
 
 
 def registered(task: Task, disparity: int) -> NDArray[Any]:
-    """Return the images for whole columns: where these leave a part of a pixel, moved by it with quintic splines."""
+    """Shift images by the fraction of a pixel that registration by whole columns leaves.
+
+    Quintic splines interpolate the images. Cameras at whole steps of s need no shift.
+
+    Parameters
+    ----------
+    task
+        The images and the rig.
+    disparity
+        Disparity of the working point in px per step of s.
+
+    Returns
+    -------
+    numpy.ndarray
+        Images, shape (channel, s, t, y, x): as recorded if no camera needs a shift, else float32.
+    """
     part = -disparity * task.rig.positions - columns_of_s(task.rig, disparity)
     if np.all(np.abs(part) < 1e-9):
         return task.images

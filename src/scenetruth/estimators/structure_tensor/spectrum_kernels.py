@@ -8,7 +8,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["gradient_energies"]
+__all__ = ["ENERGIES", "gradient_energies"]
+
+# Places of the energies: of g_x and g_y, of both smoothed with S, and of D_x S_y g_x and D_y S_x g_y.
+_X, _Y, _SMOOTH_X, _SMOOTH_Y, _STEEP_X, _STEEP_Y = range(6)
+
+ENERGIES = ("x", "y", "sx", "sy", "dx", "dy")
+"""Names of the energies in the order of their places."""
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -63,7 +69,7 @@ def gradient_energies(
     stride
         Edge of the blocks in px.
     energies
-        Output, added to, shape (6, Y, X); Y and X blocks cover the image without its border.
+        Output in the order of `ENERGIES`, added to, shape (6, Y, X): Y x X blocks of the image without its border.
     blocks
         First and last + 1 of the rows of blocks to do.
     """
@@ -83,18 +89,18 @@ def gradient_energies(
         _along_columns(part, derivative, steep)
         _along_rows(smooth, derivative, g_x)
         _along_rows(steep, smoothing, g_y)
-        _add_energy(g_x, reach, stride, energies[0, block])
-        _add_energy(g_y, reach, stride, energies[1, block])
+        _add_energy(g_x, reach, stride, energies[_X, block])
+        _add_energy(g_y, reach, stride, energies[_Y, block])
         once = np.empty((rows, wide), dtype=np.float32)
         twice = np.empty((rows, width), dtype=np.float32)
         _along_columns(g_x, smoothing, once)
         _along_rows(once, smoothing, twice)
-        _add_energy(twice, 0, stride, energies[2, block])
+        _add_energy(twice, 0, stride, energies[_SMOOTH_X, block])
         _along_rows(once, derivative, twice)
-        _add_energy(twice, 0, stride, energies[4, block])
+        _add_energy(twice, 0, stride, energies[_STEEP_X, block])
         _along_columns(g_y, smoothing, once)
         _along_rows(once, smoothing, twice)
-        _add_energy(twice, 0, stride, energies[3, block])
+        _add_energy(twice, 0, stride, energies[_SMOOTH_Y, block])
         _along_columns(g_y, derivative, once)
         _along_rows(once, smoothing, twice)
-        _add_energy(twice, 0, stride, energies[5, block])
+        _add_energy(twice, 0, stride, energies[_STEEP_Y, block])

@@ -1,4 +1,4 @@
-"""Everything of an estimate that stays the same over registrations, bands of rows and frames."""
+"""The task of an estimate: images, filters and settings, the same for all registrations, rows and frames."""
 
 from __future__ import annotations
 
@@ -42,9 +42,17 @@ class Task:
 
 
 def plain_images(recording: xr.Dataset) -> NDArray[Any]:
-    """Return the images in a form that the kernels know, shape (channel, s, t, y, x).
+    """Return the images of a recording in a type that the kernels take.
 
-    That is uint8 or uint16 as recorded, all else in float32.
+    Parameters
+    ----------
+    recording
+        The recording.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (channel, s, t, y, x): uint8 and uint16 as recorded, all other types as float32.
     """
     images = recording["image"].values
     native = images.dtype.newbyteorder("=")
@@ -66,10 +74,15 @@ def make_task(
         What they were taken with, and what to do with them.
     full_scale
         Value of the images that stands for the grey value 1.
+
+    Returns
+    -------
+    Task
+        The task.
     """
-    # Grey values in [-1, 1] are 2 image / full scale - 1; the filters take no notice of the constant.
+    # Grey values in [-1, 1] are 2 image / full scale - 1; derivatives do not depend on the constant.
     grey = 2 / full_scale
-    # Total least squares takes the errors of all derivatives for equal.
+    # Total least squares assumes errors of equal size in all derivatives.
     equal = np.sqrt(PAPER.noise_ratio)
     scale_s = equal / np.sqrt(rig.over_s.noise_ratio) if rig.sees_depth else 1.0
     scale_t = equal / np.sqrt(rig.over_t.noise_ratio) if rig.sees_motion else 1.0
@@ -90,12 +103,38 @@ def make_task(
 
 
 def columns_of_s(rig: Rig, disparity: int) -> NDArray[np.int64]:
-    """Return by how many columns the image of each camera is read to the right at a working point."""
+    """Return by how many columns the image of each camera is read further to the right at a working point.
+
+    Parameters
+    ----------
+    rig
+        The cameras.
+    disparity
+        Disparity of the working point in px per step of s.
+
+    Returns
+    -------
+    numpy.ndarray
+        Whole columns, negative to the left, shape (s,), int64.
+    """
     return -np.rint(disparity * rig.positions).astype(np.int64)
 
 
 def common_area(task: Task, registration: Registration) -> Rectangle:
-    """Return where all registered images reach as far as filters and window."""
+    """Return the pixels whose filters and window lie inside all registered images.
+
+    Parameters
+    ----------
+    task
+        The images, filters and window.
+    registration
+        The working point.
+
+    Returns
+    -------
+    Rectangle
+        First row and the one behind the last, then columns. Empty if the last is not behind the first.
+    """
     height, width = task.images.shape[-2:]
     reach = REACH + task.settings.window_taps_px // 2
     after = task.rig.frames - 1 - task.rig.before
@@ -112,7 +151,18 @@ def common_area(task: Task, registration: Registration) -> Rectangle:
 
 
 def largest_disparity(task: Task) -> int:
-    """Return the largest disparity at which the registered images still share room for filters and window."""
+    """Return the largest disparity at which the registered images still overlap by filters and window.
+
+    Parameters
+    ----------
+    task
+        The images, filters and window.
+
+    Returns
+    -------
+    int
+        Disparity in px per step of s.
+    """
     width = task.images.shape[-1]
     reach = REACH + task.settings.window_taps_px // 2
     span = task.rig.positions.max() - task.rig.positions.min()
@@ -120,7 +170,14 @@ def largest_disparity(task: Task) -> int:
 
 
 def check_common_view(task: Task, registrations: Sequence[Registration]) -> None:
-    """Check that the images of at least one registration share room for filters and window.
+    """Check that the images of at least one registration overlap by filters and window.
+
+    Parameters
+    ----------
+    task
+        The images, filters and window.
+    registrations
+        The working points.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where in the spatial spectrum the texture of an image stands, as the error bars need it."""
+"""The wave numbers of the texture of an image, as the error bars need them."""
 
 from __future__ import annotations
 
@@ -36,6 +36,12 @@ class Texture(NamedTuple):
     """Distance of the places in px."""
 
     def cropped(self, rows: slice, columns: slice = slice(None)) -> Texture:
-        """Return some of the places."""
+        """Return a part of the places.
+
+        Parameters
+        ----------
+        rows, columns
+            Which rows and columns of places.
+        """
         arrays = {name: getattr(self, name)[rows, columns] for name in self._fields if name != "stride"}
         return Texture(**arrays, stride=self.stride)

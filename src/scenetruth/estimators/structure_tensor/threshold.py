@@ -15,14 +15,28 @@ from scenetruth.estimators.structure_tensor.task import Task, common_area
 
 __all__ = ["with_threshold"]
 
-# Eigenvalues of noise scatter around their mean; a texture must stand out from them.
+# Eigenvalues of pure noise scatter around their mean; those of texture must be clearly larger.
 _TAU_OVER_NOISE = 5.0
 # Rows and columns of pixels at which noise is estimated.
 _SAMPLES = 9
 
 
 def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[Task, float]:
-    """Settle τ, from the images' noise if it is to be automatic; return the noise as well, NaN if it was not needed."""
+    """Set the threshold τ of the eigenvalues; ``"auto"`` takes it from the noise of the images.
+
+    Parameters
+    ----------
+    task
+        Images and settings.
+    registrations
+        The working points.
+
+    Returns
+    -------
+    tuple
+        The task with a number for τ; and the standard deviation of the noise, of grey values in [-1, 1], NaN if it was
+        not needed.
+    """
     settings = task.settings
     if settings.tau != "auto":
         return task, float(settings.noise_std) if settings.noise_std != "auto" else float("nan")
@@ -36,7 +50,7 @@ def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[T
 
 
 def _sample(task: Task, registrations: Sequence[Registration]) -> tuple[float, float]:
-    """Estimate the power of the images' noise from what the model leaves unexplained, at pixels all over the image.
+    """Estimate the power of the images' noise from the residuals of the model, at pixels all over the image.
 
     Returns it, and the largest eigenvalue that was met. Each pixel takes the registration that suits it best, as in the
     estimate itself.

@@ -1,4 +1,4 @@
-"""Cutting the image into tiles that a kernel's thread works on."""
+"""Cutting the image into tiles, one for a thread at a time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LOW_ROWS, _JOIN = 4 * CELL, 32
 
 
 def tiles_of(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> NDArray[np.int64]:
-    """Return the tiles, shape (n, 4), that cover the wanted cells inside an area, several for each thread.
+    """Return tiles that cover the wanted cells inside an area, several for each thread.
 
     Parameters
     ----------
@@ -31,7 +31,12 @@ def tiles_of(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> 
     cells
         Which cells of `CELL` px are wanted; None for all.
     threads
-        How many threads share the work.
+        Number of threads.
+
+    Returns
+    -------
+    numpy.ndarray
+        First row and the one behind the last, then columns, of every tile, shape (n, 4), int64.
     """
     top, bottom, left, right = area
     if bottom <= top or right <= left:

@@ -1,4 +1,4 @@
-"""How image noise passes through filters, window and null space: powers of noise, and the texture's place in them."""
+"""How image noise passes through filters, window and null space: the noise model behind the error bars."""
 
 from __future__ import annotations
 
@@ -59,7 +59,24 @@ class NoiseModel:
 def noise_model(
     rig: Rig, over_s: FilterPair, over_t: FilterPair, channels: int, settings: EstimateSettings
 ) -> NoiseModel:
-    """Work out what unit noise becomes in the filters and the window of an estimate."""
+    """Propagate white noise of unit power through the filters and the window of an estimate.
+
+    Parameters
+    ----------
+    rig
+        The cameras and frames, with the window along t.
+    over_s, over_t
+        Filters along s and t, as they are applied.
+    channels
+        Number of channels of the images.
+    settings
+        Window over x and y.
+
+    Returns
+    -------
+    NoiseModel
+        The powers of noise, for grey values in [-1, 1].
+    """
     s_xy, d_xy = _power(PAPER.smoothing), _power(PAPER.derivative)
     (s_s, d_s), (s_t, d_t) = ((_power(pair.smoothing), _power(pair.derivative)) for pair in (over_s, over_t))
     window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
@@ -109,7 +126,7 @@ def _smoothing_noise(pair: FilterPair, window: Array) -> Array:
 
 
 def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> Texture:
-    """Measure where in the spatial spectrum the texture of an image stands.
+    """Measure the wave numbers of the texture of an image, place by place.
 
     Parameters
     ----------
@@ -123,10 +140,10 @@ def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> 
     Texture
         Arrays of the shape (y / 4, x / 4), rounded up.
     """
-    from scenetruth.estimators.structure_tensor.spectrum_kernels import gradient_energies
+    from scenetruth.estimators.structure_tensor.spectrum_kernels import ENERGIES, gradient_energies
 
     blocks = tuple(-(-size // STRIDE) for size in image.shape[1:])
-    total = np.zeros((6, *blocks), dtype=np.float32)
+    total = np.zeros((len(ENERGIES), *blocks), dtype=np.float32)
     filters = [weights.astype(np.float32) for weights in (PAPER.smoothing, PAPER.derivative)]
     for channel in image:
         padded = np.pad(channel, 2 * REACH, mode="edge")
@@ -134,7 +151,7 @@ def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> 
     taps = 2 * int(np.ceil(settings.window_taps_px / (2 * STRIDE))) + 1
     window = gaussian_window(max(settings.window_sigma_px / STRIDE, 0.3), taps).astype(np.float32)
     in_threads(lambda index: _windowed(total[index], window), list(range(len(total))))
-    energies = dict(zip(("x", "y", "sx", "sy", "dx", "dy"), total, strict=True))
+    energies = dict(zip(ENERGIES, total, strict=True))
     # Squares of values near the end of the type's range are infinite: such images have no error bars.
     with np.errstate(over="ignore", invalid="ignore"):
         return _ratios(energies, settings)

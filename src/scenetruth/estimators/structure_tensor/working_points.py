@@ -25,7 +25,18 @@ __all__ = ["choose_registrations"]
 
 
 def choose_registrations(task: Task) -> list[Registration]:
-    """Choose the working points: as given, from the images, or from an estimate at half the resolution."""
+    """Choose the working points: as given, from the images, or from an estimate at half the resolution.
+
+    Parameters
+    ----------
+    task
+        Images and settings.
+
+    Returns
+    -------
+    list of Registration
+        The working points that are tried; at least one.
+    """
     settings, rig, images = task.settings, task.rig, task.images
     frame = int(task.outputs[len(task.outputs) // 2])
     camera = int(np.argmin(np.abs(rig.positions)))
@@ -77,7 +88,7 @@ def _either(one: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None) -> N
 
 
 def _coarse_registrations(task: Task, frame: int, largest: int) -> list[Registration]:
-    """Estimate one frame at half the resolution; return the registrations that it asks for."""
+    """Estimate one frame at half the resolution, and return the registrations for what it finds."""
     smaller = _halve(task.images[:, :, frame - task.rig.before : frame - task.rig.before + task.rig.frames])
     settings = task.settings.model_copy(
         update={

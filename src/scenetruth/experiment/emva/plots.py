@@ -15,7 +15,7 @@ _MEASURED, _TOLD = "#0072B2", "#D55E00"
 
 
 def draw_transfer(name: str, sensor: EmvaSensor, found: PhotonTransfer, file: Path) -> None:
-    """Draw variance over mean, mean over photons and the deviation from a line, measured and as the sensor was told.
+    """Draw variance over mean, mean over photons and the deviation from a line, as measured and as set.
 
     Parameters
     ----------

@@ -1,10 +1,9 @@
-"""A virtual EMVA 1288 measurement of sensors: whether they do what they were told."""
+"""A virtual EMVA 1288 measurement of sensors, which compares measured figures with the ones that were set."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
@@ -13,11 +12,11 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import PRESETS, EmvaSensor, LinearImage, PhotonTransfer, photon_transfer
 from scenetruth.errors import Problem, SceneError
+from scenetruth.experiment.tables import write_table
+from scenetruth.progress import Progress
 from scenetruth.randomness import generator_for
 
 __all__ = ["Comparison", "compare", "measure_sensor", "run_emva"]
-
-Progress = Callable[[str, int, int], None]
 
 SHAPE = (300, 400)
 LEVELS = 24
@@ -31,20 +30,20 @@ _BEYOND = (1.0, 1.02, 1.05, 1.1, 1.2)
 
 @dataclass(frozen=True)
 class Comparison:
-    """A figure that a sensor was told, and what was measured.
+    """A figure of a sensor as it was set, and as it was measured.
 
     Parameters
     ----------
     sensor
         Name of the sensor.
     quantity
-        Name of the figure; ``linearity_error`` is told to be 0.
+        Name of the figure; ``linearity_error`` is 0 as set.
     told
-        Value in the sensor's fields.
+        Value that was set, in the sensor's fields.
     measured
-        Value found.
+        Value that was measured.
     error
-        measured / told - 1, or measured where 0 was told.
+        measured / told - 1, or measured where ``told`` is 0.
     """
 
     sensor: str
@@ -72,6 +71,11 @@ def measure_sensor(
         Number of images of each of the dark, bias and flat stacks.
     name
         Keys the random numbers: the same name gives the same images.
+
+    Returns
+    -------
+    PhotonTransfer
+        The measured figures.
     """
     operated = sensor.model_copy(update={"gamma": 1.0, "bayer": None, "insert": ()})
     shortest = operated.model_copy(update={"exposure_time_s": min(_SHORTEST_S, operated.exposure_time_s)})
@@ -82,10 +86,10 @@ def measure_sensor(
     def expose(camera: EmvaSensor, share: float, count: int, place: int) -> NDArray[np.generic]:
         opened = camera.chain().open(shape, partial(_generator, name))
         uniform = np.full(shape, share * saturation / bright, dtype=np.float32)
-        # Stacks are told apart as camera positions are: none shares its noise with another one.
+        # Every stack is a camera position of its own, so that no two share their noise.
         return np.stack([opened.read(LinearImage(uniform, s=place, t=number)) for number in range(count)])
 
-    # Radiance is float32 here as in every image: what light there was is told with the same rounding.
+    # Radiance is float32, as in every image: the photons are computed with the same rounding.
     photons = np.float64(np.float32(shares * saturation / bright)) * bright
     return photon_transfer(
         photons,
@@ -98,7 +102,7 @@ def measure_sensor(
 
 
 def compare(name: str, sensor: EmvaSensor, found: PhotonTransfer) -> list[Comparison]:
-    """Set what was measured beside what the sensor was told.
+    """Compare the measured figures of a sensor with those that were set.
 
     Parameters
     ----------
@@ -108,6 +112,11 @@ def compare(name: str, sensor: EmvaSensor, found: PhotonTransfer) -> list[Compar
         The sensor.
     found
         Its measurement.
+
+    Returns
+    -------
+    list of Comparison
+        One for each figure.
     """
     told = {
         "gain_dn_per_e": (sensor.gain_dn_per_e, found.gain_dn_per_e),
@@ -139,7 +148,7 @@ def run_emva(folder: Path, presets: Sequence[str] = (), *, progress: Progress | 
     Returns
     -------
     list of Comparison
-        What was told and what was measured, preset by preset.
+        Figures as set and as measured, preset by preset.
 
     Raises
     ------
@@ -174,12 +183,10 @@ def _generator(name: str, *purpose: str | int) -> np.random.Generator:
 
 
 def _write_csv(comparisons: Sequence[Comparison], found: Mapping[str, PhotonTransfer], folder: Path) -> None:
-    with (folder / "emva.csv").open("w", newline="", encoding="utf-8") as stream:
-        table = csv.DictWriter(stream, [field.name for field in fields(Comparison)])
-        table.writeheader()
-        table.writerows(asdict(comparison) for comparison in comparisons)
-    with (folder / "emva_levels.csv").open("w", newline="", encoding="utf-8") as stream:
-        levels = csv.writer(stream)
-        levels.writerow(["sensor", "photons", "mean_dn", "variance_dn2"])
-        for name, one in found.items():
-            levels.writerows([name, *row] for row in zip(one.photons, one.mean_dn, one.variance_dn2, strict=True))
+    write_table(folder / "emva.csv", [asdict(comparison) for comparison in comparisons])
+    levels = [
+        {"sensor": name, "photons": photons, "mean_dn": mean, "variance_dn2": variance}
+        for name, one in found.items()
+        for photons, mean, variance in zip(one.photons, one.mean_dn, one.variance_dn2, strict=True)
+    ]
+    write_table(folder / "emva_levels.csv", levels)

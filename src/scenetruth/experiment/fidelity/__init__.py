@@ -1,1 +1,1 @@
-"""How true the renderers are to the exact pixel integral."""
+"""The fidelity of the renderers to the exact pixel integral."""

@@ -1,4 +1,4 @@
-"""Pictures of how true rendered images are."""
+"""Pictures of the fidelity of rendered images."""
 
 from __future__ import annotations
 
@@ -18,7 +18,15 @@ _STYLES = {"pyrender": ("#0072B2", "o"), "raycast": ("#D55E00", "s")}
 
 
 def draw_errors(results: Sequence[Fidelity], file: Path) -> None:
-    """Draw shift errors, grey-value errors over the number of samples; a column for each texture."""
+    """Draw shift errors and grey-value errors over the number of samples, a column for each texture.
+
+    Parameters
+    ----------
+    results
+        The results.
+    file
+        Picture to write.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -58,7 +66,15 @@ def draw_errors(results: Sequence[Fidelity], file: Path) -> None:
 
 
 def draw_maps(measured: Sequence[Measurement], file: Path) -> None:
-    """Draw where the subsets err: rms over all shifts, band-limited texture; columns for samples, rows for backends."""
+    """Draw maps of the shift errors of the subsets with the band-limited texture, as rms over all shifts.
+
+    Parameters
+    ----------
+    measured
+        The measurements; a column for each number of samples, a row for each backend.
+    file
+        Picture to write.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure

@@ -76,21 +76,56 @@ class PlaneImage:
         inside = [np.abs(k) <= np.floor(p / shortest_mm) for k, p in ((k_y, period_mm[1]), (k_x, period_mm[0]))]
         k_y, k_x = k_y[inside[0]], k_x[inside[1]]
         spectrum = std * fft.fft2(values.astype(np.float64))[np.ix_(*inside)] / values.size
-        # The first sample stands half a texel behind the corner.
+        # The first sample is half a texel from the corner.
         spectrum *= np.exp(-1j * np.pi * k_y / rows)[:, None] * np.exp(-1j * np.pi * k_x / columns)
         spectrum[np.ix_(k_y == 0, k_x == 0)] = mean
         return cls(spectrum, (k_y, k_x), period_mm, pitch_mm, first_mm, shape)
 
     def values(self, shift_px: float = 0.0) -> Field:
-        """Return the image, shape (height, width), when the plane has moved to the right by ``shift_px``."""
+        """Return the exact image: means over the pixels' footprints.
+
+        Parameters
+        ----------
+        shift_px
+            How far the plane has moved to the right.
+
+        Returns
+        -------
+        numpy.ndarray
+            Radiance, shape (height, width), float64.
+        """
         return self._sum(self.spectrum * self._footprint(), shift_px)
 
     def points(self, shift_px: float = 0.0, offset_px: tuple[float, float] = (0.0, 0.0)) -> Field:
-        """Return the radiance at points beside the pixels' centres, shape (height, width)."""
+        """Return the radiance at one point of each pixel.
+
+        Parameters
+        ----------
+        shift_px
+            How far the plane has moved to the right.
+        offset_px
+            Offset (x, y) of the point from the pixel's centre.
+
+        Returns
+        -------
+        numpy.ndarray
+            Radiance, shape (height, width), float64.
+        """
         return self._sum(self.spectrum, shift_px, offset_px)
 
     def gradient(self, shift_px: float = 0.0) -> tuple[Field, Field]:
-        """Return the derivatives of `values` per pixel to the right and per pixel down."""
+        """Return the derivatives of `values`.
+
+        Parameters
+        ----------
+        shift_px
+            How far the plane has moved to the right.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Derivatives per pixel to the right, and per pixel down, shape (height, width) each.
+        """
         (k_y, k_x), spectrum = self.wave_numbers, self.spectrum * self._footprint()
         across, down = (2j * np.pi * self.pitch_mm / period for period in self.period_mm)
         return self._sum(spectrum * (across * k_x), shift_px), self._sum(spectrum * (down * k_y)[:, None], shift_px)

@@ -1,4 +1,4 @@
-"""What is measured of the fidelity of a backend."""
+"""The results of a measurement of the fidelity of a backend."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ for the largest error."""
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How true one backend is with one number of samples.
+    """The errors of one backend with one number of samples.
 
     Parameters
     ----------

@@ -1,12 +1,11 @@
-"""How true rendered images are to the pixel integral: errors of sub-pixel shifts and of grey values."""
+"""The fidelity of rendered images to the pixel integral: errors of sub-pixel shifts and of grey values."""
 
 from __future__ import annotations
 
-import csv
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,8 @@ from scenetruth.errors import BackendUnavailableError
 from scenetruth.experiment.fidelity.reference import PlaneImage
 from scenetruth.experiment.fidelity.registration import shift_errors
 from scenetruth.experiment.fidelity.results import BOUNDS_PX, Fidelity, Measurement
+from scenetruth.experiment.tables import write_table
+from scenetruth.progress import Progress
 from scenetruth.randomness import generator_for
 from scenetruth.render import Renderer
 from scenetruth.scene import Scene, scene_from_plain
@@ -37,8 +38,6 @@ __all__ = [
     "reference_image",
     "run_fidelity",
 ]
-
-Progress = Callable[[str, int, int], None]
 
 TEXTURES_PX = {"band-limited": (6.0, 30.0), "beyond Nyquist": (1.0, 30.0)}
 """Shortest and longest wavelength of the textures, in px of the image."""
@@ -67,6 +66,11 @@ def noise_plane(wavelength_px: tuple[float, float], shape: tuple[int, int]) -> S
         Shortest and longest wavelength in px of the image.
     shape
         (height, width) of the image.
+
+    Returns
+    -------
+    Scene
+        The scene, with one frame and one camera position.
     """
     height, width = shape
     return scene_from_plain(
@@ -92,9 +96,19 @@ def noise_plane(wavelength_px: tuple[float, float], shape: tuple[int, int]) -> S
 
 
 def reference_image(scene: Scene) -> PlaneImage:
-    """Return the exact image of a `noise_plane`, from the Fourier series of its noise and from the projection alone.
+    """Return the exact image of a noise plane, from the Fourier series of its noise and the projection.
 
-    The noise is made anew from the scene's seed; nothing of the renderers' splines or coordinates is used.
+    The noise is made anew from the scene's seed. No spline and no texture coordinate of the renderers is used.
+
+    Parameters
+    ----------
+    scene
+        What `noise_plane` returned.
+
+    Returns
+    -------
+    PlaneImage
+        The image, for any shift of the plane.
     """
     item = scene.objects[0]
     assert isinstance(item.texture, NoiseTexture)
@@ -171,7 +185,7 @@ def run_fidelity(
         progress("fidelity", total, total)
     results = [one.result for one in measured]
     folder.mkdir(parents=True, exist_ok=True)
-    _write_csv(results, folder / "fidelity.csv")
+    write_table(folder / "fidelity.csv", _rows(results))
     _write_json(results, reason, shape, folder / "fidelity.json")
     from scenetruth.experiment.fidelity.pictures import draw_errors, draw_maps
 
@@ -233,16 +247,10 @@ def _measure(
     )
 
 
-def _rows(results: Sequence[Fidelity]) -> Iterator[dict[str, Any]]:
-    for result in results:
-        yield {**asdict(result), "bound_px": result.bound_px, "within_bounds": result.within_bounds}
-
-
-def _write_csv(results: Sequence[Fidelity], file: Path) -> None:
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, [*(field.name for field in fields(Fidelity)), "bound_px", "within_bounds"])
-        writer.writeheader()
-        writer.writerows(_rows(results))
+def _rows(results: Sequence[Fidelity]) -> list[dict[str, Any]]:
+    return [
+        {**asdict(result), "bound_px": result.bound_px, "within_bounds": result.within_bounds} for result in results
+    ]
 
 
 def _write_json(results: Sequence[Fidelity], reason: str, shape: tuple[int, int], file: Path) -> None:
@@ -254,5 +262,5 @@ def _write_json(results: Sequence[Fidelity], reason: str, shape: tuple[int, int]
         "shifts_px": SHIFTS_PX,
         "subset_px": SUBSET_PX,
     }
-    content = {"protocol": protocol, "pyrender_left_out": reason or None, "results": list(_rows(results))}
+    content = {"protocol": protocol, "pyrender_left_out": reason or None, "results": _rows(results)}
     file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -23,7 +23,17 @@ _STYLES = {4: ("#0072B2", "o"), 8: ("#D55E00", "s"), 16: ("#009E73", "^"), 32: (
 
 
 def draw_panels(results: Sequence[Result], file: Path, divergence: str) -> None:
-    """Draw errors over values, log-log: without noise on the left, with noise on the right, a row for each quantity."""
+    """Draw errors over values, log-log: without noise on the left, with noise on the right, a row for each quantity.
+
+    Parameters
+    ----------
+    results
+        The points of the figure.
+    file
+        Picture to write.
+    divergence
+        Setting of the estimator, for the title.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""One point of the paper's figure 2: what is measured, and what comes out."""
+"""One point of the paper's figure 2: its conditions and its result."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Result:
     runs
         How many measurements.
     full
-        How many of them knew everything (``kind`` full); the statistics are theirs, NaN if there is none.
+        Number of them with a full estimate (``kind`` full). The statistics are over these; NaN if there is none.
     median_relative_error, rms_relative_error, max_relative_error
         Of abs(measured / true - 1).
     """

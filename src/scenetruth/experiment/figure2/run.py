@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -15,13 +14,13 @@ import numpy as np
 
 from scenetruth.experiment.figure2.pattern import FOCAL_LENGTH_PX, REFERENCE_DEPTH, pattern_recording
 from scenetruth.experiment.figure2.points import Condition, Quantity, Result
+from scenetruth.experiment.tables import write_table
+from scenetruth.progress import Progress
 from scenetruth.schema import KIND_FULL
 
 __all__ = ["conditions", "measure", "run_figure2"]
 
 _PAPERS_TAU = 0.0012
-
-Progress = Callable[[str, int, int], None]
 
 WAVELENGTHS_PX = (4, 8, 16, 32)
 NOISE_STDS = (0.0, 0.025)
@@ -32,7 +31,13 @@ _RANGES: dict[Quantity, tuple[float, float]] = {"U_X": (0.01, 30.0), "U_Z": (0.0
 
 
 def conditions() -> list[Condition]:
-    """Return all conditions of the figure."""
+    """Return all conditions of the figure.
+
+    Returns
+    -------
+    list of Condition
+        For each quantity, its values in ascending order, with every wavelength and every noise.
+    """
     return [
         Condition(quantity, float(value), wavelength, noise)
         for quantity, (low, high) in _RANGES.items()
@@ -55,7 +60,12 @@ def measure(condition: Condition, divergence: Literal["paper", "consistent"], ru
     divergence
         Setting of the estimator.
     runs
-        How many phases and noise seeds; 8 without and 60 with noise if not given.
+        Number of phases and noise seeds; 8 without and 60 with noise if not given.
+
+    Returns
+    -------
+    Result
+        Statistics of the errors.
     """
     from scenetruth.estimators import estimate
 
@@ -156,7 +166,7 @@ def run_figure2(
         progress("figure 2", len(todo), len(todo))
     ordered = [results[condition] for condition in todo]
     folder.mkdir(parents=True, exist_ok=True)
-    _write_csv(ordered, folder / "figure2.csv")
+    write_table(folder / "figure2.csv", [asdict(result) for result in ordered])
     from scenetruth.experiment.figure2.panels import draw_panels
 
     draw_panels(ordered, folder / "figure2.png", divergence)
@@ -167,10 +177,3 @@ def _one_thread() -> None:
     import numba
 
     numba.set_num_threads(1)
-
-
-def _write_csv(results: Sequence[Result], file: Path) -> None:
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, [field.name for field in fields(Result)])
-        writer.writeheader()
-        writer.writerows(asdict(result) for result in results)

@@ -14,8 +14,8 @@ __all__ = ["BayerFilter", "BayerOrder"]
 
 BayerOrder = Literal["rggb", "grbg", "gbrg", "bggr"]
 
-# Which of red, green and blue each pixel of a 2 x 2 block sees.
-_BLOCKS = {"rggb": ((0, 1), (1, 2)), "grbg": ((1, 0), (2, 1)), "gbrg": ((1, 2), (0, 1)), "bggr": ((2, 1), (1, 0))}
+# Places of the colours in `BayerFilter.response`.
+_COLOURS = "rgb"
 
 
 class BayerFilter(Effect):
@@ -33,7 +33,7 @@ class BayerFilter(Effect):
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
         """Return what each pixel's filter lets through."""
-        block = np.array(self.response, dtype=np.float64)[np.array(_BLOCKS[self.order])]
+        block = np.array([self.response[_COLOURS.index(colour)] for colour in self.order]).reshape(2, 2)
         repeats = (-(-shape[0] // 2), -(-shape[1] // 2))
         return np.asarray(np.tile(block, repeats)[: shape[0], : shape[1]])
 

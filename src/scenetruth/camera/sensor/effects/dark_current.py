@@ -11,13 +11,40 @@ from pydantic import Field, ValidationInfo, field_validator
 from scenetruth.camera.sensor.base import Effect, Exposure, Unit
 from scenetruth.model import NonNegative, Positive
 
-__all__ = ["DarkCurrent"]
+__all__ = ["DarkCurrent", "checked_hot_pixel_current"]
+
+
+def checked_hot_pixel_current(value: float, info: ValidationInfo) -> float:
+    """Check, as a validator of pydantic, that hot pixels have more dark current than the others.
+
+    Parameters
+    ----------
+    value
+        Dark current of hot pixels, in electrons per second.
+    info
+        The fields before it: ``dark_current_e_per_s`` and ``hot_pixel_share``.
+
+    Returns
+    -------
+    float
+        The value.
+
+    Raises
+    ------
+    ValueError
+        If there are hot pixels, and their current is below that of the others.
+    """
+    current = info.data.get("dark_current_e_per_s")
+    if info.data.get("hot_pixel_share") and current is not None and value < current:
+        msg = f"must not be below dark_current_e_per_s, {current:g}, where there are hot pixels"
+        raise ValueError(msg)
+    return value
 
 
 class DarkCurrent(Effect):
     """Heat frees electrons too: their mean number is added, in hot pixels more than in others.
 
-    It stands before the shot noise, which dark electrons have as well.
+    It comes before the shot noise in the chain, as dark electrons have shot noise too.
     """
 
     takes: ClassVar[Unit] = "electrons"
@@ -34,14 +61,7 @@ class DarkCurrent(Effect):
     hot_pixel_current_e_per_s: Annotated[NonNegative, Field(validate_default=True)] = 0.0
     """Dark current of hot pixels."""
 
-    @field_validator("hot_pixel_current_e_per_s")
-    @classmethod
-    def _hotter_than_the_rest(cls, value: float, info: ValidationInfo) -> float:
-        current = info.data.get("dark_current_e_per_s")
-        if info.data.get("hot_pixel_share") and current is not None and value < current:
-            msg = f"must not be below dark_current_e_per_s, {current:g}, where there are hot pixels"
-            raise ValueError(msg)
-        return value
+    _hot_pixel_current = field_validator("hot_pixel_current_e_per_s")(checked_hot_pixel_current)
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
         """Return the mean number of electrons of each pixel."""
