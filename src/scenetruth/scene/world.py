@@ -154,8 +154,8 @@ class World:
 
     @cached_property
     def crease_deg(self) -> NDArray[np.float64]:
-        """The angle of every face's body above which its edges are edges of the object, shape (m,)."""
-        return np.repeat([float(body.mesh.crease_deg) for body in self.bodies], np.diff(self.face_offsets))
+        """The angle at every side of every face above which it is an edge of the object, shape (m, 3)."""
+        return np.concatenate([np.broadcast_to(body.mesh.crease_deg, body.faces.shape) for body in self.bodies])
 
     @cached_property
     def face_body(self) -> NDArray[np.int32]:
