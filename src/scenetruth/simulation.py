@@ -22,7 +22,7 @@ from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World, build_world
 from scenetruth.schema import VARIABLES, make_recording
-from scenetruth.truth import TruthMaps, TruthPoses, TruthViews, truth_of_world
+from scenetruth.truth import TruthMaps, TruthPoses, TruthViews, interior_warnings, truth_of_world
 
 __all__ = ["simulate"]
 
@@ -73,6 +73,11 @@ def simulate(
     BackendUnavailableError
         If the scene names a render backend that does not run here.
 
+    Warns
+    -----
+    SceneWarning
+        If textures are too fine, images saturated, or objects without pixels in the interior of which scores tell.
+
     See Also
     --------
     make_truth : The truth alone.
@@ -99,6 +104,7 @@ def simulate(
     # The truth belongs to these very images.
     provenance["recording_hash"] = recording.attrs["recording_hash"]
     truth = truth_of_world(scene, world, truth_views, truth_poses, truth_content, provenance, progress)
+    _warn_of_lost_interiors(scene, world, truth)
     return recording, truth
 
 
@@ -158,6 +164,15 @@ def _record(
         entry = VARIABLES["recording"]["ideal"]
         recording["ideal"] = (recording["image"].dims, linear, {"units": entry.units, "long_name": entry.long_name})
     return recording
+
+
+def _warn_of_lost_interiors(scene: Scene, world: World, truth: xr.Dataset) -> None:
+    """Warn of objects of which the scores of the interior will say nothing."""
+    maps = truth[["object_id", "boundary_distance"]]
+    at = maps.sel({name: 0 for name in ("t", "s", "s_y") if name in maps["object_id"].dims})
+    margin = scene.score.interior_margin_px
+    for message in interior_warnings(world, at["object_id"].values, at["boundary_distance"].values, margin):
+        warnings.warn(message, SceneWarning, stacklevel=3)
 
 
 def _warn_of_saturation(scene: Scene, brightest: float) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -41,9 +43,12 @@ def mixed_of(caster: RayCaster) -> NDArray[np.bool_]:
         ([30.0, 30.0, 9.99, 9.99], True),
         ([9.99, 9.99, 30.0, 30.0], True),
         ([30.0, 30.0, 10.01, 10.01], False),
+        # Of angles of their own for the sides, those of the fold count: side 1 of face 0, side 2 of face 3.
+        ([[1.0, 30.0, 1.0], [1.0] * 3, [1.0] * 3, [1.0, 1.0, 30.0]], False),
+        ([[30.0, 30.0, 30.0], [30.0] * 3, [30.0] * 3, [30.0, 30.0, 1.0]], True),
     ],
 )
-def test_a_fold_is_an_edge_if_it_exceeds_the_crease_angle(crease: float | list[float], sharp: bool) -> None:
+def test_a_fold_is_an_edge_if_it_exceeds_the_crease_angle(crease: float | list[Any], sharp: bool) -> None:
     points = roof(10.0)
     mixed = mixed_of(RayCaster(points, Topology.of(points, FACES, np.asarray(crease))))
     # The fold projects to x = 47.5 + 800 * 0.3 / 660 = 47.86.
@@ -51,7 +56,7 @@ def test_a_fold_is_an_edge_if_it_exceeds_the_crease_angle(crease: float | list[f
     assert mixed.sum() == sharp * CAMERA.height
 
 
-def test_files_and_boxes_have_a_crease_angle_of_one_degree() -> None:
+def test_boxes_have_a_crease_angle_of_one_degree() -> None:
     mesh = box((1, 2, 3))
     assert mesh.crease_deg == 1.0
     np.testing.assert_array_equal(
@@ -62,7 +67,9 @@ def test_files_and_boxes_have_a_crease_angle_of_one_degree() -> None:
 def test_a_world_gives_every_face_the_angle_of_its_mesh() -> None:
     leaf, cube = relief(1, 5), box((1, 2, 3))
     world = world_of(scene_of({}, {}), leaf, cube)
-    np.testing.assert_array_equal(world.crease_deg, np.repeat([60.0, 1.0], [len(leaf.faces), len(cube.faces)]))
+    np.testing.assert_array_equal(
+        world.crease_deg, np.repeat([[60.0] * 3, [1.0] * 3], [len(leaf.faces), len(cube.faces)], axis=0)
+    )
 
 
 def jumps_within_pixels(caster: RayCaster) -> NDArray[np.bool_]:

@@ -23,16 +23,19 @@ def print_check(scene: Scene, file: Path) -> None:
     from scenetruth.raycast import Topology
     from scenetruth.scene.check import describe_scene
     from scenetruth.scene.world import build_world
-    from scenetruth.truth import GeometryPass, truth_maps
+    from scenetruth.truth import GeometryPass, interior_warnings, truth_maps
 
     try:
         world = build_world(scene)
         vertices = world.at(0).vertices_mm
         if (vertices[:, 2] > 0).any():
             geometry = GeometryPass(world, Topology.of(vertices, world.faces, world.crease_deg), 0.0)
-            depth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm)["depth"]
+            maps = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm, "standard")
+            depth = maps["depth"]
+            margin = scene.score.interior_margin_px
+            edges_only = interior_warnings(world, maps["object_id"], maps["boundary_distance"], margin)
         else:
-            depth = vertices[:0, 2]
+            depth, edges_only = vertices[:0, 2], []
         report = describe_scene(scene, world, depth)
     except SceneError as error:
         raise SceneError(error.problems, source=file) from error
@@ -61,7 +64,7 @@ def print_check(scene: Scene, file: Path) -> None:
         table.add_row(name, text)
     Console(highlight=False).print(table)
     problems = run_problems(scene, [scene.estimate])
-    messages = [*report.warnings, *(f"cannot be estimated: {problem}" for problem in problems)]
+    messages = [*report.warnings, *edges_only, *(f"cannot be estimated: {problem}" for problem in problems)]
     for message in messages:
         Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(f"warning: {message}", style="yellow")
     print(

@@ -33,7 +33,8 @@ class Topology:
         The face across each of the three edges of every face, shape (m, 3), int32; -1 for none. Edge k runs from corner
         k to the next one.
     edge_crease_cosine
-        Cosine of the angle between the two faces at the edge above which the edge is sharp, shape (k,), float64.
+        Cosine of the angle between the two faces at the edge above which the edge is sharp, shape (k,), float64; 2
+        where it is sharp whatever the angle.
     """
 
     faces: NDArray[np.int32]
@@ -60,8 +61,9 @@ class Topology:
         faces
             Vertex indices, shape (m, 3).
         crease_deg
-            Crease angle of all faces, or of each, shape (m,): an edge is sharp if its faces differ by more than the
-            smaller of their two angles.
+            Crease angle of all faces, of each, shape (m,), or of each of their sides, shape (m, 3), where side k runs
+            from corner k to the next: an edge is sharp if its faces differ by more than the smaller of their two
+            angles, or if that is 0.
 
         Returns
         -------
@@ -82,8 +84,9 @@ class Topology:
         two = np.where(uses > 1, order[np.minimum(start + 1, len(order) - 1)], -1)
         has_two = two >= 0
         edge_faces = np.stack([owner[one], np.where(has_two, owner[two], -1)], axis=1).astype(np.int32)
-        creases = np.broadcast_to(np.asarray(crease_deg, dtype=np.float64), (count,))
-        crease = np.minimum(creases[edge_faces[:, 0]], creases[edge_faces[:, 1]])
+        given = np.asarray(crease_deg, dtype=np.float64)
+        creases = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (count, 3)).reshape(-1)
+        crease = np.where(has_two, np.minimum(creases[one], creases[two]), creases[one])
         flipped = has_two & (half[one, 0] == half[two, 0])
         neighbours = np.full(len(half), -1, dtype=np.int32)
         neighbours[one[has_two]] = owner[two[has_two]]
@@ -95,7 +98,7 @@ class Topology:
             edge_flipped=flipped,
             edge_crowded=uses > 2,
             face_neighbours=neighbours.reshape(count, 3),
-            edge_crease_cosine=np.cos(np.deg2rad(crease)),
+            edge_crease_cosine=np.where(crease > 0, np.cos(np.deg2rad(crease)), 2.0),
         )
 
 

@@ -86,7 +86,7 @@ class RaycastRenderer(Renderer):
             (np.arange(supersampling) + 0.5) / supersampling - 0.5, np.full(supersampling, 1 / supersampling)
         )
         self._lighting = lighting or Lighting()
-        self._shader = Shader(self._lighting) if self._lighting.lit else None
+        self._shader = Shader(self._lighting, world) if self._lighting.lit else None
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`.

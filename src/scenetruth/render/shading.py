@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scenetruth.raycast import Hits, RayCaster, ShadowCaster
 from scenetruth.scene.light import Lamp
 from scenetruth.scene.lighting import Lighting
+from scenetruth.scene.world import World
 
 __all__ = ["PixelLight", "Shader"]
 
@@ -72,17 +73,22 @@ class PixelLight:
 class Shader:
     """Lambertian shading of surfaces that are seen from both sides.
 
-    The normal is that of the flat triangle, turned towards the camera; normals that are interpolated between
-    vertices would take its place in `factors`.
+    The normal is turned towards the eye. It is that of the flat triangle, or, on meshes that are to be `smooth`,
+    interpolated between those of the smooth surface at the corners: its error falls with the square of the triangles'
+    size.
 
     Parameters
     ----------
     lighting
         The light of the scene.
+    world
+        Its objects.
     """
 
-    def __init__(self, lighting: Lighting) -> None:
+    def __init__(self, lighting: Lighting, world: World) -> None:
         self._lighting = lighting
+        self._world = world
+        self._corner_normals: tuple[float, NDArray[np.float64]] | None = None
         self._shadows: ShadowCaster | None = None
 
     def factors(
@@ -118,8 +124,9 @@ class Shader:
             seen,
             caster.face_normals,
         )
+        starts = self._smooth(caster, t, points, normals, hits, seen) if self._world.face_smooth.any() else points
         lamps = self._lighting.lamps_at(t)
-        irradiance, zones = self.irradiance(caster, lamps, points, normals, hits.face[seen])
+        irradiance, zones = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
         factors, state = np.ones(len(directions)), np.zeros(len(directions), dtype=np.uint64)
         factors[seen], state[seen] = irradiance, zones
         return factors, state
@@ -131,6 +138,7 @@ class Shader:
         points_mm: NDArray[np.float64],
         normals: NDArray[np.float64],
         faces: NDArray[np.int32],
+        starts_mm: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
         """Compute the irradiance of points on surfaces.
 
@@ -144,6 +152,8 @@ class Shader:
             Points and unit normals on the side that is looked at, shape (n, 3) each.
         faces
             The face that each point lies on, shape (n,); it casts no shadow on itself.
+        starts_mm
+            Where their shadow rays start, shape (n, 3): the points, or places above them on a smooth surface.
 
         Returns
         -------
@@ -171,7 +181,7 @@ class Shader:
                 reached = np.flatnonzero(light > 0)
                 dark = reached[
                     self._shadow_caster(caster).blocked(
-                        points_mm[reached], faces[reached], to_light[reached], distance[reached]
+                        starts_mm[reached], faces[reached], to_light[reached], distance[reached]
                     )
                 ]
                 light[dark], zone[dark] = 0.0, DARK
@@ -211,6 +221,31 @@ class Shader:
         uneven = uneven_pixels(shade, zones, face, mixed, _STEEPEST * brightest)
         borders = uneven_pixels(shade, zones, face, mixed, np.inf)
         return PixelLight(shade, face, mixed, uneven, borders)
+
+    def _smooth(
+        self,
+        caster: RayCaster,
+        t: float,
+        points: NDArray[np.float64],
+        normals: NDArray[np.float64],
+        hits: Hits,
+        seen: NDArray[np.int64],
+    ) -> NDArray[np.float64]:
+        """Change normals to those of smooth surfaces, and return where shadow rays start."""
+        from scenetruth.render.shading_kernels import smooth_points
+
+        if self._corner_normals is None or self._corner_normals[0] != t:
+            self._corner_normals = (t, self._world.corner_normals_at(t))
+        starts: NDArray[np.float64] = smooth_points(
+            points,
+            normals,
+            hits.face[seen].astype(np.int64),
+            np.ascontiguousarray(hits.weights[seen]),
+            caster.vertices_mm[caster.topology.faces],
+            self._corner_normals[1],
+            self._world.face_smooth,
+        )
+        return starts
 
     def _shadow_caster(self, caster: RayCaster) -> ShadowCaster:
         if self._shadows is None or self._shadows.vertices_mm is not caster.vertices_mm:

@@ -8,13 +8,62 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DARK", "direct_light", "facing_points", "shade_image", "uneven_pixels"]
+__all__ = ["DARK", "direct_light", "facing_points", "shade_image", "smooth_points", "uneven_pixels"]
 
 DARK = 0
 """Zone of a light's cone whose points get no light from it."""
 
 # The other zones: the border of the cone, where the light falls off, and its inside. Without a cone, all is inside.
 _BORDER, _INSIDE = 1, 2
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def smooth_points(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    corners: NDArray[np.float64],
+    corner_normals: NDArray[np.float64],
+    face_smooth: NDArray[np.bool_],
+) -> Any:
+    """Put the normals of smooth surfaces in the place of those of their triangles, ``normals`` (n, 3).
+
+    ``faces`` (n,) and ``weights`` (n, 2) of its second and third corner tell where in which triangle each point is;
+    ``corners`` and ``corner_normals``, both (m, 3, 3), belong to all triangles. Normals of any sense are taken to the
+    side of ``normals``, added by weight and normalised; where one is not finite, the triangle's stays.
+
+    Returns where shadow rays start, shape (n, 3): the mean by weight of the point's projections on the tangent planes
+    of the corners, if that lies above the triangle, so that no neighbour of a bulging surface shades it up to its own
+    terminator (Hanika, Hacking the shadow terminator, Ray Tracing Gems II, 2021); else the point.
+    """
+    count = points.shape[0]
+    starts = points.copy()
+    for n in numba.prange(count):
+        face = faces[n]
+        if not face_smooth[face]:
+            continue
+        total, shift, length, above = np.zeros(3), np.zeros(3), 0.0, 0.0
+        for c in range(3):
+            side, away = 0.0, 0.0
+            weight = weights[n, c - 1] if c > 0 else 1.0 - weights[n, 0] - weights[n, 1]
+            for k in range(3):
+                side += corner_normals[face, c, k] * normals[n, k]
+                away += corner_normals[face, c, k] * (points[n, k] - corners[face, c, k])
+            sign = -1.0 if side < 0.0 else 1.0
+            for k in range(3):
+                total[k] += sign * weight * corner_normals[face, c, k]
+                shift[k] -= weight * away * corner_normals[face, c, k]
+        for k in range(3):
+            length += total[k] * total[k]
+            above += shift[k] * normals[n, k]
+        if not length > 0.0:
+            continue
+        for k in range(3):
+            normals[n, k] = total[k] / np.sqrt(length)
+            if above > 0.0:
+                starts[n, k] += shift[k]
+    return starts
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)

@@ -20,6 +20,7 @@ from scenetruth.scene.motion import Moved, PointMap, apply, moved_of, pose_map
 from scenetruth.scene.movement_check import movement_problems
 from scenetruth.scene.nodal import NodalModel
 from scenetruth.scene.spec import Scene
+from scenetruth.scene.surface.normals import corner_normals
 from scenetruth.scene.surface.start import Start, start_of
 from scenetruth.scene.texture import SurfaceTexture
 from scenetruth.scene.times import times_of
@@ -154,8 +155,8 @@ class World:
 
     @cached_property
     def crease_deg(self) -> NDArray[np.float64]:
-        """The angle of every face's body above which its edges are edges of the object, shape (m,)."""
-        return np.repeat([float(body.mesh.crease_deg) for body in self.bodies], np.diff(self.face_offsets))
+        """The angle at every side of every face above which it is an edge of the object, shape (m, 3)."""
+        return np.concatenate([np.broadcast_to(body.mesh.crease_deg, body.faces.shape) for body in self.bodies])
 
     @cached_property
     def face_body(self) -> NDArray[np.int32]:
@@ -169,6 +170,25 @@ class World:
         offsets = np.cumsum([0, *counts[:-1]])
         parts = [body.start.corners + offset for body, offset in zip(self.bodies, offsets, strict=True)]
         return np.concatenate(parts).astype(np.int32)
+
+    @cached_property
+    def face_smooth(self) -> NDArray[np.bool_]:
+        """Whether light falls on the smooth surface that a face stands for, shape (m,); see `TriangleMesh.smooth`."""
+        return np.repeat([body.mesh.smooth for body in self.bodies], np.diff(self.face_offsets))
+
+    def corner_normals_at(self, t: float) -> NDArray[np.float64]:
+        """Return unit normals of smooth surfaces at the corners of all faces at time t, shape (m, 3, 3).
+
+        Of either sense; NaN for flat faces.
+        """
+        return np.concatenate(
+            [
+                corner_normals(body.mesh, body.start, body.maps, t)
+                if body.mesh.smooth
+                else np.full((len(body.faces), 3, 3), np.nan)
+                for body in self.bodies
+            ]
+        )
 
     def at(self, t: float) -> Snapshot:
         """Return all vertices with their velocities and accelerations at time t (in frames)."""

@@ -2,6 +2,7 @@
 
 from scenetruth.truth.assembly import TruthPoses, TruthViews, make_truth, truth_of_world
 from scenetruth.truth.following import PixelPoints, follow_points
+from scenetruth.truth.interior import interior_warnings
 from scenetruth.truth.maps import GeometryPass, TruthMaps, truth_maps
 from scenetruth.truth.rolling import truth_by_rows
 from scenetruth.truth.tracks import track_points
@@ -15,6 +16,7 @@ __all__ = [
     "TruthPoses",
     "TruthViews",
     "follow_points",
+    "interior_warnings",
     "make_truth",
     "points_seen",
     "track_points",

@@ -39,7 +39,9 @@ class TriangleMesh:
     vertex_colours
         Colours that came with the mesh, uint8, shape (n, 3), or None.
     crease_deg
-        Edges between faces that differ by more are edges of the object; others are parts of a smooth surface.
+        Edges between faces that differ by more are edges of the object; others are parts of a smooth surface. One angle
+        for all, or one for each side of every face, shape (m, 3), where side k runs from corner k to the next and the
+        smaller angle of the two faces counts. 0: an edge whatever the angle.
     material_mm
         Coordinates (a, b) of the vertices on the flat sheet that the mesh is made from, shape (n, 2), or None.
     shape
@@ -52,6 +54,11 @@ class TriangleMesh:
     along
         Derivatives (a, b, aa, ab, bb) of the vertices' positions by two coordinates along the smooth surface that the
         mesh stands for, shape (5, n, 3), with a x b to the outside; None if it has no formula, or is a sheet.
+    smooth
+        Whether light falls on the smooth surface that the mesh stands for between its edges, not on flat triangles.
+    corner_normals
+        Unit normals that came with the mesh, at every corner of every face, of either sense, shape (m, 3, 3), NaN where
+        there is none; None if it brought none.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -61,12 +68,14 @@ class TriangleMesh:
     tiled: bool = False
     image: NDArray[Any] | None = None
     vertex_colours: NDArray[np.uint8] | None = None
-    crease_deg: float = 1.0
+    crease_deg: float | NDArray[np.float64] = 1.0
     material_mm: NDArray[np.float64] | None = None
     shape: PointMap | None = None
     source: MeshModel | None = None
     uv_back: NDArray[np.float64] | None = None
     along: NDArray[np.float64] | None = None
+    smooth: bool = False
+    corner_normals: NDArray[np.float64] | None = None
 
 
 class MeshModel(FrozenModel):

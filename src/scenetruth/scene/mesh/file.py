@@ -1,17 +1,20 @@
-"""Meshes from files."""
+"""Meshes from files, with the normals that are in them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from scenetruth.errors import Problem, SceneError
 from scenetruth.files import InputFile
 from scenetruth.model import Positive
 from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+from scenetruth.scene.mesh.creases import creases_by_normals
+from scenetruth.scene.mesh.grid import CREASE_DEG
 
 __all__ = ["FileMesh", "load"]
 
@@ -25,13 +28,17 @@ class FileMesh(MeshModel):
     """Path of the file; relative paths count from the scene file."""
     unit_mm: Positive = 1.0
     """Length of one unit of the file in mm."""
+    crease_deg: Annotated[float, Field(gt=0, le=180)] | None = None
+    """Edges between faces that differ by more, in degrees, are edges of the object; the surface between them is smooth.
+    null: as the file's own normals say (OBJ ``vn``, PLY ``nx ny nz``, glTF ``NORMAL``): where these jump, or faces
+    differ by more than 60; 60 for files without normals. With a number, the file's normals are not used."""
 
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""
-        return load(folder / self.file, self.unit_mm)
+        return load(folder / self.file, self.unit_mm, self.crease_deg)
 
 
-def load(file: Path, unit_mm: float = 1.0) -> TriangleMesh:
+def load(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
     """Load a mesh file with trimesh.
 
     Parameters
@@ -40,6 +47,8 @@ def load(file: Path, unit_mm: float = 1.0) -> TriangleMesh:
         OBJ, PLY, GLB or STL. Its coordinates are taken as X right, Y down, Z forward.
     unit_mm
         Length of the file's unit in mm.
+    crease_deg
+        Angle between faces above which their edge is one of the object; None: by the file's normals, as of `FileMesh`.
 
     Raises
     ------
@@ -51,7 +60,10 @@ def load(file: Path, unit_mm: float = 1.0) -> TriangleMesh:
     if not file.is_file():
         raise SceneError([Problem("file", "no such mesh file", str(file))])
     try:
-        loaded = trimesh.load(file, force="mesh", process=False)
+        parts = trimesh.load_scene(file, process=False)
+        # First of all: putting the parts together loses them.
+        normals = None if crease_deg is not None else _vertex_normals(parts)
+        loaded = parts.to_mesh()
     except Exception as error:  # trimesh's loaders raise whatever their formats raise
         raise SceneError([Problem("file", f"cannot be read as a mesh: {error}", str(file))]) from error
     faces = np.asarray(getattr(loaded, "faces", ()), dtype=np.int64)
@@ -69,7 +81,50 @@ def load(file: Path, unit_mm: float = 1.0) -> TriangleMesh:
     if len(faces) == 0:
         raise SceneError([Problem("file", "has only faces without area", str(file))])
     uv, image, colours = _appearance(loaded, faces)
-    return TriangleMesh(vertices, faces, _box_projection(vertices, faces), uv, True, image, colours)
+    corner_normals = None if normals is None else normals[faces]
+    if corner_normals is not None:
+        crease: float | NDArray[np.float64] = creases_by_normals(vertices, faces, corner_normals)
+    else:
+        crease = CREASE_DEG if crease_deg is None else crease_deg
+    return TriangleMesh(
+        vertices,
+        faces,
+        _box_projection(vertices, faces),
+        uv,
+        True,
+        image,
+        colours,
+        crease,
+        smooth=True,
+        corner_normals=corner_normals,
+    )
+
+
+def _vertex_normals(parts: Any) -> NDArray[np.float64] | None:
+    """Return the unit normals that a file brings for its vertices, shape (n, 3), NaN where it has none; None if none.
+
+    Normals of no length, or that are not finite, count as none.
+    """
+    import trimesh
+
+    found, brought = [], False
+    for node in parts.graph.nodes_geometry:
+        to_world, name = parts.graph[node]
+        part = parts.geometry[name]
+        if not isinstance(part, trimesh.Trimesh):
+            continue
+        # What the loader has put there; asked for by its name, it would be computed if the file has none.
+        own = part._cache.cache.get("vertex_normals")
+        brought |= own is not None
+        normals = np.full((len(part.vertices), 3), np.nan) if own is None else np.asarray(own, dtype=np.float64)
+        linear = np.asarray(to_world, dtype=np.float64)[:3, :3]
+        # Normals turn by the cofactors of what moves the points.
+        normals = normals @ np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]]).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        normals[~np.isfinite(normals).all(axis=1)] = np.nan
+        found.append(normals)
+    return np.concatenate(found) if brought else None
 
 
 def _face_normals(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 __all__ = ["CREASE_DEG", "disc_faces", "grid_faces", "pieces"]
 
-# Facets of a smooth surface meet at less, sides of a body at more.
 CREASE_DEG = 60.0
+"""Facets of a smooth surface meet at less, sides of a body at more."""
 
 
 def pieces(length: float, longest: float) -> int:

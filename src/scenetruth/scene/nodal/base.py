@@ -136,14 +136,14 @@ class NodalStart:
     rest_mm
         Positions by whose neighbourhood derivatives along the surface are fitted, shape (n, 3).
     crease_deg
-        Faces that meet there at a larger angle belong to different pieces of the surface.
+        Faces that meet there at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
     """
 
     times_frames: Floats
     states_mm: Floats
     faces: NDArray[np.int32]
     rest_mm: Floats
-    crease_deg: float
+    crease_deg: float | Floats
 
     @cached_property
     def osculation(self) -> Osculation:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from scenetruth.scene.mesh.sides import places_of, shared_sides
+
 __all__ = ["Osculation", "osculate"]
 
 Floats = NDArray[np.float64]
@@ -55,7 +57,7 @@ class Osculation:
         return np.stack([np.bincount(owner, difference * column, count) for column in self.coefficients.T])
 
 
-def osculate(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: float) -> Osculation:
+def osculate(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: float | Floats) -> Osculation:
     """Fit a quadratic function of two tangent coordinates around every vertex.
 
     Gradients are exact to second order in the edge length, second derivatives to first order, to second order on
@@ -69,7 +71,7 @@ def osculate(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: float) -
     faces
         Vertex indices, shape (m, 3).
     crease_deg
-        Faces that meet at a larger angle belong to different pieces of the surface.
+        Faces that meet at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
     """
     corners, vertex_of = _surface_points(vertices_mm, faces, crease_deg)
     count = len(vertex_of)
@@ -109,24 +111,16 @@ def osculate(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: float) -
 
 
 def _surface_points(
-    vertices: Floats, faces: NDArray[np.int32], crease_deg: float
+    vertices: Floats, faces: NDArray[np.int32], crease_deg: float | Floats
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return the surface point at every corner, and the vertex of each."""
-    _, welded = np.unique(vertices, axis=0, return_inverse=True)
-    corners = welded.reshape(-1)[faces]
     normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    half = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
-    turned = half[:, 0] > half[:, 1]
-    order = np.lexsort((half.min(axis=1), half.max(axis=1)))
-    same = (np.sort(half, axis=1)[order][1:] == np.sort(half, axis=1)[order][:-1]).all(axis=1)
-    # Edges of exactly two faces: a run of two.
-    run = np.concatenate([[False], same, [False]])
-    pairs = np.flatnonzero(run[1:-1] & ~run[:-2] & ~run[2:])
-    one, two = order[pairs], order[pairs + 1]
-    flipped = turned[one] == turned[two]
+    one, two, flipped = shared_sides(places_of(vertices)[faces])
     cosine = np.einsum("ij,ij->i", normals[one // 3], normals[two // 3]) * np.where(flipped, -1, 1)
-    smooth = cosine >= np.cos(np.deg2rad(crease_deg))
+    creases = np.broadcast_to(crease_deg, faces.shape).reshape(-1)
+    crease = np.minimum(creases[one], creases[two])
+    smooth = (cosine >= np.cos(np.deg2rad(crease))) & (crease > 0)
     one, two, flipped = one[smooth], two[smooth], flipped[smooth]
     next_one, next_two = (index - index % 3 + (index + 1) % 3 for index in (one, two))
     # Around a shared edge neighbours run in opposite senses: the first corner of one is the second of the other.

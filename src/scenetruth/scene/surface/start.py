@@ -96,10 +96,10 @@ class RestStart(MeshAtRest):
     vertices_mm, faces
         Of `MeshAtRest`.
     crease_deg
-        Faces that meet at a larger angle belong to different pieces of the surface.
+        Faces that meet at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
     """
 
-    crease_deg: float
+    crease_deg: float | NDArray[np.float64]
 
     @cached_property
     def osculation(self) -> Osculation:
