@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import scenetruth as st
-from scenetruth.settings import EstimateSettings
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 
 SCENES = Path(__file__).parents[1] / "scenes"
 # Frames a minute apart as the scenes have them; a quarter of an hour apart; and that in light without shadows.
@@ -24,7 +24,7 @@ def scores(name: str, changes: tuple[str, ...]) -> st.Score:
     """Render, estimate and score a changed scene."""
     scene = st.load_scene(SCENES / f"{name}.yaml", list(changes))
     recording, truth = st.simulate(scene)
-    chosen = (scene.estimate or EstimateSettings()).model_dump()
+    chosen = (scene.estimate or StructureTensorSettings()).model_dump()
     return st.score(st.estimate(recording, **chosen), truth, recording)
 
 

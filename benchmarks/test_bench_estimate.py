@@ -15,9 +15,9 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from tests.estimators.structure_tensor.plain import estimate_plain
 
 from scenetruth.estimators import estimate
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.scene import load_scene
 from scenetruth.schema import make_recording
-from scenetruth.settings import EstimateSettings
 from scenetruth.simulation import simulate
 
 SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
@@ -49,7 +49,7 @@ def test_structure_tensor(benchmark: BenchmarkFixture, recording: xr.Dataset, se
 
 def test_plain_reading(benchmark: BenchmarkFixture, recording: xr.Dataset) -> None:
     """The same at one working point and without error bars by NumPy and SciPy, as the tests read the method."""
-    settings = EstimateSettings(working_point_px=37)
+    settings = StructureTensorSettings(working_point_px=37)
     result = benchmark.pedantic(estimate_plain, args=(recording, settings), rounds=3)
     kernels = estimate(recording, **ONE_POINT).isel(t=0)
     inner = kernels.isel(y=slice(14, -14), x=slice(2 * 37 + 14, -2 * 37 - 14))

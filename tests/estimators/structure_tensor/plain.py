@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE, DERIVATIVE_MOMENT, SMOOTHING, gaussian_window
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.schema import image_to_grey
-from scenetruth.settings import EstimateSettings
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def derivatives(grey: Array, shift: int) -> Array:
     return np.stack([parts["x"], parts["y"], parts["s"], parts["t"], correction])
 
 
-def structure_tensor(gradients: Array, settings: EstimateSettings) -> Array:
+def structure_tensor(gradients: Array, settings: StructureTensorSettings) -> Array:
     """Sum up J = Σ w d dᵀ over the window; from (5, m, y, x) to (y, x, 5, 5)."""
     over_t = gaussian_window(settings.window_sigma_frames, settings.window_taps_frames)
     window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
@@ -73,7 +73,7 @@ def null_space_solutions(vectors: Array, rank: NDArray[np.int64]) -> tuple[Array
     return solutions[..., 0], solutions[..., 1]
 
 
-def estimate_plain(recording: xr.Dataset, settings: EstimateSettings) -> dict[str, Array]:
+def estimate_plain(recording: xr.Dataset, settings: StructureTensorSettings) -> dict[str, Array]:
     """Estimate the only frame of a recording of 5 cameras, registered by ``settings.working_point_px``.
 
     Returns disparity, flow, depth, velocity, eigenvalues and how many of these are above τ, for the pixels that filters

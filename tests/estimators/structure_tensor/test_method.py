@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE, SMOOTHING, gaussian_window, transfer
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL
-from scenetruth.settings import EstimateSettings
 from tests.estimators.structure_tensor.plain import estimate_plain, null_space_solutions
 from tests.scenes import plaid
 
@@ -106,7 +106,7 @@ def test_kernels_against_the_plain_reading(
 ) -> None:
     grey = moving_waves(*size, seed=seed)
     recording = st.make_recording((grey + 1) / 2, 100.0, 2.0, (11.3, 8.1))
-    chosen = EstimateSettings(
+    chosen = StructureTensorSettings(
         window_sigma_px=taps / 4, window_taps_px=taps, working_point_px=shift, divergence=divergence, tau=tau
     )
     estimate = st.estimate(recording, **chosen.model_dump()).isel(t=0)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.estimators.structure_tensor.filters import PAPER, gaussian_window, transfer
 from scenetruth.estimators.structure_tensor.rig import rig_of
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.texture import STRIDE
 from scenetruth.estimators.structure_tensor.uncertainty import noise_model, texture_transfer
 from scenetruth.schema import KIND_FULL
-from scenetruth.settings import EstimateSettings
 from tests.estimators.structure_tensor.analytic import Plane
 from tests.scenes import cube, plaid
 
@@ -151,7 +151,9 @@ def test_spectrum_of_a_plane_wave(k_x: float, k_y: float) -> None:
     y, x = np.mgrid[:80, :96]
     image = np.cos(k_x * x + k_y * y + 0.3).astype(np.float32)
     inner = slice(8, -8)
-    of_x, of_all, wide_x, wide_y, tilted, _ = texture_transfer(image[None], EstimateSettings()).cropped(inner, inner)
+    of_x, of_all, wide_x, wide_y, tilted, _ = texture_transfer(image[None], StructureTensorSettings()).cropped(
+        inner, inner
+    )
     (d_x, s_x), (d_y, s_y) = transfer(k_x), transfer(k_y)
     # Energies of one wave ripple by exp(-(2 k sigma)^2 / 2) of themselves; 2 k sigma > 3 only for the larger k.
     ripple = 2 * np.exp(-2 * min(abs(k_x) + abs(k_y), 1.0) ** 2 * 36) + 5e-3
@@ -180,14 +182,14 @@ def test_any_stride_of_a_texture_is_seen() -> None:
     y, x = np.mgrid[:80, :96]
     for phase in (0.0, 0.8, 1.6):
         image = np.cos(2 * np.pi / (2 * STRIDE) * (x + y) + phase).astype(np.float32)
-        wide = texture_transfer(image[None], EstimateSettings()).wave_number_x2[8:-8, 8:-8]
+        wide = texture_transfer(image[None], StructureTensorSettings()).wave_number_x2[8:-8, 8:-8]
         np.testing.assert_allclose(wide, (np.pi / STRIDE) ** 2, rtol=1e-2)
 
 
 def test_noise_of_the_constraint_against_filtering_noise() -> None:
     """Residuals and gradient of pure noise have the powers that the model states."""
-    rig = rig_of(np.arange(5.0) - 2, 9, EstimateSettings())
-    model = noise_model(rig, rig.over_s, rig.over_t, 1, EstimateSettings())
+    rig = rig_of(np.arange(5.0) - 2, 9, StructureTensorSettings())
+    model = noise_model(rig, rig.over_s, rig.over_t, 1, StructureTensorSettings())
     generator = np.random.default_rng(0)
     noise = generator.standard_normal((5, 5, 400, 400))
 
@@ -207,7 +209,7 @@ def test_noise_of_the_constraint_against_filtering_noise() -> None:
     assert model.window == pytest.approx(np.sum(np.outer(window, window) ** 2), rel=1e-12)
     # An infinitely long Gaussian's square is narrower by exactly 2, one cut off at two sigma less.
     assert 0.5 < model.moment_ratio < 0.65
-    long = noise_model(rig, rig.over_s, rig.over_t, 1, EstimateSettings(window_taps_px=101))
+    long = noise_model(rig, rig.over_s, rig.over_t, 1, StructureTensorSettings(window_taps_px=101))
     assert long.moment_ratio == pytest.approx(0.5, abs=1e-6)
 
 

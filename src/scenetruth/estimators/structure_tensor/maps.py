@@ -1,7 +1,7 @@
 """The maps of an estimate as plain arrays, one for each quantity.
 
 Kernels read these fields by name. numba keeps compiled kernels until their own files change: whoever changes the fields
-here must change `tensor_kernels` or `world_kernels` too.
+here must change `kernels.tensor` or `kernels.world` too.
 """
 
 from __future__ import annotations

@@ -13,18 +13,18 @@ from scenetruth.estimators.structure_tensor.maps import Maps
 from scenetruth.estimators.structure_tensor.registration import Registration
 from scenetruth.estimators.structure_tensor.rig import requirements, rig_of
 from scenetruth.estimators.structure_tensor.run import run
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.task import check_common_view, make_task, plain_images
 from scenetruth.estimators.structure_tensor.threshold import with_threshold
 from scenetruth.estimators.structure_tensor.working_points import choose_registrations
 from scenetruth.progress import Progress
 from scenetruth.schema import PixelGrid, intrinsics_of, label, pixel_grid_of
-from scenetruth.settings import EstimateSettings
 
 __all__ = ["estimate_structure_tensor"]
 
 
 def estimate_structure_tensor(
-    recording: xr.Dataset, settings: EstimateSettings, progress: Progress | None = None
+    recording: xr.Dataset, settings: StructureTensorSettings, progress: Progress | None = None
 ) -> xr.Dataset:
     """Estimate depth, disparity, flow and velocity with the 4D structure tensor (paper, sections 2 to 4).
 
@@ -129,7 +129,7 @@ def _usual(maps: Maps, registrations: Sequence[Registration]) -> int:
     return int(np.median(chosen)) if chosen.size else registrations[0].disparity
 
 
-def _in_columns(settings: EstimateSettings, grid: PixelGrid) -> EstimateSettings:
+def _in_columns(settings: StructureTensorSettings, grid: PixelGrid) -> StructureTensorSettings:
     """Return settings whose working points count in columns of the recording, rounded."""
     disparity, flow = settings.working_point_px, settings.flow_working_point_px
     return settings.model_copy(

@@ -164,7 +164,7 @@ def _sweep(
     Disparities are tried in their order. A later one wins if it is next to the best so far and better, or if it is
     clearly better.
     """
-    from scenetruth.estimators.structure_tensor.registration_kernels import STEP, matching_costs
+    from scenetruth.estimators.structure_tensor.kernels.registration import STEP, matching_costs
 
     height, width = images.shape[2:]
     offsets = -np.rint(disparities[:, None] * positions).astype(np.int64)

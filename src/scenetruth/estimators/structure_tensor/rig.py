@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
 from scenetruth.estimators.structure_tensor.filters import PAPER, FilterPair, gaussian_window, pair_for
-from scenetruth.settings import EstimateSettings
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 
 __all__ = ["Rig", "requirements", "rig_of"]
 
@@ -76,7 +76,7 @@ class Rig:
         return np.arange(count_t - self.frames + 1) + self.before
 
 
-def rig_of(positions: Array, count_t: int, settings: EstimateSettings) -> Rig:
+def rig_of(positions: Array, count_t: int, settings: StructureTensorSettings) -> Rig:
     """Choose filters and window for the cameras and frames of a recording.
 
     Along s, all cameras enter one derivative. It belongs to the reference if the others surround it evenly, else to the
@@ -112,7 +112,9 @@ def rig_of(positions: Array, count_t: int, settings: EstimateSettings) -> Rig:
     )
 
 
-def requirements(settings: EstimateSettings, cameras: int, frames: int, width: int, height: int) -> list[Problem]:
+def requirements(
+    settings: StructureTensorSettings, cameras: int, frames: int, width: int, height: int
+) -> list[Problem]:
     """Return why a recording is too small for the filters and the window.
 
     Parameters

@@ -24,7 +24,7 @@ from scenetruth.estimators.threads import bands, in_threads, thread_count
 from scenetruth.progress import Progress
 
 if TYPE_CHECKING:
-    from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
+    from scenetruth.estimators.structure_tensor.kernels.tensor import Filters
 
 __all__ = ["Candidate", "run", "run_kernel"]
 
@@ -59,7 +59,7 @@ def run_kernel(
     best, first_row
         What is known so far of the rows from the first on; tiles must lie in them.
     """
-    from scenetruth.estimators.structure_tensor.tensor_kernels import Criteria, Registered, estimate_tile
+    from scenetruth.estimators.structure_tensor.kernels.tensor import Criteria, Registered, estimate_tile
 
     if len(tiles) == 0:
         return
@@ -93,7 +93,7 @@ def run_kernel(
 
 def _filters_at(task: Task, disparity: int) -> Filters:
     """Return the kernels of all filters for images registered by a disparity."""
-    from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
+    from scenetruth.estimators.structure_tensor.kernels.tensor import Filters
 
     rig, settings = task.rig, task.settings
     # The divergence term counts x from each camera's own principal point.
@@ -211,7 +211,7 @@ def _to_world(
     rows: tuple[int, int],
 ) -> None:
     """Write one frame of a task's band of rows, given as its index in the task and in the maps."""
-    from scenetruth.estimators.structure_tensor.world_kernels import Axes, Noise, WorkingPoints, to_world
+    from scenetruth.estimators.structure_tensor.kernels.world import Axes, Noise, WorkingPoints, to_world
 
     rig, intrinsics, model, (top, bottom) = task.rig, task.intrinsics, task.noise, rows
     camera = int(np.argmin(np.abs(rig.positions)))

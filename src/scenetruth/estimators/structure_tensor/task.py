@@ -14,10 +14,10 @@ from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.structure_tensor.filters import PAPER, FilterPair
 from scenetruth.estimators.structure_tensor.registration import Registration
 from scenetruth.estimators.structure_tensor.rig import REACH, Rig
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.tiling import Rectangle
 from scenetruth.estimators.structure_tensor.uncertainty import NoiseModel, noise_model
 from scenetruth.schema import Intrinsics
-from scenetruth.settings import EstimateSettings
 
 __all__ = ["Task", "check_common_view", "columns_of_s", "common_area", "largest_disparity", "make_task", "plain_images"]
 
@@ -29,7 +29,7 @@ class Task:
     images: NDArray[Any]
     """Images, shape (channel, s, t, y, x)."""
     rig: Rig
-    settings: EstimateSettings
+    settings: StructureTensorSettings
     intrinsics: Intrinsics
     over_s: FilterPair
     """Filters along s for grey values, the derivative scaled to the noise of the others."""
@@ -62,7 +62,7 @@ def plain_images(recording: xr.Dataset) -> NDArray[Any]:
 
 
 def make_task(
-    images: NDArray[Any], rig: Rig, settings: EstimateSettings, intrinsics: Intrinsics, full_scale: float
+    images: NDArray[Any], rig: Rig, settings: StructureTensorSettings, intrinsics: Intrinsics, full_scale: float
 ) -> Task:
     """Scale the filters of a rig to grey values and to equal noise.
 

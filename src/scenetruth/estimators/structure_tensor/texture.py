@@ -19,7 +19,7 @@ class Texture(NamedTuple):
     """How image noise passes the filters around the texture of every place; arrays (y / stride, x / stride).
 
     numba keeps compiled kernels until their own files change: whoever changes the fields here must change
-    `world_kernels` too.
+    `kernels.world` too.
     """
 
     passed_x: Floats

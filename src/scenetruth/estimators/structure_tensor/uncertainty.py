@@ -12,9 +12,9 @@ from scipy.ndimage import correlate1d
 
 from scenetruth.estimators.structure_tensor.filters import PAPER, FilterPair, gaussian_window
 from scenetruth.estimators.structure_tensor.rig import REACH, Rig
+from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.texture import STRIDE, Texture
 from scenetruth.estimators.threads import bands, in_threads
-from scenetruth.settings import EstimateSettings
 
 __all__ = ["NoiseModel", "noise_model", "texture_transfer"]
 
@@ -57,7 +57,7 @@ class NoiseModel:
 
 
 def noise_model(
-    rig: Rig, over_s: FilterPair, over_t: FilterPair, channels: int, settings: EstimateSettings
+    rig: Rig, over_s: FilterPair, over_t: FilterPair, channels: int, settings: StructureTensorSettings
 ) -> NoiseModel:
     """Propagate white noise of unit power through the filters and the window of an estimate.
 
@@ -125,7 +125,7 @@ def _smoothing_noise(pair: FilterPair, window: Array) -> Array:
     return _spread(np.broadcast_to(pair.smoothing, (len(_PHASES), len(pair.smoothing))), window)
 
 
-def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> Texture:
+def texture_transfer(image: NDArray[np.float32], settings: StructureTensorSettings) -> Texture:
     """Measure the wave numbers of the texture of an image, place by place.
 
     Parameters
@@ -140,7 +140,7 @@ def texture_transfer(image: NDArray[np.float32], settings: EstimateSettings) -> 
     Texture
         Arrays of the shape (y / 4, x / 4), rounded up.
     """
-    from scenetruth.estimators.structure_tensor.spectrum_kernels import ENERGIES, gradient_energies
+    from scenetruth.estimators.structure_tensor.kernels.spectrum import ENERGIES, gradient_energies
 
     blocks = tuple(-(-size // STRIDE) for size in image.shape[1:])
     total = np.zeros((len(ENERGIES), *blocks), dtype=np.float32)
@@ -162,7 +162,7 @@ def _windowed(energy: NDArray[np.float32], window: NDArray[np.float32]) -> None:
         correlate1d(energy, window, axis=axis, mode="nearest", output=energy)
 
 
-def _ratios(energies: dict[str, NDArray[np.float32]], settings: EstimateSettings) -> Texture:
+def _ratios(energies: dict[str, NDArray[np.float32]], settings: StructureTensorSettings) -> Texture:
     tiny = np.float32(1e-20)
     wide_x = energies["dx"] / (energies["sx"] + tiny)
     wide_y = energies["dy"] / (energies["sy"] + tiny)
