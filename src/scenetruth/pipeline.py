@@ -351,7 +351,12 @@ class Runner:
         target = self.folder.of(choice.method).estimate
         self._refuse_existing(target)
         with self._timed("estimate" if choice.method == self.folder.own_method else f"estimate {choice.method}"):
-            found = estimate(self.recording, choice.method, choice.settings, progress=self.progress)
+            try:
+                found = estimate(self.recording, choice.method, choice.settings, progress=self.progress)
+            except BaseException as error:
+                if not isinstance(error, Exception):
+                    self._say(f"method '{choice.method}' was interrupted")
+                raise
         save(found, target, overwrite=self.overwrite)
         self._estimates[choice.method] = found
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -100,3 +103,29 @@ def test_a_method_that_cannot_is_named_before_the_work(tmp_path: Path) -> None:
     assert single.returncode == 2
     assert "frames.count: 'opencv_flow' needs 2 frames (got 1)" in single.stderr
     assert not (tmp_path / "x").exists()
+
+
+def test_a_method_that_never_returns_can_be_interrupted(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path / "scene.yaml")
+    code = "import time\ndef wait(recording):\n    print('begun', flush=True)\n    time.sleep(600)\n"
+    (tmp_path / "forever.py").write_text(code)
+    command = [
+        sys.executable,
+        "-m",
+        "scenetruth",
+        "run",
+        str(scene),
+        "-o",
+        str(tmp_path / "x"),
+        "--method",
+        "forever:wait",
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "method 'forever:wait' was interrupted" in errors
+    assert "Traceback" not in errors
+    assert names(tmp_path / "x") == {"scene.yaml", "recording.zarr", "truth.zarr"}

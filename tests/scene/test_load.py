@@ -170,3 +170,9 @@ def test_relative_paths_count_from_the_scene_file(tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(plain))
     texture = st.load_scene(tmp_path / "scene.yaml").objects[0].texture
     assert texture.file == str(tmp_path / "pattern.png")  # type: ignore[attr-defined]
+
+
+def test_a_later_format_is_refused() -> None:
+    assert cube(format=1).format == 1
+    with pytest.raises(st.SceneError, match=r"format: is a format .* that this scenetruth does not read; it reads 1"):
+        cube(format=2)

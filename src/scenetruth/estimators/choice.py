@@ -112,10 +112,15 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
     try:
         return method.settings.model_validate(dict(fields))
     except ValidationError as error:
-        problems = [_problem_of(entry, method) for entry in error.errors()]
-        # Of a setting that may be a number or a word, pydantic reports each; the first says enough.
-        first = {problem.path: problem for problem in reversed(problems)}
-        raise EstimateError([first[path] for path in sorted(first)], source=f"settings of '{method.name}'") from error
+        told: dict[str, list[Problem]] = {}
+        for problem in (_problem_of(entry, method) for entry in error.errors()):
+            told.setdefault(problem.path, []).append(problem)
+        # Of a setting that may be a number or a word, pydantic reports each on its own.
+        problems = [
+            Problem(path, ", or ".join(dict.fromkeys(problem.message for problem in found)), found[0].value)
+            for path, found in sorted(told.items())
+        ]
+        raise EstimateError(problems, source=f"settings of '{method.name}'") from error
 
 
 def _problem_of(entry: Any, method: Estimator) -> Problem:

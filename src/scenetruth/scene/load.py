@@ -220,6 +220,8 @@ def _message_of(entry: ErrorDetails, path: str) -> str:
             return "unknown key" + suggest_key(entry["loc"])
         case "missing":
             return "is missing"
+        case _ if path == "format":
+            return "is a format of scene files that this scenetruth does not read; it reads 1: update it"
         case _ if path == "sensor":
             named = value.get("kind") if isinstance(value, dict) else value
             return (
@@ -262,7 +264,10 @@ def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int], kind_of_error: 
     """Spell a location as keys of the file, leaving out the names of union members that pydantic puts in between."""
     keys, here = [], plain
     for index, key in enumerate(loc):
-        inside = isinstance(here, dict) and key in here
+        # A field may be called like the kind of its mapping, as `file`: what has more below it is the kind then.
+        below = index < len(loc) - 1 and isinstance(here, dict) and not isinstance(here.get(str(key)), dict | list)
+        named = isinstance(here, dict) and str(here.get("kind", "")).lower() == key
+        inside = isinstance(here, dict) and key in here and not (below and named)
         listed = isinstance(here, list) and isinstance(key, int) and key < len(here)
         if inside or listed:
             here = here[key]  # type: ignore[index]

@@ -185,7 +185,7 @@ def test_normals_turn_with_the_nodes_of_a_gltf_scene(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("angle", [0, 181, "sharp"])
 def test_impossible_crease_angles_are_refused(tmp_path: Path, angle: Any) -> None:
-    with pytest.raises(SceneError, match=r"objects\.0\.mesh\..*crease_deg"):
+    with pytest.raises(SceneError, match=r"objects\.0\.mesh\.crease_deg"):
         scene_with(ball(tmp_path / "ball.obj", 8.0, normals=False), {"crease_deg": angle})
 
 
