@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, cast
 
@@ -53,12 +54,7 @@ class MethodEntry:
 
 def method_entries() -> list[MethodEntry]:
     """Return all methods that are installed, without loading any, in order of their names; ours first."""
-    from scenetruth.estimators import methods
-
-    own = [
-        MethodEntry(item.name, "scenetruth", "", _loader(f"{methods.__name__}.{item.name}"))
-        for item in pkgutil.iter_modules(methods.__path__)
-    ]
+    own = list(_own_entries())
     offered = sorted(metadata.entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value))
     names = [point.name for point in offered]
     taken = {entry.name for entry in own}
@@ -86,7 +82,9 @@ def find_method(name: object) -> Estimator:
         return _made(name, getattr(name, "name", getattr(name, "__name__", type(name).__name__)))
     if ":" in name:
         return _made(_attribute_of(name), name)
-    entries = [entry for entry in method_entries() if entry.name == name]
+    # A plug-in cannot take the name of one of ours: those need no look at what is installed.
+    entries = [entry for entry in _own_entries() if entry.name == name]
+    entries = entries or [entry for entry in method_entries() if entry.name == name]
     if not entries:
         import difflib
 
@@ -94,7 +92,6 @@ def find_method(name: object) -> Estimator:
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise _refused(f"no such method{hint} Installed: {', '.join(known)}", name)
-    # A plug-in cannot take the name of one of ours.
     entry = entries[0]
     if entry.problem:
         raise _refused(entry.problem, name)
@@ -104,6 +101,16 @@ def find_method(name: object) -> Estimator:
         message = f"cannot be loaded from {entry.origin}: {type(error).__name__}: {error}"
         raise _refused(message, name) from error
     return _made(found, name)
+
+
+@cache
+def _own_entries() -> tuple[MethodEntry, ...]:
+    from scenetruth.estimators import methods
+
+    return tuple(
+        MethodEntry(item.name, "scenetruth", "", _loader(f"{methods.__name__}.{item.name}"))
+        for item in pkgutil.iter_modules(methods.__path__)
+    )
 
 
 def _loader(module: str) -> Callable[[], Any]:
