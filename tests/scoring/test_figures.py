@@ -257,9 +257,11 @@ def test_shares_of_both_kinds_are_told(full_case: Case, tmp_path: Path) -> None:
     ("missing", "title"),
     [
         ((), "Error bars of depth and velocity"),
-        (("depth_std",), "Error bars of velocity"),
+        (("depth_std",), "Error bars of disparity and velocity"),
+        (("depth_std", "disparity_std"), "Error bars of velocity"),
         (("velocity_std",), "Error bars of depth"),
-        (("depth_std", "velocity_std"), None),
+        (("depth_std", "velocity_std"), "Error bars of disparity"),
+        (("depth_std", "disparity_std", "velocity_std"), None),
     ],
 )
 def test_error_bars_are_shown_where_there_are_any(
@@ -270,7 +272,7 @@ def test_error_bars_are_shown_where_there_are_any(
 
 @pytest.mark.parametrize("value", [0.0, 0.1, np.nan])
 def test_odd_error_bars_are_drawn(full_case: Case, value: float, tmp_path: Path) -> None:
-    estimate = full_case.estimate.drop_vars("velocity_std")
+    estimate = full_case.estimate.drop_vars(["velocity_std", "disparity_std"])
     estimate = estimate.assign(depth_std=xr.full_like(estimate["depth_std"], value))
     assert error_bars_title(full_case, estimate, tmp_path) == ("Error bars of depth" if value > 0 else None)
 

@@ -221,6 +221,7 @@ def rosette(width: int, height: int, resolution_mm: float, count: int = 3) -> Sc
     return scene_from_plain(plain)
 
 
+@pytest.mark.filterwarnings("ignore:objects. the texture")
 def test_visible_on_a_rosette_against_brute_force() -> None:
     counts = check_against_force(rosette(44, 34, 4.0))
     assert counts["different"] == 0
@@ -228,6 +229,7 @@ def test_visible_on_a_rosette_against_brute_force() -> None:
     assert counts["hidden"] > 0.02 * counts["points"]
 
 
+@pytest.mark.filterwarnings("ignore:objects. the texture")
 def test_no_pixel_of_a_rosette_is_hidden_alone() -> None:
     scene = rosette(200, 150, 1.0, count=1)
     truth = make_truth(scene)

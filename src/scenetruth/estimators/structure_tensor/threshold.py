@@ -17,6 +17,9 @@ __all__ = ["with_threshold"]
 
 # Eigenvalues of pure noise scatter around their mean; those of texture must be clearly larger.
 _TAU_OVER_NOISE = 5.0
+_EPSILON = float(np.finfo(np.float32).eps)
+# Rounding of grey values in [-1, 1] and of their filtered sums, with some room.
+_LEAST_NOISE = 10 * _EPSILON
 # Rows and columns of pixels at which noise is estimated.
 _SAMPLES = 9
 
@@ -44,8 +47,9 @@ def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[T
         power, largest = _sample(task, registrations)
     else:
         power, largest = float(settings.noise_std) ** 2, 0.0
-    # Images without noise leave what float32 cannot tell from zero beside the largest eigenvalue.
-    tau = max(_TAU_OVER_NOISE * power * task.noise.gradient, float(np.finfo(np.float32).eps) * largest)
+    # Images without noise leave what float32 cannot tell from zero: beside the largest eigenvalue, and in grey values.
+    power = max(power, _LEAST_NOISE**2)
+    tau = max(_TAU_OVER_NOISE * power * task.noise.gradient, _EPSILON * largest)
     return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
 
 
