@@ -13,6 +13,8 @@ __all__ = ["Distortion"]
 
 Array = NDArray[np.float64]
 
+# Points solved together: what Newton's method keeps of them fits into the cache.
+_BLOCK = 8192
 _MOST_STEPS = 50
 # Newton's method doubles its digits with each step: below this, the next step is exact.
 _CONVERGED = 1e-15
@@ -93,11 +95,18 @@ class Distortion(FrozenModel):
             Positions in the image of a pinhole, shape (..., 2). NaN where the distortion folds the image, so that no
             pinhole position, or more than one, belongs to the distorted one.
         """
-        found = self._solve(np.asarray(points, dtype=np.float64))
+        given = np.asarray(points, dtype=np.float64)
+        found = np.empty((given.size // 2, 2))
+        for first in range(0, len(found), _BLOCK):
+            found[first : first + _BLOCK] = self._undistort_block(given.reshape(-1, 2)[first : first + _BLOCK])
+        return found.reshape(given.shape)
+
+    def _undistort_block(self, points: Array) -> Array:
+        found = self._solve(points)
         # The determinant must stay positive from the axis to the solution: else there are other solutions.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for share in _ON_THE_WAY:
-                turned = ~(np.linalg.det(self.jacobian(share * found)) > 0)
+                turned = ~(_determinant(self.jacobian(share * found)) > 0)
                 found[turned] = np.nan
         return found
 
@@ -108,9 +117,8 @@ class Distortion(FrozenModel):
                 value, slope = self._map(found)
                 left = value - points
                 (a, b), (c, d) = np.moveaxis(slope, (-2, -1), (0, 1))
-                determinant = a * d - b * c
                 step = np.stack([d * left[..., 0] - b * left[..., 1], a * left[..., 1] - c * left[..., 0]], axis=-1)
-                step /= determinant[..., None]
+                step /= _determinant(slope)[..., None]
                 found -= step
                 if not (np.abs(step) > _CONVERGED * (1 + np.abs(found))).any():
                     break
@@ -139,6 +147,11 @@ class Distortion(FrozenModel):
         derivative[..., 0, 1] = derivative[..., 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
         derivative[..., 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
         return out, derivative
+
+
+def _determinant(matrices: Array) -> Array:
+    """Return the determinants of 2 x 2 matrices, shape (..., 2, 2)."""
+    return np.asarray(matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0])
 
 
 def _cubic(square: Array, a: float, b: float, c: float) -> tuple[Any, Any]:
