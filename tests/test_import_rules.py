@@ -31,7 +31,6 @@ MAY_IMPORT = {
     "simulation": {*LEAVES, "scene", "camera", "raycast", "render", "truth", "schema", "provenance"},
     "estimators": {*LEAVES, "schema"},
     "scoring": {*LEAVES, "schema"},
-    "run_folder": {"errors", "estimators"},
     "pipeline": {
         *LEAVES,
         "scene",
@@ -43,7 +42,6 @@ MAY_IMPORT = {
         "storage",
         "simulation",
         "truth",
-        "run_folder",
     },
     "experiment": {*LEAVES, "scene", "camera", "render", "schema", "estimators"},
 }

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
         StoreError,
     )
     from scenetruth.estimators import estimate
-    from scenetruth.pipeline import run_scene
-    from scenetruth.run_folder import RunFolder
+    from scenetruth.pipeline import RunFolder, run_scene
     from scenetruth.scene import Scene, load_scene, scene_from_plain
     from scenetruth.schema import make_estimate, make_recording
     from scenetruth.scoring import Score, score, surface_growth, write_report
@@ -77,7 +76,7 @@ _HOMES = {
     "Score": "scoring",
     "score": "scoring",
     "load": "storage",
-    "RunFolder": "run_folder",
+    "RunFolder": "pipeline",
     "run_scene": "pipeline",
     "save": "storage",
     "make_truth": "truth",

@@ -176,8 +176,7 @@ def report(
 
 
 def _runner(folder: Path, overwrite: bool, allow_mismatch: bool, reporter: Reporter) -> Runner:
-    from scenetruth.pipeline import Runner
-    from scenetruth.run_folder import RunFolder
+    from scenetruth.pipeline import RunFolder, Runner
 
     return Runner(RunFolder(folder), overwrite, not allow_mismatch, reporter, reporter.say)
 

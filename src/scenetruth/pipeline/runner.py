@@ -1,4 +1,4 @@
-"""The one way through the house: scene, recording and truth, estimates, scores, reports, in a folder."""
+"""The stages of a run, one by one, in a folder: what a stage has finished stays."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-import numpy as np
 import xarray as xr
 
-from scenetruth.camera import chain_of
 from scenetruth.errors import MismatchError, OutputExistsError, Problem, SceneError, ScenetruthError, StoreError
-from scenetruth.estimators import MethodChoice, choose, estimate, find_method, requirements
+from scenetruth.estimators import MethodChoice, choose, estimate
+from scenetruth.pipeline.folder import RunFolder
 from scenetruth.progress import Progress
-from scenetruth.provenance import intrinsics_from, scene_hash
-from scenetruth.run_folder import RunFolder
+from scenetruth.provenance import scene_hash
 from scenetruth.scene import Scene
 from scenetruth.scene.load import apply_overrides
-from scenetruth.schema import check_same_run, identity_of, make_recording, scene_of
+from scenetruth.schema import check_same_run, identity_of, scene_of
 from scenetruth.storage import load, save, write_aside, write_images
 
 if TYPE_CHECKING:
@@ -31,12 +29,9 @@ if TYPE_CHECKING:
     from scenetruth.settings import ScoreSettings
     from scenetruth.truth import TruthMaps, TruthPoses, TruthViews
 
-__all__ = ["STAGES", "RunResults", "Runner", "Stage", "method_choices", "run_problems", "run_scene"]
+__all__ = ["RunResults", "Runner"]
 
-Stage = Literal["render", "estimate", "score", "report"]
 T = TypeVar("T")
-STAGES: tuple[Stage, ...] = ("render", "estimate", "score", "report")
-"""All stages in their order."""
 
 
 @dataclass(frozen=True)
@@ -59,160 +54,6 @@ class RunResults:
     scores: Mapping[str, Score] = field(default_factory=dict)
     failures: Mapping[str, ScenetruthError] = field(default_factory=dict)
     timings_s: Mapping[str, float] = field(default_factory=dict)
-
-
-def run_scene(
-    scene: Scene,
-    folder: str | Path,
-    *,
-    stages: Sequence[Stage] = STAGES,
-    methods: Sequence[str | MethodChoice] = (),
-    truth_views: TruthViews = "reference",
-    truth_poses: TruthPoses = "real",
-    truth_content: TruthMaps = "standard",
-    ideal: bool = False,
-    images: Literal["png", "tiff"] | None = None,
-    overwrite: bool = False,
-    check: bool = True,
-    progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
-) -> RunResults:
-    """Take a scene through all stages, or some: render, estimate, score, report.
-
-    What one stage has finished stays if a later one fails or is interrupted. A method that fails keeps no other from
-    its work.
-
-    Parameters
-    ----------
-    scene
-        The scene; paths in it are absolute, as `load_scene` makes them.
-    folder
-        Where the results go.
-    stages
-        Which stages; without ``"render"``, the recording and the truth of an earlier run are taken from the folder.
-    methods
-        Names of methods of estimation, or methods with their settings; what the scene says if not given. The scene's
-        own method has the scene's settings, others have their defaults.
-    truth_views, truth_poses, truth_content, ideal
-        As of `simulate`.
-    images
-        Whether to write the images as files too, as 16-bit PNG or float TIFF.
-    overwrite
-        Whether results that exist may be replaced.
-    check
-        Whether to refuse a folder that holds another scene's recording.
-    progress
-        Called with (what, done, total) as the work goes on.
-    notice
-        Called with lines that a user may want to read, such as the backend that rendered.
-
-    Returns
-    -------
-    RunResults
-        Scores by method, and what went wrong.
-
-    Raises
-    ------
-    SceneError
-        If the scene cannot be made, or a method cannot estimate its recording; before any work.
-    EstimateError
-        If there is no such method; before any work.
-    OutputExistsError
-        If results exist that may not be replaced; before any work.
-    MismatchError
-        If the folder holds another scene's recording.
-
-    See Also
-    --------
-    simulate, estimate, score, write_report : The stages one by one, in memory.
-    RunFolder : Which file of the folder is what.
-
-    Examples
-    --------
-    >>> import scenetruth as st
-    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
-    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
-    >>> plain = {"camera": {"width": 60, "height": 50, "focal_length_px": 60}, "objects": [wall]}
-    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
-    >>> with TemporaryDirectory() as folder:
-    ...     results = run_scene(st.scene_from_plain(plain), f"{folder}/wall", stages=("render", "estimate", "score"))
-    ...     print(*sorted(path.name for path in results.folder.path.iterdir()))
-    estimate.zarr recording.zarr scene.yaml score.csv score.json truth.zarr
-    >>> error = results.scores["structure_tensor"].regions["interior"]["depth"]
-    >>> error["count"] > 50, error["relative_rms"] < 0.02, results.failures
-    (True, True, {})
-    """
-    unknown = [stage for stage in stages if stage not in STAGES]
-    if unknown:
-        raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
-    choices = method_choices(scene, methods)
-    if choices and choices[0].method != scene.estimate.method and scene.estimate.method not in _names(choices):
-        scene = scene.model_copy(update={"estimate": choices[0]})
-    if "estimate" in stages:
-        problems = run_problems(scene, choices)
-        if problems:
-            raise SceneError(problems)
-    runner = Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice)
-    if "render" in stages:
-        runner.render(scene, truth_views, truth_poses, truth_content, ideal=ideal, images=images)
-    else:
-        runner.check_scene(scene)
-    for choice in choices:
-        with runner.keeping_failures(choice.method):
-            if "estimate" in stages:
-                runner.estimate(choice)
-            if "score" in stages:
-                runner.score(choice.method, scene.score)
-            if "report" in stages:
-                runner.report(choice.method)
-    return runner.results()
-
-
-def method_choices(scene: Scene, methods: Sequence[str | MethodChoice]) -> list[MethodChoice]:
-    """Return methods with their settings: the scene's for the scene's own method, defaults for others.
-
-    Raises
-    ------
-    EstimateError
-        If there is no such method.
-    """
-    own = scene.estimate
-    if not methods:
-        return [own]
-    return [
-        item if isinstance(item, MethodChoice) else own if item == own.method else choose({"method": item})
-        for item in dict.fromkeys(methods)
-    ]
-
-
-def _names(choices: Sequence[MethodChoice]) -> list[str]:
-    return [choice.method for choice in choices]
-
-
-def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]:
-    """Return what will keep methods from estimating the recording of a scene, before it is made."""
-    blank = _blank_recording(scene)
-    found = [
-        problem for choice in choices for problem in requirements(blank, find_method(choice.method), choice.settings)
-    ]
-    return list(dict.fromkeys(found))
-
-
-def _blank_recording(scene: Scene) -> xr.Dataset:
-    """Return the recording of a scene with images that take no memory: all of their pixels are one."""
-    camera, stage, dtype = scene.camera, scene.stage, chain_of(scene.sensor).dtype
-    rows = () if stage.rows == 1 else (stage.rows,)
-    shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
-    intrinsics = intrinsics_from(scene)
-    return make_recording(
-        np.broadcast_to(np.zeros((), dtype=dtype), shape),
-        intrinsics.focal_length_px,
-        intrinsics.baseline_mm,
-        intrinsics.principal_point_px,
-        intrinsics.frame_interval_s,
-        stage_x_mm=stage.x_mm,
-        stage_y_mm=stage.y_mm if rows else None,
-    )
 
 
 class Runner:

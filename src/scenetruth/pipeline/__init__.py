@@ -1,0 +1,18 @@
+"""From a scene to a folder of results, stage by stage."""
+
+from scenetruth.pipeline.folder import MethodFiles, RunFolder
+from scenetruth.pipeline.requirements import method_choices, run_problems
+from scenetruth.pipeline.runner import Runner, RunResults
+from scenetruth.pipeline.scene_run import STAGES, Stage, run_scene
+
+__all__ = [
+    "STAGES",
+    "MethodFiles",
+    "RunFolder",
+    "RunResults",
+    "Runner",
+    "Stage",
+    "method_choices",
+    "run_problems",
+    "run_scene",
+]

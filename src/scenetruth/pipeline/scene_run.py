@@ -1,0 +1,135 @@
+"""The one way through the house: scene, recording and truth, estimates, scores, reports, in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from scenetruth.errors import Problem, SceneError
+from scenetruth.estimators import MethodChoice
+from scenetruth.pipeline.folder import RunFolder
+from scenetruth.pipeline.requirements import method_choices, run_problems
+from scenetruth.pipeline.runner import Runner, RunResults
+from scenetruth.progress import Progress
+from scenetruth.scene import Scene
+
+if TYPE_CHECKING:
+    from scenetruth.truth import TruthMaps, TruthPoses, TruthViews
+
+__all__ = ["STAGES", "Stage", "run_scene"]
+
+Stage = Literal["render", "estimate", "score", "report"]
+STAGES: tuple[Stage, ...] = ("render", "estimate", "score", "report")
+"""All stages in their order."""
+
+
+def run_scene(
+    scene: Scene,
+    folder: str | Path,
+    *,
+    stages: Sequence[Stage] = STAGES,
+    methods: Sequence[str | MethodChoice] = (),
+    truth_views: TruthViews = "reference",
+    truth_poses: TruthPoses = "real",
+    truth_content: TruthMaps = "standard",
+    ideal: bool = False,
+    images: Literal["png", "tiff"] | None = None,
+    overwrite: bool = False,
+    check: bool = True,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> RunResults:
+    """Take a scene through all stages, or some: render, estimate, score, report.
+
+    What one stage has finished stays if a later one fails or is interrupted. A method that fails keeps no other from
+    its work.
+
+    Parameters
+    ----------
+    scene
+        The scene; paths in it are absolute, as `load_scene` makes them.
+    folder
+        Where the results go.
+    stages
+        Which stages; without ``"render"``, the recording and the truth of an earlier run are taken from the folder.
+    methods
+        Names of methods of estimation, or methods with their settings; what the scene says if not given. The scene's
+        own method has the scene's settings, others have their defaults.
+    truth_views, truth_poses, truth_content, ideal
+        As of `simulate`.
+    images
+        Whether to write the images as files too, as 16-bit PNG or float TIFF.
+    overwrite
+        Whether results that exist may be replaced.
+    check
+        Whether to refuse a folder that holds another scene's recording.
+    progress
+        Called with (what, done, total) as the work goes on.
+    notice
+        Called with lines that a user may want to read, such as the backend that rendered.
+
+    Returns
+    -------
+    RunResults
+        Scores by method, and what went wrong.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be made, or a method cannot estimate its recording; before any work.
+    EstimateError
+        If there is no such method; before any work.
+    OutputExistsError
+        If results exist that may not be replaced; before any work.
+    MismatchError
+        If the folder holds another scene's recording.
+
+    See Also
+    --------
+    simulate, estimate, score, write_report : The stages one by one, in memory.
+    RunFolder : Which file of the folder is what.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> plain = {"camera": {"width": 60, "height": 50, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
+    >>> with TemporaryDirectory() as folder:
+    ...     results = run_scene(st.scene_from_plain(plain), f"{folder}/wall", stages=("render", "estimate", "score"))
+    ...     print(*sorted(path.name for path in results.folder.path.iterdir()))
+    estimate.zarr recording.zarr scene.yaml score.csv score.json truth.zarr
+    >>> error = results.scores["structure_tensor"].regions["interior"]["depth"]
+    >>> error["count"] > 50, error["relative_rms"] < 0.02, results.failures
+    (True, True, {})
+    """
+    unknown = [stage for stage in stages if stage not in STAGES]
+    if unknown:
+        raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
+    choices = method_choices(scene, methods)
+    if (
+        choices
+        and choices[0].method != scene.estimate.method
+        and scene.estimate.method not in [choice.method for choice in choices]
+    ):
+        scene = scene.model_copy(update={"estimate": choices[0]})
+    if "estimate" in stages:
+        problems = run_problems(scene, choices)
+        if problems:
+            raise SceneError(problems)
+    runner = Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice)
+    if "render" in stages:
+        runner.render(scene, truth_views, truth_poses, truth_content, ideal=ideal, images=images)
+    else:
+        runner.check_scene(scene)
+    for choice in choices:
+        with runner.keeping_failures(choice.method):
+            if "estimate" in stages:
+                runner.estimate(choice)
+            if "score" in stages:
+                runner.score(choice.method, scene.score)
+            if "report" in stages:
+                runner.report(choice.method)
+    return runner.results()
