@@ -109,11 +109,7 @@ def run_scene(
     if unknown:
         raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
     choices = method_choices(scene, methods)
-    if (
-        choices
-        and choices[0].method != scene.estimate.method
-        and scene.estimate.method not in [choice.method for choice in choices]
-    ):
+    if scene.estimate.method not in [choice.method for choice in choices]:
         scene = scene.model_copy(update={"estimate": choices[0]})
     if "estimate" in stages:
         problems = run_problems(scene, choices)
