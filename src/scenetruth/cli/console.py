@@ -27,6 +27,7 @@ __all__ = ["Reporter", "guard", "reporting"]
 
 _EXIT_ERROR = 2
 _EXIT_INTERRUPTED = 130
+_AGAIN_S = 0.05
 
 
 @dataclass
@@ -87,6 +88,8 @@ def guard(run: Callable[[], None]) -> None:
     warnings.showwarning = _show_warning
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
+    shown = sys.unraisablehook
+    sys.unraisablehook = _again_if_swallowed
     try:
         run()
     except BaseException as error:
@@ -100,6 +103,8 @@ def guard(run: Callable[[], None]) -> None:
             _print_error(str(error))
             sys.exit(_EXIT_ERROR)
         raise
+    finally:
+        sys.unraisablehook = shown
 
 
 class _Interrupted(BaseException):
@@ -112,6 +117,15 @@ _interrupted: list[int] = []
 def _interrupt(number: int, frame: object) -> None:
     _interrupted.append(number)
     raise _Interrupted
+
+
+def _again_if_swallowed(unraisable: sys.UnraisableHookArgs) -> None:
+    """Interrupt again where compiled code, as the compiler's own, could not hand the interrupt on to its caller."""
+    if isinstance(unraisable.exc_value, _Interrupted):
+        signal.signal(signal.SIGALRM, _interrupt)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def _print_error(text: str) -> None:

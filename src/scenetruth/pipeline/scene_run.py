@@ -92,6 +92,7 @@ def run_scene(
 
     Examples
     --------
+    >>> from tempfile import TemporaryDirectory
     >>> import scenetruth as st
     >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
