@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
 from hypothesis import settings
+
+# Several processes test at once, each with threads on all processors: idle threads of OpenMP must sleep, not spin.
+# OpenMP reads this when the first kernel with parallel loops runs.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 # Kernels are compiled at their first call, and machines are busy: how long an example takes says nothing.
 settings.register_profile("without_deadlines", deadline=None)

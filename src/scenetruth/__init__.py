@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from scenetruth.errors import (
         BackendUnavailableError,
         EstimateError,
+        EstimateWarning,
         MismatchError,
         OutputExistsError,
         Problem,
@@ -35,6 +36,7 @@ __version__ = "0.1.0"
 __all__ = [
     "BackendUnavailableError",
     "EstimateError",
+    "EstimateWarning",
     "MismatchError",
     "OutputExistsError",
     "Problem",

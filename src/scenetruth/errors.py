@@ -10,6 +10,7 @@ from typing import Any
 __all__ = [
     "BackendUnavailableError",
     "EstimateError",
+    "EstimateWarning",
     "MismatchError",
     "OutputExistsError",
     "Problem",
@@ -172,3 +173,7 @@ class BackendUnavailableError(RenderError):
 
 class SceneWarning(UserWarning):
     """A scene that can be made but will hardly serve its purpose."""
+
+
+class EstimateWarning(UserWarning):
+    """An estimate that says less than the recording could tell."""

@@ -18,7 +18,7 @@ from scenetruth.scoring import score, surface_growth
 from scenetruth.scoring.growth import growth_maps
 from scenetruth.scoring.growth.patches import surface_patches
 from scenetruth.scoring.growth.window import windowed_growth
-from scenetruth.scoring.pixel_grid import surface_points
+from scenetruth.scoring.pixel_coordinates import surface_points
 from scenetruth.settings import ScoreSettings
 from tests.scoring.synthetic import make_growing_case
 

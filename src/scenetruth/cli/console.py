@@ -21,7 +21,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from scenetruth.errors import ScenetruthError, SceneWarning
+from scenetruth.errors import EstimateWarning, ScenetruthError, SceneWarning
 
 __all__ = ["Reporter", "guard", "reporting"]
 
@@ -140,5 +140,5 @@ def _show_warning(
     file: object = None,
     line: object = None,
 ) -> None:
-    text = str(message) if issubclass(category, SceneWarning) else f"{category.__name__}: {message}"
+    text = str(message) if issubclass(category, SceneWarning | EstimateWarning) else f"{category.__name__}: {message}"
     Console(stderr=True).print(f"warning: {text}", style="yellow", highlight=False, markup=False, soft_wrap=True)

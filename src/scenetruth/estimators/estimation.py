@@ -59,6 +59,12 @@ def estimate(
         If there is no such method, a setting is impossible, the recording does not suit the method, or the method
         fails or returns what is not an estimate of this recording; names the method.
 
+    Warns
+    -----
+    EstimateWarning
+        If a method finds that its settings leave out much of what the recording could tell, as a threshold ``tau`` of
+        the structure tensor that is too high for dim textures.
+
     See Also
     --------
     make_estimate : An estimate from arrays that were computed elsewhere.
@@ -93,6 +99,8 @@ def estimate(
     except ScenetruthError as error:
         told = getattr(error, "problems", (Problem("", str(error)),))
         raise EstimateError(told, source=f"method '{chosen.name}'") from error
+    except Warning:  # that the caller has turned into an error
+        raise
     except Exception as error:  # whatever the code of a method raises
         message = f"failed: {type(error).__name__}: {error}"
         if isinstance(error, ValueError) and "read-only" in str(error):

@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 
 from scenetruth.schema import Intrinsics
 
-__all__ = ["PixelGrid", "grid_of", "surface_points"]
+__all__ = ["PixelCoordinates", "coordinates_of", "surface_points"]
 
 Map = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class PixelGrid:
-    """The pixels of a map, which may show a part of the image, or every other pixel of it.
+class PixelCoordinates:
+    """The pixels of a map, which may show a part of the image, or every other pixel of it, along x and y differently.
+
+    `scenetruth.schema.PixelGrid` is the even and square grid that methods ask of a recording.
 
     Parameters
     ----------
@@ -41,16 +43,16 @@ class PixelGrid:
         return float(x[0] - width), float(x[-1] + width), float(y[-1] + height), float(y[0] - height)
 
 
-def grid_of(dataset: xr.Dataset) -> PixelGrid:
+def coordinates_of(dataset: xr.Dataset) -> PixelCoordinates:
     """Return the pixels of a data set, from its coordinates y and x; counted from 0 where it has none."""
     y, x = (
         np.asarray(dataset[dim].values if dim in dataset.coords else np.arange(dataset.sizes[dim]), dtype=np.float64)
         for dim in ("y", "x")
     )
-    return PixelGrid(y, x)
+    return PixelCoordinates(y, x)
 
 
-def surface_points(depth: Map, intrinsics: Intrinsics, grid: PixelGrid | None = None) -> Map:
+def surface_points(depth: Map, intrinsics: Intrinsics, grid: PixelCoordinates | None = None) -> Map:
     """Return the surface points that pixels see.
 
     Parameters

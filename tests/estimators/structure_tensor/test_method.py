@@ -30,11 +30,10 @@ def term_by_term(
     rows, columns = np.mgrid[: grey.shape[2], : grey.shape[3]]
 
     def filtered(image: Array, names: str, t0: int, y0: int, x0: int) -> float:
-        total = 0.0
-        for i, j, k, m in itertools.product(range(-2, 3), repeat=4):
-            weight = np.prod([kernels[name][2 + n] for name, n in zip(names, (i, j, k, m), strict=True)])
-            total += weight * image[2 - i, t0 - j, y0 - k, x0 - m]
-        return total
+        # Σ_ijkm w_i w_j w_k w_m g(-i, t0 - j, y0 - k, x0 - m), the convolution with all four filters at one place.
+        weights = np.einsum("i,j,k,m->ijkm", *(kernels[name] for name in names))
+        around = image[:, t0 - 2 : t0 + 3, y0 - 2 : y0 + 3, x0 - 2 : x0 + 3]
+        return float((weights * around[::-1, ::-1, ::-1, ::-1]).sum())
 
     half = 3
     over_xy, over_t = gaussian_window(2.0, 2 * half + 1), gaussian_window(1.0, 5)
@@ -92,6 +91,7 @@ def test_against_the_formulas_term_by_term(divergence: str) -> None:
             np.testing.assert_allclose(found[name].values, value, rtol=5e-5, atol=5e-6, err_msg=name)
 
 
+@pytest.mark.filterwarnings("ignore:tau:scenetruth.EstimateWarning")
 @settings(max_examples=20)
 @example(size=(27, 40), taps=5, seed=110, shift=0, divergence="paper", tau=0.0)
 @given(
@@ -202,7 +202,9 @@ def test_depth_follows_the_same_law(baseline: float) -> None:
 def test_displacements_of_half_a_wavelength_break_down() -> None:
     """The paper's figure 2a at λ = 4, U_X = 20: an error of 100 %, which the threshold τ recognises."""
     recording, _ = st.simulate(plaid(4, (20.0, 0.0, 0.0)))
-    guarded = st.estimate(recording, working_point_px=0)
+    # Without noise, what little the filters leave of the texture is clear, too.
+    with pytest.warns(st.EstimateWarning, match="tau"):
+        guarded = st.estimate(recording, working_point_px=0)
     assert not (guarded["kind"] == KIND_FULL).any()
     forced = st.estimate(recording, working_point_px=0, tau=0.0)
     relative_error = abs(forced["velocity"].sel(component="X") / 20 - 1)

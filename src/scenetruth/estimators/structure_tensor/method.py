@@ -15,7 +15,7 @@ from scenetruth.estimators.structure_tensor.rig import requirements, rig_of
 from scenetruth.estimators.structure_tensor.run import run
 from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.task import check_common_view, make_task, plain_images
-from scenetruth.estimators.structure_tensor.threshold import with_threshold
+from scenetruth.estimators.structure_tensor.threshold import warn_of_high_threshold, with_threshold
 from scenetruth.estimators.structure_tensor.working_points import choose_registrations
 from scenetruth.progress import Progress
 from scenetruth.schema import PixelGrid, intrinsics_of, label, pixel_grid_of
@@ -51,6 +51,11 @@ def estimate_structure_tensor(
         If the recording's pixels are no even grid.
     EstimateError
         If the recording is too small for the filters, or the working point leaves no common view.
+
+    Warns
+    -----
+    EstimateWarning
+        If the threshold τ is too high for many pixels.
     """
     images = plain_images(recording)
     count_s, count_t, height, width = images.shape[1:]
@@ -82,6 +87,8 @@ def estimate_structure_tensor(
     check_common_view(task, registrations)
     task, sigma = with_threshold(task, registrations)
     maps = run(task, registrations, progress)
+    if settings.tau != "auto":
+        warn_of_high_threshold(maps, settings.tau)
     frames, step = task.outputs, np.float32(grid.step_px)
     return label(
         "estimate",

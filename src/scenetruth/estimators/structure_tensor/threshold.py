@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from scenetruth.estimators.structure_tensor.maps import Best
+from scenetruth.errors import EstimateWarning
+from scenetruth.estimators.structure_tensor.maps import Best, Maps
 from scenetruth.estimators.structure_tensor.registration import Registration
 from scenetruth.estimators.structure_tensor.run import Candidate, run_kernel
 from scenetruth.estimators.structure_tensor.shift import registered
 from scenetruth.estimators.structure_tensor.task import Task, common_area
+from scenetruth.schema import KIND_FULL
 
-__all__ = ["with_threshold"]
+__all__ = ["warn_of_high_threshold", "with_threshold"]
 
 # Eigenvalues of pure noise scatter around their mean; those of texture must be clearly larger.
 _TAU_OVER_NOISE = 5.0
@@ -22,6 +25,11 @@ _EPSILON = float(np.finfo(np.float32).eps)
 _LEAST_NOISE = 10 * _EPSILON
 # Rows and columns of pixels at which noise is estimated.
 _SAMPLES = 9
+# Texture is clear of noise if the third eigenvalue is so many times the fourth, and this share of the first, below
+# which there is rounding and what the filters leave of texture in one direction.
+_CLEAR, _LEAST_SHARE = 10.0, 1e-4
+# Share of pixels with such texture below τ from which on there is a warning.
+_MANY = 0.1
 
 
 def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[Task, float]:
@@ -51,6 +59,34 @@ def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[T
     power = max(power, _LEAST_NOISE**2)
     tau = max(_TAU_OVER_NOISE * power * task.noise.gradient, _EPSILON * largest)
     return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
+
+
+def warn_of_high_threshold(maps: Maps, tau: float) -> None:
+    """Warn if many pixels have texture that is clear of noise, but lies below the threshold τ.
+
+    Such a pixel has its third eigenvalue below τ, and yet ten times the fourth: three dimensions of its structure
+    tensor hold texture, two hold noise. A lower τ would make its depth and motion known. Dim images are full of such
+    pixels. Without texture, or with texture in one direction only, the third eigenvalue is noise, like the fourth.
+
+    Parameters
+    ----------
+    maps
+        The estimate.
+    tau
+        The threshold that it was made with.
+    """
+    tried = clear = 0
+    for frame in range(maps.kind.shape[0]):
+        first, third, fourth = (maps.eigenvalues[rank, frame] for rank in (0, 2, 3))
+        dim = (third <= tau) & (third > _CLEAR * fourth) & (third > _LEAST_SHARE * first)
+        clear += int((dim & (maps.kind[frame] < KIND_FULL)).sum())
+        tried += int(np.isfinite(third).sum())
+    if clear > _MANY * tried:
+        message = (
+            f"tau: {tau:g} is too high for {100 * clear / tried:.0f} % of the pixels: their texture is clear of noise, "
+            "but below this threshold, so that it counts as none; tau='auto' takes the threshold from the images' noise"
+        )
+        warnings.warn(message, EstimateWarning, stacklevel=2)
 
 
 def _sample(task: Task, registrations: Sequence[Registration]) -> tuple[float, float]:

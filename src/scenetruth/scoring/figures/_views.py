@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scenetruth.schema import KIND_NONE, Intrinsics, intrinsics_of
 from scenetruth.scoring.alignment import align, check_estimate, check_recording, select_pixels
-from scenetruth.scoring.pixel_grid import PixelGrid, grid_of, surface_points
+from scenetruth.scoring.pixel_coordinates import PixelCoordinates, coordinates_of, surface_points
 from scenetruth.scoring.quantities import QUANTITIES, full_pixels, quantities_of, read_quantity, read_std
 
 __all__ = ["Views", "views_of"]
@@ -53,7 +53,7 @@ class Views:
     image: Map
     image_frame: int
     image_is_digital: bool
-    grid: PixelGrid
+    grid: PixelCoordinates
     intrinsics: Intrinsics
     estimate: dict[str, Map]
     truth: dict[str, Map]
@@ -119,7 +119,7 @@ def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | No
         image=grey.values.astype(np.float64),
         image_frame=image_frame,
         image_is_digital=image.dtype.kind in "ui",
-        grid=grid_of(estimate),
+        grid=coordinates_of(estimate),
         intrinsics=intrinsics_of(estimate),
         estimate={name: np.where(full[name], read_quantity(estimate, name)[at], np.nan) for name in names},
         truth={} if truth is None else {name: read_quantity(truth, name)[at] for name in names},

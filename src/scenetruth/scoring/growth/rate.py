@@ -12,7 +12,7 @@ from scenetruth.errors import Problem, ScoreError
 from scenetruth.schema import Intrinsics, intrinsics_of
 from scenetruth.scoring.growth.patches import surface_patches
 from scenetruth.scoring.growth.window import windowed_growth
-from scenetruth.scoring.pixel_grid import grid_of, surface_points
+from scenetruth.scoring.pixel_coordinates import coordinates_of, surface_points
 from scenetruth.scoring.quantities import Pair, full_pixels
 from scenetruth.settings import ScoreSettings
 
@@ -179,7 +179,7 @@ def _rates(dataset: xr.Dataset, used: Mask, connected: Mask, settings: ScoreSett
     settings
         Of the window.
     """
-    intrinsics, grid = intrinsics_of(dataset), grid_of(dataset)
+    intrinsics, grid = intrinsics_of(dataset), coordinates_of(dataset)
     step_y, step_x = grid.step_px
     window = settings.growth_window_px / step_y, settings.growth_window_px / step_x
     growth = np.full(used.shape, np.nan)
