@@ -106,6 +106,8 @@ def save(figure: Any, path: Path) -> None:
         # Axes that keep a map's shape move when they are laid out, and their labels with them: once is not enough.
         layout.execute(figure)
         layout.execute(figure)
+        # It stays laid out as it is: saving would do it twice more, and draw the figure once without showing it.
+        figure.set_layout_engine(None)
     # Compression costs more time than drawing at the default level.
     figure.savefig(path, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
 
