@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
+import numpy as np
 import pytest
 import xarray as xr
 
@@ -28,12 +31,13 @@ def cube_data(backend: str) -> Data:
     return st.simulate(st.load_scene(SCENES / "cube.yaml", ["sensor=ideal", f"render.backend={backend}"]))
 
 
-def cube_scores(data: Data) -> Scores:
+def cube_scores(data: Data, *divergences: Literal["paper", "consistent"]) -> Scores:
     recording, truth = data
     scores: Scores = {}
-    for divergence in ("paper", "consistent"):
+    for divergence in divergences:
         estimate = st.estimate(recording, divergence=divergence, working_point_px="auto")
-        result = st.score(estimate, truth).regions["interior"]
+        # The growth of surfaces, which takes longest to score, is not among the figures.
+        result = st.score(estimate, truth.drop_vars("growth_rate")).regions["interior"]
         scores[divergence] = {}
         for quantity, statistic in BOUNDS:
             value = result[quantity][statistic]
@@ -49,7 +53,7 @@ def data() -> Data:
 
 @pytest.fixture(scope="module")
 def reference(data: Data) -> Scores:
-    return cube_scores(data)
+    return cube_scores(data, "paper", "consistent")
 
 
 @pytest.mark.parametrize("divergence", ["paper", "consistent"])
@@ -66,7 +70,7 @@ def test_consistent_divergence_halves_the_errors_of_velocity(reference: Scores, 
 
 def test_pyrender_is_within_ten_percent_of_raycast(reference: Scores) -> None:
     try:
-        scores = cube_scores(cube_data("pyrender"))
+        scores = cube_scores(cube_data("pyrender"), "paper")
     except st.BackendUnavailableError as error:
         pytest.skip(str(error))
     for figure, value in reference["paper"].items():
@@ -77,19 +81,26 @@ def test_working_points_of_each_pixel_are_never_worse_than_the_best_single_one(d
     """The best single one is the one that sees depth best; every score of it is met or improved."""
     recording, truth = data
 
-    def scores(**settings: object) -> dict[str, float]:
-        regions = st.score(st.estimate(recording, flow_working_point_px=(0, 0), **settings), truth).regions  # type: ignore[arg-type]
+    def estimated(working_point: int | Literal["per_pixel"]) -> xr.Dataset:
+        return st.estimate(recording, flow_working_point_px=(0, 0), working_point_px=working_point)
+
+    def scores(estimate: xr.Dataset) -> dict[str, float]:
         return {
             f"{quantity} {statistic}": float(value)
-            for quantity, values in regions["interior"].items()
+            for quantity, values in st.score(estimate, truth).regions["interior"].items()
             for statistic in ("rms", "median_abs")
             if (value := values.get(statistic)) is not None
         }
 
-    singles = {point: scores(working_point_px=point) for point in (35, 36, 37, 38, 39)}
-    best = min(singles, key=lambda point: singles[point]["depth rms"])
-    each = scores(working_point_px="per_pixel")
+    singles = {point: estimated(point) for point in (35, 36, 37, 38, 39)}
+    depth_rms = {
+        point: st.score(estimate[["depth", "kind_disparity"]], truth).regions["interior"]["depth"]["rms"] or np.inf
+        for point, estimate in singles.items()
+    }
+    best = min(depth_rms, key=lambda point: depth_rms[point])
     assert best == 37
+    single, each = scores(singles[best]), scores(estimated("per_pixel"))
+    assert single["depth rms"] == depth_rms[best]
     # The scores of one recording: their own rounding is all that may make them worse.
-    assert {name: value for name, value in each.items() if value > singles[best][name] * (1 + 1e-3)} == {}
-    assert each["velocity_z rms"] <= 0.5 * singles[best]["velocity_z rms"]
+    assert {name: value for name, value in each.items() if value > single[name] * (1 + 1e-3)} == {}
+    assert each["velocity_z rms"] <= 0.5 * single["velocity_z rms"]

@@ -131,7 +131,7 @@ def test_a_light_that_moves_into_an_object_is_refused() -> None:
 
 @given(offset=some.tuples(*[some.floats(-40, 40)] * 3))
 def test_inside_a_box_is_inside(offset: tuple[float, float, float]) -> None:
-    item = cube().to_plain()["objects"][0] | {"motion": []}
+    item = cube().to_plain()["objects"][0] | {"motion": [], "texture": {"kind": "uniform"}}
     place = Rotation.from_rotvec([np.deg2rad(20), 0, 0]) * Rotation.from_rotvec([0, np.deg2rad(45), 0])
     position = place.apply(offset) + CENTRE
     light = {**POINT, "position_mm": position.tolist()}

@@ -227,7 +227,8 @@ def test_objects_that_cannot_be_seen(position: list[float], message: str) -> Non
 
 
 def test_textures_finer_than_two_pixels_are_warned_of() -> None:
-    scene = with_object(texture={"kind": "noise", "wavelength_mm": [0.5, 4.0]})
+    texture = {"kind": "noise", "wavelength_mm": [0.5, 4.0]}
+    scene = with_object(texture=texture, mesh={"kind": "box", "size_mm": [12, 12, 12]})
     with pytest.warns(st.SceneWarning, match=r"'cube' has wavelengths down to 0\.8. px; finer than 2 px"):
         check_scene(scene, build_world(scene))
 

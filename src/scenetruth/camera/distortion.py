@@ -64,7 +64,8 @@ class Distortion(FrozenModel):
         numpy.ndarray
             Positions (x_d, y_d) in the image of the lens, in the same unit, shape (..., 2).
         """
-        return self._map(points)[0]
+        x, y = points[..., 0], points[..., 1]
+        return self._image(x, y, self._radial(x, y)[0])
 
     def jacobian(self, points: Array) -> Array:
         """Return the derivatives of `distort`.
@@ -79,7 +80,9 @@ class Distortion(FrozenModel):
         numpy.ndarray
             Shape (..., 2, 2): rows x_d and y_d, columns x and y.
         """
-        return self._map(points)[1]
+        x, y = points[..., 0], points[..., 1]
+        a, b, d = self._slopes(x, y, *self._radial(x, y))
+        return np.stack([np.stack([a, b], axis=-1), np.stack([b, d], axis=-1)], axis=-2)
 
     def undistort(self, points: Array) -> Array:
         """Find the inverse of `distort` by Newton's method.
@@ -106,19 +109,21 @@ class Distortion(FrozenModel):
         # The determinant must stay positive from the axis to the solution: else there are other solutions.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for share in _ON_THE_WAY:
-                turned = ~(_determinant(self.jacobian(share * found)) > 0)
-                found[turned] = np.nan
+                x, y = share * found[:, 0], share * found[:, 1]
+                a, b, d = self._slopes(x, y, *self._radial(x, y))
+                found[~(a * d - b * b > 0)] = np.nan
         return found
 
     def _solve(self, points: Array) -> Array:
         found = points.copy()
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for _ in range(_MOST_STEPS):
-                value, slope = self._map(found)
-                left = value - points
-                (a, b), (c, d) = np.moveaxis(slope, (-2, -1), (0, 1))
-                step = np.stack([d * left[..., 0] - b * left[..., 1], a * left[..., 1] - c * left[..., 0]], axis=-1)
-                step /= _determinant(slope)[..., None]
+                x, y = found[:, 0], found[:, 1]
+                radial, slope = self._radial(x, y)
+                left = self._image(x, y, radial) - points
+                a, b, d = self._slopes(x, y, radial, slope)
+                step = np.stack([d * left[:, 0] - b * left[:, 1], a * left[:, 1] - b * left[:, 0]], axis=-1)
+                step /= (a * d - b * b)[:, None]
                 found -= step
                 if not (np.abs(step) > _CONVERGED * (1 + np.abs(found))).any():
                     break
@@ -126,32 +131,32 @@ class Distortion(FrozenModel):
         found[away] = np.nan
         return found
 
-    def _map(self, points: Array) -> tuple[Array, Array]:
-        k1, k2, p1, p2, k3, k4, k5, k6 = self.coefficients
-        x, y = points[..., 0], points[..., 1]
+    def _radial(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return R and dR / d(r²)."""
         square = x * x + y * y
-        above, above_slope = _cubic(square, k1, k2, k3)
-        below, below_slope = _cubic(square, k4, k5, k6)
+        above, above_slope = _cubic(square, self.k1, self.k2, self.k3)
+        below, below_slope = _cubic(square, self.k4, self.k5, self.k6)
         radial = above / below
-        # dR / d(r²)
-        slope = (above_slope - radial * below_slope) / below
-        out = np.stack(
+        return radial, (above_slope - radial * below_slope) / below
+
+    def _image(self, x: Array, y: Array, radial: Array) -> Array:
+        square, p1, p2 = x * x + y * y, self.p1, self.p2
+        return np.stack(
             [
                 x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
                 y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
             ],
             axis=-1,
         )
-        derivative = np.empty((*square.shape, 2, 2))
-        derivative[..., 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-        derivative[..., 0, 1] = derivative[..., 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-        derivative[..., 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-        return out, derivative
 
-
-def _determinant(matrices: Array) -> Array:
-    """Return the determinants of 2 x 2 matrices, shape (..., 2, 2)."""
-    return np.asarray(matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0])
+    def _slopes(self, x: Array, y: Array, radial: Array, slope: Array) -> tuple[Array, Array, Array]:
+        """Return the derivatives of x_d along x, of either along the other, which are equal, and of y_d along y."""
+        p1, p2 = self.p1, self.p2
+        return (
+            radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x,
+            2 * x * y * slope + 2 * p1 * x + 2 * p2 * y,
+            radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x,
+        )
 
 
 def _cubic(square: Array, a: float, b: float, c: float) -> tuple[Any, Any]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE, SMOOTHING, gaussian_window, transfer
 from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
+from scenetruth.experiment.figure2.pattern import pattern_recording
 from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL
 from tests.estimators.structure_tensor.plain import estimate_plain, null_space_solutions
 from tests.scenes import plaid
@@ -162,10 +163,18 @@ def test_null_space_solution_of_more_dimensions_has_least_norm() -> None:
 
 
 def estimate_plaid(
-    wavelength: float, velocity: tuple[float, float, float], divergence: str = "paper", **changes: object
+    wavelength: float,
+    velocity: tuple[float, float, float],
+    divergence: str = "paper",
+    *,
+    baseline: float = 1.0,
+    phase_deg: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Array, Array, Array]:
     """Return depth, velocity and kind of eq. 13 at the reference frame, where they could be estimated."""
-    recording, _ = st.simulate(plaid(wavelength, velocity, **changes))
+    # Eq. 13 from its formula: `test_pattern_is_what_the_scene_renders` holds both together.
+    recording = pattern_recording(
+        wavelength, velocity=velocity, baseline=baseline, phase=tuple(np.deg2rad(phase_deg)), shape=(5, 9, 64, 64)
+    )
     estimate = st.estimate(recording, working_point_px=0, divergence=divergence).isel(t=0)
     inner = (slice(14, -14), slice(14, -14))
     return estimate["depth"].values[inner], estimate["velocity"].values[:, *inner], estimate["kind"].values[inner]
@@ -193,7 +202,7 @@ def test_translation_follows_the_exact_law_of_the_filters(wavelength: int, u_x: 
 
 @pytest.mark.parametrize("baseline", [0.25, 1.0, 4.0])
 def test_depth_follows_the_same_law(baseline: float) -> None:
-    depth, _, _ = estimate_plaid(8, (0.0, 0.0, 0.0), baseline_mm=baseline)
+    depth, _, _ = estimate_plaid(8, (0.0, 0.0, 0.0), baseline=baseline)
     k, shift = 2 * np.pi / 8, 0.1 * baseline
     (d_shift, s_shift), (d_k, s_k) = transfer(k * shift), transfer(k)
     assert np.median(100 / depth) == pytest.approx(d_shift * s_k / (d_k * s_shift * shift), abs=2e-6)

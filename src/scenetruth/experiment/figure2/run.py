@@ -91,18 +91,17 @@ def measure(condition: Condition, divergence: Literal["paper", "consistent"], ru
             divergence=divergence,
             tau=_PAPERS_TAU,
         )
-        centre = {"t": 0, "y": recording.sizes["y"] // 2, "x": recording.sizes["x"] // 2}
-        pixel = maps.isel(centre)
-        if int(pixel["kind"]) != KIND_FULL:
+        centre = (..., 0, recording.sizes["y"] // 2, recording.sizes["x"] // 2)
+        if maps["kind"].values[centre] != KIND_FULL:
             continue
-        depth = float(pixel["depth"])
+        depth = float(maps["depth"].values[centre])
         if quantity == "V_X":
             errors.append(abs(depth / REFERENCE_DEPTH - 1))
         elif quantity == "U_X":
-            flow = float(pixel["flow"].sel(image_component="x"))
+            flow = float(maps["flow"].values[centre][0])
             errors.append(abs(flow * REFERENCE_DEPTH / FOCAL_LENGTH_PX / value - 1))
         else:
-            divergence_rate = float(pixel["velocity"].sel(component="Z")) / depth
+            divergence_rate = float(maps["velocity"].values[centre][2]) / depth
             errors.append(abs(divergence_rate * REFERENCE_DEPTH / value - 1))
     found = np.array(errors) if errors else np.array([np.nan])
     return Result(

@@ -11,23 +11,23 @@ from numpy.typing import NDArray
 __all__ = ["draw_dots", "draw_veins", "inside", "net"]
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+@numba.njit(cache=True, nogil=True)
 def inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> Any:
     """Tell which points lie inside a closed polygon (even-odd rule), shape (n,) bool."""
-    count, corners = points.shape[0], polygon.shape[0]
-    out = np.empty(count, dtype=np.bool_)
-    for n in numba.prange(count):
-        x, y = points[n, 0], points[n, 1]
-        odd = False
-        for k in range(corners):
-            y0 = polygon[k, 1]
-            following = k + 1 if k + 1 < corners else 0
-            y1 = polygon[following, 1]
-            if (y0 > y) != (y1 > y):
-                x0, x1 = polygon[k, 0], polygon[following, 0]
-                if x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
-                    odd = not odd
-        out[n] = odd
+    corners = polygon.shape[0]
+    # In the order of y, an edge meets the rows of a run of points only.
+    order = np.argsort(points[:, 1])
+    x, y = points[order, 0], points[order, 1]
+    odd = np.zeros(len(order), dtype=np.bool_)
+    for k in range(corners):
+        following = k + 1 if k + 1 < corners else 0
+        x0, y0 = polygon[k, 0], polygon[k, 1]
+        x1, y1 = polygon[following, 0], polygon[following, 1]
+        for n in range(np.searchsorted(y, min(y0, y1)), np.searchsorted(y, max(y0, y1))):
+            if x[n] < x0 + (y[n] - y0) / (y1 - y0) * (x1 - x0):
+                odd[n] = not odd[n]
+    out = np.empty_like(odd)
+    out[order] = odd
     return out
 
 
