@@ -14,6 +14,7 @@ import scenetruth as st
 from scenetruth.estimators import threads
 from scenetruth.estimators.structure_tensor import run
 from scenetruth.estimators.structure_tensor.registration import CELL, Registration
+from scenetruth.estimators.structure_tensor.tiling import Rectangle
 from tests.estimators.structure_tensor.analytic import Plane
 
 
@@ -66,7 +67,7 @@ def test_what_could_not_be_tried_everywhere_is_not_chosen(
     items: list[tuple[int, NDArray[np.bool_], tuple[int, int, int, int]]], first_row: int, seed: int
 ) -> None:
     registrations = [Registration(n, (flow, 0), None, fits) for n, (flow, fits, _) in enumerate(items)]
-    areas = [area for *_, area in items]
+    areas = [Rectangle(*area) for *_, area in items]
     before = np.random.default_rng(seed).integers(-1, len(items), (2, 21, 55)).astype(np.int16)
     after = before.copy()
     run._forget_second_best(after, registrations, areas, first_row)

@@ -98,17 +98,28 @@ def _filters_at(task: Task, disparity: int) -> Filters:
     rig, settings = task.rig, task.settings
     # The divergence term counts x from each camera's own principal point.
     own = -disparity * (rig.positions - rig.centre_s)
-    over_s = np.array([task.over_s.smoothing, task.over_s.derivative, own * task.over_s.smoothing])
-    over_xy = np.array([PAPER.smoothing, PAPER.derivative, DERIVATIVE_MOMENT[::-1]])
-    over_xy = np.vstack([over_xy, over_xy[2] - 2 * over_xy[0]])
+    moment = DERIVATIVE_MOMENT[::-1]
     window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
     local = np.arange(len(window)) - len(window) // 2
+
+    def single(weights: NDArray[np.float64]) -> NDArray[np.float32]:
+        return np.ascontiguousarray(weights, dtype=np.float32)
+
     return Filters(
-        over_s=over_s.astype(np.float32),
-        over_t=np.array([task.over_t.smoothing, task.over_t.derivative], dtype=np.float32),
-        over_xy=over_xy.astype(np.float32),
-        window_t=rig.window_t.astype(np.float32),
-        window_xy=np.array([window, window * local, window * local**2, 2 * window * local], dtype=np.float32),
+        smoothing_s=single(task.over_s.smoothing),
+        derivative_s=single(task.over_s.derivative),
+        moment_s=single(own * task.over_s.smoothing),
+        smoothing_t=single(task.over_t.smoothing),
+        derivative_t=single(task.over_t.derivative),
+        smoothing=single(PAPER.smoothing),
+        derivative=single(PAPER.derivative),
+        moment=single(moment),
+        moment_less_smoothing=single(moment - 2 * PAPER.smoothing),
+        window_t=single(rig.window_t),
+        window=single(window),
+        window_moment=single(window * local),
+        window_second_moment=single(window * local**2),
+        window_twice_moment=single(2 * window * local),
         with_correction=settings.divergence == "consistent",
     )
 
@@ -157,7 +168,7 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
         else:
             best.clear()
         for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
-            inside = (max(area[0], top), min(area[1], bottom), area[2], area[3])
+            inside = Rectangle(max(area.top, top), min(area.bottom, bottom), area.left, area.right)
             tiles = tiles_of(inside, item.cells, thread_count())
             images = registered(task, item.disparity) if only is None else only
             run_kernel(part, item, Candidate(number, images, weight_t), tiles, best, top)
@@ -184,15 +195,15 @@ def _forget_second_best(
     flows = [item.flow for item in registrations]
     # Registrations by another flow have a view of their own.
     chosen = np.array([*map(flows.index, flows), -1], dtype=np.int16)[choice]
-    for item, (top, bottom, left, right) in zip(registrations, areas, strict=True):
+    for item, area in zip(registrations, areas, strict=True):
         if item.fits is None:
             continue
         fits = item.fits.repeat(CELL, axis=0)[first_row : first_row + rows].repeat(CELL, axis=1)[:, :columns]
-        top, bottom, every = max(top - first_row, 0), max(bottom - first_row, 0), slice(None)
-        if bottom > top and right > left:
+        top, bottom, every = max(area.top - first_row, 0), max(area.bottom - first_row, 0), slice(None)
+        if bottom > top and not area.is_empty:
             outside = [
-                (every, slice(left)),
-                (every, slice(right, None)),
+                (every, slice(area.left)),
+                (every, slice(area.right, None)),
                 (slice(top), every),
                 (slice(bottom, None), every),
             ]

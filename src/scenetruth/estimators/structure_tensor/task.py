@@ -133,7 +133,7 @@ def common_area(task: Task, registration: Registration) -> Rectangle:
     Returns
     -------
     Rectangle
-        First row and the one behind the last, then columns. Empty if the last is not behind the first.
+        The pixels; empty if the registered images do not overlap by filters and window.
     """
     height, width = task.images.shape[-2:]
     reach = REACH + task.settings.window_taps_px // 2
@@ -142,11 +142,11 @@ def common_area(task: Task, registration: Registration) -> Rectangle:
         columns_of_s(task.rig, registration.disparity), registration.flow[0] * np.array([-task.rig.before, after])
     )
     y = registration.flow[1] * np.array([-task.rig.before, after])
-    return (
-        max(0, -int(y.min())) + reach,
-        height - max(0, int(y.max())) - reach,
-        max(0, -int(x.min())) + reach,
-        width - max(0, int(x.max())) - reach,
+    return Rectangle(
+        top=max(0, -int(y.min())) + reach,
+        bottom=height - max(0, int(y.max())) - reach,
+        left=max(0, -int(x.min())) + reach,
+        right=width - max(0, int(x.max())) - reach,
     )
 
 
@@ -185,11 +185,11 @@ def check_common_view(task: Task, registrations: Sequence[Registration]) -> None
         If there is none.
     """
     areas = [common_area(task, item) for item in registrations]
-    if any(bottom > top and right > left for top, bottom, left, right in areas):
+    if not all(area.is_empty for area in areas):
         return
-    item = registrations[0]
+    item, area = registrations[0], areas[0]
     needed = 2 * REACH + task.settings.window_taps_px
-    rows, columns = (max(last - first + needed - 1, 0) for first, last in (areas[0][:2], areas[0][2:]))
+    rows, columns = (max(size + needed - 1, 0) for size in (area.bottom - area.top, area.right - area.left))
     message = f"images registered by {item.disparity} px per step"
     if item.flow != (0, 0):
         message += f" and {item.flow} px per frame"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,20 @@ from scenetruth.estimators.structure_tensor.registration import CELL
 
 __all__ = ["Rectangle", "tiles_of"]
 
-Rectangle = tuple[int, int, int, int]
-"""First and last + 1 row, then column."""
+
+class Rectangle(NamedTuple):
+    """A part of the image; ``bottom`` and ``right`` are the last row and column + 1."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no pixel in it: the last row or column does not come after the first."""
+        return self.bottom <= self.top or self.right <= self.left
+
 
 # A tile's rows share their border's work; all threads' tiles together may need 256 MB of scratch.
 _ROWS, _COLUMNS = 256, 512
@@ -39,14 +52,14 @@ def tiles_of(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> 
         First row and the one behind the last, then columns, of every tile, shape (n, 4), int64.
     """
     top, bottom, left, right = area
-    if bottom <= top or right <= left:
+    if area.is_empty:
         return np.empty((0, 4), dtype=np.int64)
     tiles: list[Rectangle] = []
     if cells is None:
         most = min(max(_ROWS_OF_ALL_THREADS // threads - _BORDER, 32), _ROWS)
         row_edges = _edges(top, bottom, max(threads, -(-(bottom - top) // most)))
         column_edges = _edges(left, right, -(-(right - left) // _COLUMNS))
-        tiles = [(*rows, *columns) for rows in pairwise(row_edges) for columns in pairwise(column_edges)]
+        tiles = [Rectangle(*rows, *columns) for rows in pairwise(row_edges) for columns in pairwise(column_edges)]
     else:
         for first in range(top - top % _LOW_ROWS, bottom, _LOW_ROWS):
             rows = max(first, top), min(first + _LOW_ROWS, bottom)
@@ -55,7 +68,7 @@ def tiles_of(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> 
                 columns = max(start, left), min(stop, right)
                 if columns[0] < columns[1]:
                     edges = _edges(*columns, -(-(columns[1] - columns[0]) // _COLUMNS))
-                    tiles += [(*rows, *part) for part in pairwise(edges)]
+                    tiles += [Rectangle(*rows, *part) for part in pairwise(edges)]
     return np.array(tiles, dtype=np.int64).reshape(-1, 4)
 
 

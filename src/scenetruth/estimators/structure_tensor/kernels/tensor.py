@@ -66,18 +66,39 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Filters(NamedTuple):
-    """Filters and windows, as correlation kernels."""
+    """Filters and windows, as correlation kernels, each one-dimensional.
 
-    over_s: NDArray[np.float32]
-    """S, D and the moment of S along s, scaled from the images' values to grey values, shape (3, s)."""
-    over_t: NDArray[np.float32]
-    """S and D along t, shape (2, m)."""
-    over_xy: NDArray[np.float32]
-    """S, D, the moment M of D, and M - 2 S along x and y, shape (4, 5)."""
+    The filters along s have as many values as there are cameras, and bring the images' values to grey values.
+    """
+
+    smoothing_s: NDArray[np.float32]
+    """S along s."""
+    derivative_s: NDArray[np.float32]
+    """D along s."""
+    moment_s: NDArray[np.float32]
+    """Moment of S along s: S times how far a camera's own principal point is from that of the reference."""
+    smoothing_t: NDArray[np.float32]
+    """S along t."""
+    derivative_t: NDArray[np.float32]
+    """D along t."""
+    smoothing: NDArray[np.float32]
+    """S along x and y."""
+    derivative: NDArray[np.float32]
+    """D along x and y."""
+    moment: NDArray[np.float32]
+    """M along x and y, the moment of D."""
+    moment_less_smoothing: NDArray[np.float32]
+    """M - 2 S along x and y."""
     window_t: NDArray[np.float32]
-    """Window along t, shape (k,)."""
-    window_xy: NDArray[np.float32]
-    """Windows w, w ξ, w ξ² and 2 w ξ along x and y, shape (4, n)."""
+    """Window along t."""
+    window: NDArray[np.float32]
+    """w, the window along x and y."""
+    window_moment: NDArray[np.float32]
+    """w ξ."""
+    window_second_moment: NDArray[np.float32]
+    """w ξ²."""
+    window_twice_moment: NDArray[np.float32]
+    """2 w ξ."""
     with_correction: bool
     """Whether to add the correction of the divergence term."""
 
@@ -159,7 +180,7 @@ def _add_rows(rows: Any, first: int, kernel: Any, out: Any) -> None:
 
 @_jit
 def _reduce_cameras(
-    view: Registered, channel: int, frame: int, corner: Any, over_s: Any, values: Any, out: Any
+    view: Registered, channel: int, frame: int, corner: Any, filters: Filters, values: Any, out: Any
 ) -> None:
     """Filter the registered images of a frame along s: with S, with D, and with the moment of S.
 
@@ -169,13 +190,14 @@ def _reduce_cameras(
     top, left = corner
     out[:] = 0.0
     for y in range(rows):
-        for s in range(over_s.shape[1]):
+        for s in range(filters.smoothing_s.shape[0]):
             start = left + view.columns_of_s[s]
             image = view.images[channel, s, frame, top + y, start : start + columns]
             for x in range(columns):
                 values[s, x] = np.float32(image[x])
-        for part in range(3):
-            _add_rows(values, 0, over_s[part], out[part, y])
+        _add_rows(values, 0, filters.smoothing_s, out[_SMOOTH, y])
+        _add_rows(values, 0, filters.derivative_s, out[_ALONG_S, y])
+        _add_rows(values, 0, filters.moment_s, out[_MOMENT_S, y])
 
 
 @_jit
@@ -198,14 +220,13 @@ def _derive(
         Output, shape (5, y, x).
     """
     frames, rows = ring.shape[0], ring.shape[2]
-    over_t = filters.over_t
-    smoothing, derivative, moment = filters.over_xy[0], filters.over_xy[1], filters.over_xy[2]
+    smoothing, derivative, moment = filters.smoothing, filters.derivative, filters.moment
     rows_x[:] = 0.0
     for y in range(rows):
         rows_t[:] = 0.0
         for k in range(frames):
             slot = (oldest + k) % frames
-            a, b = over_t[0, k], over_t[1, k]
+            a, b = filters.smoothing_t[k], filters.derivative_t[k]
             _add(ring[slot, _SMOOTH, y], a, rows_t[_T_SMOOTH])
             _add(ring[slot, _ALONG_S, y], a, rows_t[_T_ALONG_S])
             _add(ring[slot, _SMOOTH, y], b, rows_t[_T_ALONG_T])
@@ -231,7 +252,7 @@ def _derive(
         _add_rows(rows_x[_X_ALONG_S], y, smoothing, out[_G_S, y])
         _add_rows(rows_x[_X_ALONG_T], y, smoothing, out[_G_T, y])
         _add_rows(rows_x[_X_MOMENT], y, smoothing, out[_G_E, y])
-        _add_rows(rows_x[_X_SMOOTH], y, filters.over_xy[3], out[_G_E, y])
+        _add_rows(rows_x[_X_SMOOTH], y, filters.moment_less_smoothing, out[_G_E, y])
         if step[1] != 0.0:
             _add_rows(rows_x[_X_MOMENT_Y], y, derivative, out[_G_E, y])
 
@@ -272,13 +293,13 @@ def _accumulate_products(derivatives: Any, w: Any, with_correction: bool, y: int
 
 
 @_jit
-def _window_columns(products: Any, y: int, kernels: Any, with_correction: bool, out: Any) -> None:
+def _window_columns(products: Any, y: int, filters: Filters, out: Any) -> None:
     """Weigh the products along y: 15 rows, which the window w along x sums up to the tensor's entries.
 
-    ``kernels`` holds w, w η, w η² and 2 w η. The entries with z need sums with w ξ and w ξ² besides, which
-    `_window_row` takes of the rows made here.
+    The entries with z need sums with w ξ and w ξ² besides, which `_window_row` takes of the rows made here.
     """
-    w0, w1, w2, double = kernels[0], kernels[1], kernels[2], kernels[3]
+    w0, w1, w2 = filters.window, filters.window_moment, filters.window_second_moment
+    double = filters.window_twice_moment
     out[:] = 0.0
     _add_rows(products[_XX], y, w0, out[_J_XX])
     _add_rows(products[_XY], y, w0, out[_J_XY])
@@ -295,7 +316,7 @@ def _window_columns(products: Any, y: int, kernels: Any, with_correction: bool, 
     _add_rows(products[_SS], y, w0, out[_J_SS])
     _add_rows(products[_ST], y, w0, out[_J_ST])
     _add_rows(products[_TT], y, w0, out[_J_TT])
-    if with_correction:
+    if filters.with_correction:
         _add_rows(products[_XE], y, w0, out[_J_XZ])
         _add_rows(products[_YE], y, w0, out[_J_YZ])
         _add_rows(products[_YE], y, double, out[_J_ZZ])
@@ -305,9 +326,10 @@ def _window_columns(products: Any, y: int, kernels: Any, with_correction: bool, 
 
 
 @_jit
-def _window_row(rows: Any, kernels: Any, out: Any) -> None:
+def _window_row(rows: Any, filters: Filters, out: Any) -> None:
     """Weigh the gathered rows along x: one row of the tensor's entries."""
-    w0, w1, w2, double = kernels[0], kernels[1], kernels[2], kernels[3]
+    w0, w1, w2 = filters.window, filters.window_moment, filters.window_second_moment
+    double = filters.window_twice_moment
     out[:] = 0.0
     for entry in range(_ENTRIES):
         _add_shifted(rows[entry], w0, out[entry])
@@ -646,8 +668,8 @@ def estimate_tile(
     tile
         First and last + 1 row, then column, of the tile's output; shape (4,).
     """
-    taps_t, taps = filters.over_t.shape[1], filters.over_xy.shape[1]
-    frames_in_window, window = filters.window_t.shape[0], filters.window_xy.shape[1]
+    taps_t, taps = filters.smoothing_t.shape[0], filters.smoothing.shape[0]
+    frames_in_window, window = filters.window_t.shape[0], filters.window.shape[0]
     channels, cameras = view.images.shape[0], view.images.shape[1]
     reach = taps // 2 + window // 2
     speed = view.flow.astype(np.float32)
@@ -672,7 +694,7 @@ def estimate_tile(
         ahead = done - int(np.floor(view.centre_t))
         corner = top + ahead * view.flow[1], left + ahead * view.flow[0]
         for channel in range(channels):
-            _reduce_cameras(view, channel, t, corner, filters.over_s, values, ring[channel, slot])
+            _reduce_cameras(view, channel, t, corner, filters, values, ring[channel, slot])
         if done < taps_t - 1:
             continue
         made = (done - taps_t + 1) % frames_in_window
@@ -691,7 +713,7 @@ def estimate_tile(
                         derivatives[channel, at], filters.window_t[m], filters.with_correction, y, products[:, y]
                     )
         for y in range(rows):
-            _window_columns(products, y, filters.window_xy, filters.with_correction, gathered)
-            _window_row(gathered, filters.window_xy, entries)
+            _window_columns(products, y, filters, gathered)
+            _window_row(gathered, filters, entries)
             _solve_row(entries, criteria, found)
             _keep_better(found, criteria.candidate, best, first_frame + out, tile[0] - first_row + y, tile[2])
