@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-BLOCK_MATCHING = Path(__file__).parents[1] / "plugins" / "block_matching"
+PACKAGES = Path(__file__).parents[1] / "plugins"
 
 
 def offer(
@@ -29,9 +29,9 @@ def offer(
     monkeypatch.syspath_prepend(folder)
 
 
-def offer_block_matching(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Install the plug-in under ``tests/plugins``."""
-    project = tomllib.loads((BLOCK_MATCHING / "pyproject.toml").read_text())["project"]
+def offer_package(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Install one of the packages under ``tests/plugins``."""
+    project = tomllib.loads((PACKAGES / name / "pyproject.toml").read_text())["project"]
     points = project["entry-points"]["scenetruth.estimators"]
     offer(folder, monkeypatch, project["name"], points, version=project["version"])
-    monkeypatch.syspath_prepend(BLOCK_MATCHING)
+    monkeypatch.syspath_prepend(PACKAGES / name)

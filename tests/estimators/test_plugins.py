@@ -14,7 +14,7 @@ import scenetruth as st
 from scenetruth.estimators import find_method, method_entries
 from scenetruth.scene import Scene
 from tests.cli.calling import scenetruth
-from tests.estimators.plugins import offer, offer_block_matching
+from tests.estimators.plugins import offer, offer_package
 from tests.scenes import cube
 
 TINY = {"camera": {"width": 96, "height": 64, "focal_length_px": 900}, "frames": {"count": 2}}
@@ -41,7 +41,7 @@ def data() -> tuple[xr.Dataset, xr.Dataset]:
 def test_a_plug_in_estimates_and_is_scored_like_ours(
     data: tuple[xr.Dataset, xr.Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    offer_block_matching(tmp_path, monkeypatch)
+    offer_package("block_matching", tmp_path, monkeypatch)
     recording, truth = data
     estimate = st.estimate(recording, "block_matching", block_px=7, largest_disparity_px=20)
     assert json.loads(estimate.attrs["settings"]) == {"block_px": 7, "largest_disparity_px": 20}
@@ -52,7 +52,7 @@ def test_a_plug_in_estimates_and_is_scored_like_ours(
 
 
 def test_settings_of_a_plug_in_are_validated_and_in_the_schema(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    offer_block_matching(tmp_path, monkeypatch)
+    offer_package("block_matching", tmp_path, monkeypatch)
     with pytest.raises(
         st.SceneError, match=r"estimate\.block: unknown setting of 'block_matching'; did you mean 'block_"
     ):
@@ -67,7 +67,7 @@ def test_settings_of_a_plug_in_are_validated_and_in_the_schema(tmp_path: Path, m
 
 
 def test_the_command_line_lists_a_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    offer_block_matching(tmp_path, monkeypatch)
+    offer_package("block_matching", tmp_path, monkeypatch)
     done = scenetruth("methods", env={**os.environ, "COLUMNS": "150"})
     assert "block_matching" in done.stdout
     assert "block-matching 0.3" in done.stdout
