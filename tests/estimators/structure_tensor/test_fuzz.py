@@ -6,11 +6,15 @@ import contextlib
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as some
 
 import scenetruth as st
 from scenetruth.schema import KIND_NONE, check_dataset
+
+# Thresholds are too high on purpose, among others.
+pytestmark = pytest.mark.filterwarnings("ignore:tau:scenetruth.EstimateWarning")
 
 dtypes = some.sampled_from([np.uint8, np.uint16, np.int16, np.int32, np.float32, np.float64, ">u2", ">f4", bool])
 shapes = some.tuples(some.integers(1, 7), some.integers(1, 11), some.integers(1, 45), some.integers(1, 80))

@@ -66,3 +66,12 @@ def test_a_caller_who_makes_warnings_errors_gets_this_one() -> None:
         warnings.simplefilter("error")
         with pytest.raises(st.EstimateWarning):
             st.estimate(patterned(0.02), working_point_px=0)
+
+
+@pytest.mark.parametrize("value", [0, 7, 30000])
+def test_nothing_is_said_of_blanks_without_noise(value: int) -> None:
+    """What rounding leaves of a blank is no texture, whatever its eigenvalues' ratios."""
+    blank = st.make_recording(np.full((1, 3, 7, 7), value, np.uint16), 500.0, 5.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        st.estimate(blank, window_taps_px=3)

@@ -88,7 +88,7 @@ def estimate_structure_tensor(
     task, sigma = with_threshold(task, registrations)
     maps = run(task, registrations, progress)
     if settings.tau != "auto":
-        warn_of_high_threshold(maps, settings.tau)
+        warn_of_high_threshold(task, maps)
     frames, step = task.outputs, np.float32(grid.step_px)
     return label(
         "estimate",

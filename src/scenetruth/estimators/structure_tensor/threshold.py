@@ -61,7 +61,7 @@ def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[T
     return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
 
 
-def warn_of_high_threshold(maps: Maps, tau: float) -> None:
+def warn_of_high_threshold(task: Task, maps: Maps) -> None:
     """Warn if many pixels have texture that is clear of noise, but lies below the threshold τ.
 
     Such a pixel has its third eigenvalue below τ, and yet ten times the fourth: three dimensions of its structure
@@ -70,15 +70,18 @@ def warn_of_high_threshold(maps: Maps, tau: float) -> None:
 
     Parameters
     ----------
+    task
+        Images and settings, with a number for τ.
     maps
         The estimate.
-    tau
-        The threshold that it was made with.
     """
+    tau = float(task.settings.tau)
+    # As `with_threshold` would set it for images without noise.
+    least = _TAU_OVER_NOISE * _LEAST_NOISE**2 * task.noise.gradient
     tried = clear = 0
     for frame in range(maps.kind.shape[0]):
         first, third, fourth = (maps.eigenvalues[rank, frame] for rank in (0, 2, 3))
-        dim = (third <= tau) & (third > _CLEAR * fourth) & (third > _LEAST_SHARE * first)
+        dim = (third <= tau) & (third > _CLEAR * fourth) & (third > np.maximum(least, _LEAST_SHARE * first))
         clear += int((dim & (maps.kind[frame] < KIND_FULL)).sum())
         tried += int(np.isfinite(third).sum())
     if clear > _MANY * tried:
