@@ -65,6 +65,8 @@ def style() -> AbstractContextManager[None]:
         "font.size": 9,
         "axes.titlesize": 10,
         "axes.titlelocation": "left",
+        # Finding a place for titles takes a fifth of all the time; above the axes, nothing is in their way.
+        "axes.titley": 1.0,
         "axes.labelsize": 9,
         "axes.linewidth": 0.6,
         "xtick.labelsize": 8,

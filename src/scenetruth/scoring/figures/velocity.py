@@ -64,6 +64,8 @@ def draw_velocity_z(views: Views, folder: Path) -> FigureInfo:
 
 def draw_velocity_z_row(views: Views, folder: Path) -> FigureInfo:
     """Draw the velocity in Z along the marked row: the estimate, and the truth if there is one."""
+    from matplotlib import rc_context
+
     row = pick_row(views)
     title = f"Velocity in Z along row {views.grid.y[row]:g}, t = {views.frame}"
     lines = {what: values[row] for what, values in views.panels("velocity_z").items()}
@@ -74,7 +76,9 @@ def draw_velocity_z_row(views: Views, folder: Path) -> FigureInfo:
     outside = int(np.sum((estimate < low) | (estimate > high)))
 
     figure = new_figure(8.4, 3.4)
-    axes = figure.add_subplot(title=title)
+    # A power of ten, as of very low velocities, stands above the axes; the title must find a place above it.
+    with rc_context({"axes.titley": None}):
+        axes = figure.add_subplot(title=title)
     mixed = views.mixed[row]
     if mixed.any():
         axes.fill_between(
