@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE, SMOOTHING, gaussian_window, transfer
 from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
-from scenetruth.experiment.figure2.pattern import pattern_recording
+from scenetruth.experiment.figure2.pattern import pattern_images, pattern_recording
 from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL
 from tests.estimators.structure_tensor.plain import estimate_plain, null_space_solutions
 from tests.scenes import plaid
@@ -172,9 +172,11 @@ def estimate_plaid(
 ) -> tuple[Array, Array, Array]:
     """Return depth, velocity and kind of eq. 13 at the reference frame, where they could be estimated."""
     # Eq. 13 from its formula: `test_pattern_is_what_the_scene_renders` holds both together.
-    recording = pattern_recording(
-        wavelength, velocity=velocity, baseline=baseline, phase=tuple(np.deg2rad(phase_deg)), shape=(5, 9, 64, 64)
+    phase_x, phase_y = np.deg2rad(phase_deg)
+    images = pattern_images(
+        wavelength, velocity=velocity, baseline=baseline, phase=(phase_x, phase_y), shape=(5, 9, 64, 64)
     )
+    recording = pattern_recording(images, baseline)
     estimate = st.estimate(recording, working_point_px=0, divergence=divergence).isel(t=0)
     inner = (slice(14, -14), slice(14, -14))
     return estimate["depth"].values[inner], estimate["velocity"].values[:, *inner], estimate["kind"].values[inner]

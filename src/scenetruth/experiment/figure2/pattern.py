@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from scenetruth.schema import make_recording
 
-__all__ = ["FOCAL_LENGTH_PX", "REFERENCE_DEPTH", "pattern_recording"]
+__all__ = ["FOCAL_LENGTH_PX", "REFERENCE_DEPTH", "SHAPE", "pattern_images", "pattern_recording"]
 
 FOCAL_LENGTH_PX = 10.0
 """f of the paper's experiment."""
@@ -16,8 +16,11 @@ FOCAL_LENGTH_PX = 10.0
 REFERENCE_DEPTH = 100.0
 """Z_0 of the paper's experiment, in the units of V_X."""
 
+SHAPE = (5, 9, 29, 29)
+"""Cameras, frames, rows and columns that the filters and the window of one estimate need."""
 
-def pattern_recording(
+
+def pattern_images(
     wavelength_px: float,
     *,
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -25,9 +28,9 @@ def pattern_recording(
     phase: tuple[float, float] = (0.0, 0.0),
     noise_std: float = 0.0,
     generator: np.random.Generator | None = None,
-    shape: tuple[int, int, int, int] = (5, 9, 29, 29),
-) -> xr.Dataset:
-    """Make a recording of g = cos(K_X X) cos(K_Y Y) (paper eq. 13).
+    shape: tuple[int, int, int, int] = SHAPE,
+) -> NDArray[np.float64]:
+    """Make images of g = cos(K_X X) cos(K_Y Y) (paper eq. 13).
 
     X = x Z_t / f - U_X t + V_X s, Y = y Z_t / f - U_Y t and Z_t = Z_0 + U_Z t, with x and y from the image's centre and
     K_X = K_Y such that the wavelength in the image is ``wavelength_px`` at t = 0.
@@ -47,12 +50,12 @@ def pattern_recording(
     generator
         Source of the noise; needed if there is noise.
     shape
-        Cameras, frames, rows and columns; the default is what the filters and the window of one estimate need.
+        Cameras, frames, rows and columns.
 
     Returns
     -------
-    xarray.Dataset
-        A recording whose images (1 + g) / 2 + noise lead to the grey values g of the paper.
+    numpy.ndarray
+        Images (1 + g) / 2 + noise of that shape, which lead to the grey values g of the paper.
     """
     s, t, y, x = (
         (np.arange(size) - (size - 1) / 2 if axis > 1 else np.arange(size) - (size - 1) // 2).astype(np.float64)
@@ -68,5 +71,23 @@ def pattern_recording(
     if noise_std > 0:
         assert generator is not None
         grey = grey + noise_std * generator.standard_normal(shape)
+    return (grey + 1) / 2
+
+
+def pattern_recording(images: NDArray[np.float64], baseline: float = 1.0) -> xr.Dataset:
+    """Make a recording with the paper's camera.
+
+    Parameters
+    ----------
+    images
+        What `pattern_images` made, of one pattern, or of several side by side along x.
+    baseline
+        V_X per step of s.
+
+    Returns
+    -------
+    xarray.Dataset
+        The recording.
+    """
     # Noise may exceed full scale a little.
-    return make_recording((grey + 1) / 2, FOCAL_LENGTH_PX, baseline, full_scale=1.0)
+    return make_recording(images, FOCAL_LENGTH_PX, baseline, full_scale=1.0)
