@@ -27,7 +27,7 @@ lint: setup
 	$(PYTHON_BIN)/mypy
 
 test: lint
-	$(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4
+	$(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 bench: setup
 	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only

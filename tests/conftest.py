@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 from hypothesis import settings
@@ -13,3 +14,9 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 # Kernels are compiled at their first call, and machines are busy: how long an example takes says nothing.
 settings.register_profile("without_deadlines", deadline=None)
 settings.load_profile("without_deadlines")
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector, which pyrender calls for every renderer, pass over what importing has made."""
+    gc.collect()
+    gc.freeze()
