@@ -7,7 +7,18 @@ from functools import lru_cache
 from types import UnionType
 from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    model_validator,
+)
+from pydantic_core import CoreSchema
+
+from scenetruth.docstrings import field_docstrings
 
 __all__ = ["Direction", "Finite", "FrozenModel", "NonNegative", "Positive", "Vector3"]
 
@@ -42,13 +53,26 @@ class FrozenModel(BaseModel):
     Filter(sides='upper', cutoff_px='auto')
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     # It wraps the model, so that a model's own validators, which look up presets, find the words as they are declared.
     @model_validator(mode="wrap")
     @classmethod
     def _words_in_any_case(cls, given: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         return handler({**given, **_as_declared(cls, given)} if isinstance(given, dict) else given)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the JSON Schema with the docstrings of fields as their descriptions.
+
+        pydantic's own option for that reads the source of every model when it is imported, a second for a scene.
+        """
+        schema = handler(core_schema)
+        told = field_docstrings(cls)
+        for name, field in handler.resolve_ref_schema(schema).get("properties", {}).items():
+            if name in told:
+                field.setdefault("description", told[name])
+        return schema
 
 
 def _as_declared(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[str, str]:

@@ -52,7 +52,8 @@ def test_cube_against_the_analytic_box_for_every_camera_and_frame() -> None:
     for t in scene.frames.t:
         geometry = GeometryPass(world, topology, float(t))
         for x_mm in scene.stage.x_mm:
-            truth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(float(x_mm)), scene.stage.baseline_mm)
+            viewpoint = Viewpoint.on_axis(float(x_mm))
+            truth = truth_maps(geometry, scene.camera, viewpoint, scene.stage.baseline_mm, "standard")
             expected = analytic_box_depth(scene, float(x_mm), float(t))
             seen = np.isfinite(expected)
             different = np.isfinite(truth["depth"]) != seen

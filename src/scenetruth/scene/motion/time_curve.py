@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
-from scipy.interpolate import CubicSpline
 
 from scenetruth.kinds import kind_in_lower_case
 from scenetruth.model import Finite, FrozenModel, Positive
@@ -126,6 +125,9 @@ class SplineThrough:
     """
 
     def __init__(self, times: Any, values: Any) -> None:
+        # Half a second to import.
+        from scipy.interpolate import CubicSpline
+
         spline = CubicSpline(np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64))
         self._knots, self._coefficients = spline.x, spline.c
 

@@ -6,12 +6,11 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import field_validator
-from scipy.interpolate import CubicSpline
 
 from scenetruth.camera import Frames
 from scenetruth.errors import Problem, SceneError
@@ -25,6 +24,9 @@ from scenetruth.scene.motion import Points
 from scenetruth.scene.motion.time_curve import increasing
 from scenetruth.scene.surface.osculation import Osculation, osculate
 from scenetruth.scene.surface.start import osculating_jet
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["NodalModel", "NodalStart", "States", "TimedModel"]
 
@@ -172,6 +174,8 @@ class NodalStart:
 
     @cached_property
     def _spline(self) -> CubicSpline:
+        from scipy.interpolate import CubicSpline
+
         return CubicSpline(self.times_frames, self.states_mm, axis=0)
 
     def _orders(self, t: NDArray[np.floating[Any]]) -> Any:
