@@ -25,9 +25,9 @@ def field_docstrings(cls: type) -> dict[str, str]:
 
     Examples
     --------
-    >>> from scenetruth.settings import ScoreSettings
-    >>> field_docstrings(ScoreSettings)["interior_margin_px"][:8]
-    'Distance'
+    >>> from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
+    >>> field_docstrings(StructureTensorSettings)["window_sigma_frames"]
+    'Standard deviation of the Gaussian window B in t, in frames.'
     """
     found: dict[str, str] = {}
     for part in reversed(cls.__mro__):
