@@ -9,7 +9,18 @@ import pytest
 
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
-LEAVES = {"errors", "model", "settings", "indexing", "presets", "kinds", "files", "randomness", "progress", "docstrings"}
+LEAVES = {
+    "errors",
+    "model",
+    "settings",
+    "indexing",
+    "presets",
+    "kinds",
+    "files",
+    "randomness",
+    "progress",
+    "docstrings",
+}
 MAY_IMPORT = {
     "errors": set(),
     "docstrings": set(),
