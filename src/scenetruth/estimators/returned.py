@@ -14,15 +14,14 @@ __all__ = ["read_only", "returned_problems"]
 
 def read_only(recording: xr.Dataset) -> xr.Dataset:
     """Return the same recording, with arrays that cannot be written to and containers of its own."""
-
-    def guarded(variable: xr.DataArray) -> xr.Variable:
-        values = variable.values.view()
-        values.flags.writeable = False
-        return xr.Variable(variable.dims, values, dict(variable.attrs))
-
-    data = {str(name): guarded(item) for name, item in recording.data_vars.items()}
-    coordinates = {str(name): guarded(item) for name, item in recording.coords.items()}
-    return xr.Dataset(data, coordinates, dict(recording.attrs))
+    guarded = recording.copy(deep=False)
+    for name, variable in guarded.variables.items():
+        # Values of indexes cannot be written to in any case.
+        if name not in guarded.xindexes:
+            values = variable.values.view()
+            values.flags.writeable = False
+            variable.data = values
+    return guarded
 
 
 def returned_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str]) -> list[Problem]:
@@ -52,17 +51,18 @@ def returned_problems(found: object, recording: xr.Dataset, gives: AbstractSet[s
     for name, entry in VARIABLES["estimate"].items():
         if name not in found:
             continue
-        units = found[name].attrs.get("units")
+        variable = found.variables[name]
+        units = variable.attrs.get("units")
         if units != entry.units:
             problems.append(Problem(f"{name}.units", f"must be '{entry.units}'", units))
-        if name in _REAL and found[name].dtype.kind != "f":
-            problems.append(Problem(name, "must hold floats, NaN where nothing is known", str(found[name].dtype)))
+        if name in _REAL and variable.dtype.kind != "f":
+            problems.append(Problem(name, "must hold floats, NaN where nothing is known", str(variable.dtype)))
     for dim in ("t", "y", "x"):
         if dim not in found.coords or dim not in recording.coords:
             if dim not in found.coords:
                 problems.append(Problem(dim, "is missing; an estimate has the coordinates of its recording"))
             continue
-        extra = sorted(set(found[dim].values.tolist()) - set(recording[dim].values.tolist()))
+        extra = sorted(set(found.variables[dim].values.tolist()) - set(recording.variables[dim].values.tolist()))
         if extra:
             message = f"has {len(extra)} values that the recording has not"
             problems.append(Problem(dim, message, extra[:3]))

@@ -57,7 +57,7 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
     for name, entry in VARIABLES[kind].items():
         if name not in dataset:
             continue
-        dims = tuple(map(str, dataset[name].dims))
+        dims = tuple(map(str, dataset.variables[name].dims))
         if kind == "recording" and dims[-1:] == ("channel",):
             dims = dims[:-1]
         # A truth may be that of one camera or of all; a recording needs its cameras.
@@ -93,21 +93,21 @@ def _image_problems(dataset: xr.Dataset) -> list[Problem]:
         problems.append(Problem("attrs.full_scale", "must be a positive number", full_scale))
     if "image" not in dataset:
         return problems
+    image = dataset.variables["image"]
     problems += [
         Problem(name, "is missing; the images need this coordinate", sorted(map(str, dataset.coords)))
-        for name in ("s", "t", "stage_x_mm", *(("s_y", "stage_y_mm") if "s_y" in dataset["image"].dims else ()))
+        for name in ("s", "t", "stage_x_mm", *(("s_y", "stage_y_mm") if "s_y" in image.dims else ()))
         if name not in dataset.coords
     ]
-    image = dataset["image"]
     if image.dtype.kind not in "uif":
         problems.append(Problem("image", "must hold real numbers", str(image.dtype)))
     for name in ("s_y", "s", "t"):
         if name in dataset.coords and name in image.dims:
-            values = dataset[name].values
+            values = dataset.variables[name].values
             if 0 not in values or np.any(np.diff(values) != 1):
                 problems.append(Problem(name, "must be consecutive integers with 0 the reference", values.tolist()))
     for name in ("stage_x_mm", "stage_y_mm"):
-        if name in dataset.coords and not np.all(np.isfinite(dataset[name].values)):
+        if name in dataset.coords and not np.all(np.isfinite(dataset.variables[name].values)):
             problems.append(Problem(name, "must be finite", dataset[name].values.tolist()))
     return problems
 

@@ -94,9 +94,10 @@ def pixel_grid_problems(dataset: xr.Dataset) -> list[Problem]:
 def _values(dataset: xr.Dataset, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None:
     if name not in dataset.coords:
         return None
-    if dataset[name].dtype.kind not in "iuf":
+    values = dataset.variables[name].values
+    if values.dtype.kind not in "iuf":
         return np.full(1, np.nan)
-    return np.asarray(np.atleast_1d(dataset[name].values), dtype=np.float64)
+    return np.asarray(np.atleast_1d(values), dtype=np.float64)
 
 
 def _first(dataset: xr.Dataset, name: str) -> float:
