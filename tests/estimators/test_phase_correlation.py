@@ -22,7 +22,7 @@ def test_shifts_of_a_noise_pattern_are_found(shift: tuple[float, float]) -> None
     size = 96
     rng = np.random.default_rng(2)
     k_y, k_x = np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size), indexing="ij")
-    # No wavelength under 5 px; shifted exactly by its phases.
+    # Hardly any wavelength under 5 px; shifted exactly by its phases.
     spectrum = np.fft.fft2(rng.normal(size=(size, size))) * np.exp(-((np.hypot(k_x, k_y) / 0.1) ** 2))
     frames = [
         np.fft.ifft2(spectrum * np.exp(-2j * np.pi * t * (k_x * shift[0] + k_y * shift[1]))).real for t in (-1, 0, 1)

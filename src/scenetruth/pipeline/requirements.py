@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -14,9 +13,6 @@ from scenetruth.estimators import MethodChoice, choose, find_method, requirement
 from scenetruth.provenance import intrinsics_from
 from scenetruth.scene import Scene
 from scenetruth.schema import make_recording
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["method_choices", "run_problems"]
 

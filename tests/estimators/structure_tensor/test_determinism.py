@@ -10,7 +10,7 @@ from pathlib import Path
 CODE = """
 import hashlib, numpy as np, scenetruth as st
 images = np.random.default_rng(0).integers(0, 255, (5, 9, 64, 96), dtype=np.uint8)
-maps = st.estimate(st.make_recording(images, 500.0, 5.0), working_point_px=1, flow_working_point_px=(0, 0), tau=0.0)
+maps = st.estimate(st.make_recording(images, 500.0, 5.0), working_point_px=1, tau=0.0)
 print(hashlib.sha256(b"".join(maps[name].values.tobytes() for name in sorted(maps.data_vars))).hexdigest())
 """
 

@@ -43,6 +43,7 @@ def test_dim_images_are_said_to_need_a_lower_threshold() -> None:
 def test_the_warning_tells_how_many_pixels() -> None:
     with pytest.warns(st.EstimateWarning) as caught:
         st.estimate(patterned(0.02, share=0.5), working_point_px=0)
+    assert caught[0].filename == __file__
     told = float(str(caught[0].message).split(" for ")[1].split(" %")[0])
     # Half of what filters and window can reach; windows of 25 px smear the border.
     assert told == pytest.approx(50, abs=8)

@@ -25,8 +25,8 @@ class StructureTensorSettings(MethodSettings):
     """Length of that window in t, odd."""
     tau: NonNegative | Literal["auto"] = 0.0012
     """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1];
-    ``auto`` puts it just above what the images' noise makes. The paper's, 0.0012, leaves out dim
-    textures; ``auto`` lets ``model_violation`` mark slanted faces too."""
+    ``auto`` puts it just above what the images' noise makes. The paper's, 0.0012, leaves out dim textures, of which a
+    warning tells; with ``auto``, ``model_violation`` marks slanted faces too."""
     noise_std: Positive | Literal["auto"] = "auto"
     """Standard deviation σ_n of the images' noise, for grey values in [-1, 1], from which error bars follow; ``auto``
     takes it from what the model leaves unexplained around each pixel."""

@@ -30,6 +30,8 @@ _SAMPLES = 9
 _CLEAR, _LEAST_SHARE = 10.0, 1e-4
 # Share of pixels with such texture below τ from which on there is a warning.
 _MANY = 0.1
+# Frames of the call stack up to whoever called `scenetruth.estimate`, at whose line the warning points.
+_CALLER = 5
 
 
 def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[Task, float]:
@@ -89,7 +91,7 @@ def warn_of_high_threshold(task: Task, maps: Maps) -> None:
             f"tau: {tau:g} is too high for {100 * clear / tried:.0f} % of the pixels: their texture is clear of noise, "
             "but below this threshold, so that it counts as none; tau='auto' takes the threshold from the images' noise"
         )
-        warnings.warn(message, EstimateWarning, stacklevel=2)
+        warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
 
 
 def _sample(task: Task, registrations: Sequence[Registration]) -> tuple[float, float]:
