@@ -23,12 +23,12 @@ if TYPE_CHECKING:
         StoreError,
     )
     from scenetruth.estimators import estimate
-    from scenetruth.pipeline import RunFolder, run_scene
+    from scenetruth.pipeline import RunFolder, run_scene, verify_folder
     from scenetruth.scene import Scene, load_scene, scene_from_plain
     from scenetruth.schema import make_estimate, make_recording
     from scenetruth.scoring import Score, score, surface_growth, write_report
     from scenetruth.simulation import simulate
-    from scenetruth.storage import load, save
+    from scenetruth.storage import load, open_store, save
     from scenetruth.truth import make_truth, track_points
 
 __version__ = "0.1.0"
@@ -56,6 +56,7 @@ __all__ = [
     "make_estimate",
     "make_recording",
     "make_truth",
+    "open_store",
     "run_scene",
     "save",
     "scene_from_plain",
@@ -64,6 +65,7 @@ __all__ = [
     "surface_growth",
     "track_points",
     "two_point_correction",
+    "verify_folder",
     "write_report",
 ]
 
@@ -78,8 +80,10 @@ _HOMES = {
     "Score": "scoring",
     "score": "scoring",
     "load": "storage",
+    "open_store": "storage",
     "RunFolder": "pipeline",
     "run_scene": "pipeline",
+    "verify_folder": "pipeline",
     "save": "storage",
     "make_truth": "truth",
     "surface_growth": "scoring",

@@ -5,18 +5,30 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+from collections.abc import Mapping
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from scenetruth.camera import Schedule
+import numpy as np
+import xarray as xr
+
+from scenetruth.camera import Schedule, chain_of
 from scenetruth.files import input_files
 from scenetruth.randomness import generator_for
 from scenetruth.scene.spec import Scene
-from scenetruth.schema import Intrinsics, digest
+from scenetruth.schema import Intrinsics, blank_map, digest, label
 
-__all__ = ["content_hash", "intrinsics_from", "provenance_of", "recording_hash", "scene_hash", "schedule_of"]
+__all__ = [
+    "blank_recording",
+    "content_hash",
+    "intrinsics_from",
+    "provenance_of",
+    "recording_hash",
+    "scene_hash",
+    "schedule_of",
+]
 
 _PACKAGES = (
     "scenetruth",
@@ -45,7 +57,37 @@ def intrinsics_from(scene: Scene) -> Intrinsics:
     return Intrinsics(camera.focal_px, camera.principal_point, scene.stage.baseline_mm, scene.frames.frame_interval_s)
 
 
-def scene_hash(scene: Scene, folder: str | Path = "") -> str:
+def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, ideal: bool = False) -> xr.Dataset:
+    """Return the recording of a scene with images that take no memory: all of their pixels are one.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    attrs
+        What the recording's attributes tell besides the intrinsics and the sensor's full scale.
+    ideal
+        Whether there are linear images without noise too.
+    """
+    camera, stage, sensor = scene.camera, scene.stage, chain_of(scene.sensor)
+    rows = (stage.rows,) if stage.rows > 1 else ()
+    shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
+    arrays = {"image": blank_map(sensor.dtype, shape)}
+    if ideal:
+        arrays["ideal"] = blank_map(np.float32, shape)
+    return label(
+        "recording",
+        arrays,
+        intrinsics_from(scene),
+        t=scene.frames.t,
+        s=stage.s,
+        stage_x_mm=stage.x_mm,
+        stage_y_mm=stage.y_mm if rows else None,
+        attrs={"full_scale": float(sensor.full_scale), **(attrs or {})},
+    )
+
+
+def scene_hash(scene: Scene) -> str:
     """Return a hash of everything in a scene that images and truth depend on, 16 hexadecimal digits.
 
     How it is estimated, scored and described does not count. Files count by their content, not by their name or place.
@@ -53,9 +95,7 @@ def scene_hash(scene: Scene, folder: str | Path = "") -> str:
     Parameters
     ----------
     scene
-        The scene.
-    folder
-        Where relative paths of its files count from.
+        The scene; relative paths of its files count from the current folder.
     """
     plain = scene.to_plain()
     for where, file in input_files(scene):
@@ -63,7 +103,7 @@ def scene_hash(scene: Scene, folder: str | Path = "") -> str:
         *path, last = (int(key) if key.isdigit() else key for key in where.split("."))
         for key in path:
             place = place[key]
-        place[last] = content_hash(Path(folder) / file)
+        place[last] = content_hash(file)
     return digest({name: value for name, value in plain.items() if name not in _WITHOUT_EFFECT})
 
 
@@ -72,7 +112,7 @@ def recording_hash(scene_hash: str, backend: str) -> str:
     return digest([scene_hash, backend])
 
 
-def provenance_of(scene: Scene, folder: str | Path = "") -> dict[str, Any]:
+def provenance_of(scene: Scene) -> dict[str, Any]:
     """Return the attributes that tell where a data set is from."""
     versions = {"python": platform.python_version()}
     for name in _PACKAGES:
@@ -82,7 +122,7 @@ def provenance_of(scene: Scene, folder: str | Path = "") -> dict[str, Any]:
             continue
     return {
         "scene": json.dumps(scene.to_plain()),
-        "scene_hash": scene_hash(scene, folder),
+        "scene_hash": scene_hash(scene),
         "seed": scene.seed,
         "versions": json.dumps(versions),
     }

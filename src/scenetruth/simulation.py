@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from scenetruth.camera import LinearImage, chain_of
 from scenetruth.errors import SceneWarning
+from scenetruth.placing import write_aside
 from scenetruth.progress import Progress
-from scenetruth.provenance import provenance_of, recording_hash, schedule_of
+from scenetruth.provenance import blank_recording, provenance_of, recording_hash, schedule_of
 from scenetruth.randomness import generator_for
 from scenetruth.render import choose_renderer
 from scenetruth.scene.check import check_scene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.spec import Scene
-from scenetruth.scene.world import World, build_world
-from scenetruth.schema import VARIABLES, make_recording
-from scenetruth.truth import TruthMaps, TruthPoses, TruthViews, interior_warnings, truth_of_world
+from scenetruth.scene.world import build_world
+from scenetruth.schema import Filling, Put
+from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, open_store
+from scenetruth.truth import TruthChoice, TruthMaps, TruthPoses, TruthViews, blank_truth, fill_truth
 
-__all__ = ["simulate"]
+__all__ = ["simulate", "simulate_into"]
 
 
 def simulate(
@@ -34,7 +35,7 @@ def simulate(
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
     ideal: bool = False,
-    folder: str | Path = "",
+    folder: str | Path | None = None,
     progress: Progress | None = None,
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Render a scene as a camera on its stage would see it, and compute the exact truth.
@@ -55,7 +56,8 @@ def simulate(
     ideal
         Whether the recording also holds ``ideal``, the linear images without noise that the sensor was given.
     folder
-        Folder to which relative paths of mesh and image files in the scene refer.
+        A folder to be made for scene, recording and truth. Every image goes there as soon as it is rendered, so that
+        memory does not grow with their number. Without it, all is kept in memory.
     progress
         Called with (what, done, total) as the work goes on.
 
@@ -64,7 +66,7 @@ def simulate(
     tuple
         The recording, ``image`` (s, t, y, x) and perhaps ``ideal``, and the truth, maps (t, y, x) or (s, t, y, x).
         The recording holds the planned poses and times of the images, the truth the real ones. If the stage has rows,
-        ``s_y`` comes before ``s``.
+        ``s_y`` comes before ``s``. From a folder, images and maps are read when they are used (`open_store`).
 
     Raises
     ------
@@ -72,6 +74,8 @@ def simulate(
         If the scene cannot be made, or nothing of it can be seen.
     BackendUnavailableError
         If the scene names a render backend that does not run here.
+    StoreError
+        If the folder exists, or cannot be written.
 
     Warns
     -----
@@ -97,91 +101,131 @@ def simulate(
     >>> truth.depth.dims, truth.depth.sel(t=0)[15, 20].item(), truth.disparity.sel(t=0)[15, 20].item()
     (('t', 'y', 'x'), 100.0, 3.0)
     """
-    world = build_world(scene, Path(folder))
-    check_scene(scene, world)
-    provenance = provenance_of(scene, folder)
-    recording = _record(scene, world, provenance, progress, ideal=ideal)
-    # The truth belongs to these very images.
-    provenance["recording_hash"] = recording.attrs["recording_hash"]
-    truth = truth_of_world(scene, world, truth_views, truth_poses, truth_content, provenance, progress)
-    _warn_of_lost_interiors(scene, world, truth)
-    return recording, truth
+    choice = TruthChoice(truth_views, truth_poses, truth_content)
+    if folder is not None:
+        with write_aside(folder) as aside:
+            aside.mkdir()
+            simulate_into(aside, scene, choice, ideal=ideal, progress=progress)
+        place = Path(folder)
+        return open_store(place / RECORDING, "recording"), open_store(place / TRUTH, "truth")
+    work = _Work(scene, ideal=ideal, progress=progress)
+    with work.opened() as blank:
+        images = Filling(blank)
+        work.record(images.put)
+    maps = Filling(work.blank_truth(choice))
+    work.measure(choice, maps.put)
+    work.warn(stacklevel=3)
+    return images.dataset(), maps.dataset()
 
 
-def _record(
-    scene: Scene, world: World, provenance: dict[str, Any], progress: Progress | None, *, ideal: bool
-) -> xr.Dataset:
-    stage, frames, camera = scene.stage, scene.frames, scene.camera
-    sensor = chain_of(scene.sensor)
-    opened = sensor.open((camera.height, camera.width), partial(generator_for, scene.seed, "sensor"))
-    schedule = schedule_of(scene)
-    shape = (stage.rows, stage.positions, frames.count, camera.height, camera.width)
-    images: NDArray[Any] = np.empty(shape, dtype=sensor.dtype)
-    linear: NDArray[np.float32] | None = np.empty(shape, dtype=np.float32) if ideal else None
-    places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
-    total, done = len(places) * frames.count, 0
-    previous: LinearImage | None = None
-    brightest = 0.0
-    choice = choose_renderer(scene, world)
-    with choice.renderer as renderer:
+def simulate_into(
+    folder: Path, scene: Scene, choice: TruthChoice, *, ideal: bool = False, progress: Progress | None = None
+) -> tuple[str, str]:
+    """Render a scene and compute its truth into a folder that exists and is empty, image by image.
+
+    Parameters
+    ----------
+    folder
+        The folder; the scene, the recording and the truth go there.
+    scene, choice, ideal, progress
+        As of `simulate`.
+
+    Returns
+    -------
+    tuple of str
+        The backend that rendered, and why it is not the first choice (empty if it is).
+    """
+    import yaml
+
+    text = yaml.safe_dump(scene.to_plain(), sort_keys=False, allow_unicode=True)
+    (folder / SCENE).write_text(text, encoding="utf-8")
+    work = _Work(scene, ideal=ideal, progress=progress)
+    with work.opened() as blank, StoreWriter(folder / RECORDING, blank) as images:
+        work.record(images.put)
+    with StoreWriter(folder / TRUTH, work.blank_truth(choice)) as maps:
+        work.measure(choice, maps.put)
+    work.warn(stacklevel=3)
+    return blank.attrs["render_backend"], blank.attrs["render_fallback_reason"]
+
+
+class _Work:
+    """The work on one scene, whose images and maps go wherever they are put."""
+
+    def __init__(self, scene: Scene, *, ideal: bool, progress: Progress | None) -> None:
+        self.scene, self.ideal, self.progress = scene, ideal, progress
+        self.world = build_world(scene)
+        check_scene(scene, self.world)
+        self.provenance = provenance_of(scene)
+        self.warnings: list[str] = []
+
+    @contextmanager
+    def opened(self) -> Iterator[xr.Dataset]:
+        """Open the renderer, and give the recording with blank images."""
+        scene = self.scene
+        choice = choose_renderer(scene, self.world)
+        with choice.renderer as self.renderer:
+            # The truth belongs to these very images.
+            self.provenance["recording_hash"] = recording_hash(self.provenance["scene_hash"], self.renderer.name)
+            attrs = {
+                **self.provenance,
+                "render_backend": self.renderer.name,
+                "render_fallback_reason": choice.fallback_reason,
+            }
+            if scene.camera.distortion is not None:
+                attrs["distortion"] = list(scene.camera.distortion.coefficients)
+            yield blank_recording(scene, attrs, ideal=self.ideal)
+
+    def record(self, put: Put) -> None:
+        """Render all images, and read them out of the sensor."""
+        scene = self.scene
+        stage, frames, camera = scene.stage, scene.frames, scene.camera
+        sensor = chain_of(scene.sensor)
+        opened = sensor.open((camera.height, camera.width), partial(generator_for, scene.seed, "sensor"))
+        schedule = schedule_of(scene)
+        places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
+        total, done = len(places) * frames.count, 0
+        previous: LinearImage | None = None
+        brightest = 0.0
         for n, t in enumerate(frames.t.tolist()):
             # In the order of the scan: some sensors need the image before.
             for k, m, s_y, s in sorted(places, key=lambda place: stage.number_in_scan(place[3], t, place[2])):
-                if progress is not None:
-                    progress("render", done, total)
+                if self.progress is not None:
+                    self.progress("render", done, total)
                 moment = schedule.moment(s, t, s_y)
-                radiance = renderer.render(moment.t, moment.viewpoint)
+                radiance = self.renderer.render(moment.t, moment.viewpoint)
                 brightest = max(brightest, float(radiance.max()))
-                if linear is not None:
-                    linear[k, m, n] = radiance
+                at = {**({"s_y": k} if stage.rows > 1 else {}), "s": m, "t": n}
+                if self.ideal:
+                    put("ideal", at, radiance)
                 image = LinearImage(radiance, s_y, s, t)
-                images[k, m, n] = opened.read(image, previous)
+                put("image", at, opened.read(image, previous))
                 previous = image if sensor.remembers else None
                 done += 1
-    if progress is not None:
-        progress("render", total, total)
-    _warn_of_saturation(scene, brightest)
-    if stage.rows == 1:
-        images, linear = images[0], None if linear is None else linear[0]
-    recording = make_recording(
-        images,
-        camera.focal_px,
-        stage.baseline_mm,
-        camera.principal_point,
-        frames.frame_interval_s,
-        stage_x_mm=stage.x_mm,
-        stage_y_mm=stage.y_mm if stage.rows > 1 else None,
-        full_scale=sensor.full_scale,
-        attrs={
-            **provenance,
-            "recording_hash": recording_hash(provenance["scene_hash"], renderer.name),
-            "render_backend": renderer.name,
-            "render_fallback_reason": choice.fallback_reason,
-            **({} if camera.distortion is None else {"distortion": list(camera.distortion.coefficients)}),
-        },
-    )
-    if linear is not None:
-        entry = VARIABLES["recording"]["ideal"]
-        recording["ideal"] = (recording["image"].dims, linear, {"units": entry.units, "long_name": entry.long_name})
-    return recording
+        if self.progress is not None:
+            self.progress("render", total, total)
+        self.warnings += _saturation_warnings(scene, brightest)
+
+    def blank_truth(self, choice: TruthChoice) -> xr.Dataset:
+        """Give the truth with blank maps; after `opened`, whose recording it belongs to."""
+        return blank_truth(self.scene, choice, self.provenance)
+
+    def measure(self, choice: TruthChoice, put: Put) -> None:
+        """Compute the maps of the truth."""
+        self.warnings += fill_truth(self.scene, self.world, choice, put, self.progress)
+
+    def warn(self, stacklevel: int) -> None:
+        """Warn of what was found."""
+        for message in self.warnings:
+            warnings.warn(message, SceneWarning, stacklevel=stacklevel)
 
 
-def _warn_of_lost_interiors(scene: Scene, world: World, truth: xr.Dataset) -> None:
-    """Warn of objects of which the scores of the interior will say nothing."""
-    maps = truth[["object_id", "boundary_distance"]]
-    at = maps.sel({name: 0 for name in ("t", "s", "s_y") if name in maps["object_id"].dims})
-    margin = scene.score.interior_margin_px
-    for message in interior_warnings(world, at["object_id"].values, at["boundary_distance"].values, margin):
-        warnings.warn(message, SceneWarning, stacklevel=3)
-
-
-def _warn_of_saturation(scene: Scene, brightest: float) -> None:
-    """Warn if images of a scene with light of its own are brighter than the sensor can tell."""
+def _saturation_warnings(scene: Scene, brightest: float) -> list[str]:
+    """Return a warning if images of a scene with light of its own are brighter than the sensor can tell."""
     limit = chain_of(scene.sensor).saturation_radiance
     # What is exactly as bright as full scale may have been rounded up.
-    if scene.lighting != Lighting() and brightest > limit * (1 + 1e-6):
-        message = (
-            f"lighting: images reach a radiance of {brightest:.4g} where the sensor's full scale is {limit:.4g}; "
-            "reduce irradiance or ambient"
-        )
-        warnings.warn(message, SceneWarning, stacklevel=4)
+    if scene.lighting == Lighting() or brightest <= limit * (1 + 1e-6):
+        return []
+    return [
+        f"lighting: images reach a radiance of {brightest:.4g} where the sensor's full scale is {limit:.4g}; "
+        "reduce irradiance or ambient"
+    ]

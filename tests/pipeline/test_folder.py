@@ -1,10 +1,15 @@
+"""Names in the folder of a run, and what of it is ours."""
+
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 import scenetruth as st
+from scenetruth.pipeline.folder import claim_of, claim_run
+from scenetruth.placing import Claimed
 
 METHODS = ("structure_tensor", "opencv_flow", "mine:depth", "mine:flow")
 
@@ -25,3 +30,30 @@ def test_the_scenes_own_method_has_plain_names() -> None:
 def test_an_empty_folder_has_no_estimates(tmp_path: Path) -> None:
     with pytest.raises(st.StoreError, match=r"estimate\.zarr: no such store; make it with `scenetruth estimate`"):
         st.RunFolder(tmp_path).estimated()
+
+
+def test_only_our_own_files_of_a_run_are_claimed(finished: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(finished, run)
+    assert claim_run(run) == Claimed()
+    (run / "thesis.txt").write_text("all my work")
+    (run / "estimates.zarr").mkdir()
+    assert claim_run(run) == Claimed(foreign=("estimates.zarr", "thesis.txt"))
+    (run / "figures" / "mine.png").write_bytes(b"\x89PNG drawn elsewhere")
+    assert "did not write (figures)" in claim_run(run).refusal
+    (run / "figures" / "mine.png").unlink()
+    (run / "truth.zarr" / "notes.txt").write_text("mine")
+    assert "did not write (truth.zarr)" in claim_run(run).refusal
+    for other in (tmp_path, run / "thesis.txt", run / "figures"):
+        assert claim_run(other).refusal
+
+
+def test_images_as_files_are_ours_by_their_names(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    for name in ("s+0_t-12.png", "r-1_s+0_t+3.tiff"):
+        (tmp_path / "images" / name).touch()
+    assert claim_of(tmp_path / "images") == Claimed()
+    (tmp_path / "images" / "s0.png").touch()
+    claimed = claim_of(tmp_path / "images")
+    assert claimed is not None
+    assert claimed.refusal

@@ -12,18 +12,8 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.estimators import Method, registry
 from scenetruth.pipeline import Runner, run_scene
+from tests.pipeline.conftest import SMALL
 from tests.scenes import cube
-
-SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "estimate": {"working_point_px": 6}}
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / "one"
-    results = run_scene(cube(**SMALL), folder, methods=("structure_tensor", "opencv_flow"))
-    assert not results.failures
-    assert set(results.scores) == {"structure_tensor", "opencv_flow"}
-    return folder
 
 
 def names(folder: Path) -> set[str]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene import Scene, scene_from_plain
 from scenetruth.scene.world import build_world
-from scenetruth.truth import make_truth, truth_of_world
+from scenetruth.truth import TruthChoice, make_truth, truth_of_world
 from tests.scenes import cube
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def check_against_force(scene: Scene) -> dict[str, int]:
     """Compare `visible` and the occlusion masks of a scene, on an ideal stage, with brute force; return counts."""
     world = build_world(scene)
     # One world for both: plants take seconds to build.
-    truth = truth_of_world(scene, world, "reference", "real", "standard", {})
+    truth = truth_of_world(scene, world, TruthChoice(), {})
     size = (scene.camera.height, scene.camera.width)
     counts = {"points": 0, "hidden": 0, "different": 0, "unsure": 0}
     vertices = {int(t): world.at(float(t)).vertices_mm for t in scene.frames.t}

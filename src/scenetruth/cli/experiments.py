@@ -52,9 +52,9 @@ def figure2(
     """Draw the paper's figure 2: errors of U_X, U_Z and Z over their size."""
     from scenetruth.cli.console import reporting
     from scenetruth.experiment import run_figure2
-    from scenetruth.storage import write_aside
+    from scenetruth.placing import claim_folder, write_aside
 
-    with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
+    with write_aside(output, overwrite=overwrite, claim=claim_folder("figure2.csv")) as folder, reporting() as report:
         run_figure2(folder, divergence=divergence.value, runs=runs, progress=report)
     typer.echo(f"written: {output / 'figure2.csv'}, {output / 'figure2.png'}")
 
@@ -70,9 +70,12 @@ def emva(
     """Measure sensor presets as EMVA 1288 does: gain, noise, fixed patterns, saturation, linearity."""
     from scenetruth.cli.console import reporting
     from scenetruth.experiment import run_emva
-    from scenetruth.storage import write_aside
+    from scenetruth.placing import claim_folder, write_aside
 
-    with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
+    with (
+        write_aside(output, overwrite=overwrite, claim=claim_folder("emva.csv", "emva_levels.csv")) as folder,
+        reporting() as report,
+    ):
         results = run_emva(folder, preset or (), progress=report)
     for one in results:
         typer.echo(f"{one.sensor:16} {one.quantity:22} {one.told:10.5g} {one.measured:10.5g} {100 * one.error:+8.3f} %")
@@ -87,9 +90,12 @@ def fidelity(
     """Measure how true the renderers are to the exact pixel integral, at sub-pixel shifts."""
     from scenetruth.cli.console import reporting
     from scenetruth.experiment import run_fidelity
-    from scenetruth.storage import write_aside
+    from scenetruth.placing import claim_folder, write_aside
 
-    with write_aside(output, overwrite=overwrite) as folder, reporting() as report:
+    with (
+        write_aside(output, overwrite=overwrite, claim=claim_folder("fidelity.csv", "fidelity.json")) as folder,
+        reporting() as report,
+    ):
         results, reason = run_fidelity(folder, platform=platform.value, progress=report)
     _print_fidelity(results)
     if reason:

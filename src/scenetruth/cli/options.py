@@ -20,6 +20,7 @@ __all__ = [
     "Overrides",
     "Overwrite",
     "Poses",
+    "Results",
     "SceneFile",
     "Truth",
     "TruthContent",
@@ -57,6 +58,9 @@ class TruthContent(StrEnum):
 
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).", show_default=False)]
+Results = Annotated[
+    Path, typer.Argument(metavar="FOLDER", help="Folder of a run, or a store in it.", show_default=False)
+]
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with the stores of a run.", show_default=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Folder to make.", show_default=False)]
 Overrides = Annotated[

@@ -1,4 +1,4 @@
-"""The commands that make results: run, render, estimate, score, report."""
+"""The commands that make results, and that look after them: run, render, estimate, score, report, verify."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
-    for command in (run, render, estimate, score, report):
+    for command in (run, render, estimate, score, report, verify):
         app.command()(command)
 
 
@@ -110,8 +110,7 @@ def estimate(
     """Estimate depth and motion from FOLDER/recording.zarr."""
     from scenetruth.cli.console import reporting
 
-    with reporting() as reporter:
-        runner = _runner(folder, overwrite, False, reporter)
+    with reporting() as reporter, _runner(folder, overwrite, False, reporter) as runner:
         names: list[str | None] = [*methods] if methods else [None]
         choices = [runner.choice(name, overrides or ()) for name in names]
         for choice in choices:
@@ -139,8 +138,7 @@ def score(
     """Score every estimate in FOLDER against FOLDER/truth.zarr."""
     from scenetruth.cli.console import reporting
 
-    with reporting() as reporter:
-        runner = _runner(folder, overwrite, allow_mismatch, reporter)
+    with reporting() as reporter, _runner(folder, overwrite, allow_mismatch, reporter) as runner:
         names = methods or runner.folder.estimated()
         settings = runner.score_settings(overrides or ())
         for method in names:
@@ -163,8 +161,7 @@ def report(
     """Draw the pictures and the report of every estimate in FOLDER; without a truth, those that need none."""
     from scenetruth.cli.console import reporting
 
-    with reporting() as reporter:
-        runner = _runner(folder, overwrite, allow_mismatch, reporter)
+    with reporting() as reporter, _runner(folder, overwrite, allow_mismatch, reporter) as runner:
         names = methods or runner.folder.estimated()
         for method in names:
             with runner.keeping_failures(method):
@@ -173,6 +170,21 @@ def report(
         if method not in runner.failures:
             typer.echo(f"written: {runner.folder.of(method).report}")
     _raise_failures(runner.results())
+
+
+def verify(folder: options.Results) -> None:
+    """Check that the results in FOLDER are as they were written, to the last byte of their data."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.errors import StoreError
+    from scenetruth.pipeline import verify_folder
+
+    with reporting() as reporter:
+        verdicts = verify_folder(folder, progress=reporter)
+    for verdict in verdicts:
+        typer.echo(f"{verdict.path}: {verdict.problem or 'whole'}", err=bool(verdict.problem))
+    damaged = {verdict.path for verdict in verdicts if verdict.problem}
+    if damaged:
+        raise StoreError(folder, f"{len(damaged)} of its results cannot be trusted; make them again")
 
 
 def _runner(folder: Path, overwrite: bool, allow_mismatch: bool, reporter: Reporter) -> Runner:

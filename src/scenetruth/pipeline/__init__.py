@@ -4,6 +4,7 @@ from scenetruth.pipeline.folder import MethodFiles, RunFolder
 from scenetruth.pipeline.requirements import method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
 from scenetruth.pipeline.scene_run import STAGES, Stage, run_scene
+from scenetruth.pipeline.verifying import Verdict, verify_folder
 
 __all__ = [
     "STAGES",
@@ -12,7 +13,9 @@ __all__ = [
     "RunResults",
     "Runner",
     "Stage",
+    "Verdict",
     "method_choices",
     "run_problems",
     "run_scene",
+    "verify_folder",
 ]

@@ -12,8 +12,10 @@ from typing import Any
 
 from scenetruth.errors import StoreError
 from scenetruth.estimators.registry import DEFAULT_METHOD
+from scenetruth.placing import Claim, Claimed, claim_file, claim_pictures, holds
+from scenetruth.storage import RECORDING, SCENE, TRUTH, claim_store, is_image_name, is_store
 
-__all__ = ["MethodFiles", "RunFolder"]
+__all__ = ["MethodFiles", "RunFolder", "claim_of", "claim_run"]
 
 
 @dataclass(frozen=True)
@@ -73,17 +75,17 @@ class RunFolder:
     @property
     def scene(self) -> Path:
         """The scene with all defaults and overrides."""
-        return self.path / "scene.yaml"
+        return self.path / SCENE
 
     @property
     def recording(self) -> Path:
         """The recording."""
-        return self.path / "recording.zarr"
+        return self.path / RECORDING
 
     @property
     def truth(self) -> Path:
         """The truth; real images have none."""
-        return self.path / "truth.zarr"
+        return self.path / TRUTH
 
     @property
     def images(self) -> Path:
@@ -139,3 +141,33 @@ class RunFolder:
             return json.loads(attrs["scene"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
+
+
+_METHOD = r"(\.[\w-]+)?"
+_CLAIMS: tuple[tuple[re.Pattern[str], Claim], ...] = (
+    (re.compile(rf"{re.escape(SCENE)}|score{_METHOD}\.(json|csv)|report{_METHOD}\.html"), claim_file),
+    (re.compile(rf"{re.escape(RECORDING)}|{re.escape(TRUTH)}|estimate{_METHOD}\.zarr"), claim_store),
+    (re.compile(rf"figures{_METHOD}"), claim_pictures),
+    (re.compile("images"), lambda path: claim_pictures(path, is_image_name)),
+)
+
+
+def claim_of(path: Path) -> Claimed | None:
+    """Claim what has a name of ours in the folder of a run; None if the name is none of ours."""
+    for names, claim in _CLAIMS:
+        if names.fullmatch(path.name):
+            return claim(path)
+    return None
+
+
+def claim_run(path: Path) -> Claimed:
+    """Claim the folder of a run; what has other names in it is foreign and stays."""
+    if not path.is_dir():
+        return Claimed("is a file, and not the folder of a run")
+    if not is_store(path / RECORDING):
+        return Claimed("is a folder that scenetruth did not write")
+    claims = {entry.name: claim_of(entry) for entry in path.iterdir()}
+    spoilt = [name for name, claimed in claims.items() if claimed is not None and claimed.refusal]
+    if spoilt:
+        return Claimed(holds(spoilt))
+    return Claimed(foreign=tuple(sorted(name for name, claimed in claims.items() if claimed is None)))

@@ -5,29 +5,30 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import xarray as xr
 
-from scenetruth.errors import MismatchError, OutputExistsError, Problem, SceneError, ScenetruthError, StoreError
+from scenetruth.errors import MismatchError, Problem, SceneError, ScenetruthError, StoreError
 from scenetruth.estimators import MethodChoice, choose, estimate
-from scenetruth.pipeline.folder import RunFolder
+from scenetruth.pipeline.folder import RunFolder, claim_of, claim_run
+from scenetruth.placing import Claimed, check_output, claim_pictures, hold, sweep_inside, write_aside
 from scenetruth.progress import Progress
 from scenetruth.provenance import scene_hash
 from scenetruth.scene import Scene
 from scenetruth.scene.load import apply_overrides
 from scenetruth.schema import check_same_run, identity_of, scene_of
-from scenetruth.storage import load, save, write_aside, write_images
+from scenetruth.storage import load, open_store, save, write_images
 
 if TYPE_CHECKING:
     from scenetruth.scoring import Score
     from scenetruth.settings import ScoreSettings
-    from scenetruth.truth import TruthMaps, TruthPoses, TruthViews
+    from scenetruth.truth import TruthChoice
 
 __all__ = ["RunResults", "Runner"]
 
@@ -88,15 +89,28 @@ class Runner:
         self.timings_s: dict[str, float] = {}
         self._estimates: dict[str, xr.Dataset] = {}
 
+    def __enter__(self) -> Self:
+        """Keep other runs away from the folder, and put away what dead ones have left; until the block ends."""
+        self._held = ExitStack()
+        self._held.enter_context(hold(self.folder.path, claim_run))
+        if self.folder.path.is_dir():
+            sweep_inside(self.folder.path, _claim)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._held.__exit__(kind, error, trace)
+
     @cached_property
     def recording(self) -> xr.Dataset:
         """The recording."""
-        return load(self.folder.recording, "recording")
+        return open_store(self.folder.recording, "recording")
 
     @cached_property
     def truth(self) -> xr.Dataset | None:
         """The truth; None if there is none."""
-        return load(self.folder.truth, "truth") if self.folder.truth.exists() else None
+        return open_store(self.folder.truth, "truth") if self.folder.truth.exists() else None
 
     def results(self) -> RunResults:
         """Return what has been made."""
@@ -113,40 +127,24 @@ class Runner:
     def render(
         self,
         scene: Scene,
-        truth_views: TruthViews = "reference",
-        truth_poses: TruthPoses = "real",
-        truth_content: TruthMaps = "standard",
+        truth: TruthChoice,
         *,
         ideal: bool = False,
         images: Literal["png", "tiff"] | None = None,
     ) -> None:
         """Make recording and truth of a scene; the folder appears with both, or not at all."""
-        import yaml
+        from scenetruth.simulation import simulate_into
 
-        from scenetruth.simulation import simulate
-
-        with write_aside(self.folder.path, overwrite=self.overwrite) as aside:
+        with write_aside(self.folder.path, overwrite=self.overwrite, claim=claim_run) as aside:
+            aside.mkdir()
             with self._timed("simulate"):
-                recording, truth = simulate(
-                    scene,
-                    truth_views=truth_views,
-                    truth_poses=truth_poses,
-                    truth_content=truth_content,
-                    ideal=ideal,
-                    progress=self.progress,
-                )
-            backend, reason = recording.attrs["render_backend"], recording.attrs["render_fallback_reason"]
+                backend, reason = simulate_into(aside, scene, truth, ideal=ideal, progress=self.progress)
             self._say(f"rendered with {backend}" + (f": {reason}" if reason else ""))
-            with self._timed("save"):
-                aside.mkdir(parents=True)
-                files = RunFolder(aside)
-                text = yaml.safe_dump(scene.to_plain(), sort_keys=False, allow_unicode=True)
-                files.scene.write_text(text, encoding="utf-8")
-                save(recording, files.recording)
-                save(truth, files.truth)
-                if images is not None:
-                    write_images(recording, files.images, images)
-        self.recording, self.truth = recording, truth
+            files = RunFolder(aside)
+            if images is not None:
+                with self._timed("images"):
+                    write_images(open_store(files.recording, "recording"), files.images, images)
+        self._forget()
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse a folder whose recording was made from another scene."""
@@ -255,11 +253,17 @@ class Runner:
             if made_of is not None and now is not None and made_of != now:
                 message = f"belongs to another estimate than {files.estimate}: {made_of}, not {now}; score again"
                 raise MismatchError([Problem(str(files.score_json), message)])
-        with TemporaryDirectory(prefix=".report-", dir=self.folder.path) as made:
-            write_report(self.recording, estimated, truth, scored, Path(made), progress=self.progress, check=False)
-            for name, target in (("figures", files.figures), ("report.html", files.report)):
-                with write_aside(target, overwrite=self.overwrite) as place:
-                    Path(made, name).rename(place)
+        with (
+            write_aside(files.report, overwrite=self.overwrite) as page,
+            write_aside(files.figures, overwrite=self.overwrite, claim=claim_pictures) as figures,
+        ):
+            # In the one folder that is swept if this process dies.
+            figures.mkdir()
+            write_report(self.recording, estimated, truth, scored, figures, progress=self.progress, check=False)
+            (figures / "report.html").rename(page)
+            for picture in (figures / "figures").iterdir():
+                picture.rename(figures / picture.name)
+            (figures / "figures").rmdir()
 
     def _estimate_of(self, method: str) -> xr.Dataset:
         if method not in self._estimates:
@@ -279,8 +283,14 @@ class Runner:
 
     def _refuse_existing(self, *targets: Path) -> None:
         for target in targets:
-            if target.exists() and not self.overwrite:
-                raise OutputExistsError(target, "exists already; say --overwrite to replace it")
+            check_output(target, overwrite=self.overwrite, claim=_claim)
+
+    def _forget(self) -> None:
+        """Forget what was read from the folder before."""
+        for name in ("recording", "truth"):
+            self.__dict__.pop(name, None)
+        self._estimates.clear()
+        self.scores.clear()
 
     @contextmanager
     def _timed(self, what: str) -> Iterator[None]:
@@ -291,6 +301,10 @@ class Runner:
     def _say(self, text: str) -> None:
         if self.notice is not None:
             self.notice(text)
+
+
+def _claim(path: Path) -> Claimed:
+    return claim_of(path) or Claimed("has no name that scenetruth gives")
 
 
 def _refuse_fixed(overrides: Sequence[str], section: str) -> None:

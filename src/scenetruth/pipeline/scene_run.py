@@ -106,6 +106,8 @@ def run_scene(
     >>> error["count"] > 50, error["relative_rms"] < 0.02, results.failures
     (True, True, {})
     """
+    from scenetruth.truth import TruthChoice
+
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:
         raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
@@ -116,17 +118,18 @@ def run_scene(
         problems = run_problems(scene, choices)
         if problems:
             raise SceneError(problems)
-    runner = Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice)
-    if "render" in stages:
-        runner.render(scene, truth_views, truth_poses, truth_content, ideal=ideal, images=images)
-    else:
-        runner.check_scene(scene)
-    for choice in choices:
-        with runner.keeping_failures(choice.method):
-            if "estimate" in stages:
-                runner.estimate(choice)
-            if "score" in stages:
-                runner.score(choice.method, scene.score)
-            if "report" in stages:
-                runner.report(choice.method)
+    truth = TruthChoice(truth_views, truth_poses, truth_content)
+    with Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice) as runner:
+        if "render" in stages:
+            runner.render(scene, truth, ideal=ideal, images=images)
+        else:
+            runner.check_scene(scene)
+        for choice in choices:
+            with runner.keeping_failures(choice.method):
+                if "estimate" in stages:
+                    runner.estimate(choice)
+                if "score" in stages:
+                    runner.score(choice.method, scene.score)
+                if "report" in stages:
+                    runner.report(choice.method)
     return runner.results()

@@ -3,11 +3,13 @@
 from scenetruth.schema.attributes import Intrinsics, intrinsics_of, object_names_of, scene_of
 from scenetruth.schema.checking import check_dataset
 from scenetruth.schema.estimate import make_estimate
+from scenetruth.schema.filling import Filling, Put, blank_map
 from scenetruth.schema.identity import check_same_run, digest, estimate_hash, identity_of
 from scenetruth.schema.labelling import label
 from scenetruth.schema.pixels import PixelGrid, pixel_grid_of
 from scenetruth.schema.recording import image_to_grey, make_recording
 from scenetruth.schema.variables import (
+    COMPONENTS,
     FORMAT_VERSION,
     KIND_FULL,
     KIND_NONE,
@@ -18,15 +20,19 @@ from scenetruth.schema.variables import (
 )
 
 __all__ = [
+    "COMPONENTS",
     "FORMAT_VERSION",
     "KIND_FULL",
     "KIND_NONE",
     "KIND_NORMAL",
     "NO_SURFACE",
     "VARIABLES",
+    "Filling",
     "Intrinsics",
     "PixelGrid",
+    "Put",
     "Variable",
+    "blank_map",
     "check_dataset",
     "check_same_run",
     "digest",

@@ -20,7 +20,7 @@ __all__ = [
     "Variable",
 ]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 """Version of the data sets' layout, kept in their attribute ``format_version``."""
 
 NO_SURFACE = -1

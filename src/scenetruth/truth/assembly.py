@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.camera import Moment, Schedule
+from scenetruth.camera import Moment, Schedule, Stage
 from scenetruth.progress import Progress
 from scenetruth.provenance import intrinsics_from, provenance_of, schedule_of
 from scenetruth.raycast import Topology
 from scenetruth.scene.check import check_scene
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World, build_world
-from scenetruth.schema import VARIABLES, label
-from scenetruth.truth.following import PixelPoints, follow_points
-from scenetruth.truth.maps import GeometryPass, TruthMaps, truth_maps
+from scenetruth.schema import COMPONENTS, VARIABLES, Filling, Put, blank_map, label
+from scenetruth.truth.following import Follower, PixelPoints
+from scenetruth.truth.interior import interior_warnings
+from scenetruth.truth.maps import Geometries, TruthMaps, truth_maps
+from scenetruth.truth.names import DTYPES, FOLLOWED, FURTHER, MOVED, STANDARD
 from scenetruth.truth.rolling import truth_by_rows
 
-__all__ = ["TruthPoses", "TruthViews", "make_truth", "truth_of_world"]
+__all__ = ["TruthChoice", "TruthPoses", "TruthViews", "blank_truth", "fill_truth", "make_truth", "truth_of_world"]
 
 TruthViews = Literal["reference", "all"]
 TruthPoses = Literal["real", "nominal"]
+
+# Times at which the world is kept: of this frame and both neighbours; with scans, of every camera for itself.
+_KEPT_TIMES, _KEPT_TIMES_OF_SCANS = 4, 8
 
 
 def make_truth(
@@ -34,7 +39,6 @@ def make_truth(
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
-    folder: str | Path = "",
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the exact truth of a scene without rendering images.
@@ -52,8 +56,6 @@ def make_truth(
         ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
         size, with acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
         rotation rate, principal growth, and coordinates on the surface.
-    folder
-        Folder to which relative paths of mesh and image files in the scene refer.
     progress
         Called with (what, done, total) as the work goes on.
 
@@ -82,19 +84,14 @@ def make_truth(
     >>> float(truth.depth[0, 15, 20]), float(truth.disparity[0, 15, 20])
     (100.0, 3.0)
     """
-    world = build_world(scene, Path(folder))
+    world = build_world(scene)
     check_scene(scene, world)
-    return truth_of_world(scene, world, truth_views, truth_poses, truth_content, provenance_of(scene, folder), progress)
+    choice = TruthChoice(truth_views, truth_poses, truth_content)
+    return truth_of_world(scene, world, choice, provenance_of(scene), progress)
 
 
 def truth_of_world(
-    scene: Scene,
-    world: World,
-    truth_views: TruthViews,
-    truth_poses: TruthPoses,
-    truth_content: TruthMaps,
-    provenance: dict[str, Any],
-    progress: Progress | None = None,
+    scene: Scene, world: World, choice: TruthChoice, provenance: dict[str, Any], progress: Progress | None = None
 ) -> xr.Dataset:
     """Compute the truth of a world that has been built and checked; see `make_truth`.
 
@@ -102,7 +99,7 @@ def truth_of_world(
     ----------
     scene, world
         The scene, and its objects.
-    truth_views, truth_poses, truth_content, progress
+    choice, progress
         As of `make_truth`.
     provenance
         Attributes that say from which scene and program the truth is.
@@ -112,56 +109,38 @@ def truth_of_world(
     xarray.Dataset
         As of `make_truth`.
     """
-    stage, frames, schedule = scene.stage, scene.frames, schedule_of(scene)
-    moment_of = schedule.moment if truth_poses == "real" else schedule.nominal
-    reference = truth_views == "reference"
-    views = [(0, 0)] if reference else [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
-    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
-    geometry = None
-    arrays: dict[str, NDArray[Any]] = {}
-    seen: list[list[PixelPoints]] = [[] for _ in views]
-    images = stage.rows * stage.positions * frames.count
-    total = len(views) * frames.count + images
-    for n, t in enumerate(frames.t.tolist()):
-        for m, (s_y, s) in enumerate(views):
-            if progress is not None:
-                progress("truth", n * len(views) + m, total)
-            moment = moment_of(s, t, s_y)
-            if geometry is None or geometry.snapshot.t != moment.t:
-                geometry = GeometryPass(world, topology, moment.t)
-            if scene.shutter.readout_time_s > 0:
-                maps = _truth_by_rows(scene, world, topology, moment, truth_content)
-            else:
-                maps = truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm, truth_content)
-            seen[m].append(PixelPoints(world, maps, geometry, moment.viewpoint))
-            for name, values in maps.items():
-                if name not in arrays:
-                    lead = values.shape[:-2]
-                    arrays[name] = np.empty((*lead, len(views), frames.count, *values.shape[-2:]), dtype=values.dtype)
-                arrays[name][..., m, n, :, :] = values
-    cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
-    moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
-    arrays |= follow_points(
-        world,
-        topology,
-        scene.camera,
-        [[(moment.t, moment.viewpoint) for moment in row] for row in moments],
-        [cameras.index(view) for view in views],
-        seen,
-        (views.index((0, 0)), frames.t.tolist().index(0)),
-        # With a rolling shutter, the displacement of a point does not tell in which row, and so when, it is seen next.
-        "standard" if scene.shutter.readout_time_s > 0 else truth_content,
-        None if progress is None else lambda done, _: progress("truth", total - images + done, total),
-    )
-    if progress is not None:
-        progress("truth", total, total)
-    lead = () if reference else (stage.rows, stage.positions) if stage.rows > 1 else (stage.positions,)
-    visible = arrays.pop("visible")
-    arrays = {name: values.reshape(*values.shape[:-4], *lead, *values.shape[-3:]) for name, values in arrays.items()}
-    if stage.rows > 1:
-        visible = visible.reshape(stage.rows, stage.positions, *visible.shape[1:])
-    arrays |= {"visible": visible, **_poses(scene, schedule)}
-    names = json.dumps([item.name for _, item in scene.parts])
+    filling = Filling(blank_truth(scene, choice, provenance))
+    fill_truth(scene, world, choice, filling.put, progress)
+    return filling.dataset()
+
+
+@dataclass(frozen=True)
+class TruthChoice:
+    """Which truth is wanted; see `make_truth`."""
+
+    views: TruthViews = "reference"
+    poses: TruthPoses = "real"
+    content: TruthMaps = "standard"
+
+
+def blank_truth(scene: Scene, choice: TruthChoice, provenance: dict[str, Any]) -> xr.Dataset:
+    """Return the truth of a scene with maps that take no memory: all of their pixels are one.
+
+    Poses and times of the images, coordinates and attributes are there.
+    """
+    stage, frames, camera = scene.stage, scene.frames, scene.camera
+    images = (*((stage.rows,) if stage.rows > 1 else ()), stage.positions, frames.count)
+    size, all_views = (camera.height, camera.width), choice.views == "all"
+    names = list(STANDARD + FOLLOWED)
+    if choice.content == "complete":
+        names += [*FURTHER, *(MOVED if scene.shutter.readout_time_s == 0 else ())]
+    arrays: dict[str, NDArray[Any]] = {"visible": blank_map(np.bool_, (*images, *size))}
+    for name in names:
+        lead = [len(COMPONENTS[dim]) for dim in VARIABLES["truth"][name].dims if dim in COMPONENTS]
+        shape = (*lead, *(images if all_views else images[-1:]), *size)
+        arrays[name] = blank_map(DTYPES.get(name, np.float64), shape)
+    arrays |= _poses(scene, schedule_of(scene))
+    objects = json.dumps([item.name for _, item in scene.parts])
     return label(
         "truth",
         {name: arrays[name] for name in VARIABLES["truth"] if name in arrays},
@@ -170,8 +149,86 @@ def truth_of_world(
         s=stage.s,
         stage_x_mm=stage.x_mm,
         stage_y_mm=stage.y_mm if stage.rows > 1 else None,
-        attrs={**provenance, "object_names": names, "truth_poses": truth_poses},
+        attrs={**provenance, "object_names": objects, "truth_poses": choice.poses},
     )
+
+
+def fill_truth(
+    scene: Scene, world: World, choice: TruthChoice, put: Put, progress: Progress | None = None
+) -> list[str]:
+    """Compute the maps of a truth, image by image.
+
+    Parameters
+    ----------
+    scene, world
+        The scene, and its objects.
+    choice
+        Which truth is wanted.
+    put
+        Takes every map: (name, place along the leading dimensions, values).
+    progress
+        As of `make_truth`.
+
+    Returns
+    -------
+    list of str
+        Warnings of objects without pixels in the interior (`interior_warnings`).
+    """
+    stage, frames, schedule = scene.stage, scene.frames, schedule_of(scene)
+    moment_of = schedule.moment if choice.poses == "real" else schedule.nominal
+    cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
+    moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
+    places = [[(moment.t, moment.viewpoint) for moment in row] for row in moments]
+    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+    together = len({time for time, _ in (row[0] for row in places)}) == 1
+    geometries = Geometries(world, topology, _KEPT_TIMES if together else _KEPT_TIMES_OF_SCANS)
+    rolling = scene.shutter.readout_time_s > 0
+    # With a rolling shutter, the displacement of a point does not tell in which row, and so when, it is seen next.
+    follower = Follower(geometries, scene.camera, places, "standard" if rolling else choice.content)
+    centre = cameras.index((0, 0))
+    views = [centre] if choice.views == "reference" else [centre, *(k for k in range(len(cameras)) if k != centre)]
+    first = frames.t.tolist().index(0)
+    reference: PixelPoints | None = None
+    warnings: list[str] = []
+    total, done = (len(views) + len(cameras)) * frames.count, 0
+
+    def advance() -> None:
+        nonlocal done
+        if progress is not None:
+            progress("truth", done, total)
+        done += 1
+
+    # The reference image comes first: all others are asked whether they show its points.
+    for frame in [first, *(n for n in range(frames.count) if n != first)]:
+        for index in views:
+            advance()
+            moment = moments[index][frame]
+            geometry = geometries.at(moment.t)
+            if rolling:
+                maps = _truth_by_rows(scene, world, topology, moment, choice.content)
+            else:
+                maps = truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm, choice.content)
+            own = PixelPoints(maps, geometry, moment.viewpoint)
+            if reference is None:
+                reference = own
+                found = (maps["object_id"], maps["boundary_distance"], scene.score.interior_margin_px)
+                warnings = interior_warnings(world, *found)
+            at = {"t": frame} if choice.views == "reference" else _at(stage, index, frame)
+            for name, values in (maps | follower.maps(own, index, frame)).items():
+                put(name, at, values)
+        for index in range(len(cameras)):
+            advance()
+            if reference is not None:
+                put("visible", _at(stage, index, frame), follower.shown(reference, index, frame))
+    if progress is not None:
+        progress("truth", total, total)
+    return warnings
+
+
+def _at(stage: Stage, index: int, frame: int) -> dict[str, int]:
+    """Return the place of an image along the leading dimensions of what every camera has."""
+    row, position = divmod(index, stage.positions)
+    return {**({"s_y": row} if stage.rows > 1 else {}), "s": position, "t": frame}
 
 
 def _truth_by_rows(

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint
-from scenetruth.raycast import Topology
-from scenetruth.scene.world import World
-from scenetruth.truth.maps import GeometryPass, TruthMaps
+from scenetruth.truth.maps import Geometries, GeometryPass, TruthMaps
 from scenetruth.truth.visibility import SurfacePoints, points_seen
 
-__all__ = ["PixelPoints", "follow_points"]
+__all__ = ["Follower", "PixelPoints"]
 
 Place = tuple[float, Viewpoint]
 """Time in frames and pose of an image."""
@@ -25,8 +23,6 @@ class PixelPoints:
 
     Parameters
     ----------
-    world
-        The scene's objects.
     maps
         The truth of the image (`truth_maps`).
     geometry
@@ -35,9 +31,8 @@ class PixelPoints:
         Pose of its camera.
     """
 
-    def __init__(
-        self, world: World, maps: dict[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint
-    ) -> None:
+    def __init__(self, maps: Mapping[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint) -> None:
+        world = geometry.world
         body = maps["object_id"].ravel()
         self.pixels = np.flatnonzero(body >= 0)
         face = (world.face_offsets[body[self.pixels]] + maps["face_id"].ravel()[self.pixels]).astype(np.int32)
@@ -46,112 +41,110 @@ class PixelPoints:
         self.geometry, self.viewpoint = geometry, viewpoint
 
 
-def follow_points(
-    world: World,
-    topology: Topology,
-    camera: Camera,
-    places: Sequence[Sequence[Place]],
-    views: Sequence[int],
-    seen: Sequence[Sequence[PixelPoints]],
-    reference: tuple[int, int],
-    maps: TruthMaps = "complete",
-    progress: Callable[[int, int], None] | None = None,
-) -> dict[str, NDArray[Any]]:
-    """Follow the points of all pixels to the other cameras, and to the frames before and after.
+class Follower:
+    """Follows the points of pixels to the other cameras, and to the frames before and after.
 
     Parameters
     ----------
-    world, topology
-        The scene's objects, and their faces and edges.
+    geometries
+        The world at any time.
     camera
         The camera.
     places
         Time and pose of every image, [camera][frame].
-    views
-        The cameras whose truth is wanted.
-    seen
-        What their pixels see, [view][frame].
-    reference
-        The reference image: (index into ``views``, frame).
     maps
         Whether displacements and finite flow are wanted (``"complete"``).
-    progress
-        Called with (done, total) images.
-
-    Returns
-    -------
-    dict
-        - ``visible`` (camera, frame, y, x): which images show the points of the reference image,
-        - ``view_count`` and ``occluded_in_s`` (view, frame, y, x): how many cameras see the pixel's point at its frame,
-          and whether some do not,
-        - ``occluded_in_t`` (view, frame, y, x): whether its own camera does not see it at the recorded frame before or
-          after,
-        - ``displacement_next``, ``displacement_previous`` (component, view, frame, y, x) in mm, in the frame of the
-          camera, one frame later and earlier,
-        - ``flow_next``, ``flow_previous`` (image component, view, frame, y, x) in px: where the point is in the image
-          that the same camera takes one frame later or earlier, minus the pixel. Beyond the first and the last frame
-          the camera stays where it is.
     """
-    frames, size = len(places[0]), (camera.height, camera.width)
-    lead = (len(views), frames)
-    grid = camera.pixel_grid().reshape(-1, 2)
-    visible = np.zeros((len(places), frames, *size), dtype=np.bool_)
-    count = np.zeros((*lead, *size), dtype=np.int16)
-    hidden_in_t = np.zeros((*lead, *size), dtype=np.bool_)
-    moved: dict[str, NDArray[np.float64]] = {}
-    if maps == "complete":
-        for way in ("next", "previous"):
-            moved[f"displacement_{way}"] = np.full((3, *lead, *size), np.nan)
-            moved[f"flow_{way}"] = np.full((2, *lead, *size), np.nan)
 
-    def meet(view: int, frame: int, geometry: GeometryPass, viewpoint: Viewpoint, way: str) -> NDArray[np.bool_]:
-        """Find the points of a frame in the neighbouring frame, and tell which are visible there."""
-        own = seen[view][frame]
-        shown, pixels = points_seen(own.points, geometry, camera, viewpoint)
-        if maps == "complete":
-            step = own.points.positions_mm(geometry) - own.points.positions_mm(own.geometry)
-            turned = own.viewpoint.directions_to_camera(step)
-            moved[f"displacement_{way}"].reshape(3, *lead, -1)[:, view, frame, own.pixels] = turned.T
-            flow = pixels - grid[own.pixels]
-            moved[f"flow_{way}"].reshape(2, *lead, -1)[:, view, frame, own.pixels] = flow.T
-        return shown
+    def __init__(
+        self,
+        geometries: Geometries,
+        camera: Camera,
+        places: Sequence[Sequence[Place]],
+        maps: TruthMaps = "complete",
+    ) -> None:
+        self._geometries, self._camera, self._places = geometries, camera, places
+        self._complete = maps == "complete"
+        self._size = (camera.height, camera.width)
 
-    geometry: GeometryPass | None = None
-    start = seen[reference[0]][reference[1]]
-    for frame in range(frames):
-        for index, row in enumerate(places):
-            if progress is not None:
-                progress(frame * len(places) + index, frames * len(places))
-            time, viewpoint = row[frame]
-            if geometry is None or geometry.snapshot.t != time:
-                geometry = GeometryPass(world, topology, time)
-            shown, _ = points_seen(start.points, geometry, camera, viewpoint)
-            visible[index, frame].ravel()[start.pixels] = shown
-            for view, own_index in enumerate(views):
-                own = seen[view][frame]
-                shown = np.ones(len(own.pixels), dtype=np.bool_)
-                if own_index != index:
-                    shown, _ = points_seen(own.points, geometry, camera, viewpoint)
-                count[view, frame].ravel()[own.pixels] += shown
-                if own_index != index:
-                    continue
-                for other, way in ((frame - 1, "next"), (frame + 1, "previous")):
-                    if 0 <= other < frames:
-                        shown = meet(view, other, geometry, viewpoint, way)
-                        hidden_in_t[view, other].ravel()[seen[view][other].pixels[~shown]] = True
-    if maps == "complete":
-        for view, own_index in enumerate(views):
-            for frame, step, way in ((0, -1, "previous"), (frames - 1, 1, "next")):
-                time, viewpoint = places[own_index][frame]
-                meet(view, frame, GeometryPass(world, topology, time + step), viewpoint, way)
-    surface = np.zeros((*lead, *size), dtype=np.bool_)
-    for view in range(len(views)):
-        for frame in range(frames):
-            surface[view, frame].ravel()[seen[view][frame].pixels] = True
-    found: dict[str, NDArray[Any]] = {
-        "visible": visible,
-        "view_count": count,
-        "occluded_in_s": surface & (count < len(places)),
-        "occluded_in_t": hidden_in_t,
-    }
-    return found | moved
+    def shown(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:
+        """Tell which pixels' points an image shows.
+
+        Parameters
+        ----------
+        points
+            What the pixels of some image see.
+        index, frame
+            The image: camera and frame.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (y, x); False where a pixel sees nothing.
+        """
+        return self._map(points, self._seen(points, index, frame))
+
+    def maps(self, own: PixelPoints, index: int, frame: int) -> dict[str, NDArray[Any]]:
+        """Return the maps of one image that tell where else its points are.
+
+        Parameters
+        ----------
+        own
+            What its pixels see.
+        index, frame
+            Its camera and its frame.
+
+        Returns
+        -------
+        dict
+            - ``view_count`` and ``occluded_in_s`` (y, x): how many cameras see the pixel's point at this frame, and
+              whether some do not,
+            - ``occluded_in_t`` (y, x): whether this camera does not see it at the recorded frame before or after,
+            - ``displacement_next``, ``displacement_previous`` (component, y, x) in mm, in the frame of the camera, one
+              frame later and earlier,
+            - ``flow_next``, ``flow_previous`` (image component, y, x) in px: where the point is in the image that the
+              same camera takes one frame later or earlier, minus the pixel. Beyond the first and the last frame the
+              camera stays where it is.
+        """
+        count = np.zeros(len(own.pixels), dtype=np.int16)
+        for other in range(len(self._places)):
+            count += 1 if other == index else self._seen(own, other, frame)
+        hidden = np.zeros(len(own.pixels), dtype=np.bool_)
+        moved: dict[str, NDArray[np.float64]] = {}
+        for step, way in ((1, "next"), (-1, "previous")):
+            recorded = 0 <= frame + step < len(self._places[index])
+            if not recorded and not self._complete:
+                continue
+            time, viewpoint = self._places[index][frame + step if recorded else frame]
+            geometry = self._geometries.at(time if recorded else time + step)
+            shown, pixels = points_seen(own.points, geometry, self._camera, viewpoint)
+            if recorded:
+                hidden |= ~shown
+            if self._complete:
+                moved |= self._moved(own, geometry, pixels, way)
+        found: dict[str, NDArray[Any]] = {
+            "view_count": self._map(own, count),
+            "occluded_in_s": self._map(own, count < len(self._places)),
+            "occluded_in_t": self._map(own, hidden),
+        }
+        return found | moved
+
+    def _seen(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:
+        time, viewpoint = self._places[index][frame]
+        return points_seen(points.points, self._geometries.at(time), self._camera, viewpoint)[0]
+
+    def _moved(
+        self, own: PixelPoints, geometry: GeometryPass, pixels: NDArray[np.float64], way: str
+    ) -> dict[str, NDArray[np.float64]]:
+        step = own.points.positions_mm(geometry) - own.points.positions_mm(own.geometry)
+        displacement, flow = np.full((3, *self._size), np.nan), np.full((2, *self._size), np.nan)
+        displacement.reshape(3, -1)[:, own.pixels] = own.viewpoint.directions_to_camera(step).T
+        row, column = np.divmod(own.pixels, self._size[1])
+        flow.reshape(2, -1)[:, own.pixels] = pixels.T - (column, row)
+        return {f"displacement_{way}": displacement, f"flow_{way}": flow}
+
+    def _map(self, points: PixelPoints, values: NDArray[Any]) -> NDArray[Any]:
+        """Return a map with values at the pixels that see something, and 0 or False elsewhere."""
+        found = np.zeros(self._size, dtype=values.dtype)
+        found.ravel()[points.pixels] = values
+        return found

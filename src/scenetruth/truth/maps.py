@@ -13,24 +13,9 @@ from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.scene.world import World
 
-__all__ = ["STANDARD", "GeometryPass", "TruthMaps", "truth_maps"]
+__all__ = ["Geometries", "GeometryPass", "TruthMaps", "truth_maps"]
 
 TruthMaps = Literal["standard", "complete"]
-
-STANDARD = (
-    "depth",
-    "velocity",
-    "disparity",
-    "flow",
-    "normal",
-    "object_id",
-    "face_id",
-    "barycentric",
-    "growth_rate",
-    "mixed",
-    "boundary_distance",
-)
-"""The maps of one image that every truth has."""
 
 
 class GeometryPass:
@@ -57,6 +42,32 @@ class GeometryPass:
         return self.world.surface_at(self.snapshot.t)
 
 
+class Geometries:
+    """The world at any time, the last few times kept.
+
+    Parameters
+    ----------
+    world, topology
+        As of `GeometryPass`.
+    kept
+        How many times are kept.
+    """
+
+    def __init__(self, world: World, topology: Topology, kept: int) -> None:
+        self.world, self.topology = world, topology
+        self._kept = kept
+        self._passes: dict[float, GeometryPass] = {}
+
+    def at(self, t: float) -> GeometryPass:
+        """Return the world at a time in frames."""
+        found = self._passes.pop(t, None) or GeometryPass(self.world, self.topology, t)
+        # The last used stands last.
+        self._passes[t] = found
+        while len(self._passes) > self._kept:
+            del self._passes[next(iter(self._passes))]
+        return found
+
+
 def truth_maps(
     geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint, baseline_mm: float, maps: TruthMaps = "complete"
 ) -> dict[str, NDArray[Any]]:
@@ -73,7 +84,7 @@ def truth_maps(
     baseline_mm
         V_X in mm per step of s, for the disparity.
     maps
-        ``"standard"``: the maps of `STANDARD` only; ``"complete"``: all.
+        ``"standard"``: the maps of `names.STANDARD` only; ``"complete"``: all.
 
     Returns
     -------

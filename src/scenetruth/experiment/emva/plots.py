@@ -45,7 +45,7 @@ def draw_transfer(name: str, sensor: EmvaSensor, found: PhotonTransfer, file: Pa
         f"DSNU = {found.dsnu_e:.3g} e-, PRNU = {100 * found.prnu:.3g} %, saturation = {found.saturation_e:.5g} e-"
     )
     figure.suptitle(title, fontsize=11)
-    figure.savefig(file, dpi=110)
+    figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})
 
 
 def _draw_variance(ax: Any, sensor: EmvaSensor, found: PhotonTransfer) -> None:

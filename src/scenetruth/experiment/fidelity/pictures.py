@@ -62,7 +62,7 @@ def draw_errors(results: Sequence[Fidelity], file: Path) -> None:
     axes[0][0].set_ylabel("shift error of 25 x 25 px subsets, px")
     axes[1][0].set_ylabel("grey-value error / std of the texture")
     figure.suptitle("Rendered images against the exact pixel integral", fontsize=12)
-    figure.savefig(file, dpi=110)
+    figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})
 
 
 def draw_maps(measured: Sequence[Measurement], file: Path) -> None:
@@ -97,4 +97,4 @@ def draw_maps(measured: Sequence[Measurement], file: Path) -> None:
             ax.set(xticks=[], yticks=[])
     figure.colorbar(shown, ax=axes, label="rms shift error over all shifts, px", shrink=0.9)
     figure.suptitle("Shift errors of each 25 x 25 px subset, wavelengths from 6 px", fontsize=12)
-    figure.savefig(file, dpi=110)
+    figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})

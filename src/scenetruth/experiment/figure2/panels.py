@@ -57,7 +57,7 @@ def draw_panels(results: Sequence[Result], file: Path, divergence: str) -> None:
         f"divergence: {divergence}. Points are left out where no run gave a full estimate.",
         fontsize=11,
     )
-    figure.savefig(file, dpi=110)
+    figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})
 
 
 def _draw_panel(ax: Any, results: Sequence[Result], noisy: bool) -> None:

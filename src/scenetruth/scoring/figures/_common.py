@@ -111,7 +111,7 @@ def save(figure: Any, path: Path) -> None:
         # It stays laid out as it is: saving would do it twice more, and draw the figure once without showing it.
         figure.set_layout_engine(None)
     # Compression costs more time than drawing at the default level.
-    figure.savefig(path, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    figure.savefig(path, metadata={"Software": "scenetruth"}, pil_kwargs={"compress_level": 4})
 
 
 def pixel_axes(axes: Any, *, label_y: bool = True) -> None:

@@ -1,0 +1,268 @@
+"""Results are written beside their place and put there when they are whole; an earlier result stays until then."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from scenetruth.errors import OutputExistsError, StoreError
+from scenetruth.placing.claims import Claim, Claimed, claim_file
+from scenetruth.placing.exchange import exchange
+from scenetruth.placing.locks import locked
+from scenetruth.placing.places import checked_place
+from scenetruth.placing.writers import this_writer, written_by
+
+__all__ = ["check_output", "hold", "sweep_inside", "write_aside"]
+
+_QUIET_S, _PATIENCE_S = 0.25, 10.0
+
+
+@contextmanager
+def write_aside(target: str | Path, *, overwrite: bool = False, claim: Claim = claim_file) -> Iterator[Path]:
+    """Give a path beside the target to write to; it becomes the target when all went well, and vanishes otherwise.
+
+    Whatever moment the process is killed at, the target is whole afterwards: the new one, or the earlier one, which
+    the next writer restores where the file system cannot exchange two names in one step.
+
+    Parameters
+    ----------
+    target
+        The file or folder to make.
+    overwrite
+        Whether an existing target may be replaced; it stays until the new one is whole. What is not ours in it stays.
+    claim
+        Tells what of an existing target is ours.
+
+    Yields
+    ------
+    pathlib.Path
+        Where to write. Nothing is there yet, but its parent folder exists.
+
+    Raises
+    ------
+    OutputExistsError
+        If the target exists and may not be replaced, or another process is writing it.
+    StoreError
+        If the target cannot be written: there, or because the file system refuses (disk full, no permission).
+    """
+    place = checked_place(target)
+    with hold(place, claim):
+        _refuse_existing(place, overwrite, claim)
+        aside = _beside(place, "partial")
+        try:
+            try:
+                _remove(aside)
+                # Whether anything can be made here is known only when it has been.
+                aside.mkdir()
+                aside.rmdir()
+                yield aside
+                _put(place, aside, claim)
+            except BaseException:
+                _clear_up(aside)
+                raise
+        except OSError as error:
+            raise StoreError(place, _explain(error)) from error
+
+
+@contextmanager
+def hold(target: str | Path, claim: Claim = claim_file) -> Iterator[None]:
+    """Keep other writers away from a target while the block runs, and put away what dead ones have left.
+
+    Parameters
+    ----------
+    target
+        A file or folder; the folders above it are made.
+    claim
+        Tells what of an earlier result is ours.
+
+    Raises
+    ------
+    OutputExistsError
+        If another process has it.
+    StoreError
+        If the folders above it cannot be made.
+    """
+    place = Path(os.path.realpath(target))
+    made = _make_folders(place)
+    try:
+        with locked(place) as alone:
+            if alone:
+                _sweep(place, claim)
+            yield
+    except BaseException:
+        _remove_empty(made)
+        raise
+
+
+def check_output(target: str | Path, *, overwrite: bool = False, claim: Claim = claim_file) -> None:
+    """Refuse, before any work, a target that `write_aside` would refuse.
+
+    Parameters
+    ----------
+    target, overwrite, claim
+        As of `write_aside`.
+
+    Raises
+    ------
+    OutputExistsError
+        If the target exists and may not be replaced.
+    StoreError
+        If it cannot be written.
+    """
+    _refuse_existing(checked_place(target), overwrite, claim)
+
+
+def _refuse_existing(place: Path, overwrite: bool, claim: Claim) -> None:
+    if not place.exists() or _is_empty(place):
+        return
+    if not overwrite:
+        raise OutputExistsError(place)
+    refusal = claim(place).refusal
+    if refusal:
+        raise OutputExistsError(place, f"{refusal}; only results of scenetruth are replaced")
+
+
+def _sweep(place: Path, claim: Claim = claim_file) -> None:
+    """Put away what dead writers of a target left, and restore the earlier result if they left that.
+
+    Parameters
+    ----------
+    place
+        Absolute path of the target, which this process has locked.
+    claim
+        Tells what of an earlier result is ours.
+    """
+    own = this_writer()
+    for path in _leftovers(place):
+        found = written_by(path.name)
+        if found is None or not (found[1].is_dead or found[1] == own):
+            continue
+        if found[0].endswith(".partial"):
+            _remove(path)
+        elif place.exists():
+            _retire(path, place, claim)
+        else:
+            path.rename(place)
+
+
+def sweep_inside(folder: Path, claim: Claim = claim_file) -> None:
+    """Put away what dead writers left of every target in a folder.
+
+    Parameters
+    ----------
+    folder
+        The folder, which this process has locked.
+    claim
+        Tells what of an earlier result is ours.
+    """
+    places = set()
+    for path in folder.glob(".*"):
+        found = written_by(path.name)
+        if found is not None and found[0].endswith((".partial", ".replaced")):
+            places.add(folder / found[0].rpartition(".")[0].removeprefix("."))
+        elif path.name.endswith(".lock"):
+            places.add(folder / path.name.removeprefix(".").removesuffix(".lock"))
+    for place in places:
+        with contextlib.suppress(OutputExistsError), locked(place) as alone:
+            if alone:
+                _sweep(place, claim)
+
+
+def _leftovers(place: Path) -> list[Path]:
+    starts = tuple(f".{place.name}.{what}-" for what in ("partial", "replaced"))
+    return sorted(path for path in place.parent.iterdir() if path.name.startswith(starts))
+
+
+def _beside(place: Path, what: str) -> Path:
+    return place.with_name(f".{place.name}.{what}-{this_writer()}")
+
+
+def _put(place: Path, new: Path, claim: Claim) -> None:
+    if not place.is_dir() and not new.is_dir():
+        os.replace(new, place)
+        return
+    if not place.exists():
+        new.rename(place)
+        return
+    # From here on, what stands under this name is never the only copy of anything but what it is replaced by.
+    waiting = _beside(place, "replaced")
+    new.rename(waiting)
+    if not exchange(waiting, place):
+        waiting.rename(new)
+        place.rename(waiting)
+        new.rename(place)
+    _retire(waiting, place, claim)
+
+
+def _retire(old: Path, place: Path, claim: Claim) -> None:
+    """Remove an earlier result; what is not ours in it goes to the result that took its place."""
+    claimed = Claimed() if _is_empty(old) else claim(old)
+    if claimed.refusal:
+        return
+    if not old.is_dir():
+        old.unlink()
+        return
+    for name in claimed.foreign:
+        if not os.path.lexists(place / name):
+            (old / name).rename(place / name)
+    for entry in list(old.iterdir()):
+        if entry.name not in claimed.foreign:
+            _remove(entry)
+    with contextlib.suppress(OSError):
+        old.rmdir()
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_dir() and not any(path.iterdir())
+
+
+def _make_folders(place: Path) -> list[Path]:
+    """Make the folders above a target; return those that were not there, the innermost first."""
+    missing = [folder for folder in place.parents if not folder.exists()]
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        _remove_empty(missing)
+        raise StoreError(place, _explain(error)) from error
+    return missing
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _clear_up(path: Path) -> None:
+    """Remove what a failed or interrupted writer left.
+
+    zarr writes in threads of its own, which may finish a chunk after the error has reached us: the path must stay away
+    for a while before it counts as removed.
+    """
+    quiet_since = time.monotonic()
+    deadline = quiet_since + _PATIENCE_S
+    while time.monotonic() < min(quiet_since + _QUIET_S, deadline):
+        if os.path.lexists(path):
+            with contextlib.suppress(OSError):
+                _remove(path)
+            quiet_since = time.monotonic()
+        time.sleep(0.01)
+
+
+def _explain(error: OSError) -> str:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "the disk is full; nothing was kept. Free some space or choose another output"
+    return f"cannot be written: {error.strerror or error}; nothing was kept"

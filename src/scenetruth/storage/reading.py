@@ -1,0 +1,207 @@
+"""Stores read: at once, or image by image as they are needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from scenetruth.errors import RecordingError, StoreError
+from scenetruth.schema import FORMAT_VERSION, check_dataset
+from scenetruth.storage.attributes import AUXILIARY
+from scenetruth.storage.integrity import SEAL, check_seal
+from scenetruth.storage.layout import is_mapped
+from scenetruth.storage.quiet import without_warnings
+
+__all__ = ["KINDS", "Kind", "load", "open_store"]
+
+Kind = Literal["recording", "truth", "estimate"]
+KINDS: tuple[Kind, ...] = ("recording", "truth", "estimate")
+"""What a store can hold."""
+
+
+def load(path: str | Path, kind: Kind | None = None) -> xr.Dataset:
+    """Read a store that `save` has written.
+
+    Parameters
+    ----------
+    path
+        The store.
+    kind
+        Kind that the store must hold; any kind if not given.
+
+    Returns
+    -------
+    xarray.Dataset
+        The data set, in memory.
+
+    Raises
+    ------
+    StoreError
+        If there is no such store, it is not ours or of another kind, or it is damaged: every chunk is checked.
+
+    See Also
+    --------
+    open_store : The same, read as it is needed.
+    save : Write a store.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     st.save(recording, f"{folder}/recording.zarr")
+    ...     again = load(f"{folder}/recording.zarr")
+    ...     try:
+    ...         load(f"{folder}/recording.zarr", "truth")
+    ...     except st.StoreError as error:
+    ...         print(error.message)
+    holds a recording, but a truth is needed
+    >>> again.image.dims, again.attrs["baseline_mm"]
+    (('s', 't', 'y', 'x'), 5.0)
+    """
+    return open_store(path, kind).load()
+
+
+def open_store(path: str | Path, kind: Kind | None = None) -> xr.Dataset:
+    """Open a store that `save` has written; images and maps are read when they are used.
+
+    Parameters
+    ----------
+    path
+        The store.
+    kind
+        Kind that the store must hold; any kind if not given.
+
+    Returns
+    -------
+    xarray.Dataset
+        The data set. What is selected from it is read from the store each time; ``.load()`` keeps it in memory.
+
+    Raises
+    ------
+    StoreError
+        If there is no such store, it is not ours or of another kind, or its metadata or files are damaged; if chunks
+        are, when they are read.
+
+    See Also
+    --------
+    load : The same, all in memory.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     st.save(recording, f"{folder}/recording.zarr")
+    ...     lazy = open_store(f"{folder}/recording.zarr")
+    ...     lazy.image.sel(s=0, t=0).values.shape
+    (8, 8)
+    """
+    import zarr
+
+    path = Path(path)
+    attributes = _attributes(path, kind)
+    try:
+        with without_warnings():
+            group = zarr.open_group(path, mode="r", use_consolidated=False)
+            arrays = {name: group[name] for name in _names(path)}
+            variables = {name: _variable(path, name, array) for name, array in arrays.items()}
+    except StoreError:
+        raise
+    except Exception as error:  # zarr reports a damaged store with errors of many kinds
+        raise StoreError(path, f"is damaged ({error}); make it again") from error
+    auxiliary = str(attributes.pop(AUXILIARY, "")).split()
+    del attributes[SEAL]
+    coords = {name: variable for name, variable in variables.items() if name in auxiliary or variable.dims == (name,)}
+    data = {name: variable for name, variable in variables.items() if name not in coords}
+    try:
+        dataset = xr.Dataset(data, coords, attributes)
+        check_dataset(dataset, str(attributes["scenetruth"]))
+    except (RecordingError, ValueError) as error:
+        raise StoreError(path, f"does not have the agreed form: {error}") from error
+    return dataset
+
+
+def _attributes(path: Path, kind: Kind | None) -> dict[str, Any]:
+    """Return the attributes of a store that is ours and whole, as far as its metadata tells."""
+    import json
+
+    if not path.exists():
+        raise StoreError(path, "no such store")
+    foreign = "is not a store of scenetruth"
+    try:
+        attributes = dict(json.loads((path / "zarr.json").read_text(encoding="utf-8"))["attributes"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise StoreError(path, f"{foreign}, or its metadata is damaged ({error})") from error
+    found, version = attributes.get("scenetruth"), attributes.get("format_version")
+    if found not in KINDS:
+        raise StoreError(path, foreign)
+    if kind is not None and found != kind:
+        raise StoreError(path, f"holds a {found}, but a {kind} is needed")
+    if not isinstance(version, int) or version > FORMAT_VERSION:
+        message = f"has the format version {version}; this scenetruth reads up to {FORMAT_VERSION}: update it"
+        raise StoreError(path, message)
+    if version < FORMAT_VERSION:
+        message = f"has the format version {version}, without checksums; this scenetruth reads {FORMAT_VERSION}: "
+        raise StoreError(path, message + "make it again")
+    check_seal(path, attributes)
+    return attributes
+
+
+def _names(path: Path) -> list[str]:
+    return sorted(entry.parent.name for entry in path.glob("*/zarr.json"))
+
+
+def _variable(path: Path, name: str, array: Any) -> xr.Variable:
+    dims = array.metadata.dimension_names
+    if dims is None:
+        raise StoreError(path, f"is damaged: '{name}' has no names of dimensions; make it again")
+    stored = StoredArray(path, name, array)
+    values = indexing.LazilyIndexedArray(stored) if is_mapped(dims) else stored.read(())
+    return xr.Variable(dims, values, dict(array.attrs), fastpath=True)
+
+
+class StoredArray(BackendArray):
+    """The values of one variable in a store, read as they are asked for.
+
+    Parameters
+    ----------
+    path
+        The store, for messages.
+    name
+        The variable.
+    array
+        Its zarr array.
+    """
+
+    def __init__(self, path: Path, name: str, array: Any) -> None:
+        self._path, self._name, self._array = path, name, array
+        self.shape, self.dtype = array.shape, np.dtype(array.dtype)
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> NDArray[Any]:
+        """Read what a selection of xarray's asks for."""
+        support = indexing.IndexingSupport.OUTER
+        return np.asarray(indexing.explicit_indexing_adapter(key, self.shape, support, self.read))
+
+    def read(self, key: tuple[Any, ...]) -> NDArray[Any]:
+        """Read a part; every chunk that is touched is checked.
+
+        Raises
+        ------
+        StoreError
+            If a chunk is damaged.
+        """
+        try:
+            with without_warnings():
+                return np.asarray(self._array.oindex[key] if key else self._array[...])
+        except Exception as error:  # zarr and the codecs report damage with errors of many kinds
+            message = f"is damaged: '{self._name}' cannot be read ({' '.join(str(error).split())}); make it again"
+            raise StoreError(self._path, message) from error

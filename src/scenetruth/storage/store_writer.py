@@ -1,0 +1,157 @@
+"""A store written image by image and map by map, in memory that does not grow with their number."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Hashable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import product
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import check_dataset
+from scenetruth.storage.attributes import plain_attributes
+from scenetruth.storage.integrity import seal
+from scenetruth.storage.layout import chunk_shape, codecs_of, encoder_of, is_mapped
+from scenetruth.storage.quiet import without_warnings
+from scenetruth.storage.shards import ShardFile, with_checksum
+
+__all__ = ["StoreWriter"]
+
+_THREADS = 2
+_PENDING_BYTES = 1 << 26
+
+
+class StoreWriter:
+    """Writes a store; to be used in a with block, at whose end the store is whole.
+
+    Parameters
+    ----------
+    path
+        The store, which does not exist yet; `write_aside` gives such paths.
+    like
+        A data set with the variables, coordinates and attributes that the store will have. Variables without pixels are
+        written at once; of those with pixels only the form is taken, so that they may be views of a single value.
+
+    Raises
+    ------
+    RecordingError
+        If `load` could not read the store.
+    """
+
+    def __init__(self, path: Path, like: xr.Dataset) -> None:
+        import zarr
+
+        kind = str(like.attrs.get("scenetruth"))
+        check_dataset(like, kind)
+        attributes = plain_attributes(like)
+        self._path = path
+        self._encoders: dict[Hashable, Any] = {}
+        self._files: dict[Hashable, ShardFile] = {}
+        self._variables = {name: like.variables[name] for name in like.data_vars if is_mapped(like[name].dims)}
+        self._pending: deque[tuple[ShardFile, tuple[int, ...], int, Future[bytes]]] = deque()
+        self._pending_bytes = 0
+        self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="store")
+        with without_warnings():
+            group = zarr.create_group(path, zarr_format=3, attributes=attributes[""])
+            for name, variable in like.variables.items():
+                self._create(group, str(name), variable, attributes[str(name)])
+
+    def _create(self, group: Any, name: str, variable: xr.Variable, attributes: dict[str, Any]) -> None:
+        mapped = name in self._variables
+        shape = variable.shape
+        chunks = chunk_shape(variable.dims, shape) if mapped else tuple(max(1, size) for size in shape)
+        dtype = np.dtype(variable.dtype)
+        array = group.create_array(
+            name,
+            shape=shape,
+            dtype=dtype,
+            chunks=chunks,
+            shards=shape if mapped else None,
+            dimension_names=[str(dim) for dim in variable.dims],
+            attributes=attributes,
+            **codecs_of(name if mapped else "", dtype if mapped else np.dtype(np.int8)),
+        )
+        if mapped:
+            grid = [size // chunk for size, chunk in zip(shape, chunks, strict=True)]
+            self._files[name] = ShardFile(self._path.joinpath(name, "c", *("0" for _ in shape)), grid)
+            self._encoders[name] = encoder_of(name, dtype)
+        else:
+            array[...] = variable.values
+
+    def put(self, name: str, at: Mapping[str, int], values: NDArray[Any]) -> None:
+        """Write one image or map, or several.
+
+        Parameters
+        ----------
+        name
+            The variable.
+        at
+            Position along some of the leading dimensions, counted from 0.
+        values
+            What belongs there, with the other dimensions in their order. They must not be changed afterwards: they are
+            packed in the background.
+        """
+        variable, file, encoder = self._variables[name], self._files[name], self._encoders[name]
+        chunks = chunk_shape(variable.dims, variable.shape)
+        grid = [size // chunk for size, chunk in zip(variable.shape, chunks, strict=True)]
+        steps = [[at[str(dim)]] if dim in at else range(count) for dim, count in zip(variable.dims, grid, strict=True)]
+        expected = tuple(size for dim, size in variable.sizes.items() if dim not in at)
+        if values.shape != expected or values.dtype != variable.dtype:
+            msg = f"{name}: {values.dtype} {values.shape}, where {variable.dtype} {expected} belongs"
+            raise ValueError(msg)
+        for index in product(*steps):
+            # One index for each dimension that the values still have and that is cut into chunks.
+            inner = tuple(
+                number if chunk == 1 and dim not in ("y", "x", "channel") else slice(None)
+                for dim, number, chunk in zip(variable.dims, index, chunks, strict=True)
+                if dim not in at
+            )
+            chunk = np.ascontiguousarray(values[inner])
+            self._pending.append((file, index, chunk.nbytes, self._pool.submit(_pack, encoder, chunk)))
+            self._pending_bytes += chunk.nbytes
+            self._write_out(_PENDING_BYTES)
+
+    def _write_out(self, at_most: int) -> None:
+        """Append packed chunks to their files, in the order in which they were put."""
+        while self._pending and (self._pending_bytes > at_most or self._pending[0][3].done()):
+            file, index, size, packed = self._pending.popleft()
+            self._pending_bytes -= size
+            file.put(index, packed.result())
+
+    def _finish(self) -> None:
+        import zarr
+
+        self._write_out(-1)
+        for name, file in self._files.items():
+            if file.missing:
+                msg = f"{name}: {file.missing} chunks were never put"
+                raise ValueError(msg)
+            file.close()
+        with without_warnings():
+            # Without consolidated metadata, xarray alone would warn when it opens the store.
+            zarr.consolidate_metadata(self._path, zarr_format=3)
+        seal(self._path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._finish()
+        finally:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            for file in self._files.values():
+                file.give_up()
+
+
+def _pack(encoder: Any, chunk: NDArray[Any]) -> bytes:
+    return with_checksum(bytes(encoder.encode(chunk)))

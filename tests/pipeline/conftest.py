@@ -1,0 +1,21 @@
+"""A finished run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scenetruth.pipeline import run_scene
+from tests.scenes import cube
+
+SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "estimate": {"working_point_px": 6}}
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "one"
+    results = run_scene(cube(**SMALL), folder, methods=("structure_tensor", "opencv_flow"))
+    assert not results.failures
+    assert set(results.scores) == {"structure_tensor", "opencv_flow"}
+    return folder

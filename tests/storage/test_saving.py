@@ -1,0 +1,147 @@
+"""What is saved is read again, as it was, and by other programs too."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+
+import scenetruth as st
+
+KINDS: tuple[Literal["recording", "truth", "estimate"], ...] = ("recording", "truth", "estimate")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("read", [st.load, st.open_store])
+def test_round_trip(data: dict[str, xr.Dataset], kind: str, read: Any, tmp_path: Path) -> None:
+    dataset = data[kind]
+    st.save(dataset, tmp_path / "x.zarr")
+    again = read(tmp_path / "x.zarr")
+    xr.testing.assert_identical(again, dataset)
+    for name in dataset.variables:
+        assert again[name].dtype == dataset[name].dtype
+        assert again[name].values.tobytes() == dataset[name].values.tobytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
+
+
+def test_colours_and_rows_of_cameras_come_back(tmp_path: Path) -> None:
+    images = np.random.default_rng(0).integers(0, 255, (3, 2, 2, 7, 9, 3), dtype=np.uint8)
+    recording = st.make_recording(images, 500.0, 5.0, stage_y_mm=[-5.0, 0.0, 5.0])
+    st.save(recording, tmp_path / "x.zarr")
+    xr.testing.assert_identical(st.load(tmp_path / "x.zarr"), recording)
+    assert zarr.open_group(tmp_path / "x.zarr", mode="r")["image"].chunks == (1, 1, 1, 7, 9, 3)
+
+
+def test_a_chunk_is_an_image_and_a_variable_a_file(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
+    st.save(data["recording"], tmp_path / "x.zarr")
+    image = zarr.open_group(tmp_path / "x.zarr", mode="r")["image"]
+    assert (image.chunks, image.shards) == ((1, 1, 40, 48), (5, 9, 40, 48))
+    assert len([file for file in (tmp_path / "x.zarr" / "image").rglob("*") if file.is_file()]) == 2
+
+
+def test_opened_stores_read_what_is_selected(
+    data: dict[str, xr.Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    st.save(data["recording"], tmp_path / "x.zarr")
+    opened = st.open_store(tmp_path / "x.zarr")
+    read: list[int] = []
+    original = zarr.Array.oindex.fget
+    monkeypatch.setattr(zarr.Array, "oindex", property(lambda array: _Counting(original(array), read)))
+    one = opened["image"].sel(s=1, t=-2)
+    assert read == []
+    np.testing.assert_array_equal(one.values, data["recording"]["image"].sel(s=1, t=-2).values)
+    assert read == [one.size]
+
+
+class _Counting:
+    def __init__(self, wrapped: Any, sizes: list[int]) -> None:
+        self.wrapped, self.sizes = wrapped, sizes
+
+    def __getitem__(self, key: Any) -> Any:
+        values = self.wrapped[key]
+        self.sizes.append(values.size)
+        return values
+
+
+def test_the_scene_travels_with_the_data(data: dict[str, xr.Dataset]) -> None:
+    for dataset in data.values():
+        assert st.scene_from_plain(json.loads(dataset.attrs["scene"])).camera.width == 48
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_xarray_alone_opens_a_store(data: dict[str, xr.Dataset], kind: str, tmp_path: Path) -> None:
+    st.save(data[kind], tmp_path / "x.zarr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # It tells that not every program reads pcodec; nothing else.
+        warnings.filterwarnings("ignore", message="Numcodecs codecs are not in the Zarr version 3")
+        opened = xr.open_zarr(tmp_path / "x.zarr", chunks=None).load()
+    del opened.attrs["content"]
+    xr.testing.assert_identical(opened, data[kind])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_lost_its_stamp_is_stamped_again(
+    data: dict[str, xr.Dataset], kind: Literal["recording", "truth", "estimate"], tmp_path: Path
+) -> None:
+    bare = data[kind].copy()
+    del bare.attrs["scenetruth"], bare.attrs["format_version"]
+    st.save(bare, tmp_path / "x.zarr")
+    assert st.load(tmp_path / "x.zarr", kind).attrs["scenetruth"] == kind
+
+
+def test_what_could_not_be_loaded_is_not_saved(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
+    without = data["estimate"].copy()
+    without.attrs = {}
+    with pytest.raises(st.RecordingError, match=r"attrs\.focal_length_px: must be a finite number"):
+        st.save(without, tmp_path / "x.zarr")
+    with pytest.raises(st.RecordingError, match=r"attrs\.scenetruth: must be one of"):
+        st.save(data["recording"].assign_attrs(scenetruth="picture"), tmp_path / "x.zarr")
+    with pytest.raises(st.RecordingError, match="image: is missing"):
+        st.save(data["truth"].assign_attrs(scenetruth="recording"), tmp_path / "x.zarr")
+    odd = data["recording"].assign_attrs(note=object(), gain=float("nan"))
+    odd["names"] = ("t", np.array([None] * 9, dtype=object))
+    with pytest.raises(st.RecordingError) as caught:
+        st.save(odd, tmp_path / "x.zarr")
+    assert [problem.path for problem in caught.value.problems] == ["attrs.note", "attrs.gain", "names"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_of_numpy_among_attributes_come_back_plain(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
+    noted = data["recording"].assign_attrs(gain=np.float64(0.5), taps=np.array([1, 2]), pair=(3, "four"), nothing=None)
+    st.save(noted, tmp_path / "x.zarr")
+    attrs = st.load(tmp_path / "x.zarr").attrs
+    assert [attrs[name] for name in ("gain", "taps", "pair", "nothing")] == [0.5, [1, 2], [3, "four"], None]
+
+
+def test_existing_stores_are_refused_or_replaced(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
+    st.save(data["recording"], tmp_path / "x.zarr")
+    with pytest.raises(st.OutputExistsError, match="exists already"):
+        st.save(data["truth"], tmp_path / "x.zarr")
+    st.save(data["truth"], tmp_path / "x.zarr", overwrite=True)
+    assert st.load(tmp_path / "x.zarr").attrs["scenetruth"] == "truth"
+    assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
+
+
+def test_only_stores_of_ours_are_replaced(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.txt").write_text("all my work")
+    (tmp_path / "notes.txt").write_text("mine")
+    zarr.open_group(tmp_path / "other.zarr", mode="w", zarr_format=3)
+    for name in ("thesis", "notes.txt", "other.zarr"):
+        with pytest.raises(st.OutputExistsError, match="scenetruth"):
+            st.save(data["recording"], tmp_path / name, overwrite=True)
+    st.save(data["recording"], tmp_path / "x.zarr")
+    (tmp_path / "x.zarr" / "image" / "notes.txt").write_text("mine")
+    with pytest.raises(st.OutputExistsError, match=r"did not write \(image/notes\.txt\)"):
+        st.save(data["truth"], tmp_path / "x.zarr", overwrite=True)
+    assert (tmp_path / "x.zarr" / "image" / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "thesis" / "chapter.txt").read_text() == "all my work"
+    # A foreign file is no damage.
+    assert st.load(tmp_path / "x.zarr").identical(data["recording"])

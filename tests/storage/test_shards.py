@@ -1,0 +1,54 @@
+"""Files of chunks are what zarr itself writes."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+from hypothesis import given
+from hypothesis import strategies as some
+
+from scenetruth.storage.layout import chunk_shape, codecs_of, encoder_of
+from scenetruth.storage.quiet import without_warnings
+from scenetruth.storage.shards import ShardFile, with_checksum
+
+DTYPES = ["uint8", "uint16", "int16", "int32", "float32", "float64", "bool"]
+
+
+@given(
+    some.sampled_from(DTYPES),
+    some.tuples(*(some.integers(1, 3) for _ in range(2)), *(some.integers(1, 9) for _ in range(2))),
+    some.integers(0, 2**32),
+    some.randoms(),
+)
+def test_zarr_reads_what_is_put_in_any_order(
+    tmp_path_factory: pytest.TempPathFactory, dtype: str, shape: tuple[int, ...], seed: int, order: object
+) -> None:
+    folder = tmp_path_factory.mktemp("shard")
+    values = (np.random.default_rng(seed).normal(size=shape) * 100).astype(dtype)
+    chunks = chunk_shape(("s", "t", "y", "x"), shape)
+    with without_warnings():
+        array = zarr.create_array(
+            folder, shape=shape, dtype=dtype, chunks=chunks, shards=shape, **codecs_of("depth", np.dtype(dtype))
+        )
+    places = list(product(range(shape[0]), range(shape[1])))
+    order.shuffle(places)  # type: ignore[attr-defined]
+    file = ShardFile(folder.joinpath("c", *("0" * len(shape))), shape[:2] + (1, 1))
+    encoder = encoder_of("depth", np.dtype(dtype))
+    for s, t in places:
+        file.put((s, t, 0, 0), with_checksum(bytes(encoder.encode(np.ascontiguousarray(values[s, t])))))
+    assert file.missing == 0
+    file.close()
+    with without_warnings():
+        found = np.asarray(array[...])
+    assert found.tobytes() == values.tobytes()
+
+
+def test_missing_chunks_are_counted(tmp_path: Path) -> None:
+    file = ShardFile(tmp_path / "c", (2, 3))
+    file.put((0, 1), b"abcd")
+    assert file.missing == 5
+    file.give_up()
