@@ -20,10 +20,12 @@ LEAVES = {
     "randomness",
     "progress",
     "docstrings",
+    "plain",
 }
 MAY_IMPORT = {
     "errors": set(),
     "docstrings": set(),
+    "plain": {"errors"},
     "model": {"docstrings"},
     "indexing": set(),
     "kinds": set(),
@@ -32,7 +34,7 @@ MAY_IMPORT = {
     "progress": set(),
     "presets": set(),
     "settings": {"model"},
-    "schema": {"errors", "indexing", "progress"},
+    "schema": {"errors", "indexing", "progress", "plain"},
     "camera": LEAVES,
     "scene": {*LEAVES, "camera", "estimators"},
     "raycast": {*LEAVES, "camera"},
@@ -76,7 +78,8 @@ SCENE_MAY_IMPORT = {
     "summary": {"lighting", "item", "plant"},
     "spec": {"texture", "lighting", "item", "plant", "summary"},
     "suggestions": {"spec"},
-    "load": {"spec", "suggestions"},
+    "reading": set(),
+    "load": {"reading", "spec", "suggestions"},
     "times": {"spec"},
     "movement_check": {"motion", "deformation", "surface", "item", "spec"},
     "world": {
