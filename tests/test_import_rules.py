@@ -86,7 +86,7 @@ SCENE_MAY_IMPORT = {
         *("jets", "motion", "deformation", "mesh", "surface", "nodal", "texture"),
         *("item", "spec", "times", "movement_check"),
     },
-    "lighting_check": {"spec", "world"},
+    "lighting_check": {"light", "spec", "world"},
     "check": {"texture", "spec", "times", "world", "lighting_check"},
 }
 """Rooms of `scene`, from the lowest to the highest."""
