@@ -20,10 +20,12 @@ LEAVES = {
     "randomness",
     "progress",
     "docstrings",
+    "plain",
 }
 MAY_IMPORT = {
     "errors": set(),
     "docstrings": set(),
+    "plain": {"errors"},
     "model": {"docstrings"},
     "indexing": set(),
     "kinds": set(),
@@ -32,7 +34,7 @@ MAY_IMPORT = {
     "progress": set(),
     "presets": set(),
     "settings": {"model"},
-    "schema": {"errors", "indexing", "progress"},
+    "schema": {"errors", "indexing", "progress", "plain"},
     "camera": LEAVES,
     "scene": {*LEAVES, "camera", "estimators"},
     "raycast": {*LEAVES, "camera"},
@@ -89,14 +91,15 @@ SCENE_MAY_IMPORT = {
     "summary": {"lighting", "item", "plant"},
     "spec": {"texture", "lighting", "item", "plant", "summary"},
     "suggestions": {"spec"},
-    "load": {"spec", "suggestions"},
+    "reading": set(),
+    "load": {"reading", "spec", "suggestions"},
     "times": {"spec"},
     "movement_check": {"motion", "deformation", "surface", "item", "spec"},
     "world": {
         *("jets", "motion", "deformation", "mesh", "surface", "nodal", "texture"),
         *("item", "spec", "times", "movement_check"),
     },
-    "lighting_check": {"spec", "world"},
+    "lighting_check": {"light", "spec", "world"},
     "check": {"texture", "spec", "times", "world", "lighting_check"},
 }
 """Rooms of `scene`, from the lowest to the highest."""

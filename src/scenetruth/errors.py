@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ __all__ = [
     "ScenetruthError",
     "ScoreError",
     "StoreError",
+    "visible",
 ]
 
 
@@ -52,12 +53,77 @@ class Problem:
 
     def __str__(self) -> str:
         shown = "" if self.value is None else f" (got {_shorten(self.value)})"
-        return f"{self.path or '(top level)'}: {self.message}{shown}"
+        path = self.path if len(self.path) <= _LONGEST_PATH else f"{self.path[:_LONGEST_PATH]}..."
+        return f"{visible(path, lines=False) or '(top level)'}: {visible(self.message)}{shown}"
+
+
+_LONGEST_PATH = 400
+
+
+def visible(text: str, *, lines: bool = True) -> str:
+    r"""Return a text in which nothing can act on a terminal: control characters and the like are spelled out.
+
+    Parameters
+    ----------
+    text
+        Any text, from whatever file.
+    lines
+        Whether line ends stay as they are.
+
+    Examples
+    --------
+    >>> print(visible("red: \x1b[31m, backwards: \u202e, half a character: \udc80"))
+    red: \x1b[31m, backwards: \u202e, half a character: \udc80
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        character if character.isprintable() or (lines and character == "\n") else repr(character)[1:-1]
+        for character in text
+    )
 
 
 def _shorten(value: Any, limit: int = 80) -> str:
-    text = repr(value)
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+    """Return the beginning of a value's representation, without making the rest, which may be endless."""
+    text = ""
+    for piece in _pieces(value, limit):
+        text += piece
+        if len(text) > limit:
+            return text[: limit - 3] + "..."
+    return text
+
+
+def _pieces(value: Any, limit: int) -> Iterator[str]:
+    """Yield the representation of a value bit by bit; each bit is bounded."""
+    if isinstance(value, str | bytes):
+        # One more than fits, so that what is left out shows.
+        yield repr(value[: limit + 1])
+    elif isinstance(value, int) and not isinstance(value, bool) and value.bit_length() > _LONGEST_INTEGER_BITS:
+        yield f"an integer of {value.bit_length()} bits"
+    elif isinstance(value, Mapping):
+        yield "{"
+        for number, (key, item) in enumerate(value.items()):
+            yield ", " if number else ""
+            yield from _pieces(key, limit)
+            yield ": "
+            yield from _pieces(item, limit)
+        yield "}"
+    elif isinstance(value, list | tuple | set | frozenset):
+        opening, closing = "[]" if isinstance(value, list) else "()" if isinstance(value, tuple) else "{}"
+        yield opening
+        for number, item in enumerate(value):
+            yield ", " if number else ""
+            yield from _pieces(item, limit)
+        yield f",{closing}" if isinstance(value, tuple) and len(value) == 1 else closing
+    else:
+        try:
+            # What makes its own representation may make several lines, as arrays do.
+            yield " ".join(repr(value)[: 10 * limit].split())
+        except Exception:  # whatever a foreign class raises
+            yield f"a {type(value).__name__}"
+
+
+_LONGEST_INTEGER_BITS = 260  # 78 digits
 
 
 class ScenetruthError(Exception):
@@ -76,7 +142,7 @@ class _ProblemListError(ScenetruthError):
 
     def __str__(self) -> str:
         count = len(self.problems)
-        where = f" in {self.source}" if self.source else ""
+        where = f" in {visible(self.source, lines=False)}" if self.source else ""
         head = f"{count} problem{'s' if count != 1 else ''} with the {self._noun}{where}:"
         return "\n".join([head, *(f"  - {problem}" for problem in self.problems)])
 
@@ -134,7 +200,7 @@ class StoreError(ScenetruthError):
         super().__init__(self.path, message)
 
     def __str__(self) -> str:
-        return f"{self.path}: {self.message}"
+        return f"{visible(self.path, lines=False)}: {visible(self.message)}"
 
 
 class OutputExistsError(StoreError):

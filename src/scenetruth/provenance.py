@@ -100,10 +100,10 @@ def scene_hash(scene: Scene) -> str:
     plain = scene.to_plain()
     for where, file in input_files(scene):
         place: Any = plain
-        *path, last = (int(key) if key.isdigit() else key for key in where.split("."))
+        *path, last = where.split(".")
         for key in path:
-            place = place[key]
-        place[last] = content_hash(file)
+            place = place[int(key) if isinstance(place, list) else key]
+        place[int(last) if isinstance(place, list) else last] = content_hash(file)
     return digest({name: value for name, value in plain.items() if name not in _WITHOUT_EFFECT})
 
 

@@ -11,8 +11,10 @@ from scenetruth.model import FrozenModel, NonNegative, Positive
 
 __all__ = ["ScoreSettings"]
 
-Bounds = Annotated[tuple[NonNegative, ...], Field(min_length=1)]
-"""Bounds between classes of pixels."""
+Bounds = Annotated[tuple[NonNegative, ...], Field(min_length=1, max_length=50)]
+"""Bounds between classes of pixels; each class is a region of the score."""
+Window = Annotated[float, Field(ge=0.1, le=1000, allow_inf_nan=False)]
+"""Standard deviation of a Gaussian window: its sums take time in proportion, and below, it has one pixel only."""
 
 
 class ScoreSettings(FrozenModel):
@@ -25,12 +27,12 @@ class ScoreSettings(FrozenModel):
     edge_classes_px: Bounds = (0.0, 5.0, 10.0, 20.0)
     """Bounds of the regions ``edge_LOW_HIGH``: distances to the nearest mixed pixel, in px. One more class,
     ``edge_LOW_inf``, begins at the last."""
-    contrast_window_px: Positive = 6.0
+    contrast_window_px: Window = 6.0
     """Standard deviation of the Gaussian window in which texture contrast is measured, in px."""
     contrast_classes: tuple[Positive, Positive] = (0.02, 0.05)
     """Bounds between ``contrast_low``, ``contrast_mid`` and ``contrast_high``: local standard deviation of the
     reference image, as a fraction of full scale."""
-    growth_window_px: Positive = 20.0
+    growth_window_px: Window = 20.0
     """Standard deviation of the Gaussian window in which the growth rate is fitted, in px."""
     growth_min_coverage: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Least share of that window's weight that must lie on known pixels of the same surface."""

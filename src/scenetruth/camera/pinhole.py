@@ -13,6 +13,9 @@ from scenetruth.model import Finite, FrozenModel, Positive
 
 __all__ = ["Camera"]
 
+_FOCAL_PX = (1e-3, 1e9)
+"""Least and largest focal length: the field of view is half a turn but for a thousandth of a pixel, or a point."""
+
 
 class Camera(FrozenModel):
     """A camera that looks along +Z, with X to the right and Y down: a pinhole, or a lens that distorts.
@@ -44,24 +47,46 @@ class Camera(FrozenModel):
         if self.focal_length_px is None and not all(in_mm):
             msg = "give focal_length_px, or focal_length_mm together with pixel_pitch_um"
             raise ValueError(msg)
+        least, most = _FOCAL_PX
+        if not least <= self.focal_px <= most:
+            msg = f"the focal length must be {least:g} to {most:g} px (got {self.focal_px:g} px)"
+            raise ValueError(msg)
         return self
 
     @model_validator(mode="after")
     def _unfolded(self) -> Camera:
+        problem = self.folding_problem(0)
+        if problem:
+            raise ValueError(problem)
+        return self
+
+    def folding_problem(self, margin_px: int) -> str:
+        """Say where the distortion folds the image and a margin around it, or return nothing.
+
+        Parameters
+        ----------
+        margin_px
+            Margin on every side.
+
+        Returns
+        -------
+        str
+            A pixel that shows no ray, or more than one, and what to do; empty if there is none.
+        """
         if self.distortion is None:
-            return self
+            return ""
         # The border and a grid inside: where the image folds, it does so along a curve that surrounds the axis.
-        x, y = np.meshgrid(np.linspace(-0.5, self.width - 0.5, 33), np.linspace(-0.5, self.height - 0.5, 33))
+        low, high = -0.5 - margin_px, margin_px - 0.5
+        x, y = np.meshgrid(np.linspace(low, self.width + high, 33), np.linspace(low, self.height + high, 33))
         pixels = np.stack([x, y], axis=-1)
         folded = ~np.isfinite(self._undistorted(pixels)).all(axis=-1)
-        if folded.any():
-            px, py = pixels[folded][0]
-            msg = (
-                f"distortion folds the image: at pixel ({px:g}, {py:g}) no ray, or more than one, is imaged; "
-                "use smaller coefficients, a smaller image or a longer focal length"
-            )
-            raise ValueError(msg)
-        return self
+        if not folded.any():
+            return ""
+        px, py = pixels[folded][0]
+        return (
+            f"distortion folds the image: at pixel ({px:g}, {py:g}) no ray, or more than one, is imaged; "
+            "use smaller coefficients, a smaller image or a longer focal length"
+        )
 
     @property
     def focal_px(self) -> float:
@@ -97,13 +122,15 @@ class Camera(FrozenModel):
             Focal length and principal point are scaled so that the same points are seen.
         """
         c_x, c_y = self.principal_point
-        return Camera(
-            width=(self.width + 2 * margin_px) * parts,
-            height=(self.height + 2 * margin_px) * parts,
-            focal_length_px=self.focal_px * parts,
-            # Centres of pixels are integers: the first border is at -1/2.
-            principal_point_px=tuple((c + margin_px + 0.5) * parts - 0.5 for c in (c_x, c_y)),
-            distortion=self.distortion,
+        # It may be larger than the cameras of scenes.
+        return self.model_copy(
+            update={
+                "width": (self.width + 2 * margin_px) * parts,
+                "height": (self.height + 2 * margin_px) * parts,
+                "focal_length_px": self.focal_px * parts,
+                # Centres of pixels are integers: the first border is at -1/2.
+                "principal_point_px": tuple((c + margin_px + 0.5) * parts - 0.5 for c in (c_x, c_y)),
+            }
         )
 
     def rows(self, first: int, last: int) -> Camera:

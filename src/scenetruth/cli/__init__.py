@@ -7,6 +7,9 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command ``scenetruth``."""
-    from scenetruth.cli.app import run_app
+    try:
+        from scenetruth.cli.app import run_app
 
-    run_app()
+        run_app()
+    except KeyboardInterrupt:  # while modules are imported
+        raise SystemExit(130) from None

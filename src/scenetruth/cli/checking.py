@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from scenetruth.camera import Frames, Stage, Viewpoint
-from scenetruth.errors import SceneError
+from scenetruth.cli.console import print_warning
+from scenetruth.errors import SceneError, SceneWarning, visible
 from scenetruth.scene import Scene
 from scenetruth.scene.check import SceneReport
 
@@ -21,26 +23,25 @@ def print_check(scene: Scene, file: Path) -> None:
     """Validate a scene down to its meshes and textures, and print what will be made from it."""
     from scenetruth.pipeline import run_problems
     from scenetruth.raycast import Topology
-    from scenetruth.scene.check import describe_scene
+    from scenetruth.scene.check import check_scene, describe_scene
     from scenetruth.scene.world import build_world
     from scenetruth.truth import GeometryPass, interior_warnings, truth_maps
 
     try:
         world = build_world(scene)
-        vertices = world.at(0).vertices_mm
-        if (vertices[:, 2] > 0).any():
-            geometry = GeometryPass(world, Topology.of(vertices, world.faces, world.crease_deg), 0.0)
-            maps = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm, "standard")
-            depth = maps["depth"]
-            margin = scene.score.interior_margin_px
-            edges_only = interior_warnings(world, maps["object_id"], maps["boundary_distance"], margin)
-        else:
-            depth, edges_only = vertices[:0, 2], []
-        report = describe_scene(scene, world, depth)
+        with warnings.catch_warnings():
+            # The report tells them again.
+            warnings.simplefilter("ignore", SceneWarning)
+            check_scene(scene, world)
+        geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
+        maps = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm, "standard")
+        margin = scene.score.interior_margin_px
+        edges_only = interior_warnings(world, maps["object_id"], maps["boundary_distance"], margin)
+        report = describe_scene(scene, world, maps["depth"])
     except SceneError as error:
         raise SceneError(error.problems, source=file) from error
     camera, stage, frames = scene.camera, scene.stage, scene.frames
-    table = Table(title=scene.description or str(file), show_header=False, title_justify="left")
+    table = Table(title=visible(scene.description or str(file)), show_header=False, title_justify="left")
     rows = {
         "images": f"{report.image_count} of {camera.width} x {camera.height} px "
         f"({_positions(stage)}; {frames.count} frames)",
@@ -61,12 +62,12 @@ def print_check(scene: Scene, file: Path) -> None:
             text += ", texture wavelengths {:.2f} to {:.2f} px".format(*item.wavelength_px)
         rows[f"object '{item.name}'"] = text
     for name, text in rows.items():
-        table.add_row(name, text)
-    Console(highlight=False).print(table)
+        table.add_row(visible(name), visible(text))
+    Console(highlight=False, markup=False, emoji=False).print(table)
     problems = run_problems(scene, [scene.estimate])
     messages = [*report.warnings, *edges_only, *(f"cannot be estimated: {problem}" for problem in problems)]
     for message in messages:
-        Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(f"warning: {message}", style="yellow")
+        print_warning(message)
     print(
         "the scene is valid" if not messages else f"the scene is valid, with {len(messages)} warnings", file=sys.stdout
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 import time
@@ -11,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -21,9 +23,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from scenetruth.errors import EstimateWarning, ScenetruthError, SceneWarning
+from scenetruth.errors import EstimateWarning, ScenetruthError, SceneWarning, visible
 
-__all__ = ["Reporter", "guard", "reporting"]
+__all__ = ["Reporter", "guard", "print_warning", "reporting"]
 
 _EXIT_ERROR = 2
 _EXIT_INTERRUPTED = 130
@@ -51,7 +53,7 @@ class Reporter:
         if _interrupted:
             raise _Interrupted
         if what not in self._tasks:
-            self._tasks[what] = self.progress.add_task(what, total=total)
+            self._tasks[what] = self.progress.add_task(escape(visible(what, lines=False)), total=total)
         self.progress.update(self._tasks[what], completed=done, total=total)
 
     @contextmanager
@@ -63,7 +65,7 @@ class Reporter:
 
     def say(self, text: str) -> None:
         """Print a line above the bars."""
-        self.progress.console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self.progress.console.print(visible(text), highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
 @contextmanager
@@ -83,9 +85,13 @@ def reporting() -> Iterator[Reporter]:
 def guard(run: Callable[[], None]) -> None:
     """Run a command; turn errors that are ours into messages and exit codes.
 
-    Exit code 2: an input or the machine does not allow it. 130: interrupted.
+    Exit code 2: an input or the machine does not allow it. 130: interrupted. What nobody foresaw keeps its traceback.
     """
     warnings.showwarning = _show_warning
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that cannot show a character shows its number.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     shown = sys.unraisablehook
@@ -99,12 +105,29 @@ def guard(run: Callable[[], None]) -> None:
                 "interrupted; nothing half-written was kept, only finished results; the command can be repeated"
             )
             sys.exit(_EXIT_INTERRUPTED)
-        if isinstance(error, ScenetruthError):
-            _print_error(str(error))
-            sys.exit(_EXIT_ERROR)
-        raise
+        told = _told(error)
+        if told is None:
+            raise
+        _print_error(told)
+        sys.exit(_EXIT_ERROR)
     finally:
         sys.unraisablehook = shown
+
+
+def _told(error: BaseException) -> str | None:
+    """Return what to tell a user of an error; None for one that only who mends the program can understand."""
+    if isinstance(error, ScenetruthError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"not enough memory ({error}); make images, meshes, textures or the number of frames smaller"
+    if isinstance(error, RecursionError):
+        return f"an input is nested too deeply ({error})"
+    if isinstance(error, UnicodeError):
+        return f"a text is not UTF-8, or cannot be written in it: {error}"
+    if isinstance(error, OSError) and error.strerror:
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror}"
+    return None
 
 
 class _Interrupted(BaseException):
@@ -129,7 +152,13 @@ def _again_if_swallowed(unraisable: sys.UnraisableHookArgs) -> None:
 
 
 def _print_error(text: str) -> None:
-    Console(stderr=True).print(f"error: {text}", style="red", highlight=False, markup=False, soft_wrap=True)
+    _print_plainly(f"error: {text}", "red")
+
+
+def _print_plainly(text: str, style: str) -> None:
+    """Print on standard error; nothing in the text acts on the terminal."""
+    console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+    console.print(visible(text), style=style, soft_wrap=True)
 
 
 def _show_warning(
@@ -141,4 +170,9 @@ def _show_warning(
     line: object = None,
 ) -> None:
     text = str(message) if issubclass(category, SceneWarning | EstimateWarning) else f"{category.__name__}: {message}"
-    Console(stderr=True).print(f"warning: {text}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+    print_warning(text)
+
+
+def print_warning(text: str) -> None:
+    """Print a warning on standard error."""
+    _print_plainly(f"warning: {text}", "yellow")

@@ -62,7 +62,18 @@ Results = Annotated[
     Path, typer.Argument(metavar="FOLDER", help="Folder of a run, or a store in it.", show_default=False)
 ]
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with the stores of a run.", show_default=False)]
-Output = Annotated[Path, typer.Option("--output", "-o", help="Folder to make.", show_default=False)]
+
+
+def _with_a_name(path: Path) -> Path:
+    if path.name in ("", ".."):
+        msg = "must name a folder to make; '.', '..' and '/' are there already"
+        raise typer.BadParameter(msg)
+    return path
+
+
+Output = Annotated[
+    Path, typer.Option("--output", "-o", help="Folder to make.", show_default=False, callback=_with_a_name)
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,7 +44,7 @@ def run(
     changes = list(overrides or ())
     if methods and len(methods) == 1 and methods[0] != load_scene(scene).estimate.method:
         # --set estimate.FIELD then means a field of that method.
-        changes.insert(0, f"estimate={{method: '{methods[0]}'}}")
+        changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
     loaded = load_scene(scene, changes)
     try:
         with reporting() as reporter:
@@ -63,7 +64,7 @@ def run(
     except SceneError as error:
         raise SceneError(error.problems, source=scene) from error
     _print_scores(results)
-    typer.echo(f"written: {output}")
+    _echo(f"written: {output}")
     _raise_failures(results)
 
 
@@ -98,7 +99,7 @@ def render(
             progress=reporter,
             notice=reporter.say,
         )
-    typer.echo(f"written: {results.folder.recording}, {results.folder.truth}")
+    _echo(f"written: {results.folder.recording}, {results.folder.truth}")
 
 
 def estimate(
@@ -120,11 +121,11 @@ def estimate(
         files = runner.folder.of(choice.method)
         if choice.method in runner.failures:
             continue
-        typer.echo(f"written: {files.estimate}")
+        _echo(f"written: {files.estimate}")
         stale = [path.name for path in files.after_estimate if path.exists()]
         if stale:
             remedy = "repeat `scenetruth score` and `scenetruth report` with --overwrite"
-            typer.echo(f"warning: {', '.join(stale)} in {folder} belong to the former estimate; {remedy}", err=True)
+            _echo(f"warning: {', '.join(stale)} in {folder} belong to the former estimate; {remedy}", err=True)
     _raise_failures(runner.results())
 
 
@@ -148,7 +149,7 @@ def score(
     _print_scores(results)
     for method in results.scores:
         files = runner.folder.of(method)
-        typer.echo(f"written: {files.score_json}, {files.score_csv}")
+        _echo(f"written: {files.score_json}, {files.score_csv}")
     _raise_failures(results)
 
 
@@ -168,7 +169,7 @@ def report(
                 runner.report(method)
     for method in names:
         if method not in runner.failures:
-            typer.echo(f"written: {runner.folder.of(method).report}")
+            _echo(f"written: {runner.folder.of(method).report}")
     _raise_failures(runner.results())
 
 
@@ -181,10 +182,17 @@ def verify(folder: options.Results) -> None:
     with reporting() as reporter:
         verdicts = verify_folder(folder, progress=reporter)
     for verdict in verdicts:
-        typer.echo(f"{verdict.path}: {verdict.problem or 'whole'}", err=bool(verdict.problem))
+        _echo(f"{verdict.path}: {verdict.problem or 'whole'}", err=bool(verdict.problem))
     damaged = {verdict.path for verdict in verdicts if verdict.problem}
     if damaged:
         raise StoreError(folder, f"{len(damaged)} of its results cannot be trusted; make them again")
+
+
+def _echo(text: str, *, err: bool = False) -> None:
+    """Print a line; names of files may hold what a terminal obeys."""
+    from scenetruth.errors import visible
+
+    typer.echo(visible(text), err=err)
 
 
 def _runner(folder: Path, overwrite: bool, allow_mismatch: bool, reporter: Reporter) -> Runner:

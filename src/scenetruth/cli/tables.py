@@ -16,7 +16,7 @@ def print_methods() -> None:
     """Print all methods that are installed: what they give, what they need, who brings them, what is wrong."""
     from rich.table import Table
 
-    from scenetruth.errors import EstimateError
+    from scenetruth.errors import EstimateError, visible
     from scenetruth.estimators import find_method, method_entries
 
     table = Table(title="methods of estimation", title_justify="left")
@@ -30,26 +30,26 @@ def print_methods() -> None:
         except (EstimateError, ValueError) as error:
             problems = getattr(error, "problems", ())
             told = "; ".join(problem.message for problem in problems) or str(error)
-            table.add_row(entry.name, "–", f"cannot be used: {told}", entry.origin)
+            table.add_row(*map(visible, (entry.name, "–", f"cannot be used: {told}", entry.origin)))
             continue
-        table.add_row(
-            entry.name, ", ".join(sorted(method.gives)) or "shows in its estimates", str(method.needs), entry.origin
-        )
-    console().print(table, markup=False)
+        gives = ", ".join(sorted(method.gives)) or "shows in its estimates"
+        table.add_row(*map(visible, (entry.name, gives, str(method.needs), entry.origin)))
+    console().print(table)
 
 
 def console() -> Console:
-    """Return a console on standard output, wide enough for tables where it is no terminal."""
+    """Return a console on standard output, wide enough for tables where it is no terminal; brackets are no markup."""
     from rich.console import Console
 
-    console = Console()
-    return console if console.is_terminal else Console(width=120)
+    console = Console(markup=False, emoji=False, highlight=False)
+    return console if console.is_terminal else Console(width=120, markup=False, emoji=False, highlight=False)
 
 
 def print_score(scored: Score, method: str = "") -> None:
     """Print the figures of merit of an estimate: the interior, then the rms errors of all regions."""
     from rich.table import Table
 
+    from scenetruth.errors import visible
     from scenetruth.scoring import units_of
     from scenetruth.scoring.quantities import GROWTH_QUANTITIES
 
@@ -63,7 +63,7 @@ def print_score(scored: Score, method: str = "") -> None:
         "within_2_std": "in 2\nstd",
         "density": "density",
     }
-    title = f"{method}, region interior" if method else "region interior"
+    title = visible(f"{method}, region interior" if method else "region interior")
     table = Table(title=title, title_justify="left")
     table.add_column("quantity", overflow="fold")
     table.add_column("unit")
@@ -82,6 +82,7 @@ def _print_regions(scored: Score) -> None:
     """Print the rms errors of some quantities in every region that has any pixel scored."""
     from rich.table import Table
 
+    from scenetruth.errors import visible
     from scenetruth.scoring import units_of
     from scenetruth.scoring.quantities import GROWTH_QUANTITIES
 
@@ -103,5 +104,7 @@ def _print_regions(scored: Score) -> None:
         if not count:
             continue
         cells = [density, *(quantities[name]["rms"] for name in names)]
-        table.add_row(region, f"{count:,}", *("–" if value is None else f"{value:.3g}" for value in cells))
+        table.add_row(
+            visible(region, lines=False), f"{count:,}", *("–" if value is None else f"{value:.3g}" for value in cells)
+        )
     console().print(table)

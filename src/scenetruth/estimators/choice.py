@@ -113,7 +113,7 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
         return method.settings.model_validate(dict(fields))
     except ValidationError as error:
         told: dict[str, list[Problem]] = {}
-        for problem in (_problem_of(entry, method) for entry in error.errors()):
+        for problem in (_problem_of(entry, method) for entry in error.errors(include_url=False)[:_MOST_TOLD]):
             told.setdefault(problem.path, []).append(problem)
         # Of a setting that may be a number or a word, pydantic reports each on its own.
         problems = [
@@ -121,6 +121,10 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
             for path, found in sorted(told.items())
         ]
         raise EstimateError(problems, source=f"settings of '{method.name}'") from error
+
+
+_MOST_TOLD = 100
+"""More wrong settings are not told: to find what each was meant to be takes time."""
 
 
 def _problem_of(entry: Any, method: Estimator) -> Problem:

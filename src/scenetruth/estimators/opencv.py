@@ -11,7 +11,6 @@ from pydantic import Field, model_validator
 
 from scenetruth.errors import Problem
 from scenetruth.estimators.protocol import MethodSettings
-from scenetruth.model import Positive
 from scenetruth.progress import Progress
 from scenetruth.schema import pixel_grid_of
 
@@ -40,11 +39,11 @@ class StereoSettings(MethodSettings):
 
     stereo: Literal["sgbm", "bm"] = "sgbm"
     """``sgbm``: semi-global matching of blocks; ``bm``: block matching."""
-    camera: int | None = None
+    camera: Annotated[int, Field(ge=-1001, le=1001)] | None = None
     """The position s that is matched with the reference s = 0; null: the nearest, the right one of two."""
-    min_disparity_px: Annotated[int, Field(ge=0)] | Literal["auto"] = "auto"
+    min_disparity_px: Annotated[int, Field(ge=0, le=32768)] | Literal["auto"] = "auto"
     """Least disparity between the two images in px; ``auto`` finds the range from the images."""
-    disparity_range_px: Annotated[int, Field(ge=16, multiple_of=16)] = 32
+    disparity_range_px: Annotated[int, Field(ge=16, le=32768, multiple_of=16)] = 32
     """How many disparities are tried from there on: a multiple of 16."""
     stereo_block_px: Annotated[int, Field(ge=1, le=255)] | None = None
     """Side of the blocks that are compared, odd; null: 7 for ``sgbm``, 21 for ``bm``."""
@@ -64,13 +63,13 @@ class FlowSettings(MethodSettings):
 
     flow: Literal["farneback", "dis"] = "farneback"
     """``farneback``: polynomial expansion; ``dis``: dense inverse search (medium preset)."""
-    flow_window_px: Annotated[int, Field(ge=3)] = 25
+    flow_window_px: Annotated[int, Field(ge=3, le=1001)] = 25
     """Side of Farnebäck's window in px."""
     flow_levels: Annotated[int, Field(ge=1, le=10)] = 3
     """Levels of Farnebäck's pyramid."""
-    flow_iterations: Annotated[int, Field(ge=1)] = 3
+    flow_iterations: Annotated[int, Field(ge=1, le=1000)] = 3
     """Iterations of Farnebäck's method at each level."""
-    flow_polynomial_sigma_px: Positive = 1.5
+    flow_polynomial_sigma_px: Annotated[float, Field(ge=0.1, le=100, allow_inf_nan=False)] = 1.5
     """Standard deviation of the Gaussian in which Farnebäck's polynomials are fitted to 7 x 7 pixels, in px."""
 
 

@@ -19,6 +19,8 @@ from scenetruth.scene.world import World
 __all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene"]
 
 _FINEST_PX = 2.0
+# A thousand kilometres: float64 then still tells 1e-7 mm apart, and float32, which the search for rays uses, 64 mm.
+_FARTHEST_MM = 1e9
 _BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3 + 2 + 1 + 1) + 4 + 4 + 1 + 2 + 1 + 1
 
 
@@ -93,8 +95,7 @@ def check_scene(scene: Scene, world: World) -> None:
     SceneWarning
         If a texture is finer than two pixels.
     """
-    reports, problems = _object_reports(scene, world)
-    problems += [*_camera_problems(scene), *lighting_problems(scene, world)]
+    reports, problems = _looked_at(scene, world)
     if problems:
         raise SceneError(problems)
     for message in _texture_warnings(reports):
@@ -118,8 +119,7 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
     SceneError
         As `check_scene`.
     """
-    reports, problems = _object_reports(scene, world)
-    problems += [*_camera_problems(scene), *lighting_problems(scene, world)]
+    reports, problems = _looked_at(scene, world)
     seen = depth[np.isfinite(depth)]
     if not problems and not seen.size:
         problems = [Problem("objects", "the reference camera sees none of them at the reference frame")]
@@ -149,6 +149,13 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
     )
 
 
+def _looked_at(scene: Scene, world: World) -> tuple[list[ObjectReport], list[Problem]]:
+    # What overflows is told of as a problem.
+    with np.errstate(all="ignore"):
+        reports, problems = _object_reports(scene, world)
+        return reports, [*problems, *_camera_problems(scene), *lighting_problems(scene, world)]
+
+
 def _camera_problems(scene: Scene) -> list[Problem]:
     """Return what lens, shutter and backend ask for that does not go together."""
     problems = []
@@ -159,6 +166,9 @@ def _camera_problems(scene: Scene) -> list[Problem]:
     if psf is not None and 2 * psf.reach_px > min(camera.width, camera.height):
         value = f"light reaches {psf.reach_px:.3g} px far"
         problems.append(Problem("optics.psf", "is wider than the image; make it narrower, or the image larger", value))
+    elif psf is not None and (folded := camera.folding_problem(int(np.ceil(psf.reach_px)))):
+        # Light comes into the image from around it.
+        problems.append(Problem("optics.psf", f"spreads light from around the image, where {folded}"))
     interval = scene.frames.frame_interval_s
     if shutter.exposure_time_s > interval:
         message = f"is longer than frames.frame_interval_s, {interval:g} s"
@@ -172,9 +182,16 @@ def _camera_problems(scene: Scene) -> list[Problem]:
 def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], list[Problem]]:
     reports, problems = [], []
     offsets = world.vertex_offsets
-    moments = [world.at(float(t)).vertices_mm for t in times_of(scene)]
+    times = times_of(scene)
+    moments = [world.at(float(t)).vertices_mm for t in times]
     for index, ((path, item), body) in enumerate(zip(scene.parts, world.bodies, strict=True)):
         vertices = np.stack([moment[offsets[index] : offsets[index + 1]] for moment in moments])
+        lost = np.flatnonzero(~(np.abs(vertices).max(axis=(1, 2)) <= _FARTHEST_MM))
+        if lost.size:
+            message = f"'{item.name}' is out of all bounds at frame {times[lost[0]]:g}: no coordinate may be farther "
+            message += f"than {_FARTHEST_MM:g} mm from the origin; make it smaller, nearer or slower"
+            problems.append(Problem(f"{path}.motion" if item.motion else path, message))
+            continue
         depth = vertices[..., 2]
         if depth.min() <= 0:
             where = "is behind the camera" if depth.max() <= 0 else "reaches behind the camera"

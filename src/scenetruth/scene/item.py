@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import ValidationInfo, field_validator
 
 from scenetruth.kinds import one_of
-from scenetruth.model import FrozenModel
+from scenetruth.model import FrozenModel, Name
 from scenetruth.scene.deformation import OwnFrameModel
 from scenetruth.scene.mesh import MeshModel
 from scenetruth.scene.mesh.file import FileMesh
@@ -31,7 +31,7 @@ else:
 class SceneObject(FrozenModel):
     """A textured mesh that stands and moves before the camera."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Name
     """Name, unique in the scene; keys the object's random numbers."""
     mesh: Mesh
     """Its shape."""

@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
+from scenetruth.scene.light.base import EVERYWHERE
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World
 
 __all__ = ["lighting_problems"]
 
 # A direction in which no mesh is likely to have edges or faces.
+_UNSTEADY = 1e-3
 _ODD_WAY = np.array([0.351938, 0.681273, 0.641873])
 
 
@@ -30,7 +32,8 @@ def lighting_problems(scene: Scene, world: World) -> list[Problem]:
             f"makes the brightness {min(brightness):.6g} at frame {worst:g}; it must stay positive over all frames"
         )
         problems.append(Problem("lighting.drift_per_frame", message, lighting.drift_per_frame))
-    if all(lamp.position_mm is None for lamp in lighting.lamps_at(0.0)):
+    problems += _lost_lamps(scene, times)
+    if problems or all(lamp.position_mm is None for lamp in lighting.lamps_at(0.0)):
         return problems
     closed = [_is_closed(body.vertices_mm, body.faces) for body in world.bodies]
     found: set[tuple[int, int]] = set()
@@ -49,6 +52,19 @@ def lighting_problems(scene: Scene, world: World) -> list[Problem]:
                     where = tuple(round(float(value), 6) for value in lamp.position_mm)
                     problems.append(Problem(f"lighting.lights.{number}.position_mm", message, where))
     return problems
+
+
+def _lost_lamps(scene: Scene, times: list[float]) -> list[Problem]:
+    """Return which lamps are moved so far that they, or the directions in which they shine, are no numbers any more."""
+    lost: dict[int, Problem] = {}
+    for t in times:
+        for number, lamp in enumerate(scene.lighting.lamps_at(t)):
+            directed = lamp.position_mm is None or lamp.cos_outer > EVERYWHERE
+            shines = not directed or abs(float(np.linalg.norm(lamp.axis)) - 1) < _UNSTEADY
+            if not shines or not (lamp.position_mm is None or np.isfinite(lamp.position_mm).all()):
+                message = f"moves the light, at frame {t:g}, so far that its place or direction is lost; make it slower"
+                lost.setdefault(number, Problem(f"lighting.lights.{number}.motion", message))
+    return list(lost.values())
 
 
 def _is_closed(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from pydantic_core import ErrorDetails
 from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.files import context_of
+from scenetruth.plain import plain_problems
+from scenetruth.scene.reading import MOST_BYTES, read_text, read_yaml
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.suggestions import kinds_at, known_keys, suggest_key, suggest_setting, suggest_word
 
@@ -62,21 +65,29 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     ...     load_scene(f"{folder}/wall.yaml", ["camera.width=80", "render.backend=raycast"])
     Scene(80 x 30 px; 3 positions x 2 frames; objects: wall)
     """
-    import yaml
-
-    path = Path(file)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError([Problem("", f"cannot be read: {error}")], source=path) from error
+        path = Path(file)
+    except TypeError as error:
+        raise SceneError([Problem("", "the file must be given by its path", file)]) from error
     try:
-        plain = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise SceneError([Problem("", f"is not valid YAML: {' '.join(str(error).split())}")], source=path) from error
+        plain, problems = read_yaml(read_text(path))
+        folder = path.parent.resolve()
+    except (OSError, RuntimeError) as error:
+        told = getattr(error, "strerror", None) or error
+        raise SceneError([Problem("", f"cannot be read: {told}")], source=path) from error
+    except ValueError as error:
+        raise SceneError([Problem("", str(error))], source=path) from error
+    if problems:
+        raise SceneError(problems, source=path)
+    if plain is None:
+        raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=path)
     if not isinstance(plain, dict):
-        raise SceneError([Problem("", "must be a mapping of camera, stage, frames, objects, ...", plain)], source=path)
+        raise SceneError([Problem("", f"must be {_MAPPING}", plain)], source=path)
     apply_overrides(plain, overrides, source=path)
-    return scene_from_plain(plain, source=path, folder=path.parent.resolve())
+    return scene_from_plain(plain, source=path, folder=folder)
+
+
+_MAPPING = "a mapping of camera, stage, frames, objects, ..."
 
 
 def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None, folder: Path | None = None) -> Scene:
@@ -125,7 +136,11 @@ def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None,
       - render.backend: input should be 'auto', 'pyrender' or 'raycast'; did you mean 'raycast'? (got 'raycst')
       - width: unknown key; did you mean 'camera.width'? (got 80)
     """
-    problems: list[Problem] = []
+    if not isinstance(plain, Mapping):
+        raise SceneError([Problem("", f"must be {_MAPPING}", plain)], source=source)
+    problems = plain_problems(plain)
+    if problems:
+        raise SceneError(problems, source=source)
     validated = dict(plain)
     if "estimate" in plain:
         try:
@@ -151,31 +166,44 @@ def apply_overrides(plain: dict[str, Any], overrides: Sequence[str], source: str
     SceneError
         With every assignment whose spelling or path does not fit.
     """
-    import yaml
-
     problems = []
+    if isinstance(overrides, str):
+        overrides = [overrides]
     for override in overrides:
-        path, separator, text = override.partition("=")
-        if not separator or not path.strip():
+        if not isinstance(override, str):
             problems.append(Problem("--set", "must read path=value", override))
             continue
-        try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
-            problems.append(Problem(f"--set {path}", "the value is not valid YAML", text))
+        path, separator, text = override.partition("=")
+        keys = path.strip().split(".")
+        if not separator or not all(keys):
+            problems.append(Problem("--set", "must read path=value, as camera.width=320", override))
             continue
-        problem = _assign(plain, path.strip().split("."), value)
+        if len(text) > MOST_BYTES:
+            problems.append(Problem("--set", f"a value has at most {MOST_BYTES:,} characters", override))
+            continue
+        value, wrong = read_yaml(text)
+        if wrong:
+            problems += [
+                Problem(f"--set {'.'.join(filter(None, (path, item.path)))}", f"value, {item.message}", item.value)
+                for item in wrong
+            ]
+            continue
+        problem = _assign(plain, keys, value)
         if problem is not None:
             problems.append(Problem(f"--set {path}", problem, override))
     if problems:
         raise SceneError(problems, source=source)
 
 
+# No list has more items than nine digits can count, and other alphabets have digits too.
+_INDEX = re.compile(r"-?[0-9]{1,9}", re.ASCII)
+
+
 def _assign(target: Any, keys: list[str], value: Any) -> str | None:
     for depth, key in enumerate(keys):
         last = depth == len(keys) - 1
         if isinstance(target, list):
-            if not key.lstrip("-").isdigit() or not -len(target) <= int(key) < len(target):
+            if not _INDEX.fullmatch(key) or not -len(target) <= int(key) < len(target):
                 return f"'{'.'.join(keys[:depth])}' is a list of {len(target)}; '{key}' is not an index of it"
             if last:
                 target[int(key)] = value
@@ -189,8 +217,12 @@ def _assign(target: Any, keys: list[str], value: Any) -> str | None:
                     target[key] = {}
                 target = target[key]
         else:
-            return f"'{'.'.join(keys[:depth])}' is {target!r} and has no fields"
+            return f"'{'.'.join(keys[:depth])}' is {_brief(target)} and has no fields"
     return None
+
+
+def _brief(value: Any) -> str:
+    return repr(value) if not isinstance(value, str) or len(value) <= 40 else repr(value[:40] + "...")
 
 
 def _in_estimate(problem: Problem) -> Problem:
@@ -205,12 +237,20 @@ def _in_estimate(problem: Problem) -> Problem:
 
 def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
     found: dict[tuple[str, str], tuple[str, Problem]] = {}
-    for entry in error.errors():
+    entries = error.errors(include_url=False)
+    for entry in entries[:_MOST_TOLD]:
         path = _path_in(plain, entry["loc"], entry["type"])
         message, value = _message_of(entry, path), entry.get("input")
         problem = Problem(path, message[:1].lower() + message[1:], None if entry["type"] == "missing" else value)
         found.setdefault((path, problem.message), (entry["type"], problem))
-    return _joined(list(found.values()))
+    problems = _joined(list(found.values()))
+    if len(entries) > _MOST_TOLD:
+        problems.append(Problem("", f"{len(entries) - _MOST_TOLD:,} more problems are not told; mend these first"))
+    return problems
+
+
+# Each is told with what may have been meant, which takes some milliseconds.
+_MOST_TOLD = 100
 
 
 def _message_of(entry: ErrorDetails, path: str) -> str:

@@ -62,7 +62,9 @@ def movement_problems(
                 continue
             field, message = item.problem(points, at)
             moved = points if field else item(points, at)
-            if not field and item.entry.in_the_flat:
+            if not field and not all(np.isfinite(coordinate).all() for coordinate in moved):
+                message = "moves points to where no number reaches; make it slower, or smaller"
+            elif not field and item.entry.in_the_flat:
                 message = _inside_out(points, moved, faces)
             if message:
                 path = f"{where}.deformation.{item.number}" + (f".{field}" if field else "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -38,9 +39,10 @@ class RenderSettings(FrozenModel):
 
 
 def _refuse_twice(names: list[str]) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        msg = f"names must be unique; used more than once: {', '.join(twice)}"
+        told = [*twice[:5], *([f"and {len(twice) - 5} more"] if len(twice) > 5 else [])]
+        msg = f"names must be unique; used more than once: {', '.join(told)}"
         raise ValueError(msg)
 
 

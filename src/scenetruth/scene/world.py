@@ -223,26 +223,35 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
     bodies: list[Body] = []
     problems: list[Problem] = []
     for path, item in scene.parts:
-        part = "mesh"
-        try:
-            mesh = item.mesh.make(folder)
-            part = "texture"
-            generator = generator_for(scene.seed, "texture", item.name)
-            texture, uv, uv_back = item.texture.paint(mesh, folder, generator)
-            part = "deformation.0"
-            given = item.deformation[0] if item.deformation else None
-            start = given.start(mesh, folder, scene.frames) if isinstance(given, NodalModel) else start_of(mesh)
-        except SceneError as error:
-            problems += [
-                Problem(f"{path}.{part}.{problem.path}", problem.message, problem.value) for problem in error.problems
-            ]
-            continue
-        maps = maps_of(item, mesh, scene.frames.frame_interval_s)
-        problems += movement_problems(scene, path, item, start, maps, mesh.faces, times_of(scene))
-        bodies.append(Body(item.name, mesh, start, uv, texture, maps, uv_back))
+        # What overflows is found, and told of, by the checks.
+        with np.errstate(all="ignore"):
+            _build(scene, path, item, folder, bodies, problems)
     if problems:
         raise SceneError(problems)
     return World(tuple(bodies))
+
+
+def _build(
+    scene: Scene, path: str, item: SceneObject, folder: Path, bodies: list[Body], problems: list[Problem]
+) -> None:
+    """Add the body of one object, or the problems that it has."""
+    part = "mesh"
+    try:
+        mesh = item.mesh.make(folder)
+        part = "texture"
+        generator = generator_for(scene.seed, "texture", item.name)
+        texture, uv, uv_back = item.texture.paint(mesh, folder, generator)
+        part = "deformation.0"
+        given = item.deformation[0] if item.deformation else None
+        start = given.start(mesh, folder, scene.frames) if isinstance(given, NodalModel) else start_of(mesh)
+    except SceneError as error:
+        problems += [
+            Problem(f"{path}.{part}.{problem.path}", problem.message, problem.value) for problem in error.problems
+        ]
+        return
+    maps = maps_of(item, mesh, scene.frames.frame_interval_s)
+    problems += movement_problems(scene, path, item, start, maps, mesh.faces, times_of(scene))
+    bodies.append(Body(item.name, mesh, start, uv, texture, maps, uv_back))
 
 
 def maps_of(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> list[PointMap]:

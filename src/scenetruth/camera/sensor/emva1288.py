@@ -14,7 +14,7 @@ from scenetruth.camera.sensor.effects.dark_signal_nonuniformity import DarkSigna
 from scenetruth.camera.sensor.effects.digitisation import Digitisation
 from scenetruth.camera.sensor.effects.full_well import FullWell
 from scenetruth.camera.sensor.effects.gain import Gain
-from scenetruth.camera.sensor.effects.gamma import Gamma
+from scenetruth.camera.sensor.effects.gamma import Exponent, Gamma
 from scenetruth.camera.sensor.effects.photo_response_nonuniformity import PhotoResponseNonuniformity
 from scenetruth.camera.sensor.effects.photon_conversion import PhotonConversion
 from scenetruth.camera.sensor.effects.quantum_efficiency import QuantumEfficiency
@@ -75,7 +75,7 @@ class EmvaSensor(FrozenModel):
     """Share of pixels with ``hot_pixel_current_e_per_s``."""
     hot_pixel_current_e_per_s: Annotated[NonNegative, Field(validate_default=True)] = 0.0
     """Dark current of hot pixels."""
-    gamma: Positive = 1.0
+    gamma: Exponent = 1.0
     """Digital numbers are full scale (linear / full scale)^gamma; 1 is linear, as the standard demands."""
     bayer: BayerOrder | None = None
     """Colour filters on 2 x 2 pixels, row by row from the upper left; null for none."""

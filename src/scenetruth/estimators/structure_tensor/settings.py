@@ -11,17 +11,22 @@ from scenetruth.model import NonNegative, Positive
 
 __all__ = ["StructureTensorSettings"]
 
+Sigma = Annotated[float, Field(ge=1e-3, le=1e6, allow_inf_nan=False)]
+"""Standard deviation of a window: below, all weight is in its centre, above, it is flat."""
+Shift = Annotated[int, Field(ge=-32768, le=32768)]
+"""Shift of images in px, not larger than images can be."""
+
 
 class StructureTensorSettings(MethodSettings):
     """How the 4D structure tensor is set up; filters and windows are the paper's (section 4) if not given."""
 
-    window_sigma_px: Positive = 6.0
+    window_sigma_px: Sigma = 6.0
     """Standard deviation of the Gaussian window B in x and y, in px."""
-    window_taps_px: Annotated[int, Field(ge=3)] = 25
+    window_taps_px: Annotated[int, Field(ge=3, le=1001)] = 25
     """Length of that window in x and y, odd."""
-    window_sigma_frames: Positive = 1.0
+    window_sigma_frames: Sigma = 1.0
     """Standard deviation of the Gaussian window B in t, in frames."""
-    window_taps_frames: Annotated[int, Field(ge=1)] = 5
+    window_taps_frames: Annotated[int, Field(ge=1, le=1001)] = 5
     """Length of that window in t, odd."""
     tau: NonNegative | Literal["auto"] = 0.0012
     """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1];
@@ -33,10 +38,10 @@ class StructureTensorSettings(MethodSettings):
     divergence: Literal["consistent", "paper"] = "consistent"
     """How the divergence term x g_x + y g_y is made: ``paper`` multiplies filtered gradients by coordinates,
     ``consistent`` filters the products with each camera's own coordinates, which takes a bias from U_Z."""
-    working_point_px: int | Literal["auto", "per_pixel"] = "per_pixel"
+    working_point_px: Shift | Literal["auto", "per_pixel"] = "per_pixel"
     """Integer disparity by which images are registered, px per step of s; ``auto`` finds the one that suits most of the
     image, ``per_pixel`` the one that suits each pixel, both from the images alone."""
-    flow_working_point_px: tuple[int, int] | Literal["auto"] = "auto"
+    flow_working_point_px: tuple[Shift, Shift] | Literal["auto"] = "auto"
     """Integer flow (x, y) by which frames are registered, px per frame; ``auto`` finds from the images whether most of
     them moves by a pixel or more, and lets each pixel choose between that and rest."""
     pyramid_levels: Annotated[int, Field(ge=0, le=8)] = 0

@@ -18,6 +18,7 @@ _WIDTHS = {"ovate": 0.62, "lanceolate": 0.28, "cordate": 0.85, "elliptic": 0.55,
 _PARTS_OF_WIDTH = 4  # triangles across the blade, at least
 _PARTS_OF_TOOTH = 4  # edges along a tooth, at least
 _PARTS_OF_LOBE = 5  # triangles across a lobe, at least
+_LONGEST_PETIOLE = 10  # times the blade: longer ones are stems, and fill a lattice with points that are not used
 _NARROWEST_PALMATE = 0.8  # least width of a palmate leaf as a part of its length
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -200,6 +201,9 @@ class LeafForm(MeshModel):
         size = _size(info)
         if value is None or size is None:
             return value
+        if value.length_mm > _LONGEST_PETIOLE * size[0]:
+            msg = f"length_mm must not exceed {_LONGEST_PETIOLE} times length_mm of the blade, {size[0]:g}"
+            raise ValueError(msg)
         # Between the hindmost lobes of a palmate leaf there is less room.
         part, words = (1 / 20, "a twentieth") if info.data["outline"] == "palmate" else (1 / 5, "a fifth")
         if value.diameter_mm > part * size[1]:

@@ -41,7 +41,7 @@ class LeafLook(TextureModel):
     tertiary_spacing_mm: Positive | None = None
     """Mean distance of the veins that join side veins; None: 0.035 of the leaf's length. The finest net has a third
     of it."""
-    texels_per_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    texels_per_mm: Positive | None = None
     """Points of the raster per mm; None: what dots and mottling need, or less than
     that if it would be more than 4 million points."""
     underside_lightness: Annotated[float, Field(gt=0, le=3)] | None = None

@@ -26,6 +26,8 @@ _BLUR = 1.0  # and of the Gaussian that all veins are smoothed with after they a
 _DOT = 1.5  # texels: standard deviation of the smallest dots
 _MOST_TEXELS = 64_000_000
 _MOST_BY_DEFAULT = 4_000_000
+_MOST_DOTS = 5_000_000
+_MOST_LAYERS = 10
 _EDGE_TEXELS = 8
 _PEAK = 4.0  # standard deviations that the mottling may reach
 _LADDER = (0.58, 0.0034)  # strength and width, as a part of the length, of the veins that join side veins,
@@ -154,9 +156,25 @@ def _canvas(entry: LeafLook, leaf: LeafForm) -> _Canvas:
         message = f"would make more than 64 million texels; at most {most:.3g} fit this leaf, and the mottling's "
         message += f"shortest wavelength must be at least {4 / most:.3g} mm"
         raise SceneError([Problem("texels_per_mm", message, density)])
+    _refuse_fine_details(entry, leaf, length * width, density)
     edge = _EDGE_TEXELS / density
     shape = (int(np.ceil((width + 2 * edge) * density)), int(np.ceil((length + 2 * edge) * density)))
     return _Canvas((-behind - edge, -width / 2 - edge), shape, density)
+
+
+def _refuse_fine_details(entry: LeafLook, leaf: LeafForm, area_mm2: float, density: float) -> None:
+    """Refuse dots that are too many or cover the leaf again and again, and a net that is finer than the raster."""
+    dots, spread = entry.speckle_density_per_mm2 * area_mm2, entry.speckle_density_per_mm2 * entry.speckle_size_mm**2
+    if dots > _MOST_DOTS:
+        message = f"would make {dots:.2g} dots, more than {_MOST_DOTS:.0e}; make it smaller"
+        raise SceneError([Problem("speckle_density_per_mm2", message, entry.speckle_density_per_mm2)])
+    if spread > _MOST_LAYERS:
+        message = f"lays {spread:.3g} dots over each other everywhere; make dots smaller or fewer"
+        raise SceneError([Problem("speckle_size_mm", message, entry.speckle_size_mm)])
+    spacing = entry.tertiary_spacing_mm
+    if spacing is not None and spacing * density < 1:
+        message = f"is less than a texel of the raster, {1 / density:.3g} mm; make it wider"
+        raise SceneError([Problem("tertiary_spacing_mm", message, spacing)])
 
 
 def _veins(entry: LeafLook, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator) -> Image:

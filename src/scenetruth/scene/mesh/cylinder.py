@@ -39,7 +39,8 @@ class CylinderMesh(MeshModel):
         radius, length = info.data.get("radius_mm"), info.data.get("length_mm")
         if radius is None or length is None:
             return value
-        return checked_resolution(value, radius, "radius_mm", 2 * 6.3 * radius * length)
+        # Along it there is one row of triangles at least.
+        return checked_resolution(value, radius, "radius_mm", 2 * 6.3 * radius * max(length, value))
 
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""

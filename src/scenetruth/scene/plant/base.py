@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation as Turn
 
-from scenetruth.model import FrozenModel, NonNegative, Positive, Vector3
+from scenetruth.model import FrozenModel, Name, NonNegative, Positive, Vector3
 from scenetruth.scene.deformation import DeformationModel
 from scenetruth.scene.deformation.growth import Growth
 from scenetruth.scene.deformation.hinge import Hinge
@@ -46,7 +46,7 @@ class LeafPlace:
 class PlantModel(FrozenModel):
     """What all plants share. The stem points to -Z, towards the camera: plants are seen from above."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Name
     """Name, unique in the scene; its leaves are called ``name/leaf-1``, the oldest first."""
     position_mm: Vector3
     """World position of the foot of the oldest leaf's petiole, in the middle of the plant, in mm."""

@@ -12,7 +12,7 @@ from scenetruth.scene.plant.base import Elevation, LeafPlace, PlantModel
 
 __all__ = ["Rosette"]
 
-Part = Annotated[float, Field(gt=0, le=1)]
+Part = Annotated[float, Field(ge=0.01, le=1)]
 
 
 class Rosette(PlantModel):

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from scenetruth.model import Finite, Positive
+from scenetruth.errors import Problem, SceneError
+from scenetruth.model import Positive
 from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.texture.band_limited import BandLimitedNoise, band_limited_noise
 from scenetruth.scene.texture.base import UV, Floats, Painted, Radiance, TextureModel
@@ -29,7 +30,7 @@ class NoiseTexture(TextureModel):
     """Mean radiance."""
     rms_contrast: Annotated[float, Field(ge=0, le=1 / 3)] = 0.25
     """Standard deviation of the radiance, divided by the mean; extremes are kept within [0, 1] inside the band."""
-    spectrum_exponent: Finite = 0.0
+    spectrum_exponent: Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)] = 0.0
     """Power density inside the band is proportional to (spatial frequency) ** spectrum_exponent; 0 is white."""
 
     @model_validator(mode="after")
@@ -52,13 +53,17 @@ class NoiseTexture(TextureModel):
         """Make the texture; see `TextureModel`."""
         low = mesh.chart_mm.min(axis=(0, 1))
         width, height = np.ptp(mesh.chart_mm, axis=(0, 1))
-        noise = band_limited_noise(
-            self.wavelength_mm,
-            (float(width), float(height)),
-            generator,
-            exponent=self.spectrum_exponent,
-            peak=self.peak,
-        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            noise = band_limited_noise(
+                self.wavelength_mm,
+                (float(width), float(height)),
+                generator,
+                exponent=self.spectrum_exponent,
+                peak=self.peak,
+            )
+        if not np.isfinite(noise.values[0, 0]):
+            message = "is so narrow a band that no wave of it fits on the surface; make it wider"
+            raise SceneError([Problem("wavelength_mm", message, self.wavelength_mm)])
         texture = _Noise(noise, self.mean, self.mean * self.rms_contrast)
         return Painted(texture, (mesh.chart_mm - low) / noise.period)
 

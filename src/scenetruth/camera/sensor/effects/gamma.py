@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from scenetruth.camera.sensor.base import Effect, Exposure, Unit
 from scenetruth.model import Positive
 
-__all__ = ["Gamma"]
+__all__ = ["Exponent", "Gamma"]
+
+Exponent = Annotated[Positive, Field(le=100)]
+"""Beyond, almost all of the response is one digital number."""
 
 
 class Gamma(Effect):
@@ -21,7 +25,7 @@ class Gamma(Effect):
 
     kind: Literal["gamma"]
     """This effect."""
-    gamma: Positive
+    gamma: Exponent
     """The exponent; 1 is linear."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
