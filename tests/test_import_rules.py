@@ -20,11 +20,13 @@ LEAVES = {
     "randomness",
     "progress",
     "docstrings",
+    "compilation",
     "plain",
 }
 MAY_IMPORT = {
     "errors": set(),
     "docstrings": set(),
+    "compilation": {"errors"},
     "plain": {"errors"},
     "model": {"docstrings"},
     "indexing": set(),

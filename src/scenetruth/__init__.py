@@ -5,12 +5,15 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from scenetruth.compilation import keep_compiled_code
+
 if TYPE_CHECKING:
     from scenetruth.camera import two_point_correction
     from scenetruth.errors import (
         BackendUnavailableError,
         EstimateError,
         EstimateWarning,
+        MachineError,
         MismatchError,
         OutputExistsError,
         Problem,
@@ -33,10 +36,13 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
+keep_compiled_code()
+
 __all__ = [
     "BackendUnavailableError",
     "EstimateError",
     "EstimateWarning",
+    "MachineError",
     "MismatchError",
     "OutputExistsError",
     "Problem",

@@ -11,6 +11,7 @@ __all__ = [
     "BackendUnavailableError",
     "EstimateError",
     "EstimateWarning",
+    "MachineError",
     "MismatchError",
     "OutputExistsError",
     "Problem",
@@ -172,6 +173,12 @@ class ScoreError(_ProblemListError):
     """An estimate and a truth that cannot be compared."""
 
     _noun = "score"
+
+
+class MachineError(_ProblemListError):
+    """What the machine, its memory or its settings, does not allow."""
+
+    _noun = "machine"
 
 
 class MismatchError(_ProblemListError):

@@ -23,6 +23,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from scenetruth.compilation import announced_compilation, check_environment
 from scenetruth.errors import EstimateWarning, ScenetruthError, SceneWarning, visible
 
 __all__ = ["Reporter", "guard", "print_warning", "reporting"]
@@ -63,6 +64,13 @@ class Reporter:
         yield
         self.timings_s[what] = round(time.perf_counter() - start, 3)
 
+    def compiles(self, name: str, before: int) -> None:
+        """Show that a kernel is being compiled, and how many have been before it."""
+        if before == 0:
+            self.say("compiling for this machine, which takes about a minute once; later runs read it from disk")
+            self._tasks["compile"] = self.progress.add_task("compile", total=None)
+        self.progress.update(self._tasks["compile"], completed=before + 1)
+
     def say(self, text: str) -> None:
         """Print a line above the bars."""
         self.progress.console.print(visible(text), highlight=False, markup=False, emoji=False, soft_wrap=True)
@@ -79,7 +87,9 @@ def reporting() -> Iterator[Reporter]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True)) as progress:
-        yield Reporter(progress)
+        reporter = Reporter(progress)
+        with announced_compilation(reporter.compiles):
+            yield reporter
 
 
 def guard(run: Callable[[], None]) -> None:
@@ -97,7 +107,12 @@ def guard(run: Callable[[], None]) -> None:
     shown = sys.unraisablehook
     sys.unraisablehook = _again_if_swallowed
     try:
-        run()
+        check_environment()
+        try:
+            run()
+        finally:
+            # What is left in the buffer may find that nobody reads it, or that the disk is full.
+            _flush()
     except BaseException as error:
         # Compiled code may turn the interrupt that reaches it into an error of its own.
         if _interrupted:
@@ -112,6 +127,16 @@ def guard(run: Callable[[], None]) -> None:
         sys.exit(_EXIT_ERROR)
     finally:
         sys.unraisablehook = shown
+
+
+def _flush() -> None:
+    if sys.stdout is not None:
+        try:
+            sys.stdout.flush()
+        except OSError:
+            # Python would try again when it ends, and fail again.
+            sys.stdout = None
+            raise
 
 
 def _told(error: BaseException) -> str | None:

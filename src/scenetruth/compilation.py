@@ -1,0 +1,111 @@
+"""Compiled code: where it is kept between runs, and word of its making."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from scenetruth.errors import MachineError, Problem
+
+__all__ = ["announced_compilation", "check_environment", "keep_compiled_code"]
+
+_LAYERS = ("default", "safe", "forksafe", "threadsafe", "tbb", "omp", "workqueue")
+
+
+def keep_compiled_code() -> None:
+    """Let numba keep compiled code in a temporary folder of this user where it finds no other place.
+
+    numba keeps it beside the modules, or else in the user's cache folder. Where neither can be written to, as in an
+    installation for all users without a home folder, it would refuse to load them.
+    """
+    if "NUMBA_CACHE_DIR" in os.environ or os.access(Path(__file__).parent, os.W_OK):
+        return
+    if _can_be_made(_user_cache()):
+        return
+    folder = _private_folder()
+    if folder is not None:
+        os.environ["NUMBA_CACHE_DIR"] = str(folder)
+        if "numba" in sys.modules:
+            sys.modules["numba"].config.CACHE_DIR = str(folder)
+
+
+def _user_cache() -> Path:
+    given = os.environ.get("XDG_CACHE_HOME")
+    return Path(given) / "numba" if given else Path(os.path.expanduser("~")) / ".cache" / "numba"
+
+
+def _can_be_made(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)
+
+
+def _private_folder() -> Path | None:
+    """Return a folder that nobody else can put code into, or None."""
+    owner = os.getuid()
+    try:
+        folder = Path(tempfile.gettempdir()) / f"scenetruth-{owner}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    safe = stat.S_ISDIR(found.st_mode) and found.st_uid == owner and not found.st_mode & 0o077
+    return folder if safe and os.access(folder, os.W_OK) else None
+
+
+def check_environment() -> None:
+    """Refuse environment variables with which numba could not work.
+
+    Raises
+    ------
+    MachineError
+        With all of them, and what to set.
+    """
+    problems = []
+    threads = os.environ.get("NUMBA_NUM_THREADS")
+    if threads is not None and not (threads.isascii() and threads.strip().isdigit() and int(threads) > 0):
+        problems.append(
+            Problem("NUMBA_NUM_THREADS", "must be a whole number from 1 on; set it so, or unset it", threads)
+        )
+    layer = os.environ.get("NUMBA_THREADING_LAYER")
+    if layer is not None and layer not in _LAYERS:
+        message = f"must be one of {', '.join(_LAYERS)}; set it so, or unset it"
+        problems.append(Problem("NUMBA_THREADING_LAYER", message, layer))
+    if problems:
+        raise MachineError(problems)
+
+
+@contextmanager
+def announced_compilation(announce: Callable[[str, int], None]) -> Iterator[None]:
+    """Tell of every kernel that is compiled while the block runs; those that are read from disk are not told.
+
+    Parameters
+    ----------
+    announce
+        Called with the kernel's name and how many have been begun before it.
+    """
+    from numba.core import event
+
+    class Listener(event.Listener):  # type: ignore[misc]
+        begun = 0
+
+        def on_start(self, event: object) -> None:
+            announce(event.data["dispatcher"].py_func.__name__, self.begun)  # type: ignore[attr-defined]
+            self.begun += 1
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    listener = Listener()
+    event.register("numba:compile", listener)
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", listener)

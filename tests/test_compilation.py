@@ -1,0 +1,73 @@
+"""Compiled code finds a place wherever scenetruth is started, and its making is told."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+import numba
+import pytest
+
+import scenetruth as st
+from scenetruth import compilation
+from scenetruth.compilation import announced_compilation, check_environment, keep_compiled_code
+
+
+@pytest.fixture
+def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine where neither the package nor the user's cache can be written to, but a temporary folder can."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nothing")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", numba.config.CACHE_DIR)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    package, access = Path(compilation.__file__).parent, os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != package and access(path, mode))
+    return tmp_path
+
+
+def test_a_private_folder_takes_compiled_code(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Restored when the test ends.
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    del os.environ["NUMBA_CACHE_DIR"]
+    keep_compiled_code()
+    folder = nowhere / f"scenetruth-{os.getuid()}"
+    assert os.environ["NUMBA_CACHE_DIR"] == numba.config.CACHE_DIR == str(folder)
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+def test_a_folder_that_others_may_write_to_is_not_taken(nowhere: Path) -> None:
+    (nowhere / f"scenetruth-{os.getuid()}").mkdir(mode=0o777)
+    (nowhere / f"scenetruth-{os.getuid()}").chmod(0o777)
+    keep_compiled_code()
+    assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_what_the_user_has_set_stays(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/my/own")
+    keep_compiled_code()
+    assert os.environ["NUMBA_CACHE_DIR"] == "/my/own"
+
+
+@pytest.mark.parametrize("threads", ["0", "-1", "many", "", "²"])
+def test_impossible_settings_are_told_together(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
+    monkeypatch.setenv("NUMBA_THREADING_LAYER", "nonsense")
+    with pytest.raises(st.MachineError) as caught:
+        check_environment()
+    assert [problem.path for problem in caught.value.problems] == ["NUMBA_NUM_THREADS", "NUMBA_THREADING_LAYER"]
+
+
+def test_every_compilation_is_announced() -> None:
+    @numba.njit
+    def doubled(x: float) -> float:
+        return 2 * x
+
+    told: list[tuple[str, int]] = []
+    with announced_compilation(lambda name, before: told.append((name, before))):
+        doubled(1.0)
+        doubled(2.0)
+        doubled(3)
+    doubled(1 + 2j)
+    assert told == [("doubled", 0), ("doubled", 1)]
