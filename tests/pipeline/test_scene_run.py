@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.estimators import Method, registry
-from scenetruth.pipeline import Runner, run_scene
+from scenetruth.pipeline import RunFolder, Runner, run_scene
 from tests.pipeline.conftest import SMALL
 from tests.scenes import cube
 
@@ -135,3 +136,34 @@ def test_real_images_are_reported_without_a_truth(tmp_path: Path) -> None:
     assert {"report.html", "figures"} <= names(tmp_path)
     with pytest.raises(st.StoreError, match=r"truth\.zarr: no such store"):
         runner.score("structure_tensor", runner.score_settings())
+
+
+def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(finished, run)
+    said: list[str] = []
+
+    def report(**options: Any) -> bool:
+        """Report, and tell whether anything was drawn."""
+        before = (run / "report.html").stat().st_mtime_ns
+        with Runner(RunFolder(run), options.pop("overwrite", False), notice=said.append) as runner:
+            runner.report("structure_tensor", **options)
+        return (run / "report.html").stat().st_mtime_ns != before
+
+    assert not report()
+    assert said == [f"{run / 'report.html'} is as new"]
+    # Another choice of figures, or another score, makes another page, which replaces the old one only if allowed.
+    with pytest.raises(st.OutputExistsError):
+        report(figures=["depth"])
+    assert report(figures=["depth"], overwrite=True)
+    assert names(run / "figures") == {"depth.png"}
+    assert not report(figures=["depth"])
+    (run / "figures" / "notes.txt").write_text("mine")
+    with pytest.raises(st.OutputExistsError, match=r"did not write \(notes\.txt\)"):
+        report(overwrite=True)
+
+
+def test_figures_may_be_chosen_and_are_checked_before_any_work(tmp_path: Path) -> None:
+    with pytest.raises(st.SceneError, match="figures: must be some of image, surface"):
+        run_scene(cube(**SMALL), tmp_path / "x", figures=["dept"])
+    assert not (tmp_path / "x").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +12,7 @@ import typer
 __all__ = [
     "AllowMismatch",
     "Content",
+    "Figures",
     "Folder",
     "Ideal",
     "ImageForm",
@@ -20,13 +22,20 @@ __all__ = [
     "Overrides",
     "Overwrite",
     "Poses",
+    "Report",
     "Results",
     "SceneFile",
     "Truth",
     "TruthContent",
     "TruthPoses",
     "TruthViews",
+    "helpers",
 ]
+
+
+def helpers() -> int:
+    """Return how many further processes a command may take: one, if there is a processor for it."""
+    return int(len(os.sched_getaffinity(0)) > 1) if hasattr(os, "sched_getaffinity") else int((os.cpu_count() or 1) > 1)
 
 
 class ImageForm(StrEnum):
@@ -104,5 +113,15 @@ Poses = Annotated[
 Content = Annotated[
     TruthContent,
     typer.Option("--truth-content", help="What estimates are scored against, or everything known of the surface."),
+]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw the pictures and the report.")]
+Figures = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--figures",
+        metavar="NAME",
+        help="A figure of the report, such as depth or velocity_z; may be repeated; all if not given.",
+        show_default=False,
+    ),
 ]
 Ideal = Annotated[bool, typer.Option("--ideal", help="Keep the linear images before the sensor too.")]

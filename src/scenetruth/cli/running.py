@@ -12,7 +12,7 @@ from scenetruth.cli import options
 
 if TYPE_CHECKING:
     from scenetruth.cli.console import Reporter
-    from scenetruth.pipeline import Runner, RunResults
+    from scenetruth.pipeline import FigureHelper, Runner, RunResults
 
 __all__ = ["register"]
 
@@ -34,11 +34,13 @@ def run(
     truth_poses: options.Poses = options.TruthPoses.real,
     truth_content: options.Content = options.TruthContent.standard,
     ideal: options.Ideal = False,
+    report: options.Report = True,
+    figures: options.Figures = None,
 ) -> None:
     """Render a scene, estimate, score and report, in one go."""
     from scenetruth.cli.console import reporting
     from scenetruth.errors import SceneError
-    from scenetruth.pipeline import run_scene
+    from scenetruth.pipeline import STAGES, run_scene
     from scenetruth.scene import load_scene
 
     changes = list(overrides or ())
@@ -51,6 +53,7 @@ def run(
             results = run_scene(
                 loaded,
                 output,
+                stages=STAGES if report else STAGES[:-1],
                 methods=methods or (),
                 truth_views=truth.value,
                 truth_poses=truth_poses.value,
@@ -58,6 +61,8 @@ def run(
                 ideal=ideal,
                 images=None if images is None else images.value,
                 overwrite=overwrite,
+                figures=figures or None,
+                helpers=options.helpers(),
                 progress=reporter,
                 notice=reporter.say,
             )
@@ -156,17 +161,23 @@ def score(
 def report(
     folder: options.Folder,
     methods: options.Methods = None,
+    figures: options.Figures = None,
     overwrite: options.Overwrite = False,
     allow_mismatch: options.AllowMismatch = False,
 ) -> None:
     """Draw the pictures and the report of every estimate in FOLDER; without a truth, those that need none."""
     from scenetruth.cli.console import reporting
+    from scenetruth.pipeline import figure_help
 
-    with reporting() as reporter, _runner(folder, overwrite, allow_mismatch, reporter) as runner:
+    with (
+        reporting() as reporter,
+        figure_help(options.helpers()) as helper,
+        _runner(folder, overwrite, allow_mismatch, reporter, helper) as runner,
+    ):
         names = methods or runner.folder.estimated()
         for method in names:
             with runner.keeping_failures(method):
-                runner.report(method)
+                runner.report(method, figures or None)
     for method in names:
         if method not in runner.failures:
             _echo(f"written: {runner.folder.of(method).report}")
@@ -195,10 +206,12 @@ def _echo(text: str, *, err: bool = False) -> None:
     typer.echo(visible(text), err=err)
 
 
-def _runner(folder: Path, overwrite: bool, allow_mismatch: bool, reporter: Reporter) -> Runner:
+def _runner(
+    folder: Path, overwrite: bool, allow_mismatch: bool, reporter: Reporter, helper: FigureHelper | None = None
+) -> Runner:
     from scenetruth.pipeline import RunFolder, Runner
 
-    return Runner(RunFolder(folder), overwrite, not allow_mismatch, reporter, reporter.say)
+    return Runner(RunFolder(folder), overwrite, not allow_mismatch, reporter, reporter.say, helper)
 
 
 def _print_scores(results: RunResults) -> None:

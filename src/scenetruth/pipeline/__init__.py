@@ -1,5 +1,6 @@
 """From a scene to a folder of results, stage by stage."""
 
+from scenetruth.pipeline.figure_help import FigureHelper, figure_help
 from scenetruth.pipeline.folder import MethodFiles, RunFolder
 from scenetruth.pipeline.requirements import method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
@@ -8,12 +9,14 @@ from scenetruth.pipeline.verifying import Verdict, verify_folder
 
 __all__ = [
     "STAGES",
+    "FigureHelper",
     "MethodFiles",
     "RunFolder",
     "RunResults",
     "Runner",
     "Stage",
     "Verdict",
+    "figure_help",
     "method_choices",
     "run_problems",
     "run_scene",

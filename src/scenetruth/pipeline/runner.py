@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
@@ -16,17 +17,20 @@ import xarray as xr
 
 from scenetruth.errors import MismatchError, Problem, SceneError, ScenetruthError, StoreError
 from scenetruth.estimators import MethodChoice, choose, estimate
-from scenetruth.pipeline.folder import RunFolder, claim_of, claim_run
+from scenetruth.pipeline.folder import MethodFiles, RunFolder, claim_of, claim_run
 from scenetruth.placing import Claimed, check_output, claim_pictures, hold, sweep_inside, write_aside
 from scenetruth.progress import Progress
 from scenetruth.provenance import scene_hash
 from scenetruth.scene import Scene
 from scenetruth.scene.load import apply_overrides
-from scenetruth.schema import check_same_run, identity_of, scene_of
+from scenetruth.schema import check_same_run, digest, identity_of, scene_of
 from scenetruth.storage import load, open_store, save, write_images
 
 if TYPE_CHECKING:
-    from scenetruth.scoring import Score
+    from concurrent.futures import Future
+
+    from scenetruth.pipeline.figure_help import FigureHelper
+    from scenetruth.scoring import FigureInfo, Score
     from scenetruth.settings import ScoreSettings
     from scenetruth.truth import TruthChoice
 
@@ -72,6 +76,8 @@ class Runner:
         Called with (what, done, total).
     notice
         Called with lines that a user may want to read.
+    helper
+        A second process for figures.
     """
 
     def __init__(
@@ -81,9 +87,11 @@ class Runner:
         check: bool = True,
         progress: Progress | None = None,
         notice: Callable[[str], None] | None = None,
+        helper: FigureHelper | None = None,
     ) -> None:
         self.folder, self.overwrite, self.check = folder, overwrite, check
         self.progress, self.notice = progress, notice
+        self.helper = helper
         self.scores: dict[str, Score] = {}
         self.failures: dict[str, ScenetruthError] = {}
         self.timings_s: dict[str, float] = {}
@@ -235,11 +243,15 @@ class Runner:
                 aside.write_text(text, encoding="utf-8")
         self.scores[method] = scored
 
-    def report(self, method: str) -> None:
-        """Draw the pictures of a method's estimate and write the page; its errors too, where there is a truth."""
-        from scenetruth.scoring import write_report
+    def report(self, method: str, figures: Collection[str] | None = None) -> None:
+        """Draw the pictures of a method's estimate, or some, and write the page; errors too, where there is a truth."""
+        from scenetruth.scoring import is_made_of, write_report
 
         files = self.folder.of(method)
+        made_of = self._made_of(files, figures)
+        if not self.overwrite and files.figures.is_dir() and is_made_of(files.report, made_of):
+            self._say(f"{files.report} is as new")
+            return
         self._refuse_existing(files.report, files.figures)
         estimated, truth = self._estimate_of(method), self.truth
         scored = None if truth is None else self._score_of(method)
@@ -248,22 +260,52 @@ class Runner:
             parts |= {str(self.folder.truth): truth.attrs, str(files.score_json): dict(scored.metadata)}
         if self.check:
             check_same_run(parts)
-            made_of = None if scored is None else scored.metadata.get("estimate_hash")
+            scored_hash = None if scored is None else scored.metadata.get("estimate_hash")
             now = estimated.attrs.get("estimate_hash")
-            if made_of is not None and now is not None and made_of != now:
-                message = f"belongs to another estimate than {files.estimate}: {made_of}, not {now}; score again"
+            if scored_hash is not None and now is not None and scored_hash != now:
+                message = f"belongs to another estimate than {files.estimate}: {scored_hash}, not {now}; score again"
                 raise MismatchError([Problem(str(files.score_json), message)])
         with (
             write_aside(files.report, overwrite=self.overwrite) as page,
-            write_aside(files.figures, overwrite=self.overwrite, claim=claim_pictures) as figures,
+            write_aside(files.figures, overwrite=self.overwrite, claim=claim_pictures) as made,
         ):
             # In the one folder that is swept if this process dies.
-            figures.mkdir()
-            write_report(self.recording, estimated, truth, scored, figures, progress=self.progress, check=False)
-            (figures / "report.html").rename(page)
-            for picture in (figures / "figures").iterdir():
-                picture.rename(figures / picture.name)
-            (figures / "figures").rmdir()
+            made.mkdir()
+            write_report(
+                self.recording,
+                estimated,
+                truth,
+                scored,
+                made,
+                progress=self.progress,
+                check=False,
+                figures=figures,
+                made_of=made_of,
+                elsewhere=self._elsewhere(files, made / "figures"),
+            )
+            (made / "report.html").rename(page)
+            for picture in (made / "figures").iterdir():
+                picture.rename(made / picture.name)
+            (made / "figures").rmdir()
+
+    def _made_of(self, files: MethodFiles, figures: Collection[str] | None) -> str:
+        """Return a hash of everything that a report shows."""
+        stores = [store for store in (self.folder.recording, self.folder.truth, files.estimate) if store.exists()]
+        seals = [(store / "zarr.json").read_text(encoding="utf-8", errors="replace") for store in stores]
+        scored = files.score_json.read_bytes().hex() if files.score_json.exists() else None
+        return digest([version("scenetruth"), seals, scored, None if figures is None else sorted(figures)])
+
+    def _elsewhere(self, files: MethodFiles, folder: Path) -> Callable[[str], Future[FigureInfo | None]] | None:
+        helper = self.helper
+        if helper is None:
+            return None
+        stores: dict[str, str | None] = {
+            "recording": str(self.folder.recording),
+            "estimate": str(files.estimate),
+            "truth": None if self.truth is None else str(self.folder.truth),
+            "score": None if self.truth is None else str(files.score_json),
+        }
+        return lambda name: helper.draw(name, stores, folder)
 
     def _estimate_of(self, method: str) -> xr.Dataset:
         if method not in self._estimates:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from scenetruth.errors import Problem, SceneError
 from scenetruth.estimators import MethodChoice
+from scenetruth.pipeline.figure_help import figure_help
 from scenetruth.pipeline.folder import RunFolder
 from scenetruth.pipeline.requirements import method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
@@ -37,6 +38,8 @@ def run_scene(
     images: Literal["png", "tiff"] | None = None,
     overwrite: bool = False,
     check: bool = True,
+    figures: Collection[str] | None = None,
+    helpers: int = 0,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> RunResults:
@@ -64,6 +67,10 @@ def run_scene(
         Whether results that exist may be replaced.
     check
         Whether to refuse a folder that holds another scene's recording.
+    figures
+        Names of the figures of the report (`scenetruth.scoring.FIGURES`); all if not given.
+    helpers
+        Further processes to draw figures: none, or one.
     progress
         Called with (what, done, total) as the work goes on.
     notice
@@ -106,8 +113,12 @@ def run_scene(
     >>> error["count"] > 50, error["relative_rms"] < 0.02, results.failures
     (True, True, {})
     """
+    from scenetruth.scoring import FIGURES
     from scenetruth.truth import TruthChoice
 
+    unknown = sorted(set(figures or ()) - set(FIGURES))
+    if unknown:
+        raise SceneError([Problem("figures", f"must be some of {', '.join(FIGURES)}", unknown)])
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:
         raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
@@ -119,7 +130,10 @@ def run_scene(
         if problems:
             raise SceneError(problems)
     truth = TruthChoice(truth_views, truth_poses, truth_content)
-    with Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice) as runner:
+    with (
+        figure_help(helpers if "report" in stages else 0) as helper,
+        Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice, helper) as runner,
+    ):
         if "render" in stages:
             runner.render(scene, truth, ideal=ideal, images=images)
         else:
@@ -131,5 +145,5 @@ def run_scene(
                 if "score" in stages:
                     runner.score(choice.method, scene.score)
                 if "report" in stages:
-                    runner.report(choice.method)
+                    runner.report(choice.method, figures)
     return runner.results()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Collection
+from concurrent.futures import Future
 from pathlib import Path
 
 import xarray as xr
@@ -21,7 +23,25 @@ from scenetruth.scoring.figures.surface import draw_surface
 from scenetruth.scoring.figures.velocity import draw_velocity_z, draw_velocity_z_row
 from scenetruth.scoring.score import Score
 
-__all__ = ["draw_all"]
+__all__ = ["FIGURES", "draw_all", "draw_one"]
+
+Draw = Callable[[], FigureInfo | None]
+
+FIGURES = (
+    "image",
+    "surface",
+    "velocity_z",
+    "velocity_z_row",
+    "velocity_arrows",
+    "flow",
+    "depth",
+    "disparity",
+    "growth_rate",
+    "error_histograms",
+    "error_bars",
+    "confidence",
+)
+"""Names of all figures, which are those of their files, in reading order."""
 
 
 def draw_all(
@@ -31,6 +51,9 @@ def draw_all(
     score: Score | None = None,
     folder: str | Path = ".",
     progress: Callable[[str, int, int], None] | None = None,
+    *,
+    names: Collection[str] | None = None,
+    elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
 ) -> list[FigureInfo]:
     """Draw every figure of an estimate.
 
@@ -50,6 +73,10 @@ def draw_all(
         Where the PNG files go; made if missing.
     progress
         Called as ``progress("report", done, total)``, in figures.
+    names
+        Figures to draw, of `FIGURES`; all if not given.
+    elsewhere
+        Has a figure drawn by another process into the same folder, while this one draws the next.
 
     Returns
     -------
@@ -64,46 +91,98 @@ def draw_all(
     ------
     ScoreError
         If recording, estimate and truth do not belong together, or there is a truth without a score or a score without
-        a truth; lists what is wrong.
+        a truth, or there is no such figure; lists what is wrong.
     """
     check_truth_and_score(truth, score)
     target = Path(folder)
-    views = views_of(recording, estimate, truth)
+    plan = _plan(recording, estimate, truth, score, target)
+    unknown = sorted(set(names or ()) - set(FIGURES))
+    if unknown:
+        raise ScoreError([Problem("figures", f"are unknown; there are {', '.join(FIGURES)}", unknown)])
     target.mkdir(parents=True, exist_ok=True)
+    left = deque(name for name in plan if names is None or name in names)
+    total, done = len(left), 0
+    found: dict[str, FigureInfo | None] = {}
+    away: tuple[str, Future[FigureInfo | None]] | None = None
+    while left or away is not None:
+        if progress is not None:
+            progress("report", done, total)
+        if away is not None and (away[1].done() or not left):
+            if away[1].exception() is None:
+                found[away[0]] = away[1].result()
+                done += 1
+            else:
+                # Whatever was wrong there is met again here.
+                left.append(away[0])
+                elsewhere = None
+            away = None
+        elif away is None and elsewhere is not None and len(left) > 1:
+            name = left.pop()
+            away = name, elsewhere(name)
+        else:
+            name = left.popleft()
+            with style():
+                found[name] = plan[name]()
+            done += 1
+    if progress is not None:
+        progress("report", total, total)
+    drawn = [found[name] for name in plan if name in found]
+    return [figure for figure in drawn if figure is not None]
+
+
+def draw_one(
+    name: str,
+    recording: xr.Dataset,
+    estimate: xr.Dataset,
+    truth: xr.Dataset | None,
+    score: Score | None,
+    folder: str | Path,
+) -> FigureInfo | None:
+    """Draw one figure into a folder that exists; None if the estimate does not know what it would show.
+
+    Parameters
+    ----------
+    name
+        The figure, one of `FIGURES`.
+    recording, estimate, truth, score, folder
+        As of `draw_all`.
+    """
+    plan = _plan(recording, estimate, truth, score, Path(folder))
+    if name not in plan:
+        return None
+    with style():
+        return plan[name]()
+
+
+def _plan(
+    recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None, target: Path
+) -> dict[str, Draw]:
+    """Return the figures that the estimate knows enough for, in reading order."""
+    views = views_of(recording, estimate, truth)
     depth, velocity = views.knows("depth"), views.knows("velocity_z")
-    plan: list[tuple[bool, Callable[[], FigureInfo | None]]] = [
-        (True, lambda: draw_image(views, target)),
-        (depth, lambda: draw_surface(views, target)),
-        (velocity, lambda: draw_velocity_z(views, target)),
-        (velocity, lambda: draw_velocity_z_row(views, target)),
-        (depth and velocity, lambda: draw_velocity_arrows(views, target)),
-        (views.knows("flow_x") and not velocity, lambda: draw_flow(views, target)),
-        (depth, lambda: draw_depth(views, target)),
-        (views.knows("disparity") and not depth, lambda: draw_disparity(views, target)),
+    plan: list[tuple[str, bool, Draw]] = [
+        ("image", True, lambda: draw_image(views, target)),
+        ("surface", depth, lambda: draw_surface(views, target)),
+        ("velocity_z", velocity, lambda: draw_velocity_z(views, target)),
+        ("velocity_z_row", velocity, lambda: draw_velocity_z_row(views, target)),
+        ("velocity_arrows", depth and velocity, lambda: draw_velocity_arrows(views, target)),
+        ("flow", views.knows("flow_x") and not velocity, lambda: draw_flow(views, target)),
+        ("depth", depth, lambda: draw_depth(views, target)),
+        ("disparity", views.knows("disparity") and not depth, lambda: draw_disparity(views, target)),
     ]
     if truth is None or score is None:
-        plan.append((depth and velocity, lambda: draw_growth_alone(views, estimate, target)))
+        plan.append(("growth_rate", depth and velocity, lambda: draw_growth_alone(views, estimate, target)))
     else:
+        grows = depth and velocity and score.grows
         plan += [
-            (depth and velocity and score.grows, lambda: draw_growth(views, estimate, truth, score, target)),
-            (True, lambda: draw_error_histograms(estimate, truth, score, target)),
+            ("growth_rate", grows, lambda: draw_growth(views, estimate, truth, score, target)),
+            ("error_histograms", True, lambda: draw_error_histograms(estimate, truth, score, target)),
         ]
     plan += [
-        (True, lambda: draw_error_bars(views, estimate, truth, score, target)),
-        (True, lambda: draw_confidence(views, target)),
+        ("error_bars", True, lambda: draw_error_bars(views, estimate, truth, score, target)),
+        ("confidence", True, lambda: draw_confidence(views, target)),
     ]
-    steps = [draw for wanted, draw in plan if wanted]
-    figures: list[FigureInfo] = []
-    for done, draw in enumerate(steps):
-        if progress is not None:
-            progress("report", done, len(steps))
-        with style():
-            figure = draw()
-        if figure is not None:
-            figures.append(figure)
-    if progress is not None:
-        progress("report", len(steps), len(steps))
-    return figures
+    return {name: draw for name, wanted, draw in plan if wanted}
 
 
 def check_truth_and_score(truth: xr.Dataset | None, score: Score | None) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import base64
 import json
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,12 @@ from scenetruth.scoring.report.content import content_of_score
 from scenetruth.scoring.report.maps import describe_maps
 from scenetruth.scoring.score import Score
 
-__all__ = ["write_report"]
+__all__ = ["is_made_of", "write_report"]
 
 _SCREEN_SCALE = 0.6
 """Pixels of the page for a pixel of a figure."""
+_HEAD = 2000
+"""Characters at the beginning of a page that tell what it was made of."""
 _SHOWN_ELSEWHERE = ("warnings", "render_fallback_reason", "score_settings")
 
 
@@ -36,6 +39,9 @@ def write_report(
     progress: Progress | None = None,
     *,
     check: bool = True,
+    figures: Collection[str] | None = None,
+    made_of: str = "",
+    elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
 ) -> Path:
     """Draw the figures of an estimate, and write them with its numbers into one page.
 
@@ -57,6 +63,12 @@ def write_report(
         Called as ``progress("report", done, total)``, in figures.
     check
         Whether to refuse data sets and a score that were made from different recordings.
+    figures
+        Names of the figures to draw (`scenetruth.scoring.FIGURES`); all if not given.
+    made_of
+        A hash of everything that the page shows, to be found again by `is_made_of`.
+    elsewhere
+        As of `scenetruth.scoring.draw_all`.
 
     Returns
     -------
@@ -94,14 +106,30 @@ def write_report(
     if truth is not None and score is None:
         score = evaluate(estimate, truth, recording, check=False)
     target = Path(folder)
-    figures = draw_all(recording, estimate, truth, score, target / "figures", progress)
+    drawn = draw_all(
+        recording, estimate, truth, score, target / "figures", progress, names=figures, elsewhere=elsewhere
+    )
     page = target / "report.html"
-    page.write_text(_render(recording, estimate, score, figures, target / "figures"), encoding="utf-8")
+    page.write_text(_render(recording, estimate, score, drawn, target / "figures", made_of), encoding="utf-8")
     return page
 
 
+def is_made_of(page: Path, made_of: str) -> bool:
+    """Tell whether a page was written by `write_report` with a certain ``made_of``."""
+    try:
+        with page.open(encoding="utf-8", errors="replace") as file:
+            return f'content="{made_of}"' in file.read(_HEAD)
+    except OSError:
+        return False
+
+
 def _render(
-    recording: xr.Dataset, estimate: xr.Dataset, score: Score | None, figures: list[FigureInfo], folder: Path
+    recording: xr.Dataset,
+    estimate: xr.Dataset,
+    score: Score | None,
+    figures: list[FigureInfo],
+    folder: Path,
+    made_of: str,
 ) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -118,6 +146,7 @@ def _render(
     content = _content_without_truth(estimate) if score is None else content_of_score(score)
     template = "without_truth.html.j2" if score is None else "with_truth.html.j2"
     return environment.get_template(template).render(
+        made_of=made_of,
         name=(scene or {}).get("description"),
         notices=list(_notices(metadata)),
         figures=[(figure, *_inline(folder / figure.file)) for figure in figures],

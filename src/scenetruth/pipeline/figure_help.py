@@ -1,0 +1,147 @@
+"""A second process that draws figures: drawing keeps one processor busy, whatever else there is."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import IO, TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from scenetruth.scoring import FigureInfo
+
+__all__ = ["FigureHelper", "figure_help"]
+
+_DIE_WITH_PARENT = 1
+
+
+class FigureHelper:
+    """Starts the process, which imports what it needs while other work goes on; it ends with the block, or with us."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Self:
+        # Beside another busy process, idle threads that spin would cost more than they gain.
+        environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
+        with suppress(OSError):
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "scenetruth.pipeline.figure_help", str(os.getpid())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                encoding="utf-8",
+                env=environment,
+            )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+
+    def draw(self, name: str, stores: dict[str, str | None], folder: Path) -> Future[FigureInfo | None]:
+        """Have one figure drawn; one at a time.
+
+        Parameters
+        ----------
+        name
+            The figure, one of `scenetruth.scoring.FIGURES`.
+        stores
+            Paths of ``recording``, ``estimate``, ``truth`` and ``score``, None for what there is not.
+        folder
+            Folder for the picture, which exists.
+
+        Returns
+        -------
+        concurrent.futures.Future
+            What `scenetruth.scoring.draw_all` tells of the figure. It fails if the process cannot draw it: whoever asks
+            draws it then, and meets the reason.
+        """
+        future: Future[FigureInfo | None] = Future()
+        request = json.dumps({"name": name, "folder": str(folder), **stores})
+        threading.Thread(target=self._ask, args=(request, future), daemon=True).start()
+        return future
+
+    def _ask(self, request: str, future: Future[FigureInfo | None]) -> None:
+        try:
+            if self._process is None or self._process.stdin is None or self._process.stdout is None:
+                msg = "no second process"
+                raise OSError(msg)
+            self._process.stdin.write(request + "\n")
+            self._process.stdin.flush()
+            told = json.loads(self._process.stdout.readline())["figure"]
+            from scenetruth.scoring import FigureInfo
+
+            future.set_result(None if told is None else FigureInfo(*told))
+        except Exception as error:  # the process may end at any moment, in any way
+            future.set_exception(error)
+
+
+@contextmanager
+def figure_help(processes: int) -> Iterator[FigureHelper | None]:
+    """Give a second process that draws figures while the block runs, or None.
+
+    Parameters
+    ----------
+    processes
+        How many are wanted; there is at most one.
+    """
+    if processes < 1:
+        yield None
+        return
+    with FigureHelper() as helper:
+        yield helper
+
+
+def _serve(requests: IO[str], answers: IO[str]) -> None:
+    """Draw what is asked for, a line each."""
+    from scenetruth.scoring import Score, draw_one
+    from scenetruth.storage import load, open_store
+
+    opened: dict[str, Any] = {}
+
+    def read(path: str) -> Any:
+        if path.endswith(".json"):
+            return Score.from_json(Path(path).read_text(encoding="utf-8"))
+        return load(path) if Path(path).name.startswith("estimate") else open_store(path)
+
+    for line in requests:
+        request = json.loads(line)
+        parts: dict[str, Any] = {}
+        for key in ("recording", "estimate", "truth", "score"):
+            path = request[key]
+            if path is not None and path not in opened:
+                opened[path] = read(path)
+            parts[key] = None if path is None else opened[path]
+        figure = draw_one(request["name"], **parts, folder=request["folder"])
+        told = None if figure is None else [figure.file, figure.title, figure.caption]
+        answers.write(json.dumps({"figure": told}) + "\n")
+        answers.flush()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent does, however that ends."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+    if os.getppid() != parent:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    _end_with(int(sys.argv[1]))
+    import matplotlib.figure  # noqa: F401  # ahead of the first request
+
+    _serve(sys.stdin, sys.stdout)
