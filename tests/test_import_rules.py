@@ -10,6 +10,7 @@ import pytest
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
 LEAVES = {
+    "cache",
     "errors",
     "model",
     "settings",
@@ -22,6 +23,7 @@ LEAVES = {
     "docstrings",
 }
 MAY_IMPORT = {
+    "cache": set(),
     "errors": set(),
     "docstrings": set(),
     "model": {"docstrings"},
