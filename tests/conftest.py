@@ -11,6 +11,9 @@ from hypothesis import settings
 # OpenMP reads this when the first kernel with parallel loops runs.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+# Tests make everything anew, and leave nothing outside their folders.
+os.environ["SCENETRUTH_CACHE"] = "off"
+
 # Kernels are compiled at their first call, and machines are busy: how long an example takes says nothing.
 settings.register_profile("without_deadlines", deadline=None)
 settings.load_profile("without_deadlines")

@@ -10,6 +10,7 @@ import pytest
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
 LEAVES = {
+    "cache",
     "errors",
     "model",
     "settings",
@@ -24,6 +25,7 @@ LEAVES = {
     "plain",
 }
 MAY_IMPORT = {
+    "cache": set(),
     "errors": set(),
     "docstrings": set(),
     "compilation": {"errors"},

@@ -67,6 +67,28 @@ def test_a_leaf_in_cells_in_tiles_and_traced_is_the_same_to_the_bit(seed: int, c
     np.testing.assert_array_equal(one.depth[same], three.depth[same])
 
 
+@settings(max_examples=20, deadline=None)
+@given(seed=some.integers(0, 10_000), count=some.integers(3, 400), tilt=some.floats(0, 1.6))
+def test_slivers_in_cells_and_in_tiles_are_the_same_to_the_bit(seed: int, count: int, tilt: float) -> None:
+    # Fans of long thin faces at all angles to the rows of cells, and one seen almost edge-on.
+    generator = np.random.default_rng(seed)
+    angles = np.sort(generator.uniform(0, 2 * np.pi, count))
+    rim = np.column_stack([30 * np.cos(angles), 20 * np.sin(angles), generator.uniform(-3, 3, count)])
+    vertices = np.concatenate([[[0, 0, 0]], rim])
+    index = np.arange(1, count, dtype=np.int32)
+    faces = np.column_stack([np.zeros_like(index), index, index + 1])
+    vertices = Rotation.from_rotvec([tilt, 0.2, generator.uniform(0, 3)]).apply(vertices) + [0, 0, 500]
+    caster = RayCaster(vertices, Topology.of(vertices, faces))
+    directions = grid(64, 48, 550)
+    one = scattered(caster, np.zeros(3), directions, 64)
+    with patch.object(caster_module, "_MOST_TILED", 1 << 30):
+        two = caster.cast(np.zeros(3), directions, 64)
+    assert tilt > 1.4 or (one.face >= 0).any()
+    np.testing.assert_array_equal(one.face, two.face)
+    np.testing.assert_array_equal(one.depth, two.depth)
+    np.testing.assert_array_equal(one.weights, two.weights)
+
+
 def test_what_was_prepared_for_one_point_is_not_used_for_another() -> None:
     mesh = relief(1, 40)
     vertices = mesh.vertices_mm + [0, 0, 500]

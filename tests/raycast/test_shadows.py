@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as some
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from scenetruth.raycast import ShadowCaster, Topology
+from tests.surfaces import relief
 
 
 def plainly_blocked(
@@ -52,6 +58,10 @@ def test_shadows_of_random_triangles(parallel: bool, where_mm: float) -> None:
         to_light = away / distance[:, None]
     caster = ShadowCaster(vertices, Topology.of(vertices, faces))
     blocked = caster.blocked(points, own, to_light, distance)
+    if parallel:
+        wanted = generator.random(len(points)) < 0.7
+        found = caster.blocked_parallel(points, own, wanted, to_light[0])
+        assert (found == (blocked & wanted)).all()
     compared = 0
     for n in range(len(points)):
         expected, gap = plainly_blocked(vertices, faces, points[n], int(own[n]), to_light[n], float(distance[n]))
@@ -78,3 +88,54 @@ def test_a_convex_body_does_not_shade_what_faces_the_light(body: str) -> None:
     assert not blocked[facing > 1e-6].any()
     # At an edge, the way through the body may be shorter than float32 can tell.
     assert blocked[(facing < -1e-3) & (weights.min(axis=1) > 1e-3)].all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=some.integers(0, 10_000), cells=some.integers(2, 40), low=some.floats(0.02, 1.0))
+def test_parallel_light_in_cells_finds_what_rays_through_embree_find(seed: int, cells: int, low: float) -> None:
+    # Rough surfaces, one over the other, a wall that stands in the light's way edge-on, and slivers.
+    generator = np.random.default_rng(seed)
+    one, two = relief(seed, cells), relief(seed + 1, cells)
+    way = np.array([np.cos(seed), np.sin(seed), low])
+    way /= np.linalg.norm(way)
+    size = np.ptp(one.vertices_mm[:, :2])
+    wall = np.array([[0, 0, 0], [0, 0, 9], [0, 0, 0]]) + np.outer([0, 0, 1], way) * size / 3
+    fan = np.column_stack([np.cos(np.arange(40)) * size, np.sin(np.arange(40)) * size, np.full(40, 7.0)])
+    vertices = np.concatenate([one.vertices_mm, two.vertices_mm * [0.5, 0.6, 1] + [0, 0, 5], wall, [[0, 0, 8]], fan])
+    start = len(one.vertices_mm) + len(two.vertices_mm)
+    slivers = [[start + 3, start + 4 + k, start + 5 + k] for k in range(0, 38, 2)]
+    faces = np.concatenate(
+        [one.faces, two.faces + len(one.vertices_mm), [[start, start + 1, start + 2]], slivers]
+    ).astype(np.int32)
+    turn = Rotation.random(rng=generator)
+    vertices, to_light = turn.apply(vertices) + [0, 0, 500], turn.apply(way)
+    own = generator.integers(0, len(faces), 3000).astype(np.int32)
+    # Corners and edges among them, where every rounding counts.
+    weights = generator.dirichlet([0.3, 0.3, 0.3], len(own))
+    weights[:300] = np.eye(3)[generator.integers(0, 3, 300)]
+    points = np.einsum("nk,nkc->nc", weights, vertices[faces[own]])
+    caster = ShadowCaster(vertices, Topology.of(vertices, faces))
+    distance = np.full(len(points), np.inf)
+    expected = caster.blocked(points, own, np.broadcast_to(to_light, points.shape), distance)
+    found = caster.blocked_parallel(points, own, np.ones(len(points), dtype=np.bool_), to_light)
+    assert (found == expected).all()
+
+
+def test_embree_is_seldom_asked_for_parallel_light(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = relief(3, 60)
+    generator = np.random.default_rng(1)
+    own = generator.integers(0, len(mesh.faces), 20_000).astype(np.int32)
+    weights = generator.dirichlet([1, 1, 1], len(own))
+    points = np.einsum("nk,nkc->nc", weights, mesh.vertices_mm[mesh.faces[own]])
+    caster = ShadowCaster(mesh.vertices_mm, Topology.of(mesh.vertices_mm, mesh.faces))
+    asked = []
+    plainly = caster.blocked
+
+    def blocked(points_mm: NDArray[np.float64], *others: Any) -> NDArray[np.bool_]:
+        asked.append(len(points_mm))
+        return plainly(points_mm, *others)
+
+    monkeypatch.setattr(caster, "blocked", blocked)
+    shaded = caster.blocked_parallel(points, own, np.ones(len(own), dtype=np.bool_), np.array([0.995, 0.0, 0.0998]))
+    assert 0.05 < shaded.mean() < 0.95
+    assert sum(asked) < 0.05 * len(points)

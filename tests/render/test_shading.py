@@ -317,12 +317,16 @@ def test_uneven_pixels_against_a_plain_reading() -> None:
     state = (generator.random(size) < 0.03).astype(np.uint64)
     shade = generator.normal(scale=0.02, size=size)
     mixed = generator.random(size) < 0.2
-    expected = np.zeros(size, dtype=bool)
+    expected, borders = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
     for y, x in np.ndindex(size):
         for v, u in np.ndindex(size):
             if max(abs(v - y), abs(u - x)) == 1 and min(face[y, x], face[v, u]) >= 0:
                 same = face[y, x] == face[v, u] or (not mixed[y, x] and not mixed[v, u])
                 apart = state[y, x] != state[v, u] or abs(shade[y, x] - shade[v, u]) > 0.05
                 expected[y, x] |= same and apart
-    assert (uneven_pixels(shade, state, face, mixed, 0.05) == expected).all()
+                borders[y, x] |= same and state[y, x] != state[v, u]
+    found = uneven_pixels(shade, state, face, mixed, 0.05)
+    assert (found[0] == expected).all()
+    assert (found[1] == borders).all()
+    assert borders.sum() < expected.sum()
     assert 0.1 < expected.mean() < 0.9

@@ -177,7 +177,7 @@ class RayCaster:
         listed, row_start = bin_faces(boxes, field, side, _MOST_LISTED)
         if row_start[-1] > len(listed):
             return None
-        return Hits(*scatter_hits(forms, boxes, field, side, directions, order, cell_start, listed, row_start))
+        return Hits(*scatter_hits(forms, boxes, frame, field, side, directions, order, cell_start, listed, row_start))
 
     def _prepared_for(
         self, origin: NDArray[np.float64], frame: NDArray[np.float64]

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HIGH_U", "HIGH_V", "LEAST_COSINE", "LOW_U", "LOW_V", "RANGES", "components"]
+__all__ = ["HIGH_U", "HIGH_V", "LEAST_COSINE", "LOW_U", "LOW_V", "PLANE_MARGIN", "RANGES", "components"]
 
 LOW_U, HIGH_U, LOW_V, HIGH_V = range(4)
 """Places of the ranges of u and v that a face, a tile or a field of rays covers in the projection."""
@@ -18,6 +18,9 @@ RANGES = 4
 
 LEAST_COSINE = 0.05
 """Directions must point this far (cosine of the angle to the axis) into the half space of the axis."""
+
+PLANE_MARGIN = 1e-12
+"""Bounds of edge functions that only skip work err by this share of their size on the safe side; rounding is below."""
 
 # Rows of a frame: two unit vectors across the axis, and the axis itself.
 _ACROSS, _DOWN, _AXIS = range(3)

@@ -24,7 +24,16 @@ from scenetruth.raycast.inside_kernels import (
     weigh,
     write_forms,
 )
-from scenetruth.raycast.projection_kernels import HIGH_U, HIGH_V, LEAST_COSINE, LOW_U, LOW_V, RANGES, components
+from scenetruth.raycast.projection_kernels import (
+    HIGH_U,
+    HIGH_V,
+    LEAST_COSINE,
+    LOW_U,
+    LOW_V,
+    PLANE_MARGIN,
+    RANGES,
+    components,
+)
 
 __all__ = ["TILE", "prepare_faces", "raster_hits", "tile_bounds"]
 
@@ -34,10 +43,8 @@ TILE = 16
 # Corners that are nearer to the plane through the origin, across the axis, than this share of their distance have no
 # useful projection: their faces count as met by any ray.
 _GRAZING = 1e-6
-# Tests that only skip work err by so much on the safe side, relative to the numbers' size; rounding is below 1e-9 even
-# at `_GRAZING`, and below 1e-14 elsewhere.
+# Boxes are wider by so much, relative to the numbers' size; rounding is below 1e-9 even at `_GRAZING`.
 _BOX_MARGIN = 1e-8
-_PLANE_MARGIN = 1e-12
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -120,7 +127,7 @@ def prepare_faces(
             x, y, z = vertices[vertex, 0] - origin[0], vertices[vertex, 1] - origin[1], vertices[vertex, 2] - origin[2]
             across, down, along = components(x, y, z, frame)
             size = np.sqrt(x * x + y * y + z * z)
-            if along > -_PLANE_MARGIN * size:
+            if along > -PLANE_MARGIN * size:
                 behind = False
             if along <= _GRAZING * size:
                 grazing = True
@@ -153,7 +160,7 @@ def _edges_of_tile(form: NDArray[np.float64], frame: NDArray[np.float64], bounds
         # The edge function over the ray's component along the axis is linear in u and v.
         along_u, along_v, constant = components(nx, ny, nz, frame)
         blur = form[BLUR_X] + form[BLUR_Y] + form[BLUR_Z]
-        margin = (_PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * (1.0 + largest_u + largest_v)
+        margin = (PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * (1.0 + largest_u + largest_v)
         one_u, two_u = along_u * bounds[LOW_U], along_u * bounds[HIGH_U]
         one_v, two_v = along_v * bounds[LOW_V], along_v * bounds[HIGH_V]
         lowest = min(one_u, two_u) + min(one_v, two_v) + constant - margin

@@ -8,8 +8,30 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import DISTANCE, edge_functions, inside, rounding, slope, weigh
-from scenetruth.raycast.projection_kernels import HIGH_U, HIGH_V, LEAST_COSINE, LOW_U, LOW_V, RANGES, components
+from scenetruth.raycast.inside_kernels import (
+    BLUR_X,
+    BLUR_Y,
+    BLUR_Z,
+    DISTANCE,
+    W0_X,
+    W1_X,
+    W2_X,
+    edge_functions,
+    inside,
+    rounding,
+    slope,
+    weigh,
+)
+from scenetruth.raycast.projection_kernels import (
+    HIGH_U,
+    HIGH_V,
+    LEAST_COSINE,
+    LOW_U,
+    LOW_V,
+    PLANE_MARGIN,
+    RANGES,
+    components,
+)
 
 __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
 
@@ -17,6 +39,12 @@ __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
 _CELLS_PER_U, _CELLS_PER_V = RANGES, RANGES + 1
 # Faces are sorted in so many shares at the same time.
 _SHARES = 64
+# Faces that may touch more rays of a row than this are asked where they cross it.
+_MANY = 16
+# Rays that are tested at once.
+_RUN = 64
+# Rays may lie beyond their row of cells by this share of it, by rounding.
+_ROW_MARGIN = 1e-6
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -148,10 +176,46 @@ def _outside(box: NDArray[np.float64], field: NDArray[np.float64]) -> Any:
     )
 
 
+@numba.njit(cache=True, nogil=True)
+def _reach_in_row(
+    form: NDArray[np.float64],
+    frame: NDArray[np.float64],
+    field: NDArray[np.float64],
+    low_v: float,
+    high_v: float,
+) -> Any:
+    """Bound u of the rays with v in a range that may be inside a face: lowest and highest, with margins for rounding.
+
+    An edge function over the ray's component along the axis is linear in u and v. All three have one sign inside.
+    """
+    largest = 1.0 + max(abs(field[LOW_U]), abs(field[HIGH_U])) + max(abs(field[LOW_V]), abs(field[HIGH_V]))
+    blur = form[BLUR_X] + form[BLUR_Y] + form[BLUR_Z]
+    reach_low, reach_high = np.inf, -np.inf
+    for sign in (1.0, -1.0):
+        low, high = -np.inf, np.inf
+        for first in (W0_X, W1_X, W2_X):
+            nx, ny, nz = form[first], form[first + 1], form[first + 2]
+            along_u, along_v, constant = components(nx, ny, nz, frame)
+            margin = (PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * largest
+            along_u, along_v, constant = sign * along_u, sign * along_v, sign * constant
+            # along_u u must not be below this.
+            least = -(margin + constant + max(along_v * low_v, along_v * high_v))
+            if along_u > 0.0:
+                low = max(low, least / along_u)
+            elif along_u < 0.0:
+                high = min(high, least / along_u)
+            elif least > 0.0:
+                low, high = np.inf, -np.inf
+        if low <= high:
+            reach_low, reach_high = min(reach_low, low), max(reach_high, high)
+    return reach_low, reach_high
+
+
 @numba.njit(cache=True, nogil=True, parallel=True)
 def scatter_hits(
     forms: NDArray[np.float64],
     boxes: NDArray[np.float64],
+    frame: NDArray[np.float64],
     field: NDArray[np.float64],
     side: int,
     directions: NDArray[np.float64],
@@ -166,6 +230,8 @@ def scatter_hits(
     ----------
     forms, boxes
         The faces, as `prepare_faces` returns them.
+    frame
+        The projection, as of `components`.
     field, order, cell_start
         The sorted rays, as `sort_rays` returns them.
     side
@@ -188,34 +254,70 @@ def scatter_hits(
         # Rows far apart one after the other (``side`` is a power of two): threads get shares that cost alike.
         row = (turn * (5 * side // 8 | 1)) % side
         first, behind = cell_start[row * side], cell_start[(row + 1) * side]
-        rays = directions[order[first:behind]]
-        best = np.full(behind - first, -1, dtype=np.int32)
-        nearest = np.full(behind - first, np.inf)
-        faces_here = range(row_start[row], row_start[row + 1]) if behind > first else range(0)
+        here = behind - first
+        xs, ys, zs = np.empty(here), np.empty(here), np.empty(here)
+        for n in range(here):
+            ray = order[first + n]
+            xs[n], ys[n], zs[n] = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+        low_v, high_v = field[LOW_V], field[HIGH_V]
+        if field[_CELLS_PER_V] > 0.0:
+            high_v = low_v + (row + 1 + _ROW_MARGIN) / field[_CELLS_PER_V]
+            low_v += (row - _ROW_MARGIN) / field[_CELLS_PER_V]
+        best = np.full(here, -1, dtype=np.int32)
+        nearest = np.full(here, np.inf)
+        possible = np.empty(_RUN, dtype=np.bool_)
+        faces_here = range(row_start[row], row_start[row + 1]) if here > 0 else range(0)
         for entry in faces_here:
             face = listed[entry]
             left = _cell(boxes[face, LOW_U], field[LOW_U], field[_CELLS_PER_U], side - 1)
             right = _cell(boxes[face, HIGH_U], field[LOW_U], field[_CELLS_PER_U], side - 1)
             low, high = cell_start[row * side + left] - first, cell_start[row * side + right + 1] - first
             form = forms[face]
-            for n in range(low, high):
-                dx, dy, dz = rays[n, 0], rays[n, 1], rays[n, 2]
-                w0, w1, w2 = edge_functions(form, dx, dy, dz)
-                if not inside(w0, w1, w2, rounding(form, dx, dy, dz)):
+            if high - low > _MANY:
+                # Long faces that run across rows at an angle touch few of the cells that their box has in each.
+                reach_low, reach_high = _reach_in_row(form, frame, field, low_v, high_v)
+                if not reach_low <= reach_high:
                     continue
-                towards = slope(form, dx, dy, dz)
-                if towards == 0.0:
-                    continue
-                depth = form[DISTANCE] / towards
-                if depth > 0.0 and depth < nearest[n]:
-                    best[n], nearest[n] = face, depth
-        for n in range(behind - first):
+                left = max(left, _cell(reach_low, field[LOW_U], field[_CELLS_PER_U], side - 1))
+                right = min(right, _cell(reach_high, field[LOW_U], field[_CELLS_PER_U], side - 1))
+                low, high = cell_start[row * side + left] - first, cell_start[row * side + right + 1] - first
+            w0_x, w0_y, w0_z = form[W0_X], form[W0_X + 1], form[W0_X + 2]
+            w1_x, w1_y, w1_z = form[W1_X], form[W1_X + 1], form[W1_X + 2]
+            w2_x, w2_y, w2_z = form[W2_X], form[W2_X + 1], form[W2_X + 2]
+            blur_x, blur_y, blur_z = form[BLUR_X], form[BLUR_Y], form[BLUR_Z]
+            for part in range(low, high, _RUN):
+                # What cannot be inside is sorted out first: this loop runs in vector registers.
+                size = min(_RUN, high - part)
+                for m in range(size):
+                    dx, dy, dz = xs[part + m], ys[part + m], zs[part + m]
+                    w0 = dx * w0_x + dy * w0_y + dz * w0_z
+                    w1 = dx * w1_x + dy * w1_y + dz * w1_z
+                    w2 = dx * w2_x + dy * w2_y + dz * w2_z
+                    blur = abs(dx) * blur_x + abs(dy) * blur_y + abs(dz) * blur_z
+                    positive = (w0 >= -blur) & (w1 >= -blur) & (w2 >= -blur)
+                    negative = (w0 <= blur) & (w1 <= blur) & (w2 <= blur)
+                    possible[m] = positive | negative
+                for m in range(size):
+                    if not possible[m]:
+                        continue
+                    n = part + m
+                    dx, dy, dz = xs[n], ys[n], zs[n]
+                    w0, w1, w2 = edge_functions(form, dx, dy, dz)
+                    if not inside(w0, w1, w2, rounding(form, dx, dy, dz)):
+                        continue
+                    towards = slope(form, dx, dy, dz)
+                    if towards == 0.0:
+                        continue
+                    depth = form[DISTANCE] / towards
+                    if depth > 0.0 and depth < nearest[n]:
+                        best[n], nearest[n] = face, depth
+        for n in range(here):
             ray = order[first + n]
             face_out[ray], depth_out[ray] = best[n], nearest[n]
             if best[n] < 0:
                 depth_out[ray], weights[ray, 0], weights[ray, 1] = np.nan, 0.0, 0.0
                 continue
-            weights[ray, 0], weights[ray, 1] = weigh(forms[best[n]], rays[n, 0], rays[n, 1], rays[n, 2])
+            weights[ray, 0], weights[ray, 1] = weigh(forms[best[n]], xs[n], ys[n], zs[n])
     for n in range(cell_start[side * side], count):
         ray = order[n]
         face_out[ray], depth_out[ray], weights[ray, 0], weights[ray, 1] = -1, np.nan, 0.0, 0.0

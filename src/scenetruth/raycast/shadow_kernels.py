@@ -8,17 +8,26 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["confirm_blocked"]
+__all__ = ["confirm_blocked", "meets"]
 
 
 @numba.njit(cache=True, nogil=True)
-def _meets(
+def meets(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, start: NDArray[np.float64],
     way: NDArray[np.float64], farthest: float,
 ) -> Any:  # fmt: skip
     """Tell whether a ray meets a face between its start and the share ``farthest`` of its length.
 
     The test is that of Möller and Trumbore (J. Graphics Tools 2, 1997).
+
+    Parameters
+    ----------
+    vertices, faces, farthest
+        As of `confirm_blocked`.
+    face
+        Index of the face.
+    start, way
+        Start and vector of the ray in mm, shape (3,).
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ux, uy, uz = (vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2])
@@ -82,10 +91,10 @@ def confirm_blocked(
         guess = guesses[n]
         blocked = False
         if guess >= 0 and guess != own[n]:
-            blocked = _meets(vertices, faces, guess, starts[n], ways[n], farthest)
+            blocked = meets(vertices, faces, guess, starts[n], ways[n], farthest)
             for k in range(3):
                 beside = neighbours[guess, k]
                 if not blocked and beside >= 0 and beside != own[n]:
-                    blocked = _meets(vertices, faces, beside, starts[n], ways[n], farthest)
+                    blocked = meets(vertices, faces, beside, starts[n], ways[n], farthest)
         out[n] = blocked
     return out

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +15,10 @@ __all__ = ["ShadowCaster"]
 
 # Faces that are nearer to the point than this share of the ray's length do not shade it: rounding in float64.
 _TOUCH = 1e-9
+# Embree's rays and triangles are float32: its hits are off by a few roundings of the coordinates' size.
+_ROUNDINGS = 64
+# Cells in which faces are sorted for parallel light, per face, and at most.
+_CELLS_PER_FACE, _MOST_CELLS = 4, 1 << 22
 
 
 class ShadowCaster:
@@ -28,9 +35,83 @@ class ShadowCaster:
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
         self.vertices_mm = np.ascontiguousarray(vertices_mm, dtype=np.float64)
         self.topology = topology
+        self._centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
         # Rays are no longer than the mesh is wide: from far lights, they would be less precise.
         self._longest = 1.01 * float(np.linalg.norm(self.vertices_mm.max(axis=0) - self.vertices_mm.min(axis=0)))
-        self._embree = EmbreeMesh(self.vertices_mm, topology.faces)
+        self._in_light: dict[bytes, Any] = {}
+
+    @cached_property
+    def _embree(self) -> EmbreeMesh:
+        return EmbreeMesh(self.vertices_mm, self.topology.faces)
+
+    def blocked_parallel(
+        self,
+        points_mm: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        wanted: NDArray[np.bool_],
+        to_light: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:
+        """Tell which points parallel light does not reach; what `blocked` tells, to the bit, but many times faster.
+
+        Parameters
+        ----------
+        points_mm, faces
+            As of `blocked`.
+        wanted
+            Which points are asked for, shape (n,).
+        to_light
+            Unit vector towards the light, shape (3,).
+
+        Returns
+        -------
+        numpy.ndarray
+            bool, shape (n,); False for points that are not asked for.
+        """
+        from scenetruth.raycast.parallel_shadow_kernels import BLOCKED, UNSURE, parallel_shadows
+
+        state = parallel_shadows(
+            self.vertices_mm,
+            self.topology.faces,
+            self.topology.face_neighbours,
+            self._faces_in_light(to_light),
+            np.ascontiguousarray(points_mm),
+            faces,
+            wanted,
+            to_light,
+            self._longest,
+            1 - _TOUCH,
+        )
+        shaded: NDArray[np.bool_] = state == BLOCKED
+        # Where float32 could decide, it does, as it always did.
+        unsure = np.flatnonzero(state == UNSURE)
+        if len(unsure):
+            many = np.broadcast_to(to_light, (len(unsure), 3))
+            shaded[unsure] = self.blocked(points_mm[unsure], faces[unsure], many, np.full(len(unsure), np.inf))
+        return shaded
+
+    def _faces_in_light(self, to_light: NDArray[np.float64]) -> Any:
+        """Return the faces as parallel light sees them; they are kept for the lights of this time."""
+        from scenetruth.raycast.parallel_shadow_kernels import FacesInLight, flatten_faces, sort_faces
+
+        key = to_light.tobytes()
+        if key not in self._in_light:
+            along = -to_light / np.linalg.norm(to_light)
+            across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+            across /= np.linalg.norm(across)
+            frame = np.stack([across, np.cross(along, across), along])
+            size = float(np.abs(self.vertices_mm - self._centre).max()) + self._longest
+            tolerance = _ROUNDINGS * float(np.finfo(np.float32).eps) * size
+            numbers, boxes = flatten_faces(self.vertices_mm, self.topology.faces, frame, tolerance)
+            low = boxes[:, ::2].min(axis=0)
+            extent = boxes[:, 1::2].max(axis=0) - low
+            cells = min(_CELLS_PER_FACE * len(boxes), _MOST_CELLS)
+            edge = max(float(np.sqrt(extent[0] * extent[1] / cells)), float(extent.max()) / cells)
+            columns, rows = (int(length / edge) + 1 for length in extent.tolist())
+            starts, listed, large = sort_faces(numbers, boxes, low, 1 / edge, columns, rows, tolerance)
+            self._in_light[key] = FacesInLight(
+                frame, numbers, low, 1 / edge, columns, rows, starts, listed, large, tolerance
+            )
+        return self._in_light[key]
 
     def blocked(
         self,

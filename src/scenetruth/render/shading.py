@@ -16,8 +16,6 @@ __all__ = ["PixelLight", "Shader"]
 
 # Where neighbouring pixels differ by more than this share of the brightest pixel, every sample is shaded by itself.
 _STEEPEST = 0.05
-# Multiplier by which the zones of all lights are combined into one number.
-_MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +159,7 @@ class Shader:
             Irradiance, shape (n,); and numbers, shape (n,), that differ where other lights reach, or other zones of
             their cones.
         """
-        from scenetruth.render.shading_kernels import DARK, direct_light
+        from scenetruth.render.shading_kernels import add_light, direct_light
 
         total = np.full(len(points_mm), self._lighting.ambient or 0.0)
         state = np.zeros(len(points_mm), dtype=np.uint64)
@@ -177,16 +175,17 @@ class Shader:
                 lamp.cos_inner,
                 lamp.cos_outer,
             )
+            dark = np.zeros(len(points_mm), dtype=np.bool_)
             if self._lighting.shadows:
-                reached = np.flatnonzero(light > 0)
-                dark = reached[
-                    self._shadow_caster(caster).blocked(
+                caster_of_shadows = self._shadow_caster(caster)
+                if lamp.position_mm is None:
+                    dark = caster_of_shadows.blocked_parallel(starts_mm, faces, light > 0, -lamp.axis)
+                else:
+                    reached = np.flatnonzero(light > 0)
+                    dark[reached] = caster_of_shadows.blocked(
                         starts_mm[reached], faces[reached], to_light[reached], distance[reached]
                     )
-                ]
-                light[dark], zone[dark] = 0.0, DARK
-            total += light
-            state = state * _MIX + zone
+            add_light(total, state, light, zone, dark)
         return total, state
 
     def on_pixels(
@@ -218,8 +217,7 @@ class Shader:
         shade, face = factors.reshape(mixed.shape), hits.face.reshape(mixed.shape)
         brightest = float(shade[face >= 0].max(initial=0.0))
         zones = state.reshape(mixed.shape)
-        uneven = uneven_pixels(shade, zones, face, mixed, _STEEPEST * brightest)
-        borders = uneven_pixels(shade, zones, face, mixed, np.inf)
+        uneven, borders = uneven_pixels(shade, zones, face, mixed, _STEEPEST * brightest)
         return PixelLight(shade, face, mixed, uneven, borders)
 
     def _smooth(

@@ -8,13 +8,15 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DARK", "direct_light", "facing_points", "shade_image", "smooth_points", "uneven_pixels"]
+__all__ = ["DARK", "add_light", "direct_light", "facing_points", "shade_image", "smooth_points", "uneven_pixels"]
 
 DARK = 0
 """Zone of a light's cone whose points get no light from it."""
 
 # The other zones: the border of the cone, where the light falls off, and its inside. Without a cone, all is inside.
 _BORDER, _INSIDE = 1, 2
+# Multiplier by which the zones of all lights are combined into one number.
+_MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -185,6 +187,32 @@ def direct_light(
     return light, zone, to_light, distance
 
 
+@numba.njit(cache=True, nogil=True, parallel=True)
+def add_light(
+    total: NDArray[np.float64],
+    state: NDArray[np.uint64],
+    light: NDArray[np.float64],
+    zone: NDArray[np.uint8],
+    dark: NDArray[np.bool_],
+) -> None:
+    """Add the light of one lamp where it is not blocked, and its zone to the numbers that tell lights apart.
+
+    Parameters
+    ----------
+    total, state
+        Irradiance, and numbers that differ where other lights reach, or other zones of their cones, shape (n,); changed
+        in place.
+    light, zone
+        As `direct_light` returns them.
+    dark
+        Where the light is blocked, shape (n,).
+    """
+    for n in numba.prange(total.shape[0]):
+        place = np.uint64(DARK) if dark[n] else np.uint64(zone[n])
+        total[n] += 0.0 if dark[n] else light[n]
+        state[n] = state[n] * _MIX + place
+
+
 @numba.njit(cache=True, nogil=True, inline="always")
 def _joined(face: Any, mixed: Any, y: int, x: int, v: int, u: int) -> Any:
     """Tell whether two pixels' centres lie on one smooth surface."""
@@ -221,21 +249,25 @@ def uneven_pixels(
 
     Returns
     -------
-    numpy.ndarray
-        bool, shape (height, width).
+    tuple of numpy.ndarray
+        The pixels, and those of them that other lights reach than a neighbour, or other zones: bool, shape (height,
+        width).
     """
     rows, columns = shade.shape
-    out = np.zeros((rows, columns), dtype=np.bool_)
+    uneven = np.zeros((rows, columns), dtype=np.bool_)
+    borders = np.zeros((rows, columns), dtype=np.bool_)
     for y in numba.prange(rows):
         for x in range(columns):
             if face[y, x] < 0:
                 continue
             for v in range(max(y - 1, 0), min(y + 2, rows)):
                 for u in range(max(x - 1, 0), min(x + 2, columns)):
-                    if (v != y or u != x) and _joined(face, mixed, y, x, v, u):
-                        apart = state[v, u] != state[y, x] or abs(shade[v, u] - shade[y, x]) > steepest
-                        out[y, x] = out[y, x] or apart
-    return out
+                    other = state[v, u] != state[y, x]
+                    # Most neighbours are alike; a pixel is like itself.
+                    if (other or abs(shade[v, u] - shade[y, x]) > steepest) and _joined(face, mixed, y, x, v, u):
+                        uneven[y, x] = True
+                        borders[y, x] = borders[y, x] or other
+    return uneven, borders
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

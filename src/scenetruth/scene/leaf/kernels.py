@@ -112,28 +112,40 @@ def net(
     # Seeds and strengths of the cells around, as far as their borders can come near.
     around = 7 * 5
     for i in numba.prange(rows):
-        dx, dy, power = np.empty(around), np.empty(around), np.empty(around)
+        seed_x, seed_y, power = np.empty(around), np.empty(around), np.empty(around)
+        dx, dy, squares, sizes = np.empty(around), np.empty(around), np.empty(around), np.empty(around)
+        last_column, last_row, known = 0, 0, False
         for j in range(columns):
             px, py = np.float64(x[i, j]), np.float64(y[i, j])
             column, row = int(np.floor(px / width)), int(np.floor(py / height))
-            nearest, best, k = 0, 1e30, 0
-            for r in range(row - 2, row + 3):
-                for c in range(column - 3, column + 4):
-                    dx[k] = (c + seeds[r % high, c % wide, 0]) * width - px
-                    dy[k] = (r + seeds[r % high, c % wide, 1]) * height - py
-                    power[k] = strengths[r % high, c % wide]
-                    square = dx[k] * dx[k] + dy[k] * dy[k]
-                    if square < best:
-                        nearest, best = k, square
-                    k += 1
+            # Neighbouring texels mostly lie in the same cell.
+            if not (known and column == last_column and row == last_row):
+                last_column, last_row, known, k = column, row, True, 0
+                for r in range(row - 2, row + 3):
+                    for c in range(column - 3, column + 4):
+                        seed_x[k] = (c + seeds[r % high, c % wide, 0]) * width
+                        seed_y[k] = (r + seeds[r % high, c % wide, 1]) * height
+                        power[k] = strengths[r % high, c % wide]
+                        k += 1
+            # Loops without branches run in vector registers.
+            for k in range(around):
+                dx[k], dy[k] = seed_x[k] - px, seed_y[k] - py
+                squares[k] = dx[k] * dx[k] + dy[k] * dy[k]
+            nearest, best = 0, 1e30
+            for k in range(around):
+                if squares[k] < best:
+                    nearest, best = k, squares[k]
             value = 0.0
             bx, by, bp = dx[nearest], dy[nearest], power[nearest]
             for k in range(around):
-                if k != nearest:
-                    ex, ey = dx[k] - bx, dy[k] - by
-                    # Distance to the line half-way between both seeds.
-                    across = 0.5 * ((dx[k] + bx) * ex + (dy[k] + by) * ey)
-                    square = across * across / ((ex * ex + ey * ey) * sigma * sigma)
+                ex, ey = dx[k] - bx, dy[k] - by
+                # Distance to the line half-way between both seeds.
+                across = 0.5 * ((dx[k] + bx) * ex + (dy[k] + by) * ey)
+                squares[k], sizes[k] = across * across, (ex * ex + ey * ey) * sigma * sigma
+            for k in range(around):
+                # The division only where the line is near; a little farther than it counts, for rounding.
+                if squares[k] <= 16.1 * sizes[k] and k != nearest:
+                    square = squares[k] / sizes[k]
                     if square < 16.0:
                         value = max(value, 0.5 * (bp + power[k]) * np.exp(-0.5 * square))
             out[i, j] = value

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.cache import key_of, remembered, source_hash
 from scenetruth.errors import Problem, SceneError
 from scenetruth.scene.leaf.form import LeafForm
 from scenetruth.scene.leaf.look import LeafLook
 from scenetruth.scene.leaf.outline import entire_margin
 from scenetruth.scene.leaf.veins import Vein, main_veins_of, side_veins_of
 from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.texture import band_limited
 from scenetruth.scene.texture.band_limited import band_limited_noise
 
 __all__ = ["LeafPainting", "paint_leaf"]
@@ -118,11 +121,23 @@ def paint_leaf(
     SceneError
         If the mesh is no leaf, or the raster would be too large or too coarse; paths count from the texture.
     """
-    leaf, values = mesh.source, entry.settings
+    leaf = mesh.source
     if not isinstance(leaf, LeafForm):
         message = "only a mesh of kind leaf can wear it; use a noise, image, plaid or uniform texture"
         raise SceneError([Problem("kind", message, entry.kind)])
     canvas = _canvas(entry, leaf)
+    sources = source_hash(Path(__file__).parent, Path(band_limited.__file__).parent)
+    state = generator.bit_generator.state
+    key = key_of("leaf", sources, entry.model_dump(mode="json"), leaf.model_dump(mode="json"), state)
+    found = remembered(key, lambda: {"coefficients": _painted(entry, leaf, canvas, generator)})
+    uv = (mesh.chart_mm - canvas.low_mm) / canvas.size_mm * (0.5, 1.0)
+    back = uv * (-1, 1) + (1, 0)
+    return LeafPainting(found["coefficients"]), uv, back
+
+
+def _painted(entry: LeafLook, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator) -> Image:
+    """Return the coefficients of the spline of both sides."""
+    values = entry.settings
     veins = _veins(entry, leaf, canvas, generator)
     sides = []
     for lightness, relief in ((1.0, 1.0), (values["underside_lightness"], entry.underside_relief)):
@@ -133,9 +148,7 @@ def paint_leaf(
             side += np.float32(values["speckle_contrast"]) * _speckle(entry, canvas, generator)
         side *= np.float32(values["mean"] * lightness)
         sides.append(side)
-    uv = (mesh.chart_mm - canvas.low_mm) / canvas.size_mm * (0.5, 1.0)
-    back = uv * (-1, 1) + (1, 0)
-    return LeafPainting(_spline(np.concatenate([sides[0], sides[1][:, ::-1]], axis=1))), uv, back
+    return _spline(np.concatenate([sides[0], sides[1][:, ::-1]], axis=1))
 
 
 def _canvas(entry: LeafLook, leaf: LeafForm) -> _Canvas:

@@ -72,22 +72,24 @@ def band_limited_noise(
     small = _limited_spectrum(
         (rows // _COARSER, columns // _COARSER), pitch * _COARSER, wavelength, generator, exponent, peak
     )
-    spectrum = np.zeros((rows, columns // 2 + 1), dtype=np.complex128)
+    used = small.shape[1]
+    spectrum = np.zeros((rows, used), dtype=np.complex128)
     half = small.shape[0] // 2
-    spectrum[:half, : small.shape[1]] = small[:half]
-    spectrum[-half:, : small.shape[1]] = small[-half:]
-    values = fft.irfft2(spectrum, (rows, columns))
+    spectrum[:half] = small[:half]
+    spectrum[-half:] = small[-half:]
+    values = _inverse(spectrum, (rows, columns))
     scale = 1 / values.std()
     # Samples of a cubic B-spline are its coefficients filtered by (1, 4, 1) / 6 along both axes.
     response = ((2 + np.cos(2 * np.pi * fft.fftfreq(rows))) / 3)[:, None] * (
-        (2 + np.cos(2 * np.pi * fft.rfftfreq(columns))) / 3
+        (2 + np.cos(2 * np.pi * fft.rfftfreq(columns)[:used])) / 3
     )[None, :]
-    coefficients = fft.irfft2(spectrum / response, (rows, columns))
-    return BandLimitedNoise(
-        (values * scale).astype(np.float32),
-        (coefficients * scale).astype(np.float32),
-        (columns * pitch, rows * pitch),
-    )
+    coefficients = _inverse(spectrum / response, (rows, columns))
+    return BandLimitedNoise(_scaled(values, scale), _scaled(coefficients, scale), (columns * pitch, rows * pitch))
+
+
+def _scaled(values: NDArray[np.float64], scale: float) -> NDArray[np.float32]:
+    values *= scale
+    return values.astype(np.float32)
 
 
 def _raster_points(extent: float, pitch: float) -> int:
@@ -103,20 +105,34 @@ def _limited_spectrum(
     exponent: float,
     peak: float,
 ) -> NDArray[np.complex128]:
-    """Return the half spectrum of noise in a band whose values stay within a peak."""
+    """Return the half spectrum of noise in a band whose values stay within a peak, up to its last used column."""
     rows, columns = shape
     frequency = np.hypot(fft.fftfreq(rows, pitch)[:, None], fft.rfftfreq(columns, pitch)[None, :])
     band = (frequency >= 1 / wavelength[1]) & (frequency <= 1 / wavelength[0])
-    spectrum = np.zeros(frequency.shape, dtype=np.complex128)
+    # Beyond the band's highest frequency along x there is nothing to transform.
+    used = int(np.flatnonzero(band.any(axis=0)).max(initial=0)) + 1
+    frequency, band = frequency[:, :used], band[:, :used]
+    spectrum = np.zeros(band.shape, dtype=np.complex128)
     count = int(band.sum())
     spectrum[band] = frequency[band] ** (exponent / 2) * (
         generator.standard_normal(count) + 1j * generator.standard_normal(count)
     )
     for _ in range(_MOST_ROUNDS):
-        field = fft.irfft2(spectrum, shape)
+        field = _inverse(spectrum, shape)
         limit = peak * field.std()
-        if np.abs(field).max() <= 0.99 * limit:
+        if max(field.max(), -field.min()) <= 0.99 * limit:
             break
         # Clipping to a little less than the limit makes the projections settle in a few rounds.
-        spectrum = fft.rfft2(np.clip(field, -0.96 * limit, 0.96 * limit)) * band
+        np.clip(field, -0.96 * limit, 0.96 * limit, out=field)
+        spectrum = fft.fft(fft.rfft(field, axis=1, workers=-1)[:, :used], axis=0, workers=-1) * band
     return spectrum
+
+
+def _inverse(spectrum: NDArray[np.complex128], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Return what `scipy.fft.irfft2` does, to the bit, of a half spectrum whose last columns are zero and left out."""
+    rows, columns = shape
+    part = np.zeros((rows, columns // 2 + 1), dtype=np.complex128)
+    part[:, : spectrum.shape[1]] = fft.ifft(spectrum, axis=0, norm="forward", workers=-1)
+    values: NDArray[np.float64] = fft.irfft(part, columns, axis=1, norm="forward", workers=-1)
+    values *= 1 / (rows * columns)
+    return values

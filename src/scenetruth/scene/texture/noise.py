@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
+from scenetruth.cache import key_of, remembered, source_hash
 from scenetruth.errors import Problem, SceneError
 from scenetruth.model import Positive
 from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.texture.band_limited import BandLimitedNoise, band_limited_noise
+from scenetruth.scene.texture.band_limited import band_limited_noise
 from scenetruth.scene.texture.base import UV, Floats, Painted, Radiance, TextureModel
 
 __all__ = ["NoiseTexture"]
@@ -53,19 +54,24 @@ class NoiseTexture(TextureModel):
         """Make the texture; see `TextureModel`."""
         low = mesh.chart_mm.min(axis=(0, 1))
         width, height = np.ptp(mesh.chart_mm, axis=(0, 1))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            noise = band_limited_noise(
-                self.wavelength_mm,
-                (float(width), float(height)),
-                generator,
-                exponent=self.spectrum_exponent,
-                peak=self.peak,
-            )
-        if not np.isfinite(noise.values[0, 0]):
+        size = (float(width), float(height))
+        sources = source_hash(Path(__file__).parent)
+        state = generator.bit_generator.state
+        key = key_of("noise", sources, self.wavelength_mm, size, self.spectrum_exponent, self.peak, state)
+
+        def make() -> dict[str, NDArray[Any]]:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                noise = band_limited_noise(
+                    self.wavelength_mm, size, generator, exponent=self.spectrum_exponent, peak=self.peak
+                )
+            return {"coefficients": noise.coefficients, "period": np.array(noise.period)}
+
+        found = remembered(key, make)
+        if not np.isfinite(found["coefficients"][0, 0]):
             message = "is so narrow a band that no wave of it fits on the surface; make it wider"
             raise SceneError([Problem("wavelength_mm", message, self.wavelength_mm)])
-        texture = _Noise(noise, self.mean, self.mean * self.rms_contrast)
-        return Painted(texture, (mesh.chart_mm - low) / noise.period)
+        texture = _Noise(found["coefficients"], self.mean, self.mean * self.rms_contrast)
+        return Painted(texture, (mesh.chart_mm - low) / found["period"])
 
     @property
     def shortest_and_longest_mm(self) -> tuple[float, float]:
@@ -83,7 +89,7 @@ class NoiseTexture(TextureModel):
 class _Noise:
     """Noise about a mean."""
 
-    noise: BandLimitedNoise
+    coefficients: NDArray[np.float32]
     mean: float
     std: float
     tiled: bool = True
@@ -92,7 +98,7 @@ class _Noise:
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         from scenetruth.scene.texture.kernels import spline_lookup
 
-        values: NDArray[np.float32] = spline_lookup(self.noise.coefficients, np.ascontiguousarray(uv))
+        values: NDArray[np.float32] = spline_lookup(self.coefficients, np.ascontiguousarray(uv))
         values *= np.float32(self.std)
         values += np.float32(self.mean)
         return values
@@ -100,10 +106,10 @@ class _Noise:
     def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
         from scenetruth.scene.texture.kernels import spline_means
 
-        means: NDArray[np.float32] = spline_means(self.noise.coefficients, forms, offsets, weights)
+        means: NDArray[np.float32] = spline_means(self.coefficients, forms, offsets, weights)
         means *= np.float32(self.std)
         means += np.float32(self.mean)
         return means
 
     def raster(self) -> NDArray[np.float32]:
-        return np.float32(self.mean) + np.float32(self.std) * self.noise.coefficients
+        return np.float32(self.mean) + np.float32(self.std) * self.coefficients

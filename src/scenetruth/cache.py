@@ -1,0 +1,263 @@
+"""Finished work on disk, to be taken from there the next time: never other bytes than those that would be made anew.
+
+An entry goes by a hash of everything that it depends on, and carries a checksum: one that was changed or cut off is as
+good as none. Writers put an entry aside and rename it. Where nothing can be written, everything is made anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["cache_folder", "key_of", "recall", "remember", "remembered", "source_hash"]
+
+_FOLDER, _SIZE = "SCENETRUTH_CACHE", "SCENETRUTH_CACHE_MB"
+_OFF = ("off", "0", "no", "false")
+_MOST_MB = 1000.0
+_MAGIC = b"scenetruth cache 1\n"
+_DIGEST = hashlib.sha256().digest_size
+_ALIGNMENT = 64
+_SUFFIX, _ASIDE = ".entry", ".aside"
+# What a writer left behind that was killed is taken away when it is so old.
+_ABANDONED_S = 3600.0
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of the entries; None if there is none.
+
+    It is what the environment variable ``SCENETRUTH_CACHE`` says, ``off`` for none; else ``scenetruth`` in
+    ``XDG_CACHE_HOME``, or in ``~/.cache``.
+
+    Returns
+    -------
+    pathlib.Path or None
+        The folder, which need not exist yet.
+    """
+    given = os.environ.get(_FOLDER, "").strip()
+    if given:
+        return None if given.lower() in _OFF else Path(given).expanduser().absolute()
+    shared = os.environ.get("XDG_CACHE_HOME", "")
+    # The standard says that relative paths are to be ignored. Without a home, ~ stays as it is.
+    base = shared if os.path.isabs(shared) else os.path.expanduser("~/.cache")
+    return Path(base) / "scenetruth" if os.path.isabs(base) else None
+
+
+def key_of(what: str, *parts: Any) -> str:
+    """Return the key of an entry: a hash of everything that its contents depend on.
+
+    The versions of NumPy and SciPy and the processor belong to every key: they may round otherwise.
+
+    Parameters
+    ----------
+    what
+        What is kept.
+    parts
+        What it is made from: values that JSON can hold. Numbers count with all their digits.
+
+    Returns
+    -------
+    str
+        The name of ``what`` and a hash.
+    """
+    plain = json.dumps([what, _machine(), *parts], sort_keys=True, default=_plain)
+    return f"{what}-{hashlib.sha256(plain.encode()).hexdigest()[:40]}"
+
+
+def _plain(value: Any) -> Any:
+    """Turn what JSON does not know into what it knows."""
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, value.tolist()]
+    if isinstance(value, np.generic):
+        return value.item()
+    message = f"a key cannot hold {type(value).__name__}"
+    raise TypeError(message)
+
+
+@cache
+def _machine() -> list[Any]:
+    """Return what may make other roundings: versions of what computes, and the processor."""
+    import importlib.metadata
+
+    core = getattr(getattr(np, "_core", None), "_multiarray_umath", None)
+    features: Mapping[str, bool] = getattr(core, "__cpu_features__", {})
+    versions = [importlib.metadata.version(name) for name in ("numpy", "scipy", "numba", "llvmlite")]
+    names = sorted(name for name, there in features.items() if there)
+    return [platform.machine(), platform.python_version(), *versions, *names]
+
+
+@cache
+def source_hash(*folders: Path) -> str:
+    """Return a hash of all Python files of folders: work of a program that was changed has another key.
+
+    Parameters
+    ----------
+    folders
+        The folders; files in folders below count too.
+
+    Returns
+    -------
+    str
+        The hash.
+    """
+    found = hashlib.sha256()
+    for folder in folders:
+        for file in sorted(folder.rglob("*.py")):
+            found.update(file.relative_to(folder).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return found.hexdigest()
+
+
+def remembered(key: str, make: Callable[[], Arrays]) -> Arrays:
+    """Return arrays from the cache, or make them and keep them there.
+
+    Parameters
+    ----------
+    key
+        Their key, from `key_of`.
+    make
+        Makes them.
+
+    Returns
+    -------
+    dict of str to numpy.ndarray
+        The arrays by their names, the caller's own.
+    """
+    found = recall(key)
+    if found is None:
+        found = make()
+        remember(key, found)
+    return found
+
+
+def recall(key: str) -> Arrays | None:
+    """Return the arrays of an entry.
+
+    Parameters
+    ----------
+    key
+        Its key, from `key_of`.
+
+    Returns
+    -------
+    dict of str to numpy.ndarray or None
+        None if it is not there, or not as it was written.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return None
+    path = folder / f"{key}{_SUFFIX}"
+    try:
+        with path.open("rb") as file:
+            raw = np.empty(os.fstat(file.fileno()).st_size, dtype=np.uint8)
+            if file.readinto(raw.data) != len(raw):
+                return None
+    except OSError:
+        return None
+    found = _unpacked(raw)
+    with contextlib.suppress(OSError):
+        if found is None:
+            path.unlink()
+        else:
+            os.utime(path)  # the least recently used go first
+    return found
+
+
+def remember(key: str, arrays: Arrays) -> None:
+    """Keep arrays, and take away the entries that were not used for longest, so that all stay within the limit.
+
+    The environment variable ``SCENETRUTH_CACHE_MB`` sets the limit in megabytes; 1000 if it does not.
+
+    Parameters
+    ----------
+    key
+        Their key, from `key_of`.
+    arrays
+        What to keep. Where the disk does not take it, nothing is kept.
+    """
+    folder = cache_folder()
+    most = _most_bytes()
+    if folder is None or sum(values.nbytes for values in arrays.values()) > most:
+        return
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        number, aside = tempfile.mkstemp(suffix=_ASIDE, dir=folder)
+        try:
+            with os.fdopen(number, "wb") as file:
+                for piece in _packed(arrays):
+                    file.write(piece)
+            os.replace(aside, folder / f"{key}{_SUFFIX}")
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(aside)
+            raise
+        _prune(folder, most)
+
+
+def _most_bytes() -> float:
+    try:
+        return float(os.environ.get(_SIZE, _MOST_MB)) * 1e6
+    except ValueError:
+        return _MOST_MB * 1e6
+
+
+def _packed(arrays: Arrays) -> list[bytes | memoryview]:
+    """Return the pieces of an entry: what it is, a checksum of all that follows, what there is, and the arrays."""
+    whole = {name: np.asarray(values, order="C") for name, values in arrays.items()}
+    head = json.dumps([[name, values.dtype.str, values.shape] for name, values in whole.items()]).encode()
+    before = len(_MAGIC) + _DIGEST + 8
+    head += b" " * (-(before + len(head)) % _ALIGNMENT)
+    pieces: list[bytes | memoryview] = [len(head).to_bytes(8, "little") + head]
+    for values in whole.values():
+        pieces += [values.reshape(-1).view(np.uint8).data, bytes(-values.nbytes % _ALIGNMENT)]
+    digest = hashlib.sha256()
+    for piece in pieces:
+        digest.update(piece)
+    return [_MAGIC, digest.digest(), *pieces]
+
+
+def _unpacked(raw: NDArray[np.uint8]) -> Arrays | None:
+    """Return the arrays of an entry; None if one bit of it is not as it was written."""
+    first = len(_MAGIC) + _DIGEST
+    start = raw[:first].tobytes()
+    if len(raw) < first + 8 or start != _MAGIC + hashlib.sha256(raw[first:].data).digest():
+        return None
+    behind = first + 8 + int.from_bytes(raw[first : first + 8].tobytes(), "little")
+    found: Arrays = {}
+    for name, form, shape in json.loads(raw[first + 8 : behind].tobytes()):
+        kind = np.dtype(form)
+        size = kind.itemsize * int(np.prod(shape, dtype=np.int64))
+        found[name] = raw[behind : behind + size].view(kind).reshape(shape)
+        behind += size + -size % _ALIGNMENT
+    return found
+
+
+def _prune(folder: Path, most: float) -> None:
+    """Take away what is too much, and what killed writers left."""
+    entries = []
+    for path in folder.iterdir():
+        with contextlib.suppress(OSError):  # another process takes entries away at the same time
+            state = path.stat()
+            if path.suffix == _SUFFIX:
+                entries.append((state.st_mtime, state.st_size, path))
+            elif path.suffix == _ASIDE and state.st_mtime < time.time() - _ABANDONED_S:
+                path.unlink()
+    total = sum(size for _, size, _ in entries)
+    for _, size, path in sorted(entries, key=lambda entry: entry[0]):
+        if total <= most:
+            break
+        with contextlib.suppress(OSError):
+            path.unlink()
+        total -= size
