@@ -1,14 +1,16 @@
-"""Fields of models that name input files: relative paths become absolute, and all files of a model can be listed."""
+"""Input files: what can be read at all; fields of models that name them, which become absolute and can be listed."""
 
 from __future__ import annotations
 
+import os
+import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, ValidationInfo
 
-__all__ = ["InputFile", "context_of", "input_files"]
+__all__ = ["InputFile", "context_of", "input_files", "size_of_file"]
 
 _FOLDER = "folder"
 
@@ -27,6 +29,24 @@ def _absolute(value: str, info: ValidationInfo) -> str:
 
 InputFile = Annotated[str, _MARK, AfterValidator(_absolute)]
 """Path of a file that a model is made from; relative paths count from the folder of the validation's context."""
+
+
+def size_of_file(path: Path) -> int:
+    """Return the size of a regular file in bytes; nothing is opened, as opening a pipe may take for ever.
+
+    Raises
+    ------
+    ValueError
+        If there is something else; says what.
+    OSError
+        If there is nothing, or it cannot be looked at.
+    """
+    found = os.stat(path)
+    if not stat.S_ISREG(found.st_mode):
+        what = "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file (a pipe, a socket or a device)"
+        msg = f"is {what}"
+        raise ValueError(msg)
+    return found.st_size
 
 
 def context_of(folder: Path | None) -> dict[str, Any]:

@@ -118,8 +118,11 @@ def texels_of(item: Any) -> Any:
         case "leaf" if isinstance(mesh, LeafForm):
             petiole = 0.0 if mesh.petiole is None else mesh.petiole.length_mm
             density = texture.texels_per_mm
+            shortest, longest = texture.mottling_wavelength_mm
+            noise = min(max(4 * longest, 2 * mesh.length_mm) * 16 / shortest, 4096.0) ** 2
             # By default, what fits into millions.
-            return 4e6 if density is None else 2 * (mesh.length_mm + petiole) * mesh.full_width_mm * density**2
+            blade = 4e6 if density is None else 2 * (mesh.length_mm + petiole) * mesh.full_width_mm * density**2
+            return blade + 2 * noise
     return 0
 
 

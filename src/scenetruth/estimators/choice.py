@@ -20,6 +20,7 @@ from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.protocol import Estimator
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, method_entries
 from scenetruth.model import FrozenModel
+from scenetruth.plain import plain_problems
 
 __all__ = ["MethodChoice", "choose", "validate_settings"]
 
@@ -93,7 +94,7 @@ def choose(given: Any) -> MethodChoice:
         return given
     if not isinstance(given, Mapping):
         raise EstimateError([Problem("", "must be a mapping of method and its settings", given)])
-    fields = {str(name): value for name, value in given.items()}
+    fields = dict(given)
     method = fields.pop("method", DEFAULT_METHOD)
     if not isinstance(method, str):
         raise EstimateError([Problem("method", "must be the name of a method", method)])
@@ -109,6 +110,9 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
     EstimateError
         With every setting that is unknown or impossible.
     """
+    problems = plain_problems(fields)
+    if problems:
+        raise EstimateError(problems, source=f"settings of '{method.name}'")
     try:
         return method.settings.model_validate(dict(fields))
     except ValidationError as error:

@@ -11,7 +11,7 @@ from scenetruth.errors import EstimateError, Problem, ScenetruthError
 from scenetruth.estimators.choice import validate_settings
 from scenetruth.estimators.protocol import Estimator
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method
-from scenetruth.estimators.returned import read_only, returned_problems
+from scenetruth.estimators.returned import own_arrays, read_only, returned_problems
 from scenetruth.model import FrozenModel
 from scenetruth.progress import Progress
 from scenetruth.schema import check_dataset, estimate_hash
@@ -49,7 +49,7 @@ def estimate(
     xarray.Dataset
         What the method gives of ``depth`` (mm), ``disparity`` (px per step), ``flow`` (px per frame) and ``velocity``
         (mm per frame), and what it tells of their quality, for every frame that can be estimated. NaN where there is
-        no estimate.
+        no estimate. Its arrays are its own: they share nothing with the recording's.
 
     Raises
     ------
@@ -87,6 +87,13 @@ def estimate(
     (0.25, 1000.0, [0.0, 0.5])
     """
     chosen = find_method(method)
+    wrong: list[Problem] = []
+    if progress is not None and not callable(progress):
+        wrong.append(Problem("progress", "must be callable", progress))
+    if not (settings is None or isinstance(settings, FrozenModel | Mapping)):
+        wrong.append(Problem("settings", "must be a mapping, or the method's model of settings", settings))
+    if wrong:
+        raise EstimateError(wrong)
     given = settings.model_dump() if isinstance(settings, FrozenModel) else dict(settings or {})
     checked = validate_settings(chosen, {**given, **overrides})
     check_dataset(recording, "recording")
@@ -109,7 +116,7 @@ def estimate(
     problems = returned_problems(found, recording, chosen.gives)
     if problems:
         raise EstimateError(problems, source=f"what the method '{chosen.name}' returned")
-    stamped = found.copy()
+    stamped = own_arrays(found, recording)
     stamped.attrs |= {"method": chosen.name, "settings": checked.model_dump_json()}
     stamped.attrs |= {key: recording.attrs[key] for key in _TRAVELLING if key in recording.attrs}
     stamped.attrs["estimate_hash"] = estimate_hash(stamped)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Set as AbstractSet
 
+import numpy as np
 import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.schema import VARIABLES, check_dataset
 
-__all__ = ["read_only", "returned_problems"]
+__all__ = ["own_arrays", "read_only", "returned_problems"]
 
 
 def read_only(recording: xr.Dataset) -> xr.Dataset:
@@ -22,6 +23,19 @@ def read_only(recording: xr.Dataset) -> xr.Dataset:
             values.flags.writeable = False
             variable.data = values
     return guarded
+
+
+def own_arrays(found: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
+    """Return a data set that shares no memory with a recording, and whose arrays can be written to."""
+    own = found.copy()
+    for name, variable in own.variables.items():
+        if name in own.xindexes:
+            continue
+        values = variable.values
+        shared = any(np.may_share_memory(values, other.values) for other in recording.variables.values())
+        if shared or not values.flags.writeable:
+            variable.data = values.copy()
+    return own
 
 
 def returned_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str]) -> list[Problem]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import copy
-import os
 import re
-import stat
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from scenetruth.errors import Problem
+from scenetruth.files import size_of_file
 from scenetruth.plain import DEEPEST, MOST_VALUES, scalar_problem
 
 __all__ = ["MOST_BYTES", "read_text", "read_yaml"]
@@ -41,14 +40,14 @@ def read_text(file: Path) -> str:
     OSError
         If it cannot be read.
     """
-    found = os.stat(file)
-    if not stat.S_ISREG(found.st_mode):
-        what = "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file (a pipe, a socket or a device)"
-        msg = f"is {what}; give the path of a scene file"
-        raise ValueError(msg)
+    try:
+        size = size_of_file(file)
+    except ValueError as error:
+        msg = f"{error}; give the path of a scene file"
+        raise ValueError(msg) from error
     too_large = f"a scene file has at most {MOST_BYTES:,}; is it one?"
-    if found.st_size > MOST_BYTES:
-        msg = f"has {found.st_size:,} bytes; {too_large}"
+    if size > MOST_BYTES:
+        msg = f"has {size:,} bytes; {too_large}"
         raise ValueError(msg)
     with file.open("rb") as stream:
         # Files of the system have no size that is known before.

@@ -12,6 +12,7 @@ from scenetruth.errors import Problem, RecordingError
 from scenetruth.schema.attributes import Intrinsics, intrinsics_of
 from scenetruth.schema.checking import check_dataset
 from scenetruth.schema.identity import estimate_hash
+from scenetruth.schema.inputs import real_array
 from scenetruth.schema.labelling import label
 from scenetruth.schema.pixels import pixel_grid_of
 from scenetruth.schema.three_d_motion import depth_rate_along, flow_of_velocity, velocity_of_flow
@@ -81,7 +82,7 @@ def make_estimate(
     Returns
     -------
     xarray.Dataset
-        An estimate with coordinates, units and intrinsics, float32.
+        An estimate with coordinates, units and intrinsics, float32; its arrays are its own.
 
     Raises
     ------
@@ -101,6 +102,8 @@ def make_estimate(
     (2.5, [2.0, 2.0, 0.0], [0])
     """
     check_dataset(like, "recording")
+    if not isinstance(method, str) or not method.isprintable():
+        raise RecordingError([Problem("method", "must be a name", method)], source="arrays of an estimate")
     given = {
         "depth": depth,
         "disparity": disparity,
@@ -123,13 +126,18 @@ def make_estimate(
     if problems:
         raise RecordingError(problems, source="arrays of an estimate")
     intrinsics = intrinsics_of(like)
-    problems = _sign_problems(arrays, intrinsics)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        problems = _sign_problems(arrays, intrinsics)
     shape = (len(frames), *size)
     rate = None if depth_rate is None else _rate(depth_rate, shape, problems)
     known = None if kind is None else _kind(kind, shape, problems)
     if problems:
         raise RecordingError(problems, source="arrays of an estimate")
-    _derive(arrays, intrinsics, frames, rate, like)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        _derive(arrays, intrinsics, frames, rate, like)
+        for name, values in arrays.items():
+            # What follows from values near zero may be beyond all numbers: it is not known then.
+            arrays[name] = np.where(np.abs(values) <= np.finfo(np.float32).max, values, np.nan)
     maps: dict[str, NDArray[Any]] = {name: values.astype(np.float32) for name, values in arrays.items()}
     x, y = (like[name].values if name in like.coords else None for name in ("x", "y"))
     made = label("estimate", maps | _kinds(arrays, known, shape), intrinsics, t=frames, x=x, y=y)
@@ -141,10 +149,10 @@ def make_estimate(
 
 def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[Problem]) -> Map | None:
     """Return an array as float64 with its frames, or say what is wrong with it."""
-    raw = np.asarray(values)
-    if raw.dtype.kind not in "fiu":
-        problems.append(Problem(name, "must hold real numbers", str(raw.dtype)))
+    raw = real_array(name, values, problems, masked_is_nan=True)
+    if raw is None:
         return None
+    shape = raw.shape
     count = _COMPONENTS.get(name)
     lead = () if count is None else (count,)
     names = f"({'' if count is None else f'{count}, '}t, y, x)"
@@ -152,14 +160,19 @@ def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[P
         raw = raw.reshape(*raw.shape[: len(lead)], 1, *raw.shape[len(lead) :])
     if raw.ndim != len(lead) + 3 or raw.shape[: len(lead)] != lead or raw.shape[-2:] != size:
         message = f"must have the shape {names}, or that without t, with the recording's (y, x) = {size}"
-        if count is not None and np.shape(values)[-1:] == (count,) and np.shape(values)[-3:-1] == size:
+        if count is not None and shape[-1:] == (count,) and shape[-3:-1] == size:
             message += "; its components are last: move them to the front, np.moveaxis(array, -1, 0)"
         elif raw.shape[-2:] == size[::-1] != size:
             message += "; rows and columns seem to be exchanged"
-        problems.append(Problem(name, message, np.shape(values)))
+        problems.append(Problem(name, message, shape))
         return None
-    if np.isinf(raw).any():
-        problems.append(Problem(name, f"holds {int(np.isinf(raw).sum())} infinite values; unknown is NaN"))
+    if raw.size == 0:
+        problems.append(Problem(name, "is empty", shape))
+        return None
+    # Estimates are float32.
+    infinite = int((np.abs(raw) > np.finfo(np.float32).max).sum())
+    if infinite:
+        problems.append(Problem(name, f"holds {infinite} infinite values, or too large ones; unknown is NaN"))
         return None
     return raw.astype(np.float64)
 
@@ -174,7 +187,14 @@ def _frames(
         return recorded[:0].astype(np.int64)
     count = next(iter(counts.values()), 0)
     if t is not None:
-        frames = np.atleast_1d(np.asarray(t, dtype=np.int64))
+        given = real_array("t", t, problems)
+        if given is None or given.dtype.kind == "f" or given.ndim > 1 or given.size == 0:
+            if given is not None:
+                problems.append(Problem("t", "must be frame numbers: an integer, or a list of them", t))
+            return recorded[:0].astype(np.int64)
+        frames = np.array(np.atleast_1d(given), dtype=np.int64)
+        if len(set(frames.tolist())) < len(frames):
+            problems.append(Problem("t", "names a frame twice", frames.tolist()))
         missing = sorted(set(frames.tolist()) - set(recorded.tolist()))
         if missing:
             problems.append(Problem("t", f"the recording has no such frames; it has {recorded.tolist()}", missing))
@@ -221,7 +241,13 @@ def _sign_problems(arrays: dict[str, Map], intrinsics: Intrinsics) -> list[Probl
 
 
 def _rate(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) -> Map | None:
-    raw = np.asarray(values, dtype=np.float64)
+    given = real_array("depth_rate", values, problems, masked_is_nan=True)
+    if given is None:
+        return None
+    raw = given.astype(np.float64)
+    if np.isinf(raw).any():
+        problems.append(Problem("depth_rate", "holds infinite values; unknown is NaN"))
+        return None
     try:
         return np.broadcast_to(raw, shape)
     except ValueError:
@@ -230,7 +256,9 @@ def _rate(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) ->
 
 
 def _kind(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) -> NDArray[np.uint8] | None:
-    raw = np.asarray(values)
+    raw = real_array("kind", values, problems)
+    if raw is None:
+        return None
     if raw.shape not in (shape, shape[1:]) or not np.isin(raw, (0, 1, 2)).all():
         message = f"must have the shape {shape} and hold 0 (none), 1 (normal) or 2 (full)"
         problems.append(Problem("kind", message, raw.shape))

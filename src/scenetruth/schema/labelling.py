@@ -65,19 +65,20 @@ def label(
             dims, values, {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
         )
     sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
-    frames = np.asarray(t, dtype=np.int64)
+    # Coordinates are copies: what a caller changes later is not ours, and the other way round.
+    frames = np.array(t, dtype=np.int64)
     coordinates: dict[str, tuple[str, ArrayLike]] = {
         "t": ("t", frames),
         "time_s": ("t", frames * intrinsics.frame_interval_s),
-        "y": ("y", np.arange(sizes["y"]) if y is None else y),
-        "x": ("x", np.arange(sizes["x"]) if x is None else x),
+        "y": ("y", np.arange(sizes["y"]) if y is None else np.array(y)),
+        "x": ("x", np.arange(sizes["x"]) if x is None else np.array(x)),
     }
     if "s" in sizes:
-        steps = centred_indices(sizes["s"]) if s is None else np.asarray(s, dtype=np.int64)
-        positions = intrinsics.baseline_mm * steps if stage_x_mm is None else np.asarray(stage_x_mm, dtype=np.float64)
+        steps = centred_indices(sizes["s"]) if s is None else np.array(s, dtype=np.int64)
+        positions = intrinsics.baseline_mm * steps if stage_x_mm is None else np.array(stage_x_mm, dtype=np.float64)
         coordinates |= {"s": ("s", steps), "stage_x_mm": ("s", positions)}
     if "s_y" in sizes:
-        below = np.asarray(stage_y_mm, dtype=np.float64)
+        below = np.array(stage_y_mm, dtype=np.float64)
         coordinates |= {"s_y": ("s_y", centred_indices(sizes["s_y"])), "stage_y_mm": ("s_y", below)}
     for name, names in COMPONENTS.items():
         if name in sizes:

@@ -13,6 +13,15 @@ from scenetruth.errors import Problem, RecordingError
 from scenetruth.indexing import centred_indices
 from scenetruth.schema.attributes import Intrinsics
 from scenetruth.schema.checking import check_dataset
+from scenetruth.schema.inputs import (
+    attributes_from,
+    number_from,
+    numbers_from,
+    own_copy,
+    pair_from,
+    real_array,
+    without_repeats,
+)
 from scenetruth.schema.labelling import label
 
 __all__ = ["image_to_grey", "make_recording"]
@@ -29,6 +38,7 @@ def make_recording(
     stage_y_mm: ArrayLike | None = None,
     full_scale: float | None = None,
     attrs: Mapping[str, Any] | None = None,
+    copy: bool = True,
 ) -> xr.Dataset:
     """Make a recording from images of any origin.
 
@@ -55,6 +65,9 @@ def make_recording(
         The grey values of the paper, in [-1, 1], are ``2 image / full_scale - 1``.
     attrs
         More attributes to keep with the recording.
+    copy
+        Whether the recording has an array of its own, so that what is changed later in ``images`` does not change the
+        recording, nor the other way round. False saves the memory where nobody else has the array.
 
     Returns
     -------
@@ -79,45 +92,59 @@ def make_recording(
     >>> recording.attrs["principal_point_px"]
     [31.5, 15.5]
     """
-    values = np.asarray(images)
-    grid = stage_y_mm is not None
-    if values.ndim - grid not in (4, 5) or 0 in values.shape:
+    problems: list[Problem] = []
+    values, grid = real_array("images", images, problems), stage_y_mm is not None
+    if values is not None and (values.ndim - grid not in (4, 5) or 0 in values.shape):
         names = "s_y, s, t, y, x" if grid else "s, t, y, x"
         message = f"must be a non-empty array with the dimensions ({names}), or ({names}, channel)"
-        raise RecordingError([Problem("images", message, values.shape)])
+        problems.append(Problem("images", message, values.shape))
+    focal = number_from("focal_length_px", focal_length_px, problems, positive=True)
+    baseline = number_from("baseline_mm", baseline_mm, problems)
+    interval = number_from("frame_interval_s", frame_interval_s, problems, positive=True)
+    point = None if principal_point_px is None else pair_from("principal_point_px", principal_point_px, problems)
+    scale = None if full_scale is None else number_from("full_scale", full_scale, problems, positive=True)
+    more = attributes_from(attrs, _RESERVED, problems)
+    if baseline == 0 and values is not None and values.ndim > grid and values.shape[int(grid)] > 1:
+        problems.append(Problem("baseline_mm", "must not be zero: depth cannot be seen without a baseline", baseline))
+    if values is None or problems:
+        raise RecordingError(problems, source="images of a recording")
     count_s, count_t, height, width = values.shape[int(grid) :][:4]
-    centre = ((width - 1) / 2, (height - 1) / 2)
-    if full_scale is None and values.dtype.kind == "f" and (largest := _largest(values)) > 1:
+    if scale is None and values.dtype.kind == "f" and (largest := _largest(values)) > 1:
         message = f"floats reach {largest:.6g}, beyond [-1, 1]: say by full_scale= which value is full scale"
-        raise RecordingError([Problem("images", message)])
-    if full_scale is None:
-        full_scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
-    positions = None if stage_x_mm is None else np.asarray(stage_x_mm, dtype=np.float64)
-    if positions is not None and positions.shape != (count_s,):
-        problem = Problem("stage_x_mm", f"must hold one position for each of the {count_s} cameras", positions.shape)
-        raise RecordingError([problem])
-    rows = None if stage_y_mm is None else np.asarray(stage_y_mm, dtype=np.float64)
-    if rows is not None and rows.shape != (len(values),):
-        problem = Problem("stage_y_mm", f"must hold one position for each of the {len(values)} rows", rows.shape)
-        raise RecordingError([problem])
+        problems.append(Problem("images", message))
+    positions = None if stage_x_mm is None else numbers_from("stage_x_mm", stage_x_mm, count_s, "cameras", problems)
+    rows = None if stage_y_mm is None else numbers_from("stage_y_mm", stage_y_mm, len(values), "rows", problems)
+    if problems:
+        raise RecordingError(problems, source="images of a recording")
+    if scale is None:
+        scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
     dataset = label(
         "recording",
-        {"image": values},
-        Intrinsics(focal_length_px, principal_point_px or centre, baseline_mm, frame_interval_s),
+        {"image": own_copy(values) if copy else values},
+        Intrinsics(focal, point or ((width - 1) / 2, (height - 1) / 2), baseline, interval),
         t=centred_indices(count_t),
         s=centred_indices(count_s),
         stage_x_mm=positions,
         stage_y_mm=rows,
-        attrs={"full_scale": float(full_scale), **(attrs or {})},
+        attrs={"full_scale": scale, **more},
     )
     check_dataset(dataset, "recording")
     return dataset
 
 
+_RESERVED = frozenset(
+    {
+        *("scenetruth", "format_version", "full_scale"),
+        *("focal_length_px", "principal_point_px", "baseline_mm", "frame_interval_s"),
+    }
+)
+
+
 def _largest(values: NDArray[Any]) -> float:
     """Return the largest magnitude of finite values."""
     # A view of one value that stands for all need not be gone through.
-    finite = values[np.isfinite(values)] if any(values.strides) else values.ravel()[:1]
+    values = without_repeats(values)
+    finite = values[np.isfinite(values)]
     # A render may exceed full scale by rounding.
     return float(np.abs(finite).max(initial=0.0)) / (1 + 1e-6)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from scenetruth.errors import Problem, ScoreError
+from scenetruth.plain import plain_problems
 from scenetruth.schema import check_same_run, identity_of
 from scenetruth.scoring.alignment import align, check_recording, select_pixels
 from scenetruth.scoring.contrast import local_contrast, reference_images
@@ -129,10 +130,24 @@ def score(
     >>> f"{found.regions['all']['depth']['bias']:.3f}", found.regions["all"]["depth"]["density"]
     ('0.100', 1.0)
     """
+    given = {"estimate": estimate, "truth": truth, **({} if recording is None else {"recording": recording})}
+    wrong = [
+        Problem(name, "must be an xarray.Dataset", type(part).__name__)
+        for name, part in given.items()
+        if not isinstance(part, xr.Dataset)
+    ]
+    if not (metadata is None or isinstance(metadata, Mapping)):
+        wrong.append(Problem("metadata", "must be a mapping", metadata))
+    wrong += [
+        Problem(f"metadata.{item.path}", item.message, item.value)
+        for item in plain_problems(metadata or {})
+        if "keys must be" not in item.message
+    ]
+    if wrong:
+        raise ScoreError(wrong)
     chosen = score_settings(**settings, **({} if margin_px is None else {"interior_margin_px": margin_px}))
     if check:
-        parts = {"truth": truth, "estimate": estimate, **({} if recording is None else {"recording": recording})}
-        check_same_run({name: part.attrs for name, part in parts.items()})
+        check_same_run({name: given[name].attrs for name in ("truth", "estimate", "recording") if name in given})
     whole = truth
     estimate, truth = align(estimate, truth)
     masks = main_regions(truth, chosen.interior_margin_px)

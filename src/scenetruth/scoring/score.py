@@ -6,14 +6,20 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenetruth.errors import Problem, ScoreError
+from pydantic import ValidationError
+
+from scenetruth.errors import Problem, ScoreError, StoreError
+from scenetruth.files import size_of_file
+from scenetruth.plain import parse_json, plain_problems
 from scenetruth.scoring.outliers import RATES
 from scenetruth.scoring.quantities import OUTLIERS, QUANTITY_GROUPS, units_of
 from scenetruth.scoring.regions import REGIONS, is_further_region
 from scenetruth.scoring.statistics import STATISTICS
 from scenetruth.scoring.summary import html_summary, line_summary
+from scenetruth.settings import ScoreSettings
 
 if TYPE_CHECKING:
     import pandas as pd  # type: ignore[import-untyped]
@@ -78,22 +84,45 @@ class Score:
         return json.dumps({**self.regions, "metadata": self.metadata}, indent=2, allow_nan=False, ensure_ascii=False)
 
     @classmethod
-    def from_json(cls, text: str) -> Score:
+    def read(cls, file: str | Path) -> Score:
+        """Read a file that holds what `to_json` wrote.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be read, or is no score; names the file and what is wrong.
+        """
+        path = Path(file)
+        try:
+            size_of_file(path)
+            return cls.from_json(path.read_bytes())
+        except ValueError as error:
+            raise StoreError(file, f"{error}; make it with `scenetruth score`") from error
+        except OSError as error:
+            raise StoreError(file, f"cannot be read ({error.strerror}); make it with `scenetruth score`") from error
+        except ScoreError as error:
+            raise StoreError(
+                file, f"is damaged, or no score; make it again with `scenetruth score`: {error}"
+            ) from error
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Score:
         """Read what `to_json` wrote.
 
         Raises
         ------
         ScoreError
             If the text is not JSON, lacks ``all`` or ``interior``, a statistic, or a quantity in one region that
-            another region has, or has keys that are no region's name; lists all that is wrong.
+            another region has, has values that are no finite numbers, or keys that are no region's name; lists all
+            that is wrong.
         """
         try:
-            content = json.loads(text)
-        except json.JSONDecodeError as error:
+            content = parse_json(text)
+        except (ValueError, TypeError) as error:
             raise ScoreError([Problem("", f"is not JSON: {error}", text)]) from error
         if not isinstance(content, dict):
             raise ScoreError([Problem("", "must be a JSON object", content)])
-        problems = [*_problems(content)]
+        problems = plain_problems(content) or [*_problems(content)]
         if problems:
             raise ScoreError(problems)
         regions = {name: values for name, values in content.items() if name != "metadata"}
@@ -145,6 +174,41 @@ def _problems(content: Mapping[str, Any]) -> Iterator[Problem]:
             for statistic in statistics:
                 if not isinstance(values, dict) or statistic not in values:
                     yield Problem(f"{region}.{quantity}.{statistic}", "is missing")
+        for quantity, values in quantities.items():
+            if quantity not in expected:
+                yield Problem(f"{region}.{quantity}", f"is no quantity; known are {', '.join(expected)}")
+            elif isinstance(values, dict):
+                yield from _value_problems(f"{region}.{quantity}", values)
+    if isinstance(content.get("metadata"), dict):
+        yield from _metadata_problems(content["metadata"])
+
+
+def _value_problems(path: str, values: Mapping[str, Any]) -> Iterator[Problem]:
+    for statistic, value in values.items():
+        if statistic == "count":
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                yield Problem(f"{path}.count", "must be an integer that is not negative", value)
+        elif value is not None and not _is_number(value):
+            yield Problem(f"{path}.{statistic}", "must be a finite number or null", value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _metadata_problems(metadata: Mapping[str, Any]) -> Iterator[Problem]:
+    """Tell what the readers of metadata cannot take."""
+    if not _is_number(metadata.get("margin_px", 0)):
+        yield Problem("metadata.margin_px", "must be a finite number", metadata["margin_px"])
+    settings = metadata.get("score_settings")
+    if settings is not None:
+        try:
+            ScoreSettings.model_validate(settings)
+        except ValidationError as error:
+            yield Problem("metadata.score_settings", f"are none: {error.errors(include_url=False)[0]['msg']}", settings)
+    warnings = metadata.get("warnings")
+    if warnings is not None and not isinstance(warnings, str | list):
+        yield Problem("metadata.warnings", "must be a list of texts", warnings)
 
 
 def _expected(regions: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:

@@ -9,8 +9,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from scenetruth.errors import Problem, RecordingError
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import build_world
+from scenetruth.schema import check_dataset
 
 __all__ = ["track_points"]
 
@@ -45,6 +47,8 @@ def track_points(
     ------
     SceneError
         If the scene cannot be made.
+    RecordingError
+        If the truth does not have the agreed form or what tracks need, or there are no such times or frame.
 
     See Also
     --------
@@ -63,6 +67,22 @@ def track_points(
     >>> track_points(scene, truth, [0, 1.5])[:, 2, 15, 20].round(9).tolist()
     [100.0, 103.0]
     """
+    check_dataset(truth, "truth")
+    problems = [
+        Problem(name, "is missing; tracks need it")
+        for name in ("object_id", "face_id", "barycentric")
+        if name not in truth
+    ]
+    if isinstance(t, bool) or not isinstance(t, int | np.integer) or t not in truth["t"].values:
+        problems.append(Problem("t", f"must be one of the frames of the truth, {truth['t'].values.tolist()}", t))
+    try:
+        moments = np.array([float(time) for time in times])
+    except (TypeError, ValueError, OverflowError):
+        moments = np.full(1, np.nan)
+    if not np.isfinite(moments).all():
+        problems.append(Problem("times", "must be finite numbers", times))
+    if problems:
+        raise RecordingError(problems, source="truth")
     world = build_world(scene, Path(folder))
     image = truth.sel(t=t)
     body = image["object_id"].values
@@ -72,7 +92,6 @@ def track_points(
     here = body >= 0
     face = world.faces[world.face_offsets[body[here]] + image["face_id"].values[here]]
     b1, b2 = (image["barycentric"].values[k][here][:, None] for k in range(2))
-    moments = list(times)
     tracks = np.full((len(moments), 3, *body.shape), np.nan)
     for track, time in zip(tracks, moments, strict=True):
         vertices = world.at(float(time)).vertices_mm
