@@ -71,7 +71,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         Score.read(tmp_path / "pipe")
 
 
-values = (
+values: some.SearchStrategy[Any] = (
     some.none()
     | some.booleans()
     | some.integers()
