@@ -11,9 +11,9 @@ __all__ = ["claim_store", "is_store"]
 
 
 def claim_store(path: Path) -> Claimed:
-    """Claim a store: a folder or a zip file with a data set of ours and nothing else."""
+    """Claim a store: a folder with a data set of ours and nothing else."""
     if not path.is_dir():
-        return Claimed() if path.suffix == ".zip" else Claimed("is a file, and not a store that scenetruth wrote")
+        return Claimed("is a file, and not a store that scenetruth wrote")
     if not is_store(path):
         return Claimed("is a folder that scenetruth did not write")
     foreign = [
