@@ -21,11 +21,13 @@ LEAVES = {
     "progress",
     "docstrings",
     "plain",
+    "arguments",
 }
 MAY_IMPORT = {
     "errors": set(),
     "docstrings": set(),
     "plain": {"errors"},
+    "arguments": {"errors"},
     "model": {"docstrings"},
     "indexing": set(),
     "kinds": set(),

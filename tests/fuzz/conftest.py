@@ -9,14 +9,20 @@ import pytest
 
 from tests.fuzz.guarded import Guarded
 
+_told: list[str] = []
+
 
 @pytest.fixture(scope="session")
-def guarded(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Guarded]:
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
     """A process with bounds; what became of all files is told at the end."""
     folder: Path = tmp_path_factory.mktemp("scenes")
     trials = Guarded(folder)
     yield trials
     trials.close()
-    reporter = request.config.pluginmanager.get_plugin("terminalreporter")
-    if reporter is not None:
-        reporter.write_line(f"\n{trials}\nfiles that failed, if any: {folder}/failed-*.yaml")
+    _told.append(f"{trials}; files that failed, if any: {folder}/failed-*.yaml")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print what became of the files."""
+    for line in _told:
+        terminalreporter.write_line(line)
