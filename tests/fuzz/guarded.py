@@ -13,6 +13,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from tests.fuzz.trial import OUTCOMES
+
 __all__ = ["MOST_BYTES", "MOST_SECONDS", "Guarded", "serve"]
 
 MOST_SECONDS, MOST_BYTES = 5, 1_000_000_000
@@ -33,6 +35,7 @@ class Guarded:
     def __init__(self, folder: Path) -> None:
         self.folder, self.file = folder, folder / "scene.yaml"
         self.outcomes: Counter[str] = Counter()
+        self.failures: list[str] = []
         self.slowest_s, self.peak_bytes = 0.0, 0
         self._process: subprocess.Popen[str] | None = None
 
@@ -40,9 +43,11 @@ class Guarded:
         """Return what becomes of a file: as of `try_scene`, or what went wrong."""
         self.file.write_bytes(content)
         outcome = self._ask()
-        self.outcomes[outcome if len(outcome) < 20 else "failed"] += 1
-        if len(outcome) >= 20:
-            (self.folder / f"failed-{self.outcomes['failed']}.yaml").write_bytes(content)
+        if outcome in OUTCOMES:
+            self.outcomes[outcome] += 1
+        else:
+            self.failures.append(outcome)
+            (self.folder / f"failed-{len(self.failures)}.yaml").write_bytes(content)
         return outcome
 
     def _ask(self) -> str:
@@ -76,10 +81,11 @@ class Guarded:
             self._process.wait()
 
     def __str__(self) -> str:
-        count = sum(self.outcomes.values())
-        told = ", ".join(f"{number:,} {outcome}" for outcome, number in self.outcomes.most_common())
+        count = sum(self.outcomes.values()) + len(self.failures)
+        told = ", ".join(f"{self.outcomes[outcome]:,} {outcome}" for outcome in OUTCOMES)
         return (
-            f"{count:,} scene files: {told}; slowest {self.slowest_s:.2f} s of processor time, "
+            f"{count:,} scene files: {told}, {len(self.failures):,} failed; "
+            f"slowest {self.slowest_s:.2f} s of processor time, "
             f"peak memory {self.peak_bytes / 1e6:.0f} MB beyond what is imported"
         )
 

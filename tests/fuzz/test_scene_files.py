@@ -30,11 +30,15 @@ def test_any_file_gives_a_scene_or_an_error_of_ours(tmp_path: Path, content: byt
 
 
 @pytest.mark.skipif(not NIGHTLY, reason="takes half an hour: make nightly")
-@settings(suppress_health_check=list(HealthCheck), phases=[Phase.explicit, Phase.reuse, Phase.generate, Phase.target])
-@given(content=scene_files())
-def test_ten_thousand_files(guarded: Guarded, content: bytes) -> None:
-    outcome = guarded.try_file(content)
-    assert outcome in ("refused", "large", "refused when made", "made"), outcome
+def test_ten_thousand_files(guarded: Guarded) -> None:
+    # All are tried, whatever becomes of some: those that fail are kept as files.
+    @settings(suppress_health_check=list(HealthCheck), phases=[Phase.generate], database=None)
+    @given(content=scene_files())
+    def try_all(content: bytes) -> None:
+        guarded.try_file(content)
+
+    try_all()
+    assert not guarded.failures, "\n\n".join(guarded.failures[:5])
 
 
 def test_small_scenes_are_made_and_others_are_known_to_be_large(tmp_path: Path) -> None:

@@ -19,7 +19,10 @@ from scenetruth.scene.leaf.form import LeafForm
 from scenetruth.scene.world import build_world
 from scenetruth.truth import GeometryPass, truth_maps
 
-__all__ = ["MOST_FACES", "MOST_PIXELS", "MOST_TEXELS", "MOST_VERTICES_IN_TIME", "try_scene"]
+__all__ = ["MOST_FACES", "MOST_PIXELS", "MOST_TEXELS", "MOST_VERTICES_IN_TIME", "OUTCOMES", "try_scene"]
+
+OUTCOMES = ("refused", "large", "refused when made", "made")
+"""What may become of a scene file."""
 
 MOST_PIXELS, MOST_FACES, MOST_TEXELS, MOST_VERTICES_IN_TIME = 20_000, 100_000, 4_000_000, 500_000
 """Scenes of more are loaded, but not made: whatever their size, they are right."""
