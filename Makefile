@@ -4,11 +4,12 @@ PYTHON_BIN := .venv/bin
 PATH ?= /usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 export PATH
 
-.PHONY: help setup demo test bench gallery lint format clean
+.PHONY: help setup demo test nightly bench gallery lint format clean
 
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
 	@echo "make test    environment, then lint, types and all tests"
+	@echo "make nightly environment, then 10,000 scene files that are almost right; half an hour"
 	@echo "make bench   environment, then the benchmarks"
 	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md) and of the README"
 	@echo "make format  environment, then the formatter"
@@ -28,6 +29,9 @@ lint: setup
 
 test: lint
 	$(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
+
+nightly: setup
+	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -p no:cacheprovider tests/fuzz
 
 bench: setup
 	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only

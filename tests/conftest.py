@@ -16,7 +16,8 @@ os.environ["SCENETRUTH_CACHE"] = "off"
 
 # Kernels are compiled at their first call, and machines are busy: how long an example takes says nothing.
 settings.register_profile("without_deadlines", deadline=None)
-settings.load_profile("without_deadlines")
+settings.register_profile("nightly", parent=settings.get_profile("without_deadlines"), max_examples=10_000)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "without_deadlines"))
 
 
 def pytest_collection_finish() -> None:

@@ -23,6 +23,7 @@ LEAVES = {
     "docstrings",
     "compilation",
     "plain",
+    "arguments",
 }
 MAY_IMPORT = {
     "cache": set(),
@@ -30,6 +31,7 @@ MAY_IMPORT = {
     "docstrings": set(),
     "compilation": {"errors"},
     "plain": {"errors"},
+    "arguments": {"errors"},
     "model": {"docstrings"},
     "indexing": set(),
     "kinds": set(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 from collections.abc import Mapping
 from functools import partial
@@ -16,6 +17,7 @@ import xarray as xr
 
 from scenetruth.camera import Schedule, chain_of
 from scenetruth.files import input_files
+from scenetruth.plain import parse_json
 from scenetruth.randomness import generator_for
 from scenetruth.scene.spec import Scene
 from scenetruth.schema import Intrinsics, blank_map, digest, label
@@ -140,7 +142,7 @@ def content_hash(path: Path) -> str:
     files = sorted(item for item in path.rglob("*") if item.is_file()) if path.is_dir() else [path, *_referred_to(path)]
     for file in files:
         found.update((str(file.relative_to(path)) if path.is_dir() else file.suffix).encode())
-        if file.is_file():
+        if os.path.isfile(file):
             with file.open("rb") as stream:
                 found.update(hashlib.file_digest(stream, "sha256").digest())
     return found.hexdigest() + path.suffix.lower()
@@ -149,13 +151,17 @@ def content_hash(path: Path) -> str:
 def _referred_to(path: Path) -> list[Path]:
     """Return the files that a mesh file names: the materials of an OBJ and their images, the buffers of a glTF."""
     suffix = path.suffix.lower()
+    if not os.path.isfile(path):
+        return []
     if suffix == ".obj":
         materials = [path.parent / name for name in _names_after(path, ("mtllib",))]
-        images = [file.parent / name for file in materials if file.is_file() for name in _names_after(file, _MAPS)]
+        images = [
+            file.parent / name for file in materials if os.path.isfile(file) for name in _names_after(file, _MAPS)
+        ]
         return [*materials, *images]
     if suffix == ".gltf":
         try:
-            parts = json.loads(path.read_text(encoding="utf-8"))
+            parts = parse_json(path.read_bytes())
             named = [*parts.get("buffers", ()), *parts.get("images", ())]
             return [path.parent / item["uri"] for item in named if not item.get("uri", "data:").startswith("data:")]
         except (ValueError, AttributeError, TypeError):

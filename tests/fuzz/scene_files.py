@@ -264,19 +264,20 @@ def _number(draw: Any, place: Place, tree: Any) -> None:
 
 def _scale(draw: Any, place: Place, tree: Any) -> None:
     container, key = place
-    numbers = [item for item in [place, *places([container[key]])] if isinstance(item[0][item[1]], int | float)]
+    numbers = [item for item in [place, *places([container[key]])] if _is_number(item[0][item[1]])]
     factor = draw(some.sampled_from([-1, 0, 0.1, 0.5, 0.8, 1.1, 1.5, 2, 3, 10, 1e3, 1e6, 1e10, 1e-3, 1e-6, 1e-10]))
     for where in numbers:
         _put(where, where[0][where[1]] * factor)
 
 
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that can be multiplied with a float."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and (value != value or abs(value) < 10**300)
+
+
 def _gentle(draw: Any, place: Place, tree: Any) -> None:
     """Change a number a little, so that most scenes stay possible."""
-    numbers = [
-        item
-        for item in places(tree)
-        if isinstance(item[0][item[1]], int | float) and not isinstance(item[0][item[1]], bool)
-    ]
+    numbers = [item for item in places(tree) if _is_number(item[0][item[1]])]
     where = numbers[draw(some.integers(0, len(numbers) - 1))] if numbers else place
     value = where[0][where[1]]
     if isinstance(value, int):

@@ -19,14 +19,24 @@ from scenetruth.scene.leaf.form import LeafForm
 from scenetruth.scene.world import build_world
 from scenetruth.truth import GeometryPass, truth_maps
 
-__all__ = ["MOST_FACES", "MOST_PIXELS", "MOST_TEXELS", "MOST_VERTICES_IN_TIME", "try_scene"]
+__all__ = ["MOST_FACES", "MOST_PIXELS", "MOST_TEXELS", "MOST_VERTICES_IN_TIME", "OUTCOMES", "try_scene"]
+
+OUTCOMES = ("refused", "large", "refused when made", "made")
+"""What may become of a scene file."""
 
 MOST_PIXELS, MOST_FACES, MOST_TEXELS, MOST_VERTICES_IN_TIME = 20_000, 100_000, 4_000_000, 500_000
 """Scenes of more are loaded, but not made: whatever their size, they are right."""
 
 
-def try_scene(file: Path) -> str:
+def try_scene(file: Path, smaller: float = 1.0) -> str:
     """Load a scene file, and do what ``scenetruth check`` does unless it is large.
+
+    Parameters
+    ----------
+    file
+        The file.
+    smaller
+        By how much the bounds of what is made are smaller.
 
     Returns
     -------
@@ -43,7 +53,7 @@ def try_scene(file: Path) -> str:
             return "refused"
         repr(scene), scene._repr_html_(), hash(scene)
         assert st.scene_from_plain(scene.to_plain()) == scene
-        if is_large(scene):
+        if is_large(scene, smaller):
             return "large"
         try:
             world = build_world(scene)
@@ -70,17 +80,17 @@ def _is_told(error: st.SceneError) -> None:
     assert text.replace("\n", "").isprintable()
 
 
-def is_large(scene: Scene) -> bool:
+def is_large(scene: Scene, smaller: float = 1.0) -> bool:
     """Whether a scene would take more than a moment to make."""
     faces = [faces_of(item.mesh) for _, item in scene.parts]
     moments = scene.frames.count + 2
     return (
-        scene.camera.width * scene.camera.height > MOST_PIXELS
-        or sum(faces) > MOST_FACES
-        or sum(faces) * moments > MOST_VERTICES_IN_TIME
-        or moments * len(scene.parts) > 500
-        or scene.stage.positions * scene.stage.rows * moments * len(scene.parts) > 40_000
-        or sum(texels_of(item) for _, item in scene.parts) > MOST_TEXELS
+        scene.camera.width * scene.camera.height > MOST_PIXELS / smaller
+        or sum(faces) > MOST_FACES / smaller
+        or sum(faces) * moments > MOST_VERTICES_IN_TIME / smaller
+        or moments * len(scene.parts) > 500 / smaller
+        or scene.stage.positions * scene.stage.rows * moments * len(scene.parts) > 40_000 / smaller
+        or sum(texels_of(item) for _, item in scene.parts) > MOST_TEXELS / smaller
     )
 
 

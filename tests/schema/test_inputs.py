@@ -125,6 +125,26 @@ def test_calls_of_score_that_make_no_sense(arguments: dict[str, Any], message: s
         st.score(found, found, **arguments)
 
 
+def test_parts_that_are_no_data_sets() -> None:
+    found = st.make_estimate(like=RECORDING, depth=np.ones((3, 4, 5)))
+    parts: list[tuple[Any, Any, dict[str, Any]]] = [
+        (None, found, {}),
+        (RECORDING, "x", {}),
+        (RECORDING, found, {"truth": 3}),
+        (RECORDING, found, {"score": {}}),
+        (RECORDING, found, {"progress": 3}),
+    ]
+    for recording, estimate, more in parts:
+        with pytest.raises(
+            st.ScoreError, match=r"must be an xarray\.Dataset|must be a Score|progress: must be callable"
+        ):
+            st.write_report(recording, estimate, **more)
+    with pytest.raises(st.ScoreError, match=r"must be an xarray\.Dataset"):
+        st.surface_growth(None)  # type: ignore[arg-type]
+    with pytest.raises(st.SceneError, match="must be a Scene"):
+        st.track_points(None, found, [0])  # type: ignore[arg-type]
+
+
 junk = some.sampled_from([*NO_NUMBERS, *NO_ARRAYS, 1, 2.5, 1e300, 5e-324, np.ones((2, 3, 4, 5)), np.ones(2), [0, 5]])
 
 

@@ -64,7 +64,7 @@ def test_what_is_no_text(text: Any) -> None:
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="cannot be read"):
         Score.read(tmp_path / "score.json")
-    with pytest.raises(StoreError, match="cannot be read"):
+    with pytest.raises(StoreError, match="is a folder"):
         Score.read(tmp_path)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(StoreError, match="is no regular file"):

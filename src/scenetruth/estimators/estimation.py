@@ -7,6 +7,7 @@ from typing import Any
 
 import xarray as xr
 
+from scenetruth.arguments import argument_problems
 from scenetruth.errors import EstimateError, Problem, ScenetruthError
 from scenetruth.estimators.choice import validate_settings
 from scenetruth.estimators.protocol import Estimator
@@ -87,9 +88,7 @@ def estimate(
     (0.25, 1000.0, [0.0, 0.5])
     """
     chosen = find_method(method)
-    wrong: list[Problem] = []
-    if progress is not None and not callable(progress):
-        wrong.append(Problem("progress", "must be callable", progress))
+    wrong = argument_problems(progress)
     if not (settings is None or isinstance(settings, FrozenModel | Mapping)):
         wrong.append(Problem("settings", "must be a mapping, or the method's model of settings", settings))
     if wrong:

@@ -118,7 +118,7 @@ def _where(key: str, path: Sequence[str]) -> list[str]:
 
 
 def _pattern(path: Sequence[str]) -> Path:
-    return tuple("N" if part.isdigit() else part for part in path)
+    return tuple("N" if re.fullmatch("[0-9]+", part) else part for part in path)
 
 
 def _distance(one: Path, other: Path) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.errors import Problem, RecordingError
+from scenetruth.errors import Problem, RecordingError, SceneError
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import build_world
 from scenetruth.schema import check_dataset
@@ -67,6 +67,8 @@ def track_points(
     >>> track_points(scene, truth, [0, 1.5])[:, 2, 15, 20].round(9).tolist()
     [100.0, 103.0]
     """
+    if not isinstance(scene, Scene):
+        raise SceneError([Problem("", "must be a Scene, as of load_scene", type(scene).__name__)])
     check_dataset(truth, "truth")
     problems = [
         Problem(name, "is missing; tracks need it")

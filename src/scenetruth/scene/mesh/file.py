@@ -15,6 +15,7 @@ from scenetruth.model import Positive
 from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
 from scenetruth.scene.mesh.creases import creases_by_normals
 from scenetruth.scene.mesh.grid import CREASE_DEG
+from scenetruth.scene.mesh.input import MOST_ELEMENTS, MOST_TEXELS, refuse_mesh_file, small_resolver
 
 __all__ = ["FileMesh", "load"]
 
@@ -57,18 +58,21 @@ def load(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> T
     """
     import trimesh
 
-    if not file.is_file():
-        raise SceneError([Problem("file", "no such mesh file", str(file))])
+    refuse_mesh_file(file)
     try:
-        parts = trimesh.load_scene(file, process=False)
+        parts = trimesh.load_scene(file, process=False, resolver=small_resolver(file))
         # First of all: putting the parts together loses them.
         normals = None if crease_deg is not None else _vertex_normals(parts)
         loaded = parts.to_mesh()
     except Exception as error:  # trimesh's loaders raise whatever their formats raise
-        raise SceneError([Problem("file", f"cannot be read as a mesh: {error}", str(file))]) from error
+        message = f"cannot be read as a mesh: {' '.join(str(error).split())[:200] or type(error).__name__}"
+        raise SceneError([Problem("file", message, str(file))]) from error
     faces = np.asarray(getattr(loaded, "faces", ()), dtype=np.int64)
     if faces.ndim != 2 or len(faces) == 0:
         raise SceneError([Problem("file", "has no faces", str(file))])
+    if max(len(faces), len(loaded.vertices)) > MOST_ELEMENTS:
+        message = f"has {len(loaded.vertices):,} vertices and {len(faces):,} faces; at most {MOST_ELEMENTS:,} are read"
+        raise SceneError([Problem("file", message, str(file))])
     vertices = np.asarray(loaded.vertices, dtype=np.float64) * unit_mm
     if not np.all(np.isfinite(vertices)):
         count = int(np.sum(~np.isfinite(vertices).all(axis=1)))
@@ -80,7 +84,11 @@ def load(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> T
     faces = faces[areas > 1e-14 * max(float(areas.max()), 1e-300)].astype(np.int32)
     if len(faces) == 0:
         raise SceneError([Problem("file", "has only faces without area", str(file))])
-    uv, image, colours = _appearance(loaded, faces)
+    try:
+        uv, image, colours = _appearance(loaded, faces)
+    except Exception as error:  # pictures may be damaged in any way
+        message = f"has a texture image, or colours, that cannot be read: {' '.join(str(error).split())[:200]}"
+        raise SceneError([Problem("file", message, str(file))]) from error
     corner_normals = None if normals is None else normals[faces]
     if corner_normals is not None:
         crease: float | NDArray[np.float64] = creases_by_normals(vertices, faces, corner_normals)
@@ -161,6 +169,12 @@ def _appearance(
         picture = getattr(material, "baseColorTexture", None)
         if picture is None:
             picture = getattr(material, "image", None)
+        if not np.isfinite(uv).all():
+            msg = "texture coordinates that are not finite"
+            raise ValueError(msg)
+        if picture is not None and picture.size[0] * picture.size[1] > MOST_TEXELS:
+            msg = f"{picture.size[0]} x {picture.size[1]} pixels, more than {MOST_TEXELS:,}"
+            raise ValueError(msg)
         return uv[faces], None if picture is None else np.asarray(picture.convert("RGB")), None
     if getattr(visual, "kind", None) == "vertex":
         return None, None, np.asarray(visual.vertex_colors, dtype=np.uint8)[:, :3]

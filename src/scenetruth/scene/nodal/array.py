@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,11 +16,15 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.files import InputFile
 from scenetruth.model import Positive
 from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh.input import MOST_BYTES, len_of
 from scenetruth.scene.nodal.base import States, TimedModel
 
 __all__ = ["Nodal"]
 
 Floats = NDArray[np.float64]
+
+_MOST_NUMBERS = 20_000_000
+"""Of an array: as splines in time, each takes forty bytes."""
 
 
 class Nodal(TimedModel):
@@ -52,28 +58,55 @@ class Nodal(TimedModel):
 
 
 def _read_array(file: Path, key: str | None) -> NDArray[Any]:
-    if not file.exists():
-        raise SceneError([Problem("file", "no such file", str(file))])
+    folder = os.path.isdir(file)
+    if not folder:
+        len_of(file, MOST_BYTES, "no such file")
     try:
-        if file.is_dir() or file.suffix == ".zarr":
+        if folder:
             import zarr
 
-            loaded: Any = zarr.open(str(file), mode="r")
-            names = None if isinstance(loaded, zarr.Array) else sorted(loaded.array_keys())
-        else:
-            loaded = np.load(file, allow_pickle=False)
-            names = None if isinstance(loaded, np.ndarray) else sorted(loaded.files)
-        if names is not None:
-            chosen = key if key is not None or len(names) != 1 else names[0]
-            if chosen not in names:
-                message = f"must name one of its arrays: {', '.join(names) or '(it has none)'}"
-                raise SceneError([Problem("key", message, key)])
-            loaded = loaded[chosen]
-        return np.asarray(loaded[...])
+            store: Any = zarr.open(str(file), mode="r")
+            names = [] if isinstance(store, zarr.Array) else sorted(store.array_keys())
+            return _values_of(store if isinstance(store, zarr.Array) else store[_chosen(names, key)], file)
+        with file.open("rb") as stream:
+            if stream.read(2) != b"PK":
+                # An array in a file of its own is not read before its shape is known.
+                return _values_of(np.load(file, allow_pickle=False, mmap_mode="r"), file)
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as archive:
+                name = _chosen(sorted(archive.files), key)
+                _refuse_many(_numbers_in(archive, name), file)
+                return _values_of(archive[name], file)
     except SceneError:
         raise
     except Exception as error:  # numpy's and zarr's readers raise whatever their formats raise
-        raise SceneError([Problem("file", f"cannot be read as an array: {error}", str(file))]) from error
+        message = f"cannot be read as an array: {' '.join(str(error).split())[:200] or type(error).__name__}"
+        raise SceneError([Problem("file", message, str(file))]) from error
+
+
+def _chosen(names: list[str], key: str | None) -> str:
+    """Return which of several arrays is meant."""
+    chosen = key if key is not None or len(names) != 1 else names[0]
+    if chosen is None or chosen not in names:
+        message = f"must name one of its arrays: {', '.join(names) or '(it has none)'}"
+        raise SceneError([Problem("key", message, key)])
+    return chosen
+
+
+def _values_of(loaded: Any, file: Path) -> NDArray[Any]:
+    _refuse_many(math.prod(int(size) for size in loaded.shape), file)
+    return np.array(loaded[...])
+
+
+def _numbers_in(archive: Any, name: str) -> int:
+    """Return about how many numbers an array of an archive has, by its size when unpacked."""
+    entry = archive.zip.getinfo(name if name in archive.zip.namelist() else f"{name}.npy")
+    return int(entry.file_size) // 8
+
+
+def _refuse_many(count: int, file: Path) -> None:
+    if count > _MOST_NUMBERS:
+        raise SceneError([Problem("file", f"has {count:,} numbers; at most {_MOST_NUMBERS:,} are read", str(file))])
 
 
 def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] | None:
@@ -84,7 +117,14 @@ def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] |
     if file.suffix.lower() != ".obj":
         return None
     lines = (line.split() for line in file.read_text(encoding="utf-8", errors="replace").splitlines())
-    nodes = np.array([[float(word) for word in line[1:4]] for line in lines if line and line[0] == "v"])
+    try:
+        nodes = np.array([[float(word) for word in line[1:4]] for line in lines if line and line[0] == "v"])
+        if nodes.ndim != 2 or nodes.shape[1:] != (3,) or not np.isfinite(nodes).all():
+            msg = "not three finite numbers each"
+            raise ValueError(msg)
+    except ValueError as error:
+        message = f"{file.name} has nodes (v) that cannot be read: {error}"
+        raise SceneError([Problem("file", message, str(file))]) from error
     if nodes.shape == vertices.shape and np.allclose(nodes, vertices, rtol=1e-9, atol=0):
         return None
     near = 1e-9 * float(np.abs(nodes).max())

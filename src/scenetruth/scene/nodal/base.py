@@ -191,6 +191,8 @@ def _check(given: States, faces: NDArray[np.int32], frames: Frames) -> None:
     times, states, path, source = given
     if len(states) < 2:
         raise SceneError([Problem(path, "needs states at two times at least, for a velocity", len(states))])
+    if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise SceneError([Problem(path, "has times that are not finite, or not in order", str(source))])
     wrong = np.argwhere(~np.isfinite(states).all(axis=2))
     if len(wrong):
         message = f"has {len(wrong)} positions that are not finite, the first at state {wrong[0][0]}, "

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, SceneError
+from scenetruth.scene.mesh.input import MOST_ELEMENTS, checked_bytes
 
 __all__ = ["morph_states"]
 
@@ -49,8 +50,11 @@ def morph_states(file: Path, vertices: Floats) -> tuple[Floats, Floats]:
         raise _problem("needs a mesh file that holds morph targets: .glb or .gltf", file)
     try:
         return _Gltf(file).states(vertices)
-    except (KeyError, IndexError, ValueError, OSError) as error:
-        raise _problem(f"cannot be read as glTF with morph targets: {type(error).__name__} {error}", file) from error
+    except SceneError:
+        raise
+    except Exception as error:  # a tree of JSON may be anything
+        told = " ".join(str(error).split())[:200]
+        raise _problem(f"cannot be read as glTF with morph targets: {type(error).__name__} {told}", file) from error
 
 
 def _problem(message: str, file: Path) -> SceneError:
@@ -62,7 +66,7 @@ class _Gltf:
 
     def __init__(self, file: Path) -> None:
         self.file, self.binary = file, b""
-        content = file.read_bytes()
+        content = checked_bytes(file)
         if content[:4] == b"glTF":
             at = 12
             while at < len(content):
@@ -83,13 +87,17 @@ class _Gltf:
             return self.binary
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2])
-        return (self.file.parent / unquote(uri)).read_bytes()
+        return checked_bytes(self.file.parent / unquote(uri))
 
     def view(self, entry: dict[str, Any], dtype: np.dtype[Any], count: int, size: int) -> NDArray[Any]:
         """Return count x size numbers of a buffer view."""
         view = self.tree["bufferViews"][entry["bufferView"]]
         stride = view.get("byteStride", dtype.itemsize * size)
         start = view.get("byteOffset", 0) + entry.get("byteOffset", 0)
+        # Other strides would reach out of the buffer, or go through it again and again.
+        if not 1 <= count <= MOST_ELEMENTS or stride < dtype.itemsize * size or start < 0:
+            msg = f"a view of {count} x {size} numbers from {start} on in steps of {stride} bytes"
+            raise ValueError(msg)
         raw = np.frombuffer(self.buffer(view["buffer"]), np.uint8, (count - 1) * stride + dtype.itemsize * size, start)
         rows = np.lib.stride_tricks.as_strided(raw, (count, dtype.itemsize * size), (stride, 1))
         return np.ascontiguousarray(rows).view(dtype)
@@ -98,6 +106,9 @@ class _Gltf:
         """Return the numbers of an accessor, shape (count, size)."""
         entry = self.tree["accessors"][index]
         dtype, size, count = np.dtype(_TYPES[entry["componentType"]]), _SIZES[entry["type"]], entry["count"]
+        if not 1 <= count <= MOST_ELEMENTS:
+            msg = f"an accessor of {count} elements"
+            raise ValueError(msg)
         values = np.zeros((count, size), dtype) if "bufferView" not in entry else self.view(entry, dtype, count, size)
         if "sparse" in entry:
             sparse = entry["sparse"]
@@ -118,6 +129,8 @@ class _Gltf:
         count = len(primitives[0].get("targets", ()))
         if count == 0 or any(len(item.get("targets", ())) != count for item in primitives):
             raise _problem("the mesh has no morph targets, or not as many for each of its parts", self.file)
+        if count * len(base) > MOST_ELEMENTS:
+            raise _problem(f"moves {len(base):,} vertices by {count:,} morph targets; that is too many", self.file)
         moves = np.stack([np.concatenate([self.target(item, k) for item in primitives]) for k in range(count)])
         times, weights = self.weights(carriers[0], count)
         matrix = self.matrix(carriers[0])
@@ -165,7 +178,9 @@ class _Gltf:
         nodes = self.tree["nodes"]
         total = np.eye(4)
         here: int | None = node
-        while here is not None:
+        for _ in nodes:
+            if here is None:
+                break
             total = _local(nodes[here]) @ total
             here = next((index for index, item in enumerate(nodes) if here in item.get("children", ())), None)
         return total

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,9 +14,12 @@ from numpy.typing import NDArray
 from scenetruth.errors import Problem, SceneError
 from scenetruth.files import InputFile
 from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh.input import MOST_BYTES, MOST_TEXELS, len_of
 from scenetruth.scene.texture.base import UV, Floats, Painted, TextureModel
 
 __all__ = ["ImageTexture", "Picture", "luminance"]
+
+_PART_OF_TEXELS = 1_000_000
 
 
 class ImageTexture(TextureModel):
@@ -66,17 +71,58 @@ class Picture:
 def _read_image(file: Path) -> NDArray[Any]:
     import imageio.v3 as imageio
 
-    if not file.is_file():
-        raise SceneError([Problem("file", "no such image file", str(file))])
+    len_of(file, MOST_BYTES, "no such image file")
     try:
         # From memory: imageio leaves files open that none of its plugins can read.
-        return np.asarray(imageio.imread(file.read_bytes(), extension=file.suffix))
+        content = file.read_bytes()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            width, height, pages = _size_in_header(content)
+            if width * height <= MOST_TEXELS and pages == 1:
+                image = np.asarray(imageio.imread(content, extension=file.suffix))
+                # Formats that may have several pages have one dimension more.
+                image = image[0] if image.shape[:3] == (1, height, width) and height > 1 else image
     except Exception as error:  # the readers of imageio's plugins raise whatever they like
-        raise SceneError([Problem("file", f"cannot be read as an image: {error}", str(file))]) from error
+        told = " ".join(str(error).split())[:200] or type(error).__name__
+        raise SceneError([Problem("file", f"cannot be read as an image: {told}", str(file))]) from error
+    if width * height > MOST_TEXELS:
+        message = f"has {width} x {height} pixels, more than {MOST_TEXELS:,}; make it smaller"
+        raise SceneError([Problem("file", message, str(file))])
+    if pages != 1 or image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
+        message = "must be one picture in grey or in colours"
+        raise SceneError([Problem("file", message, f"{pages} pages" if pages != 1 else f"shape {image.shape}")])
+    if image.dtype.kind not in "uifb":
+        raise SceneError([Problem("file", "must hold real numbers", str(image.dtype))])
+    if not np.isfinite(image).all():
+        raise SceneError([Problem("file", "holds values that are not finite", str(file))])
+    return image
+
+
+def _size_in_header(content: bytes) -> tuple[int, int, int]:
+    """Return width, height and number of pages of an image; nothing of it is decoded."""
+    if content[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        import tifffile
+
+        with tifffile.TiffFile(BytesIO(content)) as pages:
+            first = pages.pages[0]
+            return int(first.imagewidth), int(first.imagelength), len(pages.pages)
+    from PIL import Image
+
+    with Image.open(BytesIO(content)) as picture:
+        return picture.width, picture.height, getattr(picture, "n_frames", 1)
 
 
 def luminance(image: NDArray[Any], encoding: str) -> NDArray[np.float32]:
     """Return the luminance (Rec. 709 primaries) of an image in [0, 1], linear in radiance."""
+    out = np.empty(image.shape[:2], dtype=np.float32)
+    # In parts: on the way, every number takes eight bytes several times over.
+    rows = max(_PART_OF_TEXELS // max(image.shape[1], 1), 1)
+    for first in range(0, len(image), rows):
+        out[first : first + rows] = _luminance_of_rows(image[first : first + rows], encoding)
+    return out
+
+
+def _luminance_of_rows(image: NDArray[Any], encoding: str) -> NDArray[np.float32]:
     values = image.astype(np.float64)
     if np.issubdtype(image.dtype, np.integer):
         values /= np.iinfo(image.dtype).max

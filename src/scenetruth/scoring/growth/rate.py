@@ -71,6 +71,10 @@ def surface_growth(dataset: xr.Dataset, settings: ScoreSettings | None = None) -
     ('t', 'y', 'x') 0.002000
     """
     chosen = ScoreSettings() if settings is None else settings
+    if not isinstance(dataset, xr.Dataset):
+        raise ScoreError([Problem("", "must be an xarray.Dataset", type(dataset).__name__)])
+    if not isinstance(chosen, ScoreSettings):
+        raise ScoreError([Problem("settings", "must be ScoreSettings", settings)])
     problems = [
         Problem(name, "is missing; growth follows from depth and velocity", sorted(map(str, dataset.data_vars)))
         for name in ("depth", "velocity")

@@ -12,6 +12,8 @@ from typing import Any
 
 import xarray as xr
 
+from scenetruth.arguments import argument_problems
+from scenetruth.errors import Problem, ScoreError
 from scenetruth.progress import Progress
 from scenetruth.schema import check_same_run, intrinsics_of, scene_of
 from scenetruth.scoring._format import flatten, format_count, format_number, format_percent, humanise
@@ -99,6 +101,17 @@ def write_report(
     ...     print(page.name, sorted(path.name for path in (page.parent / "figures").iterdir()))
     report.html ['disparity.png', 'image.png']
     """
+    given = {"recording": recording, "estimate": estimate, **({} if truth is None else {"truth": truth})}
+    wrong = [
+        Problem(name, "must be an xarray.Dataset", type(part).__name__)
+        for name, part in given.items()
+        if not isinstance(part, xr.Dataset)
+    ]
+    if score is not None and not isinstance(score, Score):
+        wrong.append(Problem("score", "must be a Score", type(score).__name__))
+    wrong += argument_problems(progress)
+    if wrong:
+        raise ScoreError(wrong)
     if check:
         parts = {"recording": recording.attrs, "estimate": estimate.attrs}
         parts |= {} if truth is None else {"truth": truth.attrs}

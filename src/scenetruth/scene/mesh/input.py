@@ -1,0 +1,125 @@
+"""What is asked of a mesh file before a library reads it: size, format, and counts that its header claims."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from scenetruth.errors import Problem, SceneError
+from scenetruth.files import size_of_file
+
+__all__ = [
+    "FORMATS",
+    "MOST_BYTES",
+    "MOST_ELEMENTS",
+    "MOST_TEXELS",
+    "checked_bytes",
+    "len_of",
+    "refuse_mesh_file",
+    "small_resolver",
+]
+
+FORMATS = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
+"""Suffixes of the formats that are read; others, archives among them, are not tried."""
+MOST_BYTES = 500_000_000
+"""Largest file of a mesh, a picture or an array."""
+MOST_ELEMENTS = 20_000_000
+"""Vertices or faces of a file, as of the meshes that are made here."""
+MOST_TEXELS = 64_000_000
+"""Texels of an image: 8000 x 8000. Decoded, with the radiances that are made of it, it takes some hundred megabytes."""
+
+_HEADER = 65_536
+
+
+def refuse_mesh_file(file: Path) -> None:
+    """Refuse what is no mesh file, is too large, or claims more vertices and faces than it can hold.
+
+    Raises
+    ------
+    SceneError
+        With what is wrong; the path is ``file``.
+    """
+    size = len_of(file, MOST_BYTES, "no such mesh file")
+    suffix = file.suffix.lower()
+    if suffix not in FORMATS:
+        message = f"is no format that is read: give a file that ends in {', '.join(FORMATS)}"
+        raise SceneError([Problem("file", message, str(file))])
+    if size == 0:
+        raise SceneError([Problem("file", "is empty", str(file))])
+    if suffix == ".ply":
+        with file.open("rb") as stream:
+            head = stream.read(_HEADER).partition(b"end_header")[0]
+        counts = [int(number) for number in re.findall(rb"element\s+\w+\s+(\d{1,18})", head)]
+    elif suffix in (".glb", ".gltf"):
+        counts = _counts_of_gltf(file)
+    else:
+        return
+    # Every element takes a byte at least, but for glTF's, which may stand for zeros.
+    most = MOST_ELEMENTS if suffix in (".glb", ".gltf") else min(MOST_ELEMENTS, size)
+    if any(count > most for count in counts):
+        message = f"claims {max(counts):,} elements; it can have at most {most:,}"
+        raise SceneError([Problem("file", message, str(file))])
+
+
+def len_of(file: Path, most: int, missing: str) -> int:
+    """Return the size of a file in bytes.
+
+    Raises
+    ------
+    SceneError
+        If it is missing, no regular file, or has more bytes than may be.
+    """
+    try:
+        size = size_of_file(file)
+    except ValueError as error:
+        raise SceneError([Problem("file", str(error), str(file))]) from error
+    except OSError as error:
+        told = missing if isinstance(error, FileNotFoundError | NotADirectoryError) else f"{missing}: {error.strerror}"
+        raise SceneError([Problem("file", told, str(file))]) from error
+    if size > most:
+        raise SceneError([Problem("file", f"has {size:,} bytes; at most {most:,} are read", str(file))])
+    return size
+
+
+def checked_bytes(file: Path) -> bytes:
+    """Return the content of a file that another file refers to.
+
+    Raises
+    ------
+    ValueError
+        If it is no regular file, or too large.
+    OSError
+        If it cannot be read.
+    """
+    if size_of_file(file) > MOST_BYTES:
+        msg = f"{file.name} has more than {MOST_BYTES:,} bytes"
+        raise ValueError(msg)
+    return file.read_bytes()
+
+
+def small_resolver(file: Path) -> Any:
+    """Return what gives trimesh the files that a mesh file refers to: regular ones of reasonable size only."""
+    import trimesh.resolvers
+
+    class Resolver(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+        def get(self, name: str) -> bytes:
+            return checked_bytes(Path(self.parent) / name.strip())
+
+    return Resolver(str(file))
+
+
+def _counts_of_gltf(file: Path) -> list[int]:
+    """Return the counts of all accessors of a glTF file; nothing of one that cannot be read, which its reader tells."""
+    with file.open("rb") as stream:
+        head = stream.read(20)
+        if head[:4] == b"glTF":
+            text = stream.read(min(int.from_bytes(head[12:16], "little"), MOST_BYTES))
+        else:
+            text = head + stream.read()
+    try:
+        entries = json.loads(text)["accessors"]
+        return [entry["count"] for entry in entries if isinstance(entry.get("count"), int)]
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return []

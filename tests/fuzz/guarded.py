@@ -1,0 +1,157 @@
+"""Trials in a process of their own, with bounds of time and memory: what hangs or grows is ended, and told."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from tests.fuzz.trial import OUTCOMES
+
+__all__ = ["MOST_BYTES", "MOST_SECONDS", "Guarded", "serve"]
+
+MOST_SECONDS, MOST_BYTES = 5, 1_000_000_000
+"""Processor time and memory of a trial, the latter beyond what the process takes when all is imported."""
+PATIENCE_S = 60
+"""Time on a clock, after which a process that does not answer is ended."""
+
+
+class Guarded:
+    """A process that tries files, started again when it is lost.
+
+    Parameters
+    ----------
+    folder
+        Where files, and those that fail, are put.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.file = folder, folder / "scene.yaml"
+        self.outcomes: Counter[str] = Counter()
+        self.failures: list[str] = []
+        self.slowest_s, self.peak_bytes = 0.0, 0
+        self._process: subprocess.Popen[str] | None = None
+
+    def try_file(self, content: bytes) -> str:
+        """Return what becomes of a file: as of `try_scene`, or what went wrong."""
+        self.file.write_bytes(content)
+        outcome = self._ask()
+        if outcome in OUTCOMES:
+            self.outcomes[outcome] += 1
+        else:
+            self.failures.append(outcome)
+            (self.folder / f"failed-{len(self.failures)}.yaml").write_bytes(content)
+        return outcome
+
+    def _ask(self) -> str:
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "tests.fuzz.guarded"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            )
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        signal.signal(signal.SIGALRM, lambda number, frame: process.kill())
+        signal.alarm(PATIENCE_S)
+        try:
+            process.stdin.write(f"{self.file}\n")
+            process.stdin.flush()
+            answer: dict[str, Any] = json.loads(process.stdout.readline())
+        except (OSError, ValueError):
+            process.kill()
+            self._process = None
+            return f"the process is lost, with exit code {process.wait()}"
+        finally:
+            signal.alarm(0)
+        self.slowest_s = max(self.slowest_s, answer["seconds"])
+        self.peak_bytes = max(self.peak_bytes, answer["bytes"])
+        return str(answer["outcome"])
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+
+    def __str__(self) -> str:
+        count = sum(self.outcomes.values()) + len(self.failures)
+        told = ", ".join(f"{self.outcomes[outcome]:,} {outcome}" for outcome in OUTCOMES)
+        return (
+            f"{count:,} scene files: {told}, {len(self.failures):,} failed; "
+            f"slowest {self.slowest_s:.2f} s of processor time, "
+            f"peak memory {self.peak_bytes / 1e6:.0f} MB beyond what is imported"
+        )
+
+
+class _TooLongError(BaseException):
+    pass
+
+
+def _too_long(number: int, frame: object) -> None:
+    raise _TooLongError
+
+
+def serve() -> None:
+    """Try the files whose paths come on standard input, and answer on standard output, a line each."""
+    import traceback
+
+    from tests.fuzz.scene_files import base_trees
+    from tests.fuzz.trial import try_scene
+
+    _warm_up(base_trees())
+    at_start = _memory("VmSize")
+    resource.setrlimit(resource.RLIMIT_AS, (at_start + MOST_BYTES, resource.RLIM_INFINITY))
+    signal.signal(signal.SIGPROF, _too_long)
+    for line in sys.stdin:
+        with contextlib.suppress(OSError):
+            Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+        before, started = _memory("VmRSS"), time.process_time()
+        signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS)
+        try:
+            outcome = try_scene(Path(line.rstrip("\n")))
+        except _TooLongError:
+            outcome = f"takes more than {MOST_SECONDS} s of processor time: {''.join(traceback.format_exc()[-600:])}"
+        except BaseException:
+            outcome = traceback.format_exc()[-3000:]
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+        answer = {
+            "outcome": outcome,
+            "seconds": time.process_time() - started,
+            "bytes": max(_memory("VmHWM") - before, 0),
+        }
+        print(json.dumps(answer), flush=True)
+
+
+def _warm_up(trees: list[dict[str, Any]]) -> None:
+    """Make all scenes once, so that nothing has to be imported or compiled in a trial."""
+    import tempfile
+
+    import yaml
+
+    from tests.fuzz.trial import try_scene
+
+    with tempfile.TemporaryDirectory() as made:
+        for tree in trees:
+            file = Path(made) / "warm.yaml"
+            file.write_text(yaml.safe_dump(tree))
+            try_scene(file)
+
+
+def _memory(entry: str) -> int:
+    """Return a line of the system's figures of this process, in bytes."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(f"{entry}:"):
+            return 1024 * int(line.split()[1])
+    return 0
+
+
+if __name__ == "__main__":
+    serve()
