@@ -85,6 +85,11 @@ class PyrenderRenderer(Renderer):
         except BackendUnavailableError:
             self._thread.shutdown()
             raise
+        except (ImportError, AttributeError, RuntimeError, OSError) as error:
+            # The platform runs, but the packages on it do not: they may not fit together.
+            self._thread.shutdown()
+            reason = f"{type(error).__name__}: {error}"
+            raise BackendUnavailableError(self.name, reason, "use the raycast backend, or another platform") from error
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`."""
