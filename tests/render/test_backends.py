@@ -224,3 +224,33 @@ def test_closing_twice_is_harmless(opener: Opener) -> None:
     renderer = opener(build_world(scene), scene)
     renderer.close()
     renderer.close()
+
+
+@backends
+def test_images_in_a_row_are_those_that_are_asked_for_one_by_one(opener: Callable[[World, Scene], Renderer]) -> None:
+    lamp = {"kind": "directional", "direction": [0.3, -0.2, 1.0], "irradiance": 0.7}
+    front = {
+        "name": "front",
+        "mesh": {"kind": "plane", "size_mm": [20, 14]},
+        "pose": {"position_mm": [1.0, 0.5, 640], "rotations": [{"axis": [0, 1, 0], "angle_deg": 20}]},
+        "texture": {"kind": "plaid", "wavelength_mm": [4.7, 5.3], "amplitude": 0.4},
+    }
+    plain = plaid_plane().model_dump(mode="json", exclude_unset=True)
+    for lighting in ({}, {"ambient": 0.2, "lights": [lamp]}):
+        scene = plaid_plane(objects=[*plain["objects"], front], lighting=lighting)
+        world = build_world(scene)
+        moments = [(t, Viewpoint(np.array([x, 0.0, 0.0]))) for t in (0.0, 1.5, 0.0) for x in (0.0, 5.0)]
+        with opener(world, scene) as renderer:
+            one_by_one = [renderer.render(*moment) for moment in moments]
+            # The same bits however often the world was placed anew in between.
+            assert (one_by_one[0] == one_by_one[4]).all()
+            assert (one_by_one[0] != one_by_one[1]).any()
+            in_a_row = list(renderer.render_all(iter(moments)))
+            assert len(in_a_row) == len(moments)
+            assert all((one == other).all() for one, other in zip(one_by_one, in_a_row, strict=True))
+            assert list(renderer.render_all([])) == []
+            # Whoever stops early may go on with other images.
+            rest = renderer.render_all(iter(moments))
+            assert (next(rest) == one_by_one[0]).all()
+            assert (renderer.render(*moments[1]) == one_by_one[1]).all()
+            assert (next(rest) == one_by_one[1]).all()

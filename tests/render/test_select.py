@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 
@@ -87,3 +89,37 @@ def test_each_platform_renders_the_cube_where_it_runs(platform: str) -> None:
     if done.stdout.startswith("not here:"):
         pytest.skip(f"{platform}: {done.stdout}")
     assert done.stdout.split() == ["pyrender", f"({platform})", "True", "True"]
+
+
+def test_a_library_that_is_missing_broken_or_deadly_is_told_and_harmless(tmp_path: Path) -> None:
+    script = opengl._PROBE.read_text()
+    for spoiled, expected, code in (
+        (script.replace("libOSMesa.so", "libNowhere.so"), "there is no library libNowhere.so", 1),
+        (script.replace("library.glFinish()", "os.abort()").replace("import sys", "import os, sys"), "", -6),
+        (script.replace("36, 3, 0x37, 3, 0)", "36, 9, 0x37, 9, 0)"), "it has no OpenGL 3.3", 1),
+    ):
+        assert spoiled != script
+        file = tmp_path / "probe.py"
+        file.write_text(spoiled)
+        done = subprocess.run([sys.executable, "-I", "-S", file, "osmesa"], capture_output=True, text=True, check=False)
+        if "there is no library libOSMesa.so" in done.stderr:
+            pytest.skip("OSMesa is not installed")
+        assert (done.stdout, done.stderr.strip(), done.returncode) == ("", expected, code)
+        opengl._why_not.cache_clear()
+        with patch.object(opengl, "_PROBE", file):
+            assert opengl._why_not("osmesa") == (expected or "its test process ended with code -6")
+        opengl._why_not.cache_clear()
+
+
+def test_packages_that_do_not_fit_together_are_no_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    from scenetruth.render import pyrender_backend
+
+    def broken(*_: object) -> None:
+        raise AttributeError("module 'numpy' has no attribute 'infty'")
+
+    monkeypatch.setattr(opengl, "_why_not", lambda _: None)
+    monkeypatch.setattr(pyrender_backend, "_Drawing", broken)
+    scene = cube(render={"backend": "auto"})
+    choice = choose_renderer(scene, build_world(scene))
+    assert choice.renderer.name == "raycast"
+    assert "has no attribute 'infty'" in choice.fallback_reason

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ class FloatBuffer:
         self._gl = GL
         self._programs: dict[tuple[str, ...], Any] = {}
         self._size = size
-        self._samples = np.empty(size[::-1], dtype=np.float32)
+        self._samples = np.empty(0, dtype=np.float32)
         self._colour, self._depth = GL.glGenRenderbuffers(2)
         self._buffer = GL.glGenFramebuffers(1)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._buffer)
@@ -65,23 +66,24 @@ class FloatBuffer:
         renderer._read_main_framebuffer = self._read
         renderer._get_primitive_program = self._program
 
-    def draw(self, scene: Any) -> NDArray[np.float32]:
+    def draw(self, scene: Any, nodes: Sequence[Any], samples: NDArray[np.float32]) -> None:
         """Draw a scene.
 
         Parameters
         ----------
         scene
             A ``pyrender.Scene``.
-
-        Returns
-        -------
-        numpy.ndarray
-            Samples of shape (height, width), rows from the bottom up, float32; the next drawing overwrites them.
+        nodes
+            Its nodes with meshes, in the order in which they are drawn: pyrender's own order is that of a set, other
+            each time, and with it the last bit of some samples.
+        samples
+            Output of shape (height, width), rows from the bottom up.
         """
         from pyrender import RenderFlags
 
+        self._samples = samples
+        self._renderer._sorted_mesh_nodes = lambda _scene: nodes
         self._renderer.render(scene, RenderFlags.FLAT | RenderFlags.OFFSCREEN)
-        return self._samples
 
     def _bind(self, _flags: int) -> None:
         gl = self._gl

@@ -6,8 +6,11 @@ import os
 import subprocess
 import sys
 from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
 
 from scenetruth.errors import BackendUnavailableError
+from scenetruth.render.opengl_probe import ANSWER
 
 __all__ = ["PLATFORMS", "use_platform"]
 
@@ -20,16 +23,9 @@ _REMEDIES = {
 }
 _NO_PACKAGE = "pip install 'scenetruth[opengl]'"
 
-# A library that cannot start may abort the whole process, and PyOpenGL keeps the first platform that it meets: the
-# question is asked in a process of its own.
-_PROBE = """
-import os, sys
-os.environ["PYOPENGL_PLATFORM"] = sys.argv[1]
-import pyrender
-renderer = pyrender.OffscreenRenderer(4, 4)
-renderer.delete()
-print("scenetruth: it runs")
-"""
+_PACKAGES = ("pyrender", "OpenGL")
+# The question is asked in a process of its own, as a library that cannot start may abort it.
+_PROBE = Path(__file__).with_name("opengl_probe.py")
 
 
 def use_platform(wanted: str) -> str:
@@ -79,13 +75,17 @@ def use_platform(wanted: str) -> str:
 @cache
 def _why_not(platform: str) -> str | None:
     """Return why a platform does not run, or None if it does."""
+    for package in _PACKAGES:
+        if find_spec(package) is None:
+            return f"No module named '{package}'"
+    environment = {**os.environ, "PYOPENGL_PLATFORM": platform}
+    # Alone: without the packages of the environment, and without this folder, whose modules have names of Python's own.
+    command = [sys.executable, "-I", "-S", str(_PROBE), platform]
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", _PROBE, platform], capture_output=True, text=True, timeout=60, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
     except subprocess.TimeoutExpired:
         return "it did not start within 60 s"
-    if "it runs" in done.stdout:
+    if ANSWER in done.stdout:
         return None
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     return lines[-1] if lines else f"its test process ended with code {done.returncode}"

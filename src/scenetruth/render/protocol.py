@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -36,6 +37,22 @@ class Renderer(Protocol):
             [x ± 1/2] x [y ± 1/2], whose centre has the integer coordinates (x, y).
         """
         ...
+
+    def render_all(self, moments: Iterable[tuple[float, Viewpoint]]) -> Iterator[NDArray[np.float32]]:
+        """Render images one after the other; some renderers begin the next while the caller works on the last.
+
+        Parameters
+        ----------
+        moments
+            Time in frames and pose of the camera of every image.
+
+        Yields
+        ------
+        numpy.ndarray
+            The images in the order of the moments, as of `render`.
+        """
+        for t, viewpoint in moments:
+            yield self.render(t, viewpoint)
 
     def close(self) -> None:
         """Free all resources; closing twice is harmless."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -65,12 +67,7 @@ class PyrenderRenderer(Renderer):
         lighting: Lighting | None = None,
     ) -> None:
         self._platform = use_platform(platform)
-        import pyrender
-
-        from scenetruth.render.float_buffer import FloatBuffer, float_material, largest_side
-
         self.name = f"pyrender ({self._platform})"
-        self._pyrender = pyrender
         self._world = world
         self._size = (camera.width, camera.height)
         self._n = supersampling
@@ -79,9 +76,118 @@ class PyrenderRenderer(Renderer):
         self._lit: RaycastRenderer | None = None
         if self._lighting.lit:
             self._lit = RaycastRenderer(world, camera, background, supersampling, self._lighting)
+        self._moved: tuple[float, NDArray[np.float64]] | None = None
+        # OpenGL draws in a thread of its own, which alone touches the context, while this one does everything else.
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="opengl")
+        self._drawing: _Drawing | None = None
+        try:
+            self._drawing = self._thread.submit(_Drawing, world, camera, background, supersampling).result()
+        except BackendUnavailableError:
+            self._thread.shutdown()
+            raise
+        except (ImportError, AttributeError, RuntimeError, OSError) as error:
+            # The platform runs, but the packages on it do not: they may not fit together.
+            self._thread.shutdown()
+            reason = f"{type(error).__name__}: {error}"
+            raise BackendUnavailableError(self.name, reason, "use the raycast backend, or another platform") from error
+
+    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the image at time t from a viewpoint; see `Renderer.render`."""
+        return self._finish(t, viewpoint, self._begin(t, viewpoint))
+
+    def render_all(self, moments: Iterable[tuple[float, Viewpoint]]) -> Iterator[NDArray[np.float32]]:
+        """Render images one after the other, and draw each while the one before is worked on; see `Renderer`."""
+        waiting: tuple[float, Viewpoint, Iterator[_Part]] | None = None
+        for t, viewpoint in moments:
+            parts = self._begin(t, viewpoint)
+            if waiting is not None:
+                yield self._finish(*waiting)
+            waiting = (t, viewpoint, parts)
+        if waiting is not None:
+            yield self._finish(*waiting)
+
+    def _begin(self, t: float, viewpoint: Viewpoint) -> Iterator[_Part]:
+        """Let the first tile of an image be drawn; return all tiles when they are drawn."""
+        assert self._drawing is not None
+        if self._moved is None or self._moved[0] != t:
+            self._moved = (t, self._world.at(t).vertices_mm)
+        vertices = self._moved[1]
+        (width, height), (across, down) = self._size, self._drawing.tile
+        places = [(x, y) for y in range(0, height, down) for x in range(0, width, across)]
+
+        def draw(place: tuple[int, int]) -> Future[NDArray[np.float32]]:
+            assert self._drawing is not None
+            return self._thread.submit(self._drawing.draw, t, vertices, viewpoint, place)
+
+        first = draw(places[0])
+
+        def parts() -> Iterator[_Part]:
+            samples = first
+            for number, place in enumerate(places):
+                yield place, samples.result()
+                if number + 1 < len(places):
+                    samples = draw(places[number + 1])
+
+        return parts()
+
+    def _finish(self, t: float, viewpoint: Viewpoint, parts: Iterator[_Part]) -> NDArray[np.float32]:
+        def unlit() -> NDArray[np.float32]:
+            return self._average(parts)
+
+        if self._lit is not None:
+            return self._lit.light(unlit, t, viewpoint)
+        return unlit() * np.float32(self._lighting.brightness(t))
+
+    def _average(self, parts: Iterator[_Part]) -> NDArray[np.float32]:
+        from scenetruth.render.average_kernels import average_samples
+
+        assert self._drawing is not None
+        (width, height), (across, down), n = self._size, self._drawing.tile, self._n
+        image = np.empty((height, width), dtype=np.float32)
+        for (x, y), samples in parts:
+            part = image[y : y + down, x : x + across]
+            # The last tiles may reach beyond the image; rows run from the bottom up.
+            average_samples(samples[(down - len(part)) * n :], self._weights, part)
+            self._drawing.take_back(samples)
+        return image
+
+    def close(self) -> None:
+        """Free the OpenGL context and everything in it; closing twice is harmless."""
+        if self._drawing is not None:
+            self._thread.submit(self._drawing.close).result()
+            self._thread.shutdown()
+            self._drawing = None
+
+
+_Part = tuple[tuple[int, int], NDArray[np.float32]]
+"""The left upper pixel of a tile, and its samples."""
+
+
+class _Drawing:
+    """An OpenGL context with the objects of a world; all of it belongs to the thread that makes it.
+
+    Parameters
+    ----------
+    world, camera, background, supersampling
+        As of `PyrenderRenderer`.
+
+    Raises
+    ------
+    BackendUnavailableError
+        If OpenGL draws no 32-bit floats here, or cannot hold a texture.
+    """
+
+    def __init__(self, world: World, camera: Camera, background: float, supersampling: int) -> None:
+        import pyrender
+
+        from scenetruth.render.float_buffer import FloatBuffer, float_material, largest_side
+
+        self._pyrender = pyrender
+        self._world = world
+        self._n = supersampling
         self._t: float | None = None
-        self._vertices_mm = np.empty((0, 3))
         self._nodes: list[Any] = []
+        self._free: list[NDArray[np.float32]] = []
         # Images go to a framebuffer of our own; the context's may be small.
         self._context: Any = pyrender.OffscreenRenderer(16, 16)
         self._scene = pyrender.Scene(bg_color=[background] * 3 + [1.0], ambient_light=[0.0, 0.0, 0.0])
@@ -104,9 +210,9 @@ class PyrenderRenderer(Renderer):
                     self._texels_back.append(None)
                 else:
                     self._texels_back.append(np.hstack(_texels(body.uv_back, raster.shape, tiled=tiled)))
-            self._tile = _tile_size(*self._size, supersampling, largest_side())
+            self.tile = _tile_size(camera.width, camera.height, supersampling, largest_side())
             self._buffer = FloatBuffer(
-                self._context._renderer, (self._tile[0] * supersampling, self._tile[1] * supersampling)
+                self._context._renderer, (self.tile[0] * supersampling, self.tile[1] * supersampling)
             )
             for material in self._materials:
                 self._buffer.prepare(material)
@@ -114,43 +220,63 @@ class PyrenderRenderer(Renderer):
             self._context.delete()
             raise
 
-    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        """Return the image at time t from a viewpoint; see `Renderer.render`."""
-        unlit = self._render_unlit(t, viewpoint)
-        if self._lit is not None:
-            return self._lit.light(unlit, t, viewpoint)
-        return unlit * np.float32(self._lighting.brightness(t))
+    def draw(
+        self, t: float, vertices_mm: NDArray[np.float64], viewpoint: Viewpoint, place: tuple[int, int]
+    ) -> NDArray[np.float32]:
+        """Draw one tile of an image.
 
-    def _render_unlit(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        from scenetruth.render.average_kernels import average_samples
+        Parameters
+        ----------
+        t
+            Time in frames.
+        vertices_mm
+            Where all vertices are then.
+        viewpoint
+            Pose of the camera.
+        place
+            Left upper pixel of the tile.
 
+        Returns
+        -------
+        numpy.ndarray
+            Samples of shape (height n, width n), rows from the bottom up, float32. Who has read them hands them to
+            `take_back`.
+        """
         if self._t != t:
-            self._place_world(t)
+            self._place_world(t, vertices_mm)
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = viewpoint.rotation, viewpoint.position_mm
         self._scene.set_pose(self._camera_node, pose @ _TURN)
-        self._clip(viewpoint.to_camera(self._vertices_mm)[:, 2])
-        (width, height), (across, down), n = self._size, self._tile, self._n
-        image = np.empty((height, width), dtype=np.float32)
+        depth = viewpoint.to_camera(vertices_mm)[:, 2]
+        self._clip(depth)
+        # The nearest first: what they hide is not shaded.
+        parts = np.split(depth, self._world.vertex_offsets[1:-1])
+        nodes = [self._nodes[index] for index in np.argsort([part.mean() for part in parts], kind="stable")]
+        # pyrender's principal point counts from the image's corner, half a pixel before the first pixel centre.
+        (x, y), n = place, self._n
+        self._camera.cx = (self._principal_point[0] + 0.5 - x) * n - viewpoint.shear[0] * self._camera.fx
+        self._camera.cy = (self._principal_point[1] + 0.5 - y) * n - viewpoint.shear[1] * self._camera.fy
         self._context._platform.make_current()
-        for y in range(0, height, down):
-            for x in range(0, width, across):
-                # pyrender's principal point counts from the image's corner, half a pixel before the first pixel centre.
-                self._camera.cx = (self._principal_point[0] + 0.5 - x) * n - viewpoint.shear[0] * self._camera.fx
-                self._camera.cy = (self._principal_point[1] + 0.5 - y) * n - viewpoint.shear[1] * self._camera.fy
-                samples = self._buffer.draw(self._scene)
-                part = image[y : y + down, x : x + across]
-                # The last tiles may reach beyond the image; rows run from the bottom up.
-                average_samples(samples[(down - len(part)) * n :], self._weights, part)
+        samples = self._free.pop() if self._free else np.empty((self.tile[1] * n, self.tile[0] * n), dtype=np.float32)
+        self._buffer.draw(self._scene, nodes, samples)
         self._context._platform.make_uncurrent()
-        return image
+        return samples
 
-    def _place_world(self, t: float) -> None:
+    def take_back(self, samples: NDArray[np.float32]) -> None:
+        """Take samples that were read, to draw into them again.
+
+        Parameters
+        ----------
+        samples
+            What `draw` returned.
+        """
+        self._free.append(samples)
+
+    def _place_world(self, t: float, vertices: NDArray[np.float64]) -> None:
         pyrender = self._pyrender
         for node in self._nodes:
             self._scene.remove_node(node)
         self._nodes = []
-        vertices = self._world.at(t).vertices_mm
         offsets = self._world.vertex_offsets
         for index, (coordinates, material) in enumerate(zip(self._texels, self._materials, strict=True)):
             # Texture coordinates belong to corners, so that every face has vertices of its own.
@@ -165,7 +291,7 @@ class PyrenderRenderer(Renderer):
                 mode=pyrender.GLTF.TRIANGLES,
             )
             self._nodes.append(self._scene.add(pyrender.Mesh(primitives=[primitive])))
-        self._vertices_mm, self._t = vertices, t
+        self._t = t
 
     def _clip(self, depth: NDArray[np.float64]) -> None:
         """Put the clipping planes round vertices of these depths."""
@@ -174,12 +300,10 @@ class PyrenderRenderer(Renderer):
         self._camera.zfar = float(depth.max() * (1 + _SLACK))
 
     def close(self) -> None:
-        """Free the OpenGL context and everything in it; closing twice is harmless."""
-        if self._context is not None:
-            self._context._platform.make_current()
-            self._buffer.delete()
-            self._context.delete()
-            self._context = None
+        """Free the OpenGL context and everything in it."""
+        self._context._platform.make_current()
+        self._buffer.delete()
+        self._context.delete()
 
 
 def _tile_size(width: int, height: int, n: int, limit: int) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,7 +98,7 @@ class RaycastRenderer(Renderer):
         """
         return self._render(t, viewpoint, None)
 
-    def light(self, albedo: NDArray[np.float32], t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+    def light(self, albedo: Callable[[], NDArray[np.float32]], t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Light an image that another renderer made of the same world with the same samples.
 
         Only pixels at edges, of objects or of light, are rendered here.
@@ -105,7 +106,7 @@ class RaycastRenderer(Renderer):
         Parameters
         ----------
         albedo
-            The unlit image, shape (height, width).
+            Gives the unlit image, shape (height, width); asked for as late as possible, as another thread may draw it.
         t, viewpoint
             As of `render`.
 
@@ -116,7 +117,9 @@ class RaycastRenderer(Renderer):
         """
         return self._render(t, viewpoint, albedo)
 
-    def _render(self, t: float, viewpoint: Viewpoint, albedo: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    def _render(
+        self, t: float, viewpoint: Viewpoint, albedo: Callable[[], NDArray[np.float32]] | None
+    ) -> NDArray[np.float32]:
         from scenetruth.raycast.kernels import footprint_forms
 
         camera, world, caster = self._camera, self._world, self._caster_at(t)
@@ -140,7 +143,7 @@ class RaycastRenderer(Renderer):
         rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
         view = _View(caster, t, mesh, rays, body)
         mixed, leaving = edges, np.zeros_like(edges)
-        image = np.full(len(body), self._background, dtype=np.float32) if albedo is None else albedo.ravel().copy()
+        image = np.full(len(body), self._background, dtype=np.float32) if albedo is None else albedo().ravel().copy()
         offsets, weights = self._smooth
         for index, item in enumerate(world.bodies if albedo is None else ()):
             inner = np.flatnonzero((body == index) & ~edges)
