@@ -183,26 +183,26 @@ class _Work:
         opened = sensor.open((camera.height, camera.width), partial(generator_for, scene.seed, "sensor"))
         schedule = schedule_of(scene)
         places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
-        total, done = len(places) * frames.count, 0
+        # In the order of the scan: some sensors need the image before.
+        order = [(n, t, *place) for n, t in enumerate(frames.t.tolist()) for place in places]
+        order.sort(key=lambda at: (at[0], stage.number_in_scan(at[5], at[1], at[4])))
+        moments = (schedule.moment(s, t, s_y) for _, t, _, _, s_y, s in order)
+        images = self.renderer.render_all((moment.t, moment.viewpoint) for moment in moments)
         previous: LinearImage | None = None
         brightest = 0.0
-        for n, t in enumerate(frames.t.tolist()):
-            # In the order of the scan: some sensors need the image before.
-            for k, m, s_y, s in sorted(places, key=lambda place: stage.number_in_scan(place[3], t, place[2])):
-                if self.progress is not None:
-                    self.progress("render", done, total)
-                moment = schedule.moment(s, t, s_y)
-                radiance = self.renderer.render(moment.t, moment.viewpoint)
-                brightest = max(brightest, float(radiance.max()))
-                at = {**({"s_y": k} if stage.rows > 1 else {}), "s": m, "t": n}
-                if self.ideal:
-                    put("ideal", at, radiance)
-                image = LinearImage(radiance, s_y, s, t)
-                put("image", at, opened.read(image, previous))
-                previous = image if sensor.remembers else None
-                done += 1
+        for done, (n, t, k, m, s_y, s) in enumerate(order):
+            if self.progress is not None:
+                self.progress("render", done, len(order))
+            radiance = next(images)
+            brightest = max(brightest, float(radiance.max()))
+            at = {**({"s_y": k} if stage.rows > 1 else {}), "s": m, "t": n}
+            if self.ideal:
+                put("ideal", at, radiance)
+            image = LinearImage(radiance, s_y, s, t)
+            put("image", at, opened.read(image, previous))
+            previous = image if sensor.remembers else None
         if self.progress is not None:
-            self.progress("render", total, total)
+            self.progress("render", len(order), len(order))
         self.warnings += _saturation_warnings(scene, brightest)
 
     def blank_truth(self, choice: TruthChoice) -> xr.Dataset:
