@@ -44,7 +44,7 @@ _PACKAGES = (
     "pyrender-maintained",
     "PyOpenGL",
 )
-_WITHOUT_EFFECT = ("format", "description", "estimate", "score")
+_WITHOUT_EFFECT = ("format", "description", "estimate", "score", "storage")
 """Sections of a scene on which images and truth do not depend."""
 
 

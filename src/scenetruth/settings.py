@@ -1,20 +1,30 @@
-"""The settings of scores, shared by scene files and by calls of ``score``."""
+"""The settings of scores and of storage, shared by scene files and by calls from Python."""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
-__all__ = ["ScoreSettings"]
+__all__ = ["ScoreSettings", "StorageSettings"]
 
 Bounds = Annotated[tuple[NonNegative, ...], Field(min_length=1, max_length=50)]
 """Bounds between classes of pixels; each class is a region of the score."""
 Window = Annotated[float, Field(ge=0.1, le=1000, allow_inf_nan=False)]
 """Standard deviation of a Gaussian window: its sums take time in proportion, and below, it has one pixel only."""
+
+
+class StorageSettings(FrozenModel):
+    """How results are stored."""
+
+    form: Literal["folder", "zip"] = "folder"
+    """Stores as folders, one file for each variable, or as one zip file each, for file systems that do not like many
+    files."""
+    truth: Literal["float64", "float32"] = "float64"
+    """Type of the maps of the truth. ``float32`` halves the store; depth is then known to 6e-8 of itself."""
 
 
 class ScoreSettings(FrozenModel):

@@ -22,7 +22,7 @@ from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import build_world
 from scenetruth.schema import Filling, Put
-from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, open_store
+from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, open_store, store_name
 from scenetruth.truth import TruthChoice, TruthMaps, TruthPoses, TruthViews, blank_truth, fill_truth
 
 __all__ = ["simulate", "simulate_into"]
@@ -106,8 +106,8 @@ def simulate(
         with write_aside(folder) as aside:
             aside.mkdir()
             simulate_into(aside, scene, choice, ideal=ideal, progress=progress)
-        place = Path(folder)
-        return open_store(place / RECORDING, "recording"), open_store(place / TRUTH, "truth")
+        recorded, measured = _stores(Path(folder), scene)
+        return open_store(recorded, "recording"), open_store(measured, "truth")
     work = _Work(scene, ideal=ideal, progress=progress)
     with work.opened() as blank:
         images = Filling(blank)
@@ -140,12 +140,21 @@ def simulate_into(
     text = yaml.safe_dump(scene.to_plain(), sort_keys=False, allow_unicode=True)
     (folder / SCENE).write_text(text, encoding="utf-8")
     work = _Work(scene, ideal=ideal, progress=progress)
-    with work.opened() as blank, StoreWriter(folder / RECORDING, blank) as images:
+    (recorded, measured), zipped = _stores(folder, scene), scene.storage.form == "zip"
+    with work.opened() as blank, StoreWriter(recorded, blank, zipped=zipped) as images:
         work.record(images.put)
-    with StoreWriter(folder / TRUTH, work.blank_truth(choice)) as maps:
+    with StoreWriter(
+        measured, work.blank_truth(choice), zipped=zipped, narrow=scene.storage.truth == "float32"
+    ) as maps:
         work.measure(choice, maps.put)
     work.warn(stacklevel=3)
     return blank.attrs["render_backend"], blank.attrs["render_fallback_reason"]
+
+
+def _stores(folder: Path, scene: Scene) -> tuple[Path, Path]:
+    """Return the paths of recording and truth."""
+    zipped = scene.storage.form == "zip"
+    return folder / store_name(RECORDING, zipped=zipped), folder / store_name(TRUTH, zipped=zipped)
 
 
 class _Work:

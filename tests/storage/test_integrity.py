@@ -18,7 +18,8 @@ from scenetruth.storage import verify_store
 def stores(data: dict[str, xr.Dataset], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stores")
     for kind, dataset in data.items():
-        st.save(dataset, folder / f"{kind}.zarr")
+        for suffix in (".zarr", ".zarr.zip"):
+            st.save(dataset, folder / f"{kind}{suffix}")
     return folder
 
 
@@ -28,7 +29,8 @@ def files_of(store: Path) -> list[Path]:
 
 def test_whole_stores_are_whole(stores: Path) -> None:
     for kind in ("recording", "truth", "estimate"):
-        assert verify_store(stores / f"{kind}.zarr") == kind
+        for suffix in (".zarr", ".zarr.zip"):
+            assert verify_store(stores / f"{kind}{suffix}") == kind
 
 
 @pytest.mark.parametrize("kind", ["recording", "truth", "estimate"])
@@ -56,6 +58,19 @@ def check_flips(store: Path, copy: Path, count: int, seed: int) -> None:
             verify_store(copy)
         file.write_bytes(original)
     verify_store(copy)
+
+
+def test_every_flipped_bit_of_a_zip_file_is_found(stores: Path, tmp_path: Path) -> None:
+    whole = (stores / "estimate.zarr.zip").read_bytes()
+    generator = np.random.default_rng(1)
+    # Its directory is at the end.
+    places = [*generator.integers(0, len(whole), 8), *generator.integers(len(whole) - 2000, len(whole), 8)]
+    for place in places:
+        content = bytearray(whole)
+        content[place] ^= 1 << int(generator.integers(8))
+        (tmp_path / "x.zarr.zip").write_bytes(content)
+        with pytest.raises(st.StoreError):
+            verify_store(tmp_path / "x.zarr.zip")
 
 
 def test_damaged_chunks_are_found_where_they_are_read(stores: Path, tmp_path: Path) -> None:

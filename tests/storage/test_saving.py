@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+import zipfile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,15 +20,17 @@ KINDS: tuple[Literal["recording", "truth", "estimate"], ...] = ("recording", "tr
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("read", [st.load, st.open_store])
-def test_round_trip(data: dict[str, xr.Dataset], kind: str, read: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("file", ["x.zarr", "x.zarr.zip"])
+def test_round_trip(data: dict[str, xr.Dataset], kind: str, read: Any, file: str, tmp_path: Path) -> None:
     dataset = data[kind]
-    st.save(dataset, tmp_path / "x.zarr")
-    again = read(tmp_path / "x.zarr")
+    st.save(dataset, tmp_path / file)
+    again = read(tmp_path / file)
     xr.testing.assert_identical(again, dataset)
     for name in dataset.variables:
         assert again[name].dtype == dataset[name].dtype
         assert again[name].values.tobytes() == dataset[name].values.tobytes()
-    assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
+    assert [path.name for path in tmp_path.iterdir()] == [file]
+    assert (tmp_path / file).is_file() == file.endswith(".zip")
 
 
 def test_colours_and_rows_of_cameras_come_back(tmp_path: Path) -> None:
@@ -134,7 +137,9 @@ def test_only_stores_of_ours_are_replaced(data: dict[str, xr.Dataset], tmp_path:
     (tmp_path / "thesis" / "chapter.txt").write_text("all my work")
     (tmp_path / "notes.txt").write_text("mine")
     zarr.open_group(tmp_path / "other.zarr", mode="w", zarr_format=3)
-    for name in ("thesis", "notes.txt", "other.zarr"):
+    with zipfile.ZipFile(tmp_path / "work.zip", "w") as archive:
+        archive.writestr("chapter.txt", "all my work")
+    for name in ("thesis", "notes.txt", "other.zarr", "work.zip"):
         with pytest.raises(st.OutputExistsError, match="scenetruth"):
             st.save(data["recording"], tmp_path / name, overwrite=True)
     st.save(data["recording"], tmp_path / "x.zarr")

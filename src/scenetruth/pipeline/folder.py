@@ -13,7 +13,7 @@ from typing import Any
 from scenetruth.errors import StoreError
 from scenetruth.estimators.registry import DEFAULT_METHOD
 from scenetruth.placing import Claim, Claimed, claim_file, claim_pictures, holds
-from scenetruth.storage import RECORDING, SCENE, TRUTH, claim_store, is_image_name, is_store
+from scenetruth.storage import RECORDING, SCENE, TRUTH, claim_store, files_of, is_image_name, is_store, store_name
 
 __all__ = ["MethodFiles", "RunFolder", "claim_of", "claim_run"]
 
@@ -80,12 +80,12 @@ class RunFolder:
     @property
     def recording(self) -> Path:
         """The recording."""
-        return self.path / RECORDING
+        return self._store(RECORDING)
 
     @property
     def truth(self) -> Path:
         """The truth; real images have none."""
-        return self.path / TRUTH
+        return self._store(TRUTH)
 
     @property
     def images(self) -> Path:
@@ -107,7 +107,7 @@ class RunFolder:
         # A plain function is named module:function.
         infix = "" if method == self.own_method else "." + re.sub(r"[^\w-]", "-", method)
         return MethodFiles(
-            estimate=self.path / f"estimate{infix}.zarr",
+            estimate=self._store(f"estimate{infix}"),
             score_json=self.path / f"score{infix}.json",
             score_csv=self.path / f"score{infix}.csv",
             report=self.path / f"report{infix}.html",
@@ -123,21 +123,30 @@ class RunFolder:
             If there is none.
         """
         methods = []
-        for store in sorted(self.path.glob("estimate*.zarr")):
+        for store in sorted(self.stores("estimate*")):
             try:
-                attrs = json.loads((store / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+                attrs = json.loads(files_of(store).read("zarr.json"))["attributes"]
                 methods.append(str(attrs.get("method", self.own_method)))
             except (OSError, ValueError, KeyError, TypeError):
                 # A damaged store is told of by whoever loads it.
-                infix = store.name.removeprefix("estimate").removesuffix(".zarr").lstrip(".")
+                infix = store.name.removeprefix("estimate").removesuffix(".zip").removesuffix(".zarr").lstrip(".")
                 methods.append(infix or self.own_method)
         if not methods:
             raise StoreError(self.of(self.own_method).estimate, "no such store; make it with `scenetruth estimate`")
         return sorted(set(methods), key=lambda name: (name != self.own_method, name))
 
+    def stores(self, pattern: str) -> list[Path]:
+        """Return the stores in the folder whose names match, zip files or folders."""
+        return [path for zipped in (False, True) for path in self.path.glob(store_name(pattern, zipped=zipped))]
+
+    def _store(self, stem: str) -> Path:
+        """Return the path of a store: all in a folder are zip files if the recording is."""
+        zipped = (self.path / store_name(RECORDING, zipped=True)).exists()
+        return self.path / store_name(stem, zipped=zipped)
+
     def _scene_of_recording(self) -> Any:
         try:
-            attrs = json.loads((self.recording / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+            attrs = json.loads(files_of(self.recording).read("zarr.json"))["attributes"]
             return json.loads(attrs["scene"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -146,7 +155,7 @@ class RunFolder:
 _METHOD = r"(\.[\w-]+)?"
 _CLAIMS: tuple[tuple[re.Pattern[str], Claim], ...] = (
     (re.compile(rf"{re.escape(SCENE)}|score{_METHOD}\.(json|csv)|report{_METHOD}\.html"), claim_file),
-    (re.compile(rf"{re.escape(RECORDING)}|{re.escape(TRUTH)}|estimate{_METHOD}\.zarr"), claim_store),
+    (re.compile(rf"({RECORDING}|{TRUTH}|estimate{_METHOD})\.zarr(\.zip)?"), claim_store),
     (re.compile(rf"figures{_METHOD}"), claim_pictures),
     (re.compile("images"), lambda path: claim_pictures(path, is_image_name)),
 )
@@ -164,7 +173,7 @@ def claim_run(path: Path) -> Claimed:
     """Claim the folder of a run; what has other names in it is foreign and stays."""
     if not path.is_dir():
         return Claimed("is a file, and not the folder of a run")
-    if not is_store(path / RECORDING):
+    if not is_store(RunFolder(path).recording):
         return Claimed("is a folder that scenetruth did not write")
     claims = {entry.name: claim_of(entry) for entry in path.iterdir()}
     spoilt = [name for name, claimed in claims.items() if claimed is not None and claimed.refusal]

@@ -24,7 +24,7 @@ from scenetruth.provenance import scene_hash
 from scenetruth.scene import Scene
 from scenetruth.scene.load import apply_overrides
 from scenetruth.schema import check_same_run, digest, identity_of, scene_of
-from scenetruth.storage import load, open_store, save, write_images
+from scenetruth.storage import files_of, load, open_store, save, write_images
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -291,7 +291,7 @@ class Runner:
     def _made_of(self, files: MethodFiles, figures: Collection[str] | None) -> str:
         """Return a hash of everything that a report shows."""
         stores = [store for store in (self.folder.recording, self.folder.truth, files.estimate) if store.exists()]
-        seals = [(store / "zarr.json").read_text(encoding="utf-8", errors="replace") for store in stores]
+        seals = [files_of(store).read("zarr.json").decode(errors="replace") for store in stores]
         scored = files.score_json.read_bytes().hex() if files.score_json.exists() else None
         return digest([version("scenetruth"), seals, scored, None if figures is None else sorted(figures)])
 

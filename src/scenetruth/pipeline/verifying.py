@@ -83,7 +83,7 @@ def verify_folder(folder: str | Path, progress: Progress | None = None) -> list[
         verdicts.append(Verdict(part, _problem(part)))
     if progress is not None:
         progress("verify", len(parts), len(parts))
-    whole = [verdict.path for verdict in verdicts if not verdict.problem and verdict.path.suffix == ".zarr"]
+    whole = [verdict.path for verdict in verdicts if not verdict.problem and _is_named_store(verdict.path)]
     try:
         check_same_run({str(store): open_store(store).attrs for store in whole})
     except MismatchError as error:
@@ -93,15 +93,19 @@ def verify_folder(folder: str | Path, progress: Progress | None = None) -> list[
 
 def _parts(run: RunFolder) -> Iterator[Path]:
     yield from (file for file in (run.scene, run.recording, run.truth) if file.exists())
-    for pattern in ("estimate*.zarr", "score*.json"):
-        yield from sorted(run.path.glob(pattern))
+    yield from sorted(run.stores("estimate*"))
+    yield from sorted(run.path.glob("score*.json"))
+
+
+def _is_named_store(path: Path) -> bool:
+    return path.name.endswith((".zarr", ".zarr.zip"))
 
 
 def _problem(part: Path) -> str:
     from scenetruth.scoring import Score
 
     try:
-        if part.suffix == ".zarr":
+        if _is_named_store(part):
             verify_store(part)
         elif part.suffix == ".json":
             Score.from_json(part.read_text(encoding="utf-8"))

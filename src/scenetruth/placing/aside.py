@@ -18,9 +18,10 @@ from scenetruth.placing.locks import locked
 from scenetruth.placing.places import checked_place
 from scenetruth.placing.writers import this_writer, written_by
 
-__all__ = ["check_output", "hold", "sweep_inside", "write_aside"]
+__all__ = ["check_output", "hold", "scratch_beside", "sweep_inside", "write_aside"]
 
 _QUIET_S, _PATIENCE_S = 0.25, 10.0
+_HALF = (".partial", ".scratch")
 
 
 @contextmanager
@@ -100,6 +101,15 @@ def hold(target: str | Path, claim: Claim = claim_file) -> Iterator[None]:
         raise
 
 
+def scratch_beside(aside: Path) -> Path:
+    """Return one more path beside what `write_aside` gave, for what does not stay; it is swept like that one."""
+    return (
+        aside.with_name(aside.name.replace(".partial-", ".scratch-"))
+        if ".partial-" in aside.name
+        else (aside.with_name(f".{aside.name}.scratch-{this_writer()}"))
+    )
+
+
 def check_output(target: str | Path, *, overwrite: bool = False, claim: Claim = claim_file) -> None:
     """Refuse, before any work, a target that `write_aside` would refuse.
 
@@ -143,7 +153,7 @@ def _sweep(place: Path, claim: Claim = claim_file) -> None:
         found = written_by(path.name)
         if found is None or not (found[1].is_dead or found[1] == own):
             continue
-        if found[0].endswith(".partial"):
+        if found[0].endswith(_HALF):
             _remove(path)
         elif place.exists():
             _retire(path, place, claim)
@@ -164,7 +174,7 @@ def sweep_inside(folder: Path, claim: Claim = claim_file) -> None:
     places = set()
     for path in folder.glob(".*"):
         found = written_by(path.name)
-        if found is not None and found[0].endswith((".partial", ".replaced")):
+        if found is not None and found[0].endswith((*_HALF, ".replaced")):
             places.add(folder / found[0].rpartition(".")[0].removeprefix("."))
         elif path.name.endswith(".lock"):
             places.add(folder / path.name.removeprefix(".").removesuffix(".lock"))
@@ -175,7 +185,7 @@ def sweep_inside(folder: Path, claim: Claim = claim_file) -> None:
 
 
 def _leftovers(place: Path) -> list[Path]:
-    starts = tuple(f".{place.name}.{what}-" for what in ("partial", "replaced"))
+    starts = tuple(f".{place.name}.{what}-" for what in ("partial", "scratch", "replaced"))
     return sorted(path for path in place.parent.iterdir() if path.name.startswith(starts))
 
 

@@ -17,7 +17,7 @@ from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.plant import PlantModel
 from scenetruth.scene.summary import html_table, line_of, rows_of
 from scenetruth.scene.texture.base import Radiance
-from scenetruth.settings import ScoreSettings
+from scenetruth.settings import ScoreSettings, StorageSettings
 
 __all__ = ["Plant", "RenderSettings", "Scene"]
 
@@ -112,6 +112,8 @@ class Scene(FrozenModel):
     """How depth and motion are estimated from them."""
     score: ScoreSettings = ScoreSettings()
     """How the estimate is scored."""
+    storage: StorageSettings = StorageSettings()
+    """How all of that is stored."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Seed of every random number of the scene."""
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-from pathlib import Path, PurePath
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from scenetruth.errors import StoreError
+from scenetruth.storage.store_files import ROOT, StoreFiles, files_of
 
-__all__ = ["SEAL", "check_seal", "is_part", "seal"]
+__all__ = ["SEAL", "check_seal", "seal"]
 
 SEAL = "content"
 """Attribute of a store that holds its seal."""
 
-_ROOT = "zarr.json"
 _BLANK = "0" * 64
 
 
@@ -24,11 +25,12 @@ def seal(path: Path) -> None:
     The digest covers every byte of metadata, and the name and size of every other file; these carry checksums of their
     own. Of the file that holds the digest itself, it takes the digest as zeros.
     """
-    root = path / _ROOT
-    metadata = json.loads(root.read_text(encoding="utf-8"))
-    metadata["attributes"][SEAL] = {**_count(path), "sha256": _BLANK}
+    files = files_of(path)
+    sizes = files.sizes()
+    metadata = json.loads(files.read(ROOT))
+    metadata["attributes"][SEAL] = {**_count(sizes), "sha256": _BLANK}
     blank = json.dumps(metadata, indent=2, ensure_ascii=True).encode()
-    root.write_bytes(blank.replace(_BLANK.encode(), _digest(path, blank).encode(), 1))
+    (path / ROOT).write_bytes(blank.replace(_BLANK.encode(), _digest(files, sizes, blank).encode(), 1))
 
 
 def check_seal(path: Path, attributes: dict[str, Any]) -> None:
@@ -50,12 +52,14 @@ def check_seal(path: Path, attributes: dict[str, Any]) -> None:
     if not isinstance(sealed, dict):
         raise StoreError(path, "carries no seal, so that nobody can tell whether it is whole; make it again")
     counted = {name: sealed.get(name) for name in ("files", "bytes")}
-    found = _count(path)
+    files = files_of(path)
+    sizes = files.sizes()
+    found = _count(sizes)
     if counted != found:
         message = f"is damaged or cut short: sealed with {_told(counted)}, but it holds {_told(found)}; make it again"
         raise StoreError(path, message)
-    root, digest = (path / _ROOT).read_bytes(), str(sealed.get("sha256"))
-    if digest != _digest(path, root.replace(digest.encode(), _BLANK.encode(), 1)):
+    root, digest = files.read(ROOT), str(sealed.get("sha256"))
+    if digest != _digest(files, sizes, root.replace(digest.encode(), _BLANK.encode(), 1)):
         message = "is damaged: its metadata, or the names or sizes of its files, have changed; make it again"
         raise StoreError(path, message)
 
@@ -64,24 +68,17 @@ def _told(count: dict[str, Any]) -> str:
     return f"{count['files']} files and {count['bytes']} bytes of chunks"
 
 
-def is_part(relative: PurePath) -> bool:
-    """Tell whether a path inside a store is that of a file which stores consist of."""
-    return relative.name == _ROOT or (len(relative.parts) > 2 and relative.parts[1] == "c")
+def _count(sizes: Mapping[str, int]) -> dict[str, int]:
+    return {
+        "files": len(sizes) - 1,
+        "bytes": sum(size for name, size in sizes.items() if PurePosixPath(name).name != ROOT),
+    }
 
 
-def _files(path: Path) -> list[Path]:
-    found = (file for file in path.rglob("*") if is_part(file.relative_to(path)) and file.is_file())
-    return sorted(file for file in found if file != path / _ROOT)
-
-
-def _count(path: Path) -> dict[str, int]:
-    files = _files(path)
-    return {"files": len(files), "bytes": sum(file.stat().st_size for file in files if file.name != _ROOT)}
-
-
-def _digest(path: Path, root: bytes) -> str:
+def _digest(files: StoreFiles, sizes: Mapping[str, int], root: bytes) -> str:
     found = hashlib.sha256(root)
-    for file in _files(path):
-        found.update(file.relative_to(path).as_posix().encode() + b"\0")
-        found.update(file.read_bytes() if file.name == _ROOT else str(file.stat().st_size).encode())
+    for name, size in sizes.items():
+        if name != ROOT:
+            found.update(name.encode() + b"\0")
+            found.update(files.read(name) if PurePosixPath(name).name == ROOT else str(size).encode())
     return found.hexdigest()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from scenetruth.storage.attributes import AUXILIARY
 from scenetruth.storage.integrity import SEAL, check_seal
 from scenetruth.storage.layout import is_mapped
 from scenetruth.storage.quiet import without_warnings
+from scenetruth.storage.store_files import ROOT, files_of, is_zip_name
 
 __all__ = ["KINDS", "Kind", "load", "open_store"]
 
@@ -105,13 +106,14 @@ def open_store(path: str | Path, kind: Kind | None = None) -> xr.Dataset:
     ...     lazy.image.sel(s=0, t=0).values.shape
     (8, 8)
     """
-    import zarr
+    import zarr.storage
 
     path = Path(path)
     attributes = _attributes(path, kind)
     try:
         with without_warnings():
-            group = zarr.open_group(path, mode="r", use_consolidated=False)
+            store = zarr.storage.ZipStore(path, mode="r") if is_zip_name(path) else path
+            group = zarr.open_group(store, mode="r", use_consolidated=False)
             arrays = {name: group[name] for name in _names(path)}
             variables = {name: _variable(path, name, array) for name, array in arrays.items()}
     except StoreError:
@@ -138,7 +140,7 @@ def _attributes(path: Path, kind: Kind | None) -> dict[str, Any]:
         raise StoreError(path, "no such store")
     foreign = "is not a store of scenetruth"
     try:
-        attributes = dict(json.loads((path / "zarr.json").read_text(encoding="utf-8"))["attributes"])
+        attributes = dict(json.loads(files_of(path).read(ROOT))["attributes"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise StoreError(path, f"{foreign}, or its metadata is damaged ({error})") from error
     found, version = attributes.get("scenetruth"), attributes.get("format_version")
@@ -152,12 +154,16 @@ def _attributes(path: Path, kind: Kind | None) -> dict[str, Any]:
     if version < FORMAT_VERSION:
         message = f"has the format version {version}, without checksums; this scenetruth reads {FORMAT_VERSION}: "
         raise StoreError(path, message + "make it again")
-    check_seal(path, attributes)
+    try:
+        check_seal(path, attributes)
+    except OSError as error:
+        raise StoreError(path, f"is damaged: its files cannot be read ({error}); make it again") from error
     return attributes
 
 
 def _names(path: Path) -> list[str]:
-    return sorted(entry.parent.name for entry in path.glob("*/zarr.json"))
+    found = (PurePosixPath(name) for name in files_of(path).sizes())
+    return sorted(name.parts[0] for name in found if len(name.parts) == 2 and name.name == ROOT)
 
 
 def _variable(path: Path, name: str, array: Any) -> xr.Variable:

@@ -14,6 +14,7 @@ from scenetruth.storage.integrity import SEAL
 from scenetruth.storage.layout import chunk_shape, is_mapped
 from scenetruth.storage.reading import KINDS
 from scenetruth.storage.store_claim import claim_store
+from scenetruth.storage.store_files import is_zip_name
 from scenetruth.storage.store_writer import StoreWriter
 
 __all__ = ["save", "write_store"]
@@ -27,7 +28,7 @@ def save(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> N
     dataset
         The data set; of one that was opened and not loaded, one image or map after the other is read.
     path
-        The store to make.
+        The store to make: a folder, or one zip file if its name ends so (``recording.zarr.zip``).
     overwrite
         Whether an existing store may be replaced. A folder that is no store of ours, or holds other files, never is.
 
@@ -57,12 +58,12 @@ def save(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> N
     """
     stamped = _stamped(dataset)
     with write_aside(path, overwrite=overwrite, claim=claim_store) as aside:
-        write_store(stamped, aside)
+        write_store(stamped, aside, zipped=is_zip_name(Path(path)))
 
 
-def write_store(dataset: xr.Dataset, path: Path) -> None:
+def write_store(dataset: xr.Dataset, path: Path, *, zipped: bool = False) -> None:
     """Write a data set to a store that does not exist yet; see `save`."""
-    with StoreWriter(path, dataset) as writer:
+    with StoreWriter(path, dataset, zipped=zipped) as writer:
         for name, item in dataset.data_vars.items():
             if not is_mapped(item.dims):
                 continue

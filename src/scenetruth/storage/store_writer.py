@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections import deque
 from collections.abc import Hashable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,12 +15,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import check_dataset
+from scenetruth.placing import scratch_beside
+from scenetruth.schema import blank_map, check_dataset
 from scenetruth.storage.attributes import plain_attributes
 from scenetruth.storage.integrity import seal
 from scenetruth.storage.layout import chunk_shape, codecs_of, encoder_of, is_mapped
 from scenetruth.storage.quiet import without_warnings
 from scenetruth.storage.shards import ShardFile, with_checksum
+from scenetruth.storage.store_files import pack
 
 __all__ = ["StoreWriter"]
 
@@ -37,6 +40,10 @@ class StoreWriter:
     like
         A data set with the variables, coordinates and attributes that the store will have. Variables without pixels are
         written at once; of those with pixels only the form is taken, so that they may be views of a single value.
+    zipped
+        Whether the store is one zip file in the end.
+    narrow
+        Whether maps of float64 are stored as float32.
 
     Raises
     ------
@@ -44,13 +51,22 @@ class StoreWriter:
         If `load` could not read the store.
     """
 
-    def __init__(self, path: Path, like: xr.Dataset) -> None:
+    def __init__(self, path: Path, like: xr.Dataset, *, zipped: bool = False, narrow: bool = False) -> None:
         import zarr
 
         kind = str(like.attrs.get("scenetruth"))
+        if narrow:
+            wide = {name: item for name, item in like.data_vars.items() if item.dtype == np.float64}
+            maps = {name: item for name, item in wide.items() if is_mapped(item.dims)}
+            like = like.assign(
+                {name: (item.dims, blank_map(np.float32, item.shape), item.attrs) for name, item in maps.items()}
+            )
+        self._narrow = narrow
         check_dataset(like, kind)
         attributes = plain_attributes(like)
-        self._path = path
+        # Zip files are made from the finished folder: inside them nothing can be sealed any more.
+        self._zip = path if zipped else None
+        self._path = path = scratch_beside(path) if zipped else path
         self._encoders: dict[Hashable, Any] = {}
         self._files: dict[Hashable, ShardFile] = {}
         self._variables = {name: like.variables[name] for name in like.data_vars if is_mapped(like[name].dims)}
@@ -101,6 +117,8 @@ class StoreWriter:
         chunks = chunk_shape(variable.dims, variable.shape)
         grid = [size // chunk for size, chunk in zip(variable.shape, chunks, strict=True)]
         steps = [[at[str(dim)]] if dim in at else range(count) for dim, count in zip(variable.dims, grid, strict=True)]
+        if self._narrow and values.dtype == np.float64:
+            values = values.astype(np.float32)
         expected = tuple(size for dim, size in variable.sizes.items() if dim not in at)
         if values.shape != expected or values.dtype != variable.dtype:
             msg = f"{name}: {values.dtype} {values.shape}, where {variable.dtype} {expected} belongs"
@@ -137,6 +155,8 @@ class StoreWriter:
             # Without consolidated metadata, xarray alone would warn when it opens the store.
             zarr.consolidate_metadata(self._path, zarr_format=3)
         seal(self._path)
+        if self._zip is not None:
+            pack(self._path, self._zip)
 
     def __enter__(self) -> Self:
         return self
@@ -151,6 +171,8 @@ class StoreWriter:
             self._pool.shutdown(wait=True, cancel_futures=True)
             for file in self._files.values():
                 file.give_up()
+            if self._zip is not None:
+                shutil.rmtree(self._path, ignore_errors=True)
 
 
 def _pack(encoder: Any, chunk: NDArray[Any]) -> bytes:

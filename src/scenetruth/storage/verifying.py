@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from scenetruth.errors import StoreError
 from scenetruth.storage.layout import chunk_shape, is_mapped
 from scenetruth.storage.reading import open_store
+from scenetruth.storage.store_files import differs_from_packed, is_zip_name
 
 __all__ = ["verify_store"]
 
@@ -42,4 +45,8 @@ def verify_store(path: str | Path) -> str:
                 if count > 1 or dim not in ("y", "x", "channel")
             }
             variable.isel(place).load()
+    if is_zip_name(Path(path)):
+        with TemporaryDirectory(prefix="scenetruth-") as scratch:
+            if differs_from_packed(Path(path), Path(scratch)):
+                raise StoreError(path, "is damaged: the zip file is not as it was written; make it again")
     return str(dataset.attrs["scenetruth"])
