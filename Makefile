@@ -9,7 +9,7 @@ export PATH
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
 	@echo "make test    environment, then lint, types and all tests"
-	@echo "make nightly environment, then 10,000 scene files that are almost right; half an hour"
+	@echo "make nightly environment, then 10,000 broken scene files, 250 killed runs, 300 flipped bits, 1000 simulations; two hours"
 	@echo "make bench   environment, then the benchmarks"
 	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md) and of the README"
 	@echo "make format  environment, then the formatter"
@@ -31,7 +31,8 @@ test: lint
 	$(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 nightly: setup
-	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -p no:cacheprovider tests/fuzz
+	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -rP -p no:cacheprovider \
+		tests/fuzz tests/pipeline/test_killed.py tests/storage/test_integrity.py tests/test_resident_memory.py
 
 bench: setup
 	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
 from tests.fuzz.guarded import Guarded
 from tests.fuzz.scene_files import base_trees, scene_files
 from tests.fuzz.trial import is_large, try_scene
+from tests.nightly import by_day, nightly
 from tests.scenes import LIBRARY
-
-NIGHTLY = os.environ.get("HYPOTHESIS_PROFILE") == "nightly"
 
 
 def test_all_scenes_of_the_library_are_among_those_that_are_changed() -> None:
     assert len(base_trees()) > len(LIBRARY)
 
 
-@pytest.mark.skipif(NIGHTLY, reason="the long test does more")
+@by_day
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(content=scene_files())
 def test_any_file_gives_a_scene_or_an_error_of_ours(tmp_path: Path, content: bytes) -> None:
@@ -29,7 +26,7 @@ def test_any_file_gives_a_scene_or_an_error_of_ours(tmp_path: Path, content: byt
     assert try_scene(file, smaller=10)
 
 
-@pytest.mark.skipif(not NIGHTLY, reason="takes half an hour: make nightly")
+@nightly
 def test_ten_thousand_files(guarded: Guarded) -> None:
     # All are tried, whatever becomes of some: those that fail are kept as files.
     @settings(suppress_health_check=list(HealthCheck), phases=[Phase.generate], database=None)

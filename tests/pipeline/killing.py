@@ -89,6 +89,7 @@ class Killer:
 
     def __init__(self, folder: Path, seed: int, stages: Sequence[str] = ("render", "estimate", "score")) -> None:
         self.folder, self.stages = folder, stages
+        self.own = f"{seed}"
         self.moments = np.random.default_rng(seed)
         self.scenes = []
         for number in (1, 2):
@@ -101,9 +102,9 @@ class Killer:
         self.expected = []
         for number, scene in enumerate(self.scenes):
             start = time.monotonic()
-            assert self.finish(scene, self.folder / f"expected-{number}") == 0
+            assert self.finish(scene, self.folder / f"expected-{self.own}-{number}") == 0
             self.duration_s = time.monotonic() - start
-            self.expected.append(digests(self.folder / f"expected-{number}"))
+            self.expected.append(digests(self.folder / f"expected-{self.own}-{number}"))
         return self
 
     def __exit__(
@@ -115,7 +116,7 @@ class Killer:
     def _start(self) -> subprocess.Popen[str]:
         environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
         parent = subprocess.Popen(
-            [sys.executable, "-c", PARENT, self.scenes[0], self.folder / "first", ",".join(self.stages)],
+            [sys.executable, "-c", PARENT, self.scenes[0], self.folder / f"first-{self.own}", ",".join(self.stages)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -169,6 +170,28 @@ class Killer:
             (target / "thesis.txt").unlink()
         assert digests(target) == self.expected[1]
         return found if killed else "finished"
+
+    def two_at_once(self, other: Killer, number: int, *, kill: bool) -> None:
+        """Start two runs to one folder, perhaps kill the first, and look at what is left."""
+        place = self.folder / f"pair-{number}"
+        place.mkdir()
+        target = place / "run"
+        first = self.begin(self.scenes[0], target)
+        time.sleep(float(self.moments.uniform(0, 0.3 * self.duration_s)))
+        other.begin(other.scenes[1], target)
+        time.sleep(float(self.moments.uniform(0, self.duration_s)))
+        if kill:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(first, signal.SIGKILL)
+        codes = self.end(), other.end()
+        # Who comes second is refused, unless the first has ended by then.
+        assert codes[0] in (0, 2, -signal.SIGKILL), codes
+        assert codes[1] in (0, 2), codes
+        assert kill or 0 in codes, codes
+        self.check_whole(target)
+        assert self.finish(self.scenes[0], target) == 0
+        assert [path.name for path in place.iterdir()] == ["run"]
+        assert digests(target) == self.expected[0]
 
     def check_whole(self, target: Path) -> str:
         """Everything under a final name is whole, and of one run."""

@@ -12,6 +12,7 @@ import zarr
 
 import scenetruth as st
 from scenetruth.storage import verify_store
+from tests.nightly import nightly
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,12 @@ def test_whole_stores_are_whole(stores: Path) -> None:
 @pytest.mark.parametrize("kind", ["recording", "truth", "estimate"])
 def test_every_flipped_bit_is_found(stores: Path, kind: str, tmp_path: Path) -> None:
     check_flips(stores / f"{kind}.zarr", tmp_path / "x.zarr", count=12, seed=0)
+
+
+@nightly
+def test_three_hundred_flipped_bits_are_found(stores: Path, tmp_path: Path) -> None:
+    for number, kind in enumerate(("recording", "truth", "estimate")):
+        check_flips(stores / f"{kind}.zarr", tmp_path / f"{kind}.zarr", count=100, seed=number + 1)
 
 
 def check_flips(store: Path, copy: Path, count: int, seed: int) -> None:
