@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
+import shutil
+import tempfile
 
 from hypothesis import settings
 
@@ -11,8 +14,10 @@ from hypothesis import settings
 # OpenMP reads this when the first kernel with parallel loops runs.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-# Tests make everything anew, and leave nothing outside their folders.
-os.environ["SCENETRUTH_CACHE"] = "off"
+# Tests make every texture anew, once for all of their processes, and leave nothing outside their folders.
+if "SCENETRUTH_TESTS" not in os.environ:
+    os.environ["SCENETRUTH_TESTS"] = os.environ["SCENETRUTH_CACHE"] = tempfile.mkdtemp(prefix="scenetruth-tests-")
+    atexit.register(shutil.rmtree, os.environ["SCENETRUTH_TESTS"], ignore_errors=True)
 
 # Kernels are compiled at their first call, and machines are busy: how long an example takes says nothing.
 settings.register_profile("without_deadlines", deadline=None)
