@@ -36,7 +36,7 @@ def scalar_problem(value: Any) -> str:
     return ""
 
 
-def plain_problems(tree: Any) -> list[Problem]:
+def plain_problems(tree: Any, *, any_keys: bool = False) -> list[Problem]:
     r"""Return what keeps a tree of plain values from being worked on; what it means is not looked at.
 
     Refused are keys that are no texts, texts that cannot be written, integers of more than 64 bits, trees that are too
@@ -46,6 +46,8 @@ def plain_problems(tree: Any) -> list[Problem]:
     ----------
     tree
         Mappings, lists and tuples, and whatever is in them.
+    any_keys
+        Whether keys may be anything.
 
     Examples
     --------
@@ -90,7 +92,7 @@ def plain_problems(tree: Any) -> list[Problem]:
             problems += [
                 Problem(here, f"keys must be texts, not of type {type(name).__name__}", name)
                 for name in value
-                if not isinstance(name, str)
+                if not any_keys and not isinstance(name, str)
             ]
             problems += [
                 Problem(here, f"a key {message}", name)
