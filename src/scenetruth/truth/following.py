@@ -127,10 +127,13 @@ def follow_points(
                 geometry = GeometryPass(world, topology, time)
             shown, _ = points_seen(start.points, geometry, camera, viewpoint)
             visible[index, frame].ravel()[start.pixels] = shown
+            of_start = shown
             for view, own_index in enumerate(views):
                 own = seen[view][frame]
                 shown = np.ones(len(own.pixels), dtype=np.bool_)
-                if own_index != index:
+                if own is start and own_index != index:
+                    shown = of_start
+                elif own_index != index:
                     shown, _ = points_seen(own.points, geometry, camera, viewpoint)
                 count[view, frame].ravel()[own.pixels] += shown
                 if own_index != index:
