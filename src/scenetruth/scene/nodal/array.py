@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from scenetruth.camera import Frames
 from scenetruth.errors import Problem, SceneError
@@ -87,6 +86,8 @@ def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] |
     nodes = np.array([[float(word) for word in line[1:4]] for line in lines if line and line[0] == "v"])
     if nodes.shape == vertices.shape and np.allclose(nodes, vertices, rtol=1e-9, atol=0):
         return None
+    from scipy.spatial import cKDTree
+
     near = 1e-9 * float(np.abs(nodes).max())
     distance, found = cKDTree(nodes).query(vertices, k=2)
     if distance[:, 0].max() > near or distance[:, 1].min() <= near:
