@@ -162,3 +162,10 @@ def test_ideal_images_are_kept_in_a_store(tmp_path: Path) -> None:
     recording, _ = st.simulate(cube(**SMALL, sensor={"noise_std": 0.05}), ideal=True)
     st.save(recording, tmp_path / "recording.zarr")
     np.testing.assert_array_equal(st.load(tmp_path / "recording.zarr", "recording")["ideal"], recording["ideal"])
+
+
+def test_simulation_is_imported_without_what_only_some_scenes_need() -> None:
+    heavy = ["scipy", "trimesh", "numba", "pyrender", "OpenGL", "zarr", "matplotlib", "embreex"]
+    code = f"import sys, scenetruth.simulation; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -254,3 +254,17 @@ def test_report_of_the_cube() -> None:
     corners = turn.apply(box((49, 49, 49)).vertices_mm)[:, 2] + 692.56
     assert item.depth_mm == pytest.approx((corners.min() - 4, corners.max() + 4))
     assert item.wavelength_px == pytest.approx((3.2 * 1254 / item.depth_mm[1], 12 * 1254 / item.depth_mm[0]))
+
+
+def test_the_last_snapshots_are_kept_and_are_those_of_their_times() -> None:
+    world = build_world(cube())
+    times = [0.0, 1.0, 0.0, 2.5, 1.0, 2.5]
+    for t in times:
+        fresh = build_world(cube()).at(t)
+        kept = world.at(t)
+        assert kept.t == t
+        assert kept is world.at(t)
+        assert (kept.vertices_mm == fresh.vertices_mm).all()
+        assert (kept.velocities == fresh.velocities).all()
+    # Memory stays flat, however many times are asked for.
+    assert len(world._recent) == 2

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 from scenetruth.camera import Viewpoint
@@ -15,6 +17,7 @@ from scenetruth.raycast import Topology
 from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.world import build_world
 from scenetruth.truth import GeometryPass, make_truth, truth_maps
+from scenetruth.truth.maps import boundary_distance
 from tests.scenes import LIBRARY, SCENES, cube, small
 
 Array = NDArray[np.float64]
@@ -188,3 +191,19 @@ def test_stores_are_float64() -> None:
     truth = all_views()
     for name in ("depth", "velocity", "disparity", "flow", "normal"):
         assert truth[name].dtype == np.float64
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=some.integers(0, 10_000), height=some.integers(1, 40), width=some.integers(1, 40), share=some.floats(0, 1))
+def test_distances_to_marked_pixels_are_exact(seed: int, height: int, width: int, share: float) -> None:
+    generator = np.random.default_rng(seed)
+    marked = generator.random((height, width)) < share**3
+    found = boundary_distance(marked)
+    if not marked.any():
+        assert np.isinf(found).all()
+        return
+    places = np.argwhere(marked)
+    pixels = np.stack(np.meshgrid(np.arange(height), np.arange(width), indexing="ij"), axis=-1)
+    # Squares of distances are integers: only the root is rounded, in the same way.
+    squares = ((pixels[:, :, None] - places) ** 2).sum(axis=-1).min(axis=2)
+    assert (found == np.sqrt(squares)).all()

@@ -31,6 +31,7 @@ from scenetruth.raycast.projection_kernels import (
     PLANE_MARGIN,
     RANGES,
     components,
+    within,
 )
 
 __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
@@ -197,15 +198,7 @@ def _reach_in_row(
             nx, ny, nz = form[first], form[first + 1], form[first + 2]
             along_u, along_v, constant = components(nx, ny, nz, frame)
             margin = (PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * largest
-            along_u, along_v, constant = sign * along_u, sign * along_v, sign * constant
-            # along_u u must not be below this.
-            least = -(margin + constant + max(along_v * low_v, along_v * high_v))
-            if along_u > 0.0:
-                low = max(low, least / along_u)
-            elif along_u < 0.0:
-                high = min(high, least / along_u)
-            elif least > 0.0:
-                low, high = np.inf, -np.inf
+            low, high = within(sign * along_u, sign * along_v, sign * constant, margin, low_v, high_v, low, high)
         if low <= high:
             reach_low, reach_high = min(reach_low, low), max(reach_high, high)
     return reach_low, reach_high

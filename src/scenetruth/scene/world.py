@@ -27,6 +27,9 @@ from scenetruth.scene.times import times_of
 
 __all__ = ["Body", "Snapshot", "World", "build_world", "maps_of"]
 
+# Snapshots that a world keeps.
+_KEPT = 2
+
 
 @dataclass(frozen=True, eq=False)
 class Body:
@@ -191,14 +194,28 @@ class World:
         )
 
     def at(self, t: float) -> Snapshot:
-        """Return all vertices with their velocities and accelerations at time t (in frames)."""
-        moved = [body.at(t) for body in self.bodies]
-        return Snapshot(
-            t,
-            np.concatenate([item.positions_mm for item in moved]),
-            np.concatenate([item.velocities for item in moved]),
-            np.concatenate([item.accelerations for item in moved]),
-        )
+        """Return all vertices with their velocities and accelerations at time t (in frames).
+
+        The last ones are kept: renderers and truth ask for the same time one after the other. Nobody changes them.
+        """
+        found = self._recent.get(t)
+        if found is None:
+            moved = [body.at(t) for body in self.bodies]
+            found = Snapshot(
+                t,
+                np.concatenate([item.positions_mm for item in moved]),
+                np.concatenate([item.velocities for item in moved]),
+                np.concatenate([item.accelerations for item in moved]),
+            )
+            while len(self._recent) >= _KEPT:
+                self._recent.pop(next(iter(self._recent)), None)
+            self._recent[t] = found
+        return found
+
+    @cached_property
+    def _recent(self) -> dict[float, Snapshot]:
+        """The last snapshots by their times, oldest first."""
+        return {}
 
     def surface_at(self, t: float) -> NDArray[np.float64]:
         """Return the tensors of motion and form of all surface points at time t, shape (k, 18): `surface_tensors`."""

@@ -106,9 +106,10 @@ class Follower:
               same camera takes one frame later or earlier, minus the pixel. Beyond the first and the last frame the
               camera stays where it is.
         """
-        count = np.zeros(len(own.pixels), dtype=np.int16)
+        count = np.ones(len(own.pixels), dtype=np.int16)
         for other in range(len(self._places)):
-            count += 1 if other == index else self._seen(own, other, frame)
+            if other != index:
+                count += self._seen(own, other, frame)
         hidden = np.zeros(len(own.pixels), dtype=np.bool_)
         moved: dict[str, NDArray[np.float64]] = {}
         for step, way in ((1, "next"), (-1, "previous")):

@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
@@ -137,7 +136,13 @@ def truth_maps(
     mixed = mixed_pixels(geometry.caster, viewpoint, camera, body.reshape(shape))
     barycentric = np.where(hits.face >= 0, hits.weights.T, np.nan)
     curvature, rotation, growth, principal, direction = fill_surface_maps(
-        hits.face, hits.weights, normal, world.surface_corners, geometry.surface_tensors, viewpoint.rotation.T
+        hits.face,
+        hits.weights,
+        normal,
+        world.surface_corners,
+        geometry.surface_tensors,
+        viewpoint.rotation.T,
+        maps == "complete",
     )
     found = {
         "depth": hits.depth,
@@ -179,5 +184,7 @@ def boundary_distance(mixed: NDArray[np.bool_]) -> NDArray[np.float64]:
     """
     if not mixed.any():
         return np.full(mixed.shape, np.inf)
-    distance: NDArray[np.float64] = ndimage.distance_transform_edt(~mixed)
-    return distance
+    from scenetruth.truth.distance_kernels import distances
+
+    found: NDArray[np.float64] = distances(mixed)
+    return found

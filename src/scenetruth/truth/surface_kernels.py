@@ -53,6 +53,7 @@ def fill_surface_maps(
     corners: NDArray[np.int32],
     tensors: NDArray[np.float64],
     to_camera: NDArray[np.float64],
+    complete: bool,
 ) -> Any:
     """Interpolate the tensors of surface points at every pixel, and find their principal values and directions.
 
@@ -68,6 +69,8 @@ def fill_surface_maps(
         Tensors of surface points in the world, as of `scenetruth.scene.surface.kernels.surface_tensors`, shape (k, 18).
     to_camera
         Rotation from the world to the camera's frame, shape (3, 3).
+    complete
+        Whether all is wanted, or only the growth of the area; then the others have no pixels, n = 0.
 
     Returns
     -------
@@ -79,11 +82,12 @@ def fill_surface_maps(
         principal rates are the same.
     """
     count = face.shape[0]
-    curvature = np.empty((2, count), dtype=np.float64)
-    rotation = np.empty((3, count), dtype=np.float64)
+    size = count if complete else 0
+    curvature = np.empty((2, size), dtype=np.float64)
+    rotation = np.empty((3, size), dtype=np.float64)
     growth = np.empty(count, dtype=np.float64)
-    principal = np.empty((2, count), dtype=np.float64)
-    direction = np.empty((3, count), dtype=np.float64)
+    principal = np.empty((2, size), dtype=np.float64)
+    direction = np.empty((3, size), dtype=np.float64)
     for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
         mean, middle = np.empty(WIDTH), np.empty(3)
         one, two, way = np.empty(3), np.empty(3), np.empty(3)
@@ -91,15 +95,20 @@ def fill_surface_maps(
             met = face[n]
             if met < 0:
                 growth[n] = np.nan
+                if not complete:
+                    continue
                 curvature[0, n] = curvature[1, n] = principal[0, n] = principal[1, n] = np.nan
                 for k in range(3):
                     rotation[k, n] = direction[k, n] = np.nan
                 continue
             b1, b2 = weights[n, 0], weights[n, 1]
             first, second, third = corners[met, 0], corners[met, 1], corners[met, 2]
-            for k in range(WIDTH):
+            for k in range(0 if complete else DEFORMATION, WIDTH if complete else DEFORMATION + 3):
                 value = tensors[first, k]
                 mean[k] = value + b1 * (tensors[second, k] - value) + b2 * (tensors[third, k] - value)
+            growth[n] = mean[DEFORMATION] + mean[DEFORMATION + 1] + mean[DEFORMATION + 2]
+            if not complete:
+                continue
             length = np.sqrt(mean[NORMAL] ** 2 + mean[NORMAL + 1] ** 2 + mean[NORMAL + 2] ** 2)
             if not length > 0.0:
                 length = np.nan
@@ -116,7 +125,6 @@ def fill_surface_maps(
                 one[k] = ((1.0 if k == axis else 0.0) - along * middle[k]) / np.sqrt(square)
             for k in range(3):
                 two[k] = middle[(k + 1) % 3] * one[(k + 2) % 3] - middle[(k + 2) % 3] * one[(k + 1) % 3]
-            growth[n] = mean[DEFORMATION] + mean[DEFORMATION + 1] + mean[DEFORMATION + 2]
             aa, ab, bb = _tangential(mean, DEFORMATION, one, two)
             half, spread = 0.5 * (aa - bb), np.hypot(0.5 * (aa - bb), ab)
             principal[0, n], principal[1, n] = 0.5 * growth[n] + spread, 0.5 * growth[n] - spread

@@ -96,29 +96,20 @@ def points_seen(
         Whether each point is seen, bool, shape (n,); and positions in the image in px, shape (n, 2), NaN behind the
         camera.
     """
-    from scenetruth.truth.visibility_kernels import hide_points, place_points, sort_into_cells
+    from scenetruth.truth.visibility_kernels import hide_points, look_at_points, sort_into_cells
 
     faces = geometry.world.faces
     vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
-    place, towards = place_points(vertices, faces, points.face, points.weights)
-    pixels = camera.project(place)
-    ahead = place[:, 2] > 0
-    if not ahead.all():
+    place, pixels, seen = look_at_points(
+        vertices, faces, points.face, points.weights, points.towards, camera.focal_px, *camera.principal_point
+    )
+    if camera.distortion is not None:
+        ahead = place[:, 2] > 0
+        pixels = camera.project(place)
         pixels[~ahead] = np.nan
     x, y = pixels.T
-    seen = ahead & (towards == points.towards)
     seen &= (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
-    chosen = np.flatnonzero(seen)
-    if not len(chosen):
-        return seen, pixels
-    rest = np.ascontiguousarray(place[chosen])
-    u, v = rest[:, 0] / rest[:, 2], rest[:, 1] / rest[:, 2]
-    low = np.array([u.min(), v.min()])
-    # About one point to a cell, and never many more cells than points.
-    extent = (float(np.ptp(u)), float(np.ptp(v)))
-    cell = max(1 / camera.focal_px, float(np.sqrt(extent[0] * extent[1] / len(rest) / 4)), max(extent) / 1e5, 1e-12)
-    columns, rows = (int(length / cell) + 1 for length in extent)
-    order, starts = sort_into_cells(u, v, low, cell, columns, rows)
-    hidden = hide_points(vertices, faces, rest, points.face[chosen], starts, order, low, cell, columns, rows)
-    seen[chosen] = ~hidden
+    cells = sort_into_cells(place, seen, 1 / camera.focal_px)
+    hidden = hide_points(vertices, faces, points.face[cells.order], cells)
+    seen[cells.order] = ~hidden
     return seen, pixels

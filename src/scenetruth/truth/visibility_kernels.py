@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast.inside_kernels import blurs, inside
+from scenetruth.raycast.projection_kernels import PLANE_MARGIN, within
 
-__all__ = ["hide_points", "place_points", "sort_into_cells"]
+__all__ = ["Cells", "hide_points", "look_at_points", "place_points", "sort_into_cells"]
 
 # A face that is nearer to the camera by less than this share of the point's depth does not hide it: float64 rounding.
 _TOUCH = 1e-9
@@ -18,6 +19,25 @@ _TOUCH = 1e-9
 _MARGIN = 1e-9
 # Faces with a corner whose depth is less than this share of their size may be anywhere in the image.
 _GRAZING = 1e-6
+# Faces that may hide more points of a row than this are asked where they cross it.
+_MANY = 16
+# Points may lie beyond their cells by this share of their size, by rounding.
+_ROW_MARGIN = 1e-6
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _place(vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, b1: float, b2: float) -> Any:
+    """Return a point on a face, and whether the face shows its front to the origin."""
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
+    vx, vy, vz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return (
+        vertices[i, 0] + b1 * ux + b2 * vx,
+        vertices[i, 1] + b1 * uy + b2 * vy,
+        vertices[i, 2] + b1 * uz + b2 * vz,
+        nx * vertices[i, 0] + ny * vertices[i, 1] + nz * vertices[i, 2] < 0.0,
+    )
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -50,71 +70,140 @@ def place_points(
     points = np.empty((count, 3), dtype=np.float64)
     towards = np.empty(count, dtype=np.bool_)
     for n in numba.prange(count):
-        i, j, k = faces[face[n], 0], faces[face[n], 1], faces[face[n], 2]
-        ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
-        vx, vy, vz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
-        b1, b2 = weights[n, 0], weights[n, 1]
-        points[n, 0] = vertices[i, 0] + b1 * ux + b2 * vx
-        points[n, 1] = vertices[i, 1] + b1 * uy + b2 * vy
-        points[n, 2] = vertices[i, 2] + b1 * uz + b2 * vz
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        towards[n] = nx * vertices[i, 0] + ny * vertices[i, 1] + nz * vertices[i, 2] < 0.0
+        x, y, z, front = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
+        points[n, 0], points[n, 1], points[n, 2], towards[n] = x, y, z, front
     return points, towards
 
 
-@numba.njit(cache=True, nogil=True)
-def sort_into_cells(
-    u: NDArray[np.float64], v: NDArray[np.float64], low: NDArray[np.float64], cell: float, columns: int, rows: int
+class Cells(NamedTuple):
+    """Points in front of a camera, sorted into square cells of X / Z and Y / Z."""
+
+    order: NDArray[np.int64]
+    """Indices of the points, cell by cell, row by row, shape (k,)."""
+    places: NDArray[np.float64]
+    """X, Y and Z of the points in this order, shape (3, k)."""
+    starts: NDArray[np.int64]
+    """Where each cell begins in this order, and k."""
+    low_u: float
+    """Lowest X / Z."""
+    low_v: float
+    """Lowest Y / Z."""
+    edge: float
+    """Edge of the cells."""
+    columns: int
+    """Cells along X / Z."""
+    rows: int
+    """Cells along Y / Z."""
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def look_at_points(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    face: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    sides: NDArray[np.bool_],
+    focal_px: float,
+    centre_x: float,
+    centre_y: float,
 ) -> Any:
-    """Sort points of a plane into square cells.
+    """Compute where a pinhole sees points on faces, and which of them turn their side to it.
 
     Parameters
     ----------
-    u, v
-        Coordinates of the points, shape (n,).
-    low
-        Lowest u and v, shape (2,).
-    cell
-        Edge of the cells.
-    columns, rows
-        Number of cells along u and along v; points outside belong to the nearest cell.
+    vertices
+        Positions in the camera's frame in mm, shape (k, 3).
+    faces, face, weights
+        The points, as of `place_points`.
+    sides
+        Whether each point is on the front of its face, shape (n,).
+    focal_px, centre_x, centre_y
+        Focal length and principal point in px.
 
     Returns
     -------
     tuple of numpy.ndarray
-        Indices of the points in the order of their cells, row by row, shape (n,); and where each cell begins in this
-        order, then n, shape (rows * columns + 1,).
+        Points in mm, shape (n, 3); their pixel coordinates, shape (n, 2), NaN behind the camera; and whether they are
+        in front of it and turn their side to it, shape (n,).
     """
-    count = u.shape[0]
+    count = face.shape[0]
+    points = np.empty((count, 3), dtype=np.float64)
+    pixels = np.empty((count, 2), dtype=np.float64)
+    turned = np.empty(count, dtype=np.bool_)
+    for n in numba.prange(count):
+        x, y, z, towards = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
+        points[n, 0], points[n, 1], points[n, 2] = x, y, z
+        turned[n] = z > 0.0 and towards == sides[n]
+        if z > 0.0:
+            pixels[n, 0], pixels[n, 1] = focal_px * x / z + centre_x, focal_px * y / z + centre_y
+        else:
+            pixels[n, 0] = pixels[n, 1] = np.nan
+    return points, pixels, turned
+
+
+@numba.njit(cache=True, nogil=True)
+def sort_into_cells(points: NDArray[np.float64], chosen: NDArray[np.bool_], pixel: float) -> Any:
+    """Sort points into cells.
+
+    Parameters
+    ----------
+    points
+        Points in the camera's frame in mm, shape (n, 3).
+    chosen
+        The points to sort; all must be in front of the camera, shape (n,).
+    pixel
+        Size of a pixel in X / Z: cells are no smaller.
+
+    Returns
+    -------
+    Cells
+        About one point to a cell, and never many more cells than points.
+    """
+    count = 0
+    low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
+    for n in range(points.shape[0]):
+        if chosen[n]:
+            u, v = points[n, 0] / points[n, 2], points[n, 1] / points[n, 2]
+            low_u, high_u, low_v, high_v = min(low_u, u), max(high_u, u), min(low_v, v), max(high_v, v)
+            count += 1
+    if count == 0:
+        low_u, high_u, low_v, high_v = 0.0, 0.0, 0.0, 0.0
+    wide, high = high_u - low_u, high_v - low_v
+    edge = max(pixel, np.sqrt(wide * high / max(count, 1) / 4.0), max(wide, high) / 1e5, 1e-12)
+    columns, rows = int(wide / edge) + 1, int(high / edge) + 1
     starts = np.zeros(rows * columns + 1, dtype=np.int64)
     cells = np.empty(count, dtype=np.int64)
-    for n in range(count):
-        column = min(max(int((u[n] - low[0]) / cell), 0), columns - 1)
-        row = min(max(int((v[n] - low[1]) / cell), 0), rows - 1)
-        cells[n] = row * columns + column
-        starts[cells[n] + 1] += 1
+    used = 0
+    for n in range(points.shape[0]):
+        if chosen[n]:
+            u, v = points[n, 0] / points[n, 2], points[n, 1] / points[n, 2]
+            column = min(max(int((u - low_u) / edge), 0), columns - 1)
+            row = min(max(int((v - low_v) / edge), 0), rows - 1)
+            cells[used] = row * columns + column
+            starts[cells[used] + 1] += 1
+            used += 1
     for k in range(rows * columns):
         starts[k + 1] += starts[k]
     place = starts[:-1].copy()
     order = np.empty(count, dtype=np.int64)
-    for n in range(count):
-        order[place[cells[n]]] = n
-        place[cells[n]] += 1
-    return order, starts
+    places = np.empty((3, count), dtype=np.float64)
+    used = 0
+    for n in range(points.shape[0]):
+        if chosen[n]:
+            at = place[cells[used]]
+            order[at] = n
+            places[0, at], places[1, at], places[2, at] = points[n, 0], points[n, 1], points[n, 2]
+            place[cells[used]] += 1
+            used += 1
+    return Cells(order, places, starts, low_u, low_v, edge, columns, rows)
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def hide_points(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
-    points: NDArray[np.float64],
     own: NDArray[np.int32],
-    starts: NDArray[np.int64],
-    order: NDArray[np.int64],
-    low: NDArray[np.float64],
-    cell: float,
-    columns: int,
-    rows: int,
+    cells: Cells,
 ) -> Any:
     """Tell which points are hidden from the camera by a face.
 
@@ -127,21 +216,20 @@ def hide_points(
         Positions in the camera's frame in mm, shape (k, 3).
     faces
         Corners of the faces, shape (m, 3).
-    points
-        Points in the camera's frame in mm, with Z > 0, shape (n, 3).
     own
-        The face on which each point lies, shape (n,).
-    starts, order
-        The points' cells in X / Z and Y / Z, as `sort_into_cells` returns them.
-    low, cell, columns, rows
-        The cells, as of `sort_into_cells`.
+        The face on which each point lies, in the order of the cells, shape (n,).
+    cells
+        The points.
 
     Returns
     -------
     numpy.ndarray
-        bool, shape (n,).
+        bool, shape (n,), in the order of the cells.
     """
-    hidden = np.zeros(points.shape[0], dtype=np.bool_)
+    low_u, low_v, edge, columns, rows = cells.low_u, cells.low_v, cells.edge, cells.columns, cells.rows
+    starts, xs, ys, zs = cells.starts, cells.places[0], cells.places[1], cells.places[2]
+    largest = 1.0 + abs(low_u) + columns * edge + abs(low_v) + rows * edge
+    hidden = np.zeros(own.shape[0], dtype=np.bool_)
     for face in numba.prange(faces.shape[0]):
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
         ax, ay, az = vertices[i, 0], vertices[i, 1], vertices[i, 2]
@@ -153,12 +241,12 @@ def hide_points(
         size = max(max(abs(ax), abs(bx), abs(cx)), max(abs(ay), abs(by), abs(cy)))
         left, right, top, bottom = 0, columns - 1, 0, rows - 1
         if nearest > _GRAZING * size:
-            low_u, high_u = min(ax / az, bx / bz, cx / cz), max(ax / az, bx / bz, cx / cz)
-            low_v, high_v = min(ay / az, by / bz, cy / cz), max(ay / az, by / bz, cy / cz)
-            margin = _MARGIN * (1.0 + max(abs(low_u), abs(high_u), abs(low_v), abs(high_v)))
+            lowest_u, highest_u = min(ax / az, bx / bz, cx / cz), max(ax / az, bx / bz, cx / cz)
+            lowest_v, highest_v = min(ay / az, by / bz, cy / cz), max(ay / az, by / bz, cy / cz)
+            margin = _MARGIN * (1.0 + max(abs(lowest_u), abs(highest_u), abs(lowest_v), abs(highest_v)))
             # Compared as floats: the cell of a face far outside may be too large for an integer.
-            first, last = (low_u - margin - low[0]) / cell, (high_u + margin - low[0]) / cell
-            upper, lower = (low_v - margin - low[1]) / cell, (high_v + margin - low[1]) / cell
+            first, last = (lowest_u - margin - low_u) / edge, (highest_u + margin - low_u) / edge
+            upper, lower = (lowest_v - margin - low_v) / edge, (highest_v + margin - low_v) / edge
             if last < 0.0 or lower < 0.0 or first >= columns or upper >= rows:
                 continue
             left, right = int(max(first, 0.0)), int(min(last, columns - 1.0))
@@ -171,14 +259,34 @@ def hide_points(
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         constant = nx * ax + ny * ay + nz * az
         blur_x, blur_y, blur_z = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
+        blur = blur_x + blur_y + blur_z
+        ab = (PLANE_MARGIN * np.sqrt(abx * abx + aby * aby + abz * abz) + blur) * largest
+        bc = (PLANE_MARGIN * np.sqrt(bcx * bcx + bcy * bcy + bcz * bcz) + blur) * largest
+        ca = (PLANE_MARGIN * np.sqrt(cax * cax + cay * cay + caz * caz) + blur) * largest
         for row in range(top, bottom + 1):
-            for entry in range(starts[row * columns + left], starts[row * columns + right + 1]):
-                n = order[entry]
-                if hidden[n] or own[n] == face:
+            begin, end = starts[row * columns + left], starts[row * columns + right + 1]
+            if end - begin > _MANY:
+                # Long faces that run across rows at an angle touch few of the cells that their box has in each.
+                low, high = np.inf, -np.inf
+                first_v = low_v + (row - _ROW_MARGIN) * edge
+                last_v = low_v + (row + 1 + _ROW_MARGIN) * edge
+                for side in (1.0, -1.0):
+                    lowest, highest = -np.inf, np.inf
+                    lowest, highest = within(side * bcx, side * bcy, side * bcz, bc, first_v, last_v, lowest, highest)
+                    lowest, highest = within(side * cax, side * cay, side * caz, ca, first_v, last_v, lowest, highest)
+                    lowest, highest = within(side * abx, side * aby, side * abz, ab, first_v, last_v, lowest, highest)
+                    if lowest <= highest:
+                        low, high = min(low, lowest), max(high, highest)
+                first, last = (low - low_u) / edge - _ROW_MARGIN, (high - low_u) / edge + _ROW_MARGIN
+                if not low <= high or last < left or first >= right + 1:
                     continue
-                px, py, pz = points[n, 0], points[n, 1], points[n, 2]
-                if nearest >= pz:
+                begin = starts[row * columns + max(left, int(max(first, 0.0)))]
+                end = starts[row * columns + min(right, int(min(last, columns - 1.0))) + 1]
+            for n in range(begin, end):
+                pz = zs[n]
+                if nearest >= pz or hidden[n] or own[n] == face:
                     continue
+                px, py = xs[n], ys[n]
                 w0 = px * bcx + py * bcy + pz * bcz
                 w1 = px * cax + py * cay + pz * caz
                 w2 = px * abx + py * aby + pz * abz

@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from scenetruth.camera import Frames
 from scenetruth.errors import Problem, SceneError
@@ -127,6 +126,8 @@ def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] |
         raise SceneError([Problem("file", message, str(file))]) from error
     if nodes.shape == vertices.shape and np.allclose(nodes, vertices, rtol=1e-9, atol=0):
         return None
+    from scipy.spatial import cKDTree
+
     near = 1e-9 * float(np.abs(nodes).max())
     distance, found = cKDTree(nodes).query(vertices, k=2)
     if distance[:, 0].max() > near or distance[:, 1].min() <= near:

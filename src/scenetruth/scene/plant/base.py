@@ -9,7 +9,6 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation as Turn
 
 from scenetruth.model import FrozenModel, Name, NonNegative, Positive, Vector3
 from scenetruth.scene.deformation import DeformationModel
@@ -119,6 +118,8 @@ def _about(entry: MotionModel, plant: PlantModel) -> MotionModel:
 
 
 def _turned(rotations: tuple[Rotation, ...], arm: tuple[float, float, float]) -> np.ndarray:
+    from scipy.spatial.transform import Rotation as Turn
+
     point = np.asarray(arm, dtype=np.float64)
     for rotation in rotations:
         axis = np.asarray(rotation.axis) / np.linalg.norm(rotation.axis)

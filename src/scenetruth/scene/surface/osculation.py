@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from scenetruth.scene.mesh.sides import places_of, shared_sides
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 __all__ = ["Osculation", "osculate"]
 
@@ -90,6 +93,8 @@ def osculate(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: float | 
     rows, columns = (
         np.concatenate([corners[:, i] for i in order]) for order in ((0, 1, 2, 1, 2, 0), (1, 2, 0, 0, 1, 2))
     )
+    from scipy import sparse
+
     ring = sparse.csr_array((np.ones(len(rows), dtype=np.int32), (rows, columns)), shape=(count, count))
     all_points = np.arange(count)
     fits = _fit(vertices_mm, vertex_of, frames, all_points, ring)
@@ -127,6 +132,8 @@ def _surface_points(
     ends = (np.where(flipped, two, next_two), np.where(flipped, next_two, two))
     rows, columns = np.concatenate([one, next_one]), np.concatenate(ends)
     count = faces.size
+    from scipy import sparse
+
     graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
     number, label = sparse.csgraph.connected_components(graph, directed=False)
     vertex_of = np.empty(number, dtype=np.int64)
@@ -142,6 +149,8 @@ def _fit(
     Returns for each the number of its neighbours, then all neighbours (vertices) and their coefficients one after the
     other, and whether the second derivatives are determined.
     """
+    from scipy import sparse
+
     ring = sparse.csr_array(ring)
     owner = np.repeat(np.arange(len(points)), np.diff(ring.indptr))
     other = ring.indices.astype(np.int64)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 __all__ = ["SAMPLES_PER_WAVELENGTH", "BandLimitedNoise", "band_limited_noise"]
 
@@ -66,6 +65,8 @@ def band_limited_noise(
     BandLimitedNoise
         Periodic; mean 0 and variance 1 to rounding, extremes within ± ``peak`` to about 1 %.
     """
+    from scipy import fft
+
     shortest, longest = wavelength
     pitch = shortest / SAMPLES_PER_WAVELENGTH
     columns, rows = (_raster_points(max(extent, 4 * longest), pitch) for extent in size)
@@ -93,6 +94,8 @@ def _scaled(values: NDArray[np.float64], scale: float) -> NDArray[np.float32]:
 
 
 def _raster_points(extent: float, pitch: float) -> int:
+    from scipy import fft
+
     points = int(np.ceil(min(extent / pitch, _MOST_SAMPLES) / _COARSER))
     return _COARSER * int(fft.next_fast_len(points, real=True))
 
@@ -106,6 +109,8 @@ def _limited_spectrum(
     peak: float,
 ) -> NDArray[np.complex128]:
     """Return the half spectrum of noise in a band whose values stay within a peak, up to its last used column."""
+    from scipy import fft
+
     rows, columns = shape
     frequency = np.hypot(fft.fftfreq(rows, pitch)[:, None], fft.rfftfreq(columns, pitch)[None, :])
     band = (frequency >= 1 / wavelength[1]) & (frequency <= 1 / wavelength[0])
@@ -130,6 +135,8 @@ def _limited_spectrum(
 
 def _inverse(spectrum: NDArray[np.complex128], shape: tuple[int, int]) -> NDArray[np.float64]:
     """Return what `scipy.fft.irfft2` does, to the bit, of a half spectrum whose last columns are zero and left out."""
+    from scipy import fft
+
     rows, columns = shape
     part = np.zeros((rows, columns // 2 + 1), dtype=np.complex128)
     part[:, : spectrum.shape[1]] = fft.ifft(spectrum, axis=0, norm="forward", workers=-1)
