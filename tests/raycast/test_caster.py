@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from scenetruth.raycast import RayCaster, Topology
+from scenetruth.raycast import Hits, RayCaster, Topology
 from scenetruth.raycast import caster as caster_module
 from scenetruth.scene.mesh.box import box
 
@@ -213,3 +213,24 @@ def test_boxes_are_wound_outwards() -> None:
     corners = mesh.vertices_mm[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1)) > 0).all()
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (2,), (2, 3)])
+def test_interpolation_against_a_plain_reading(shape: tuple[int, ...]) -> None:
+    generator = np.random.default_rng(2)
+    faces = generator.integers(0, 50, (30, 3)).astype(np.int32)
+    face = generator.integers(-1, 30, 400).astype(np.int32)
+    weights = generator.dirichlet([1, 1, 1], 400)[:, 1:]
+    hits = Hits(face, np.ones(400), weights)
+    values, corners = generator.normal(size=(50, *shape)), generator.normal(size=(30, 3, *shape))
+    b1, b2 = (weights[:, k].reshape(-1, *[1] * len(shape)) for k in range(2))
+    for corner_values, found in (
+        (values[faces[face]], hits.interpolate(faces, values)),
+        (corners[face], hits.interpolate_corners(corners)),
+    ):
+        first, second, third = (corner_values[:, k] for k in range(3))
+        expected = first + b1 * (second - first) + b2 * (third - first)
+        expected[face < 0] = np.nan
+        np.testing.assert_array_equal(found, expected)
+    # What all corners share comes out unchanged.
+    assert (hits.interpolate(faces, np.full((50, *shape), 0.1))[face >= 0] == 0.1).all()

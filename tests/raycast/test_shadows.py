@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -92,6 +92,8 @@ def test_a_convex_body_does_not_shade_what_faces_the_light(body: str) -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(seed=some.integers(0, 10_000), cells=some.integers(2, 40), low=some.floats(0.02, 1.0))
+# The wall, edge-on, seems to float32 to be nearer than what shades it.
+@example(seed=1, cells=3, low=0.25)
 def test_parallel_light_in_cells_finds_what_rays_through_embree_find(seed: int, cells: int, low: float) -> None:
     # Rough surfaces, one over the other, a wall that stands in the light's way edge-on, and slivers.
     generator = np.random.default_rng(seed)
@@ -138,4 +140,5 @@ def test_embree_is_seldom_asked_for_parallel_light(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(caster, "blocked", blocked)
     shaded = caster.blocked_parallel(points, own, np.ones(len(own), dtype=np.bool_), np.array([0.995, 0.0, 0.0998]))
     assert 0.05 < shaded.mean() < 0.95
-    assert sum(asked) < 0.05 * len(points)
+    # Light that grazes: many faces are seen nearly edge-on.
+    assert sum(asked) < 0.1 * len(points)

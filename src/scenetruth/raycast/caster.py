@@ -59,7 +59,11 @@ class Hits:
         numpy.ndarray
             Shape (n, ...); NaN where nothing is met.
         """
-        return self._mix(values[faces[self.face, 0]], values[faces[self.face, 1]], values[faces[self.face, 2]])
+        from scenetruth.raycast.mixing_kernels import mix_vertices
+
+        flat = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), -1)
+        mixed: NDArray[np.float64] = mix_vertices(self.face, self.weights, faces, flat)
+        return mixed.reshape(len(self.face), *values.shape[1:])
 
     def interpolate_corners(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Interpolate values that are given at the corners of faces.
@@ -74,16 +78,11 @@ class Hits:
         numpy.ndarray
             Shape (n, ...); NaN where nothing is met.
         """
-        return self._mix(values[self.face, 0], values[self.face, 1], values[self.face, 2])
+        from scenetruth.raycast.mixing_kernels import mix_corners
 
-    def _mix(
-        self, first: NDArray[np.float64], second: NDArray[np.float64], third: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        # first + b1 (second - first) + ...: a value that all corners share comes out unchanged.
-        b1, b2 = self.weights[:, :1], self.weights[:, 1:]
-        mixed: NDArray[np.float64] = first + b1 * (second - first) + b2 * (third - first)
-        mixed[self.face < 0] = np.nan
-        return mixed
+        flat = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), 3, -1)
+        mixed: NDArray[np.float64] = mix_corners(self.face, self.weights, flat)
+        return mixed.reshape(len(self.face), *values.shape[2:])
 
 
 class _Prepared(NamedTuple):

@@ -92,7 +92,8 @@ def flatten_faces(
         out[_LOWEST] = min(a[2], b[2], c[2])
         steep = np.sqrt(nx * nx + ny * ny)
         if abs(nz) * _STEEPEST <= steep or nz == 0.0:
-            # Seen edge-on: it may be anywhere in its box, and blocks nothing for certain.
+            # Seen edge-on: it blocks nothing for certain, and float32 may take it for nearer than everything else.
+            out[_LOWEST] = -np.inf
             out[_EDGES:_PLANE] = 0.0
             out[_PLANE : _PLANE + 3] = 0.0
             out[_STEEP] = np.inf

@@ -16,9 +16,9 @@ __all__ = ["ShadowCaster"]
 # Faces that are nearer to the point than this share of the ray's length do not shade it: rounding in float64.
 _TOUCH = 1e-9
 # Embree's rays and triangles are float32: its hits are off by a few roundings of the coordinates' size.
-_ROUNDINGS = 64
+_ROUNDINGS = 16
 # Cells in which faces are sorted for parallel light, per face, and at most.
-_CELLS_PER_FACE, _MOST_CELLS = 4, 1 << 22
+_CELLS_PER_FACE, _MOST_CELLS = 2, 1 << 22
 
 
 class ShadowCaster:

@@ -278,6 +278,19 @@ def _usable(face: Any, mixed: Any, unknown: Any, y: int, x: int, v: int, u: int)
     return not unknown[v, u] and _joined(face, mixed, y, x, v, u)
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def _in_the_open(face: Any, mixed: Any, unknown: Any, y: int, x: int) -> Any:
+    """Tell whether a pixel, and both its neighbours on every side, are known, not mixed, and see a face."""
+    if y < 2 or x < 2 or y + 2 >= face.shape[0] or x + 2 >= face.shape[1] or mixed[y, x]:
+        return False
+    for k in (-2, -1, 1, 2):
+        if unknown[y, x + k] or mixed[y, x + k] or face[y, x + k] < 0:
+            return False
+        if unknown[y + k, x] or mixed[y + k, x] or face[y + k, x] < 0:
+            return False
+    return True
+
+
 @numba.njit(cache=True, nogil=True, parallel=True)
 def shade_image(
     albedo: NDArray[np.float32],
@@ -321,6 +334,18 @@ def shade_image(
                 continue
             a, s = np.float64(albedo[y, x]), shade[y, x]
             value = a * s
+            if _in_the_open(face, mixed, unknown, y, x):
+                # Most pixels: all neighbours are on the same surface.
+                for axis in range(2):
+                    dy, dx = axis, 1 - axis
+                    a0, a1 = np.float64(albedo[y - dy, x - dx]), np.float64(albedo[y + dy, x + dx])
+                    s0, s1 = shade[y - dy, x - dx], shade[y + dy, x + dx]
+                    slope_a, slope_s, bend = 0.5 * (a1 - a0), 0.5 * (s1 - s0), s1 - 2.0 * s + s0
+                    b0, b1 = np.float64(albedo[y - 2 * dy, x - 2 * dx]), np.float64(albedo[y + 2 * dy, x + 2 * dx])
+                    slope_a += (slope_a - 0.25 * (b1 - b0)) / 3.0
+                    value += variance * (slope_a * slope_s + 0.5 * a * bend)
+                out[y, x] = np.float32(value)
+                continue
             for axis in range(2):
                 dy, dx = axis, 1 - axis
                 before = _usable(face, mixed, unknown, y, x, y - dy, x - dx)
