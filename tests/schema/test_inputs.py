@@ -30,7 +30,8 @@ NO_ARRAYS: list[Any] = [
 ]
 
 
-@pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
+# An id must be the same in every process that tests: no address in it.
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=lambda value: repr(value).partition(" object at ")[0])
 @pytest.mark.parametrize("name", ["focal_length_px", "baseline_mm", "frame_interval_s", "full_scale"])
 def test_what_is_no_number_is_refused_by_name(name: str, value: Any) -> None:
     if name == "full_scale" and value is None:
