@@ -23,7 +23,6 @@ LEAVES = {
     "docstrings",
     "compilation",
     "plain",
-    "arguments",
 }
 MAY_IMPORT = {
     "cache": set(),
@@ -31,7 +30,6 @@ MAY_IMPORT = {
     "docstrings": set(),
     "compilation": {"errors"},
     "plain": {"errors"},
-    "arguments": {"errors"},
     "model": {"docstrings"},
     "indexing": set(),
     "kinds": set(),

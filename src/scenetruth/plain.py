@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, get_args
 
 from scenetruth.errors import Problem
 
-__all__ = ["DEEPEST", "LARGEST_INTEGER", "MOST_VALUES", "parse_json", "plain_problems", "scalar_problem"]
+__all__ = [
+    "DEEPEST",
+    "LARGEST_INTEGER",
+    "MOST_VALUES",
+    "argument_problems",
+    "parse_json",
+    "plain_problems",
+    "scalar_problem",
+]
 
 DEEPEST = 40
 """Mappings and lists inside each other; scenes need about ten, and recursive code bears some hundreds."""
@@ -128,3 +136,28 @@ def parse_json(text: str | bytes) -> Any:
     except RecursionError as error:
         msg = "is nested too deeply"
         raise ValueError(msg) from error
+
+
+def argument_problems(progress: Any = None, **choices: tuple[Any, Any]) -> list[Problem]:
+    """Return what is wrong with arguments whose types nobody checks at a call.
+
+    Parameters
+    ----------
+    progress
+        What is to be called as the work goes on, or None.
+    **choices
+        Values and the literal types of which they must be, by the names of the arguments.
+
+    Examples
+    --------
+    >>> from typing import Literal
+    >>> print(*argument_problems(truth_views=("al", Literal["reference", "all"])))
+    truth_views: must be 'reference' or 'all' (got 'al')
+    """
+    problems = [] if progress is None or callable(progress) else [Problem("progress", "must be callable", progress)]
+    for name, (value, literal) in choices.items():
+        words = get_args(literal)
+        if not any(value == word and type(value) is type(word) for word in words):
+            message = f"must be {' or '.join(map(repr, words))}"
+            problems.append(Problem(name, message, "None" if value is None else value))
+    return problems

@@ -23,7 +23,15 @@ from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import build_world
 from scenetruth.schema import Filling, Put
 from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, open_store, store_name
-from scenetruth.truth import TruthChoice, TruthMaps, TruthPoses, TruthViews, blank_truth, fill_truth
+from scenetruth.truth import (
+    TruthChoice,
+    TruthMaps,
+    TruthPoses,
+    TruthViews,
+    blank_truth,
+    fill_truth,
+    refuse_arguments,
+)
 
 __all__ = ["simulate", "simulate_into"]
 
@@ -101,6 +109,7 @@ def simulate(
     >>> truth.depth.dims, truth.depth.sel(t=0)[15, 20].item(), truth.disparity.sel(t=0)[15, 20].item()
     (('t', 'y', 'x'), 100.0, 3.0)
     """
+    refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
     choice = TruthChoice(truth_views, truth_poses, truth_content)
     if folder is not None:
         with write_aside(folder) as aside:

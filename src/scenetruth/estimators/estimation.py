@@ -7,13 +7,13 @@ from typing import Any
 
 import xarray as xr
 
-from scenetruth.arguments import argument_problems
 from scenetruth.errors import EstimateError, Problem, ScenetruthError
 from scenetruth.estimators.choice import validate_settings
 from scenetruth.estimators.protocol import Estimator
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method
 from scenetruth.estimators.returned import own_arrays, read_only, returned_problems
 from scenetruth.model import FrozenModel
+from scenetruth.plain import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.schema import check_dataset, estimate_hash
 

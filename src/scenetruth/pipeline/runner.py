@@ -316,11 +316,7 @@ class Runner:
         from scenetruth.scoring import Score
 
         if method not in self.scores:
-            file = self.folder.of(method).score_json
-            try:
-                self.scores[method] = Score.from_json(file.read_text(encoding="utf-8"))
-            except OSError as error:
-                raise StoreError(file, "cannot be read; make it with `scenetruth score`") from error
+            self.scores[method] = Score.read(self.folder.of(method).score_json)
         return self.scores[method]
 
     def _refuse_existing(self, *targets: Path) -> None:

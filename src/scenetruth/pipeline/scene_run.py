@@ -114,8 +114,9 @@ def run_scene(
     (True, True, {})
     """
     from scenetruth.scoring import FIGURES
-    from scenetruth.truth import TruthChoice
+    from scenetruth.truth import TruthChoice, refuse_arguments
 
+    refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
     unknown = sorted(set(figures or ()) - set(FIGURES))
     if unknown:
         raise SceneError([Problem("figures", f"must be some of {', '.join(FIGURES)}", unknown)])

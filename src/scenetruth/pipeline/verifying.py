@@ -108,7 +108,7 @@ def _problem(part: Path) -> str:
         if _is_named_store(part):
             verify_store(part)
         elif part.suffix == ".json":
-            Score.from_json(part.read_text(encoding="utf-8"))
+            Score.read(part)
         else:
             load_scene(part)
     except StoreError as error:

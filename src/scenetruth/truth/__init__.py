@@ -7,6 +7,7 @@ from scenetruth.truth.assembly import (
     blank_truth,
     fill_truth,
     make_truth,
+    refuse_arguments,
     truth_of_world,
 )
 from scenetruth.truth.following import Follower, PixelPoints
@@ -31,6 +32,7 @@ __all__ = [
     "interior_warnings",
     "make_truth",
     "points_seen",
+    "refuse_arguments",
     "track_points",
     "truth_by_rows",
     "truth_maps",

@@ -11,6 +11,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import Moment, Schedule, Stage
+from scenetruth.errors import Problem, SceneError
+from scenetruth.plain import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.provenance import intrinsics_from, provenance_of, schedule_of
 from scenetruth.raycast import Topology
@@ -24,7 +26,16 @@ from scenetruth.truth.maps import Geometries, TruthMaps, truth_maps
 from scenetruth.truth.names import DTYPES, FOLLOWED, FURTHER, MOVED, STANDARD
 from scenetruth.truth.rolling import truth_by_rows
 
-__all__ = ["TruthChoice", "TruthPoses", "TruthViews", "blank_truth", "fill_truth", "make_truth", "truth_of_world"]
+__all__ = [
+    "TruthChoice",
+    "TruthPoses",
+    "TruthViews",
+    "blank_truth",
+    "fill_truth",
+    "make_truth",
+    "refuse_arguments",
+    "truth_of_world",
+]
 
 TruthViews = Literal["reference", "all"]
 TruthPoses = Literal["real", "nominal"]
@@ -84,10 +95,32 @@ def make_truth(
     >>> float(truth.depth[0, 15, 20]), float(truth.disparity[0, 15, 20])
     (100.0, 3.0)
     """
+    refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
     world = build_world(scene)
     check_scene(scene, world)
     choice = TruthChoice(truth_views, truth_poses, truth_content)
     return truth_of_world(scene, world, choice, provenance_of(scene), progress)
+
+
+def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_content: Any, progress: Any) -> None:
+    """Refuse arguments of `make_truth` and its like whose types nobody checks at a call.
+
+    Raises
+    ------
+    SceneError
+        With all that are wrong.
+    """
+    problems = argument_problems(
+        progress,
+        truth_views=(truth_views, TruthViews),
+        truth_poses=(truth_poses, TruthPoses),
+        truth_content=(truth_content, TruthMaps),
+    )
+    if not isinstance(scene, Scene):
+        message = "must be a Scene; load_scene and scene_from_plain make one"
+        problems.insert(0, Problem("scene", message, type(scene).__name__))
+    if problems:
+        raise SceneError(problems)
 
 
 def truth_of_world(

@@ -12,8 +12,8 @@ from typing import Any
 
 import xarray as xr
 
-from scenetruth.arguments import argument_problems
 from scenetruth.errors import Problem, ScoreError
+from scenetruth.plain import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.schema import check_same_run, intrinsics_of, scene_of
 from scenetruth.scoring._format import flatten, format_count, format_number, format_percent, humanise
