@@ -161,5 +161,6 @@ def test_the_command_prints_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_the_command_refuses_an_existing_folder(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
     result = CliRunner().invoke(app, ["experiment", "fidelity", "-o", str(tmp_path)])
     assert isinstance(result.exception, st.OutputExistsError)

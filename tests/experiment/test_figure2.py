@@ -115,5 +115,6 @@ def test_the_whole_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_the_command_refuses_an_existing_folder(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
     result = CliRunner().invoke(app, ["experiment", "figure2", "-o", str(tmp_path)])
     assert isinstance(result.exception, st.OutputExistsError)

@@ -18,7 +18,8 @@ from tests.scenes import LIBRARY, SCENES
 
 CUBE = (SCENES / "cube.yaml").read_text(encoding="utf-8")
 
-words = some.text(some.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=8)
+# What ends a line besides the line feed, yaml itself writes so that it reads as a space.
+words = some.text(some.characters(exclude_categories=["Cs"], exclude_characters="\0\x85\u2028\u2029"), max_size=8)
 scalars = (
     some.none()
     | some.booleans()

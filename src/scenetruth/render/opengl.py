@@ -12,15 +12,16 @@ from pathlib import Path
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render.opengl_probe import ANSWER
 
-__all__ = ["PLATFORMS", "use_platform"]
+__all__ = ["PLATFORMS", "REMEDIES", "use_platform"]
 
 PLATFORMS = ("osmesa", "egl")
 """Platforms in the order in which they are tried."""
 
-_REMEDIES = {
+REMEDIES = {
     "osmesa": "install the system library OSMesa (Debian, Ubuntu: apt-get install libosmesa6)",
     "egl": "install an EGL driver (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0)",
 }
+"""What makes a platform run."""
 _NO_PACKAGE = "pip install 'scenetruth[opengl]'"
 
 _PACKAGES = ("pyrender", "OpenGL")
@@ -68,7 +69,7 @@ def use_platform(wanted: str) -> str:
     raise BackendUnavailableError(
         f"pyrender ({', '.join(platform for platform, _ in failures)})",
         "; ".join(f"{platform}: {reason}" for platform, reason in failures),
-        ", or ".join(_REMEDIES[platform] for platform, _ in failures),
+        ", or ".join(REMEDIES[platform] for platform, _ in failures),
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.errors import BackendUnavailableError
-from scenetruth.render.opengl import use_platform
+from scenetruth.render.opengl import REMEDIES, use_platform
 from scenetruth.render.protocol import Renderer
 from scenetruth.render.quadrature import even_rule
 from scenetruth.render.raycast_backend import RaycastRenderer
@@ -89,7 +89,10 @@ class PyrenderRenderer(Renderer):
             # The platform runs, but the packages on it do not: they may not fit together.
             self._thread.shutdown()
             reason = f"{type(error).__name__}: {error}"
-            raise BackendUnavailableError(self.name, reason, "use the raycast backend, or another platform") from error
+            remedy = (
+                f"{REMEDIES[self._platform]} and the packages of scenetruth[opengl] anew, or use the raycast backend"
+            )
+            raise BackendUnavailableError(self.name, reason, remedy) from error
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint; see `Renderer.render`."""
