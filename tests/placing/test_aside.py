@@ -299,6 +299,11 @@ def test_places_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest
     assert names(tmp_path) == ["dangling", "file", "here"]
 
 
+def test_the_root_can_be_looked_at() -> None:
+    with hold(Path("/")):
+        pass
+
+
 def test_links_stay_and_what_they_point_to_is_replaced(tmp_path: Path) -> None:
     make(tmp_path / "disk", "old")
     (tmp_path / "x").symlink_to(tmp_path / "disk")

@@ -72,9 +72,12 @@ def test_every_flipped_bit_of_a_zip_file_is_found(stores: Path, tmp_path: Path) 
     generator = np.random.default_rng(1)
     # Its directory is at the end.
     places = [*generator.integers(0, len(whole), 8), *generator.integers(len(whole) - 2000, len(whole), 8)]
-    for place in places:
+    bits = [(place, int(generator.integers(8))) for place in places]
+    # That says an entry is encrypted, in its own header and in the directory.
+    bits += [(6, 0), (whole.index(b"PK\x01\x02") + 8, 0)]
+    for place, bit in bits:
         content = bytearray(whole)
-        content[place] ^= 1 << int(generator.integers(8))
+        content[place] ^= 1 << bit
         (tmp_path / "x.zarr.zip").write_bytes(content)
         with pytest.raises(st.StoreError):
             verify_store(tmp_path / "x.zarr.zip")

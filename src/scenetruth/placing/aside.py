@@ -90,6 +90,10 @@ def hold(target: str | Path, claim: Claim = claim_file) -> Iterator[None]:
         If the folders above it cannot be made.
     """
     place = Path(os.path.realpath(target))
+    if not place.name:
+        # Nothing stands beside the root, and nothing takes its place.
+        yield
+        return
     made = _make_folders(place)
     try:
         with locked(place) as alone:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shutil
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, Protocol, cast
@@ -14,6 +16,17 @@ ROOT = "zarr.json"
 """The file with the metadata of a store."""
 
 _ZIP = ".zip"
+# What zipfile raises where a file is damaged, besides OSError.
+_DAMAGED = (
+    zipfile.BadZipFile,
+    KeyError,
+    ValueError,
+    NotImplementedError,
+    EOFError,
+    RuntimeError,
+    zlib.error,
+    struct.error,
+)
 _BLOCK = 1 << 20
 
 
@@ -80,7 +93,7 @@ class _Zip:
     def _opened(self) -> zipfile.ZipFile:
         try:
             return zipfile.ZipFile(self._path)
-        except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        except _DAMAGED as error:
             raise OSError(f"is no zip file, or damaged: {error}") from error
 
     def sizes(self) -> dict[str, int]:
@@ -94,7 +107,7 @@ class _Zip:
         with self._opened() as archive:
             try:
                 return archive.read(name)
-            except (KeyError, zipfile.BadZipFile, ValueError, NotImplementedError, EOFError) as error:
+            except _DAMAGED as error:
                 raise OSError(f"holds no whole {name}: {error}") from error
 
 
@@ -124,8 +137,11 @@ def differs_from_packed(path: Path, scratch: Path) -> bool:
     scratch
         An empty folder for its content.
     """
-    with zipfile.ZipFile(path) as archive:
-        archive.extractall(scratch)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(scratch)
+    except _DAMAGED:
+        return True
     with path.open("rb") as stream:
         comparison = _Comparison(stream)
         _pack(scratch, cast(Any, comparison))
