@@ -8,7 +8,18 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DISTANCE", "FORMS", "blurs", "edge_functions", "inside", "rounding", "slope", "weigh", "write_forms"]
+__all__ = [
+    "DISTANCE",
+    "FORMS",
+    "blurs",
+    "depth_on",
+    "edge_functions",
+    "inside",
+    "rounding",
+    "slope",
+    "weigh",
+    "write_forms",
+]
 
 # Places of the numbers that are kept of a face. All but DISTANCE are coefficients of a ray's direction d = (x, y, z):
 # of the edge functions of the edges opposite to corners 0, 1 and 2, of the scalar product with the normal (not of unit
@@ -184,3 +195,16 @@ def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
     w0, w1, w2 = edge_functions(form, dx, dy, dz)
     total = w0 + w1 + w2
     return w1 / total, w2 / total
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def depth_on(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Return the ray parameter at which a ray meets a face's plane; -1 if it runs along it.
+
+    Parameters
+    ----------
+    form, dx, dy, dz
+        As of `edge_functions`.
+    """
+    towards = slope(form, dx, dy, dz)
+    return form[DISTANCE] / towards if towards != 0.0 else -1.0

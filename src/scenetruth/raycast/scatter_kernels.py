@@ -12,14 +12,13 @@ from scenetruth.raycast.inside_kernels import (
     BLUR_X,
     BLUR_Y,
     BLUR_Z,
-    DISTANCE,
     W0_X,
     W1_X,
     W2_X,
+    depth_on,
     edge_functions,
     inside,
     rounding,
-    slope,
     weigh,
 )
 from scenetruth.raycast.projection_kernels import (
@@ -298,10 +297,7 @@ def scatter_hits(
                     w0, w1, w2 = edge_functions(form, dx, dy, dz)
                     if not inside(w0, w1, w2, rounding(form, dx, dy, dz)):
                         continue
-                    towards = slope(form, dx, dy, dz)
-                    if towards == 0.0:
-                        continue
-                    depth = form[DISTANCE] / towards
+                    depth = depth_on(form, dx, dy, dz)
                     if depth > 0.0 and depth < nearest[n]:
                         best[n], nearest[n] = face, depth
         for n in range(here):
