@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import xarray as xr
 
-from scenetruth.errors import EstimateError, Problem, ScenetruthError
+from scenetruth.errors import EstimateError, Problem, ScenetruthError, StoreError
 from scenetruth.estimators.choice import validate_settings
-from scenetruth.estimators.protocol import Estimator
+from scenetruth.estimators.protocol import Estimator, StreamingMethod
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method
 from scenetruth.estimators.returned import own_arrays, read_only, returned_problems
 from scenetruth.model import FrozenModel
 from scenetruth.plain import argument_problems
 from scenetruth.progress import Progress
-from scenetruth.schema import check_dataset, estimate_hash
+from scenetruth.schema import Put, check_dataset, estimate_hash
 
-__all__ = ["estimate", "requirements"]
+__all__ = ["Estimation", "estimate", "prepare", "requirements"]
 
 
 def estimate(
@@ -87,6 +88,105 @@ def estimate(
     >>> found.disparity.round(2).item(), found.depth.round(-1).item(), found.flow.values.round(2).tolist()
     (0.25, 1000.0, [0.0, 0.5])
     """
+    return prepare(recording, method, settings, progress, **overrides).estimate()
+
+
+class Estimation:
+    """A recording, a method and its settings, all checked: an estimate that can be made.
+
+    Parameters
+    ----------
+    recording
+        A checked recording.
+    method
+        A method that takes it.
+    settings
+        Its settings.
+    progress
+        Called with (what, done, total) as the work goes on.
+    """
+
+    def __init__(self, recording: xr.Dataset, method: Estimator, settings: FrozenModel, progress: Progress | None):
+        self._recording, self._method, self._settings, self._progress = recording, method, settings, progress
+        self._guarded = read_only(recording)
+
+    def estimate(self) -> xr.Dataset:
+        """Estimate in memory; see `estimate`."""
+        with self._telling():
+            found = self._method.estimate(self._guarded, self._settings, self._progress)
+        return own_arrays(self._checked(found), self._recording)
+
+    def blank(self) -> xr.Dataset | None:
+        """Return the estimate with blank maps, to be filled; None if the method estimates in memory only."""
+        if not isinstance(self._method, StreamingMethod):
+            return None
+        with self._telling():
+            found = self._method.blank(self._guarded, self._settings)
+        return self._checked(found)
+
+    def fill(self, put: Put) -> Mapping[str, Any]:
+        """Estimate frame by frame.
+
+        Parameters
+        ----------
+        put
+            Takes the maps of `blank`.
+
+        Returns
+        -------
+        mapping
+            Attributes that are known in the end only.
+        """
+        assert isinstance(self._method, StreamingMethod)
+        with self._telling():
+            return self._method.fill(self._guarded, self._settings, put, self._progress)
+
+    def _checked(self, found: Any) -> xr.Dataset:
+        """Return what the method made, with its origin, if it is an estimate of this recording."""
+        method, recording = self._method, self._recording
+        problems = returned_problems(found, recording, method.gives)
+        if problems:
+            raise EstimateError(problems, source=f"what the method '{method.name}' returned")
+        stamped: xr.Dataset = found.copy()
+        stamped.attrs |= {"method": method.name, "settings": self._settings.model_dump_json()}
+        stamped.attrs |= {key: recording.attrs[key] for key in _TRAVELLING if key in recording.attrs}
+        stamped.attrs["estimate_hash"] = estimate_hash(stamped)
+        return stamped
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Tell in our words what goes wrong in a method."""
+        name = self._method.name
+        try:
+            yield
+        except StoreError:  # of the recording, or of the estimate
+            raise
+        except ScenetruthError as error:
+            told = getattr(error, "problems", (Problem("", str(error)),))
+            raise EstimateError(told, source=f"method '{name}'") from error
+        except (Warning, OSError) as error:
+            # A warning that the caller has turned into an error; a disk that is full.
+            if isinstance(error, Warning) or isinstance(self._method, StreamingMethod):
+                raise
+            raise self._failure(error) from error
+        except Exception as error:  # whatever the code of a method raises
+            raise self._failure(error) from error
+
+    def _failure(self, error: Exception) -> EstimateError:
+        message = f"failed: {type(error).__name__}: {error}"
+        if isinstance(error, ValueError) and "read-only" in str(error):
+            message = f"changes the recording that it was given: {error}; let it work on a copy"
+        return EstimateError([Problem(f"method '{self._method.name}'", message)])
+
+
+def prepare(
+    recording: xr.Dataset,
+    method: str | Estimator | Callable[..., Any] = DEFAULT_METHOD,
+    settings: FrozenModel | Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+    **overrides: Any,
+) -> Estimation:
+    """Check everything that an estimate needs, before it is made; see `estimate`."""
     chosen = find_method(method)
     wrong = argument_problems(progress)
     if not (settings is None or isinstance(settings, FrozenModel | Mapping)):
@@ -99,27 +199,7 @@ def estimate(
     problems = requirements(recording, chosen, checked)
     if problems:
         raise EstimateError(problems)
-    guarded = read_only(recording)
-    try:
-        found = chosen.estimate(guarded, checked, progress)
-    except ScenetruthError as error:
-        told = getattr(error, "problems", (Problem("", str(error)),))
-        raise EstimateError(told, source=f"method '{chosen.name}'") from error
-    except Warning:  # that the caller has turned into an error
-        raise
-    except Exception as error:  # whatever the code of a method raises
-        message = f"failed: {type(error).__name__}: {error}"
-        if isinstance(error, ValueError) and "read-only" in str(error):
-            message = f"changes the recording that it was given: {error}; let it work on a copy"
-        raise EstimateError([Problem(f"method '{chosen.name}'", message)]) from error
-    problems = returned_problems(found, recording, chosen.gives)
-    if problems:
-        raise EstimateError(problems, source=f"what the method '{chosen.name}' returned")
-    stamped = own_arrays(found, recording)
-    stamped.attrs |= {"method": chosen.name, "settings": checked.model_dump_json()}
-    stamped.attrs |= {key: recording.attrs[key] for key in _TRAVELLING if key in recording.attrs}
-    stamped.attrs["estimate_hash"] = estimate_hash(stamped)
-    return stamped
+    return Estimation(recording, chosen, checked, progress)
 
 
 _TRAVELLING = ("scene", "scene_hash", "recording_hash")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -10,8 +11,9 @@ import xarray as xr
 from scenetruth.errors import Problem
 from scenetruth.model import FrozenModel
 from scenetruth.progress import Progress
+from scenetruth.schema import Filling, Put
 
-__all__ = ["RESERVED_SETTINGS", "Estimator", "Method", "MethodSettings", "Needs"]
+__all__ = ["RESERVED_SETTINGS", "Estimator", "Method", "MethodSettings", "Needs", "StreamingMethod"]
 
 RESERVED_SETTINGS = frozenset({"method", "recording", "settings", "progress", "overrides", "kind"})
 """Names that settings of a method must not have: calls and scene files use them for something else."""
@@ -151,3 +153,38 @@ class Method:
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
         """Estimate; see `Estimator.estimate`."""
         raise NotImplementedError
+
+
+class StreamingMethod(Method):
+    """A start for methods that estimate some frames at a time, so that long recordings need no more memory than short.
+
+    Derive from it, and write `blank` and `fill`. The recording that they get may be opened and not loaded: its images
+    are read when they are selected (`scenetruth.estimators.frame_reader` reads windows of frames).
+    """
+
+    def blank(self, recording: xr.Dataset, settings: Any) -> xr.Dataset:
+        """Return the estimate that `fill` will make, with all frames, its maps still blank (`schema.blank_map`)."""
+        raise NotImplementedError
+
+    def fill(self, recording: xr.Dataset, settings: Any, put: Put, progress: Progress | None) -> Mapping[str, Any]:
+        """Estimate, and put every map of every frame in its place.
+
+        Parameters
+        ----------
+        recording, settings, progress
+            As of `Estimator.estimate`.
+        put
+            Takes one map or several; see `scenetruth.schema.Put`.
+
+        Returns
+        -------
+        mapping
+            Attributes of the estimate that are known in the end only.
+        """
+        raise NotImplementedError
+
+    def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
+        """Estimate all frames, in memory."""
+        filling = Filling(self.blank(recording, settings))
+        told = self.fill(recording, settings, filling.put, progress)
+        return filling.dataset().assign_attrs(told)

@@ -10,15 +10,18 @@ import xarray as xr
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.schema import VARIABLES, check_dataset
 
-__all__ = ["own_arrays", "read_only", "returned_problems"]
+__all__ = ["is_in_memory", "own_arrays", "read_only", "returned_problems"]
 
 
 def read_only(recording: xr.Dataset) -> xr.Dataset:
-    """Return the same recording, with arrays that cannot be written to and containers of its own."""
+    """Return the same recording, with arrays that cannot be written to and containers of its own.
+
+    What was opened and not loaded stays so: whoever reads it gets arrays of its own.
+    """
     guarded = recording.copy(deep=False)
     for name, variable in guarded.variables.items():
         # Values of indexes cannot be written to in any case.
-        if name not in guarded.xindexes:
+        if name not in guarded.xindexes and is_in_memory(variable):
             values = variable.values.view()
             values.flags.writeable = False
             variable.data = values
@@ -28,14 +31,20 @@ def read_only(recording: xr.Dataset) -> xr.Dataset:
 def own_arrays(found: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
     """Return a data set that shares no memory with a recording, and whose arrays can be written to."""
     own = found.copy()
+    others = [other.values for other in recording.variables.values() if is_in_memory(other)]
     for name, variable in own.variables.items():
         if name in own.xindexes:
             continue
         values = variable.values
-        shared = any(np.may_share_memory(values, other.values) for other in recording.variables.values())
+        shared = any(np.may_share_memory(values, other) for other in others)
         if shared or not values.flags.writeable:
             variable.data = values.copy()
     return own
+
+
+def is_in_memory(variable: xr.Variable) -> bool:
+    """Return whether a variable's values are in memory, and need not be read from a store."""
+    return bool(variable._in_memory)  # xarray has no public word for it
 
 
 def returned_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str]) -> list[Problem]:

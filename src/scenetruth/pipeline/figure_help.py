@@ -109,14 +109,14 @@ def figure_help(processes: int) -> Iterator[FigureHelper | None]:
 def _serve(requests: IO[str], answers: IO[str]) -> None:
     """Draw what is asked for, a line each."""
     from scenetruth.scoring import Score, draw_one
-    from scenetruth.storage import load, open_store
+    from scenetruth.storage import open_store
 
     opened: dict[str, Any] = {}
 
     def read(path: str) -> Any:
         if path.endswith(".json"):
             return Score.from_json(Path(path).read_text(encoding="utf-8"))
-        return load(path) if Path(path).name.startswith("estimate") else open_store(path)
+        return open_store(path)
 
     for line in requests:
         request = json.loads(line)

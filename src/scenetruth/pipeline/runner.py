@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 import xarray as xr
 
 from scenetruth.errors import MismatchError, Problem, SceneError, ScenetruthError, StoreError
-from scenetruth.estimators import MethodChoice, choose, estimate
+from scenetruth.estimators import MethodChoice, choose, prepare
+from scenetruth.pipeline.estimating import write_estimate
 from scenetruth.pipeline.folder import MethodFiles, RunFolder, claim_of, claim_run
 from scenetruth.placing import Claimed, check_output, claim_pictures, hold, sweep_inside, write_aside
 from scenetruth.progress import Progress
@@ -24,7 +25,7 @@ from scenetruth.provenance import scene_hash
 from scenetruth.scene import Scene
 from scenetruth.scene.load import apply_overrides
 from scenetruth.schema import check_same_run, digest, identity_of, scene_of
-from scenetruth.storage import files_of, load, open_store, save, write_images
+from scenetruth.storage import claim_store, files_of, is_zip_name, open_store, write_images
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -199,13 +200,14 @@ class Runner:
         self._refuse_existing(target)
         with self._timed("estimate" if choice.method == self.folder.own_method else f"estimate {choice.method}"):
             try:
-                found = estimate(self.recording, choice.method, choice.settings, progress=self.progress)
+                with write_aside(target, overwrite=self.overwrite, claim=claim_store) as aside:
+                    work = prepare(self.recording, choice.method, choice.settings, self.progress)
+                    write_estimate(work, aside, zipped=is_zip_name(target))
             except BaseException as error:
                 if not isinstance(error, Exception):
                     self._say(f"method '{choice.method}' was interrupted")
                 raise
-        save(found, target, overwrite=self.overwrite)
-        self._estimates[choice.method] = found
+        self._estimates.pop(choice.method, None)
 
     def score(self, method: str, settings: ScoreSettings) -> None:
         """Score the estimate of a method."""
@@ -309,7 +311,7 @@ class Runner:
 
     def _estimate_of(self, method: str) -> xr.Dataset:
         if method not in self._estimates:
-            self._estimates[method] = load(self.folder.of(method).estimate, "estimate")
+            self._estimates[method] = open_store(self.folder.of(method).estimate, "estimate")
         return self._estimates[method]
 
     def _score_of(self, method: str) -> Score:

@@ -11,7 +11,7 @@ from scenetruth.errors import Problem, RecordingError, ScoreError
 from scenetruth.schema import check_dataset, intrinsics_of
 from scenetruth.scoring.regions import edge_distance
 
-__all__ = ["align", "check_estimate", "check_recording", "select_pixels"]
+__all__ = ["align", "check_alignable", "check_estimate", "check_recording", "select_pixels"]
 
 _RELATIVE_TOLERANCE = 1e-6
 """How far intrinsics may differ; enough for numbers that once were float32."""
@@ -43,6 +43,18 @@ def align(estimate: xr.Dataset, truth: xr.Dataset) -> tuple[xr.Dataset, xr.Datas
         If either does not have the agreed form, the truth lacks frames or pixels of the estimate, or their intrinsics
         differ; lists all that is wrong.
     """
+    check_alignable(estimate, truth)
+    reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth.dims}).sel(t=estimate["t"].values)
+    if "boundary_distance" not in reference:
+        mixed = reference["mixed"]
+        # Distances are measured before pixels are left out: an edge outside a part of the image still is an edge.
+        distance = edge_distance(mixed.values.astype(bool))
+        reference = reference.assign(boundary_distance=(mixed.dims, distance, {"units": "px"}))
+    return estimate, select_pixels(reference, estimate)
+
+
+def check_alignable(estimate: xr.Dataset, truth: xr.Dataset) -> None:
+    """Check that an estimate can be compared with a truth; see `align`."""
     problems = [*_form_problems(estimate, "estimate"), *_form_problems(truth, "truth")]
     if problems:
         raise ScoreError(problems)
@@ -53,13 +65,6 @@ def align(estimate: xr.Dataset, truth: xr.Dataset) -> tuple[xr.Dataset, xr.Datas
     ]
     if problems:
         raise ScoreError(problems)
-    reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth.dims}).sel(t=estimate["t"].values)
-    if "boundary_distance" not in reference:
-        mixed = reference["mixed"]
-        # Distances are measured before pixels are left out: an edge outside a part of the image still is an edge.
-        distance = edge_distance(mixed.values.astype(bool))
-        reference = reference.assign(boundary_distance=(mixed.dims, distance, {"units": "px"}))
-    return estimate, select_pixels(reference, estimate)
 
 
 def select_pixels(dataset: xr.Dataset, estimate: xr.Dataset) -> xr.Dataset:

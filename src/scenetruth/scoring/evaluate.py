@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +14,16 @@ from pydantic import ValidationError
 
 from scenetruth.errors import Problem, ScoreError
 from scenetruth.plain import plain_problems
-from scenetruth.schema import check_same_run, identity_of
-from scenetruth.scoring.alignment import align, check_recording, select_pixels
+from scenetruth.schema import check_same_run, identity_of, object_names_of
+from scenetruth.scoring.alignment import check_alignable, check_recording, select_pixels
 from scenetruth.scoring.contrast import local_contrast, reference_images
-from scenetruth.scoring.growth import growth_pairs
-from scenetruth.scoring.outliers import meaningful_rates
-from scenetruth.scoring.quantities import read_pairs
+from scenetruth.scoring.gathering import Gathering
+from scenetruth.scoring.growth import growth_pairs, knows_growth
+from scenetruth.scoring.outliers import meaningful_rates_of
+from scenetruth.scoring.parts import aligned_parts, part_count
+from scenetruth.scoring.quantities import Pairs
 from scenetruth.scoring.regions import further_regions, main_regions, seen_throughout
 from scenetruth.scoring.score import Score
-from scenetruth.scoring.statistics import region_statistics
 from scenetruth.settings import ScoreSettings
 
 __all__ = ["score", "score_settings"]
@@ -147,18 +148,33 @@ def score(
     chosen = score_settings(**settings, **({} if margin_px is None else {"interior_margin_px": margin_px}))
     if check:
         check_same_run({name: given[name].attrs for name in ("truth", "estimate", "recording") if name in given})
-    whole = truth
-    estimate, truth = align(estimate, truth)
-    masks = main_regions(truth, chosen.interior_margin_px)
-    masks |= further_regions(
-        truth,
-        masks["interior"],
-        chosen,
-        throughout=seen_throughout(select_pixels(whole, estimate)),
-        contrast=None if recording is None else _contrast(recording, estimate, chosen),
+    check_alignable(estimate, truth)
+    if recording is not None:
+        check_recording(recording, estimate)
+        missing = sorted(set(estimate["t"].values.tolist()) - set(recording["t"].values.tolist()))
+        if missing:
+            raise ScoreError([Problem("recording.t", "lacks frames of the estimate", missing)])
+    count = part_count(estimate)
+    grows = any(knows_growth(*part) for part in aligned_parts(estimate, truth))
+    rates = meaningful_rates_of(
+        lambda: (
+            (Pairs(*part), main_regions(part[1], chosen.interior_margin_px)["all"])
+            for part in aligned_parts(estimate, truth)
+        ),
+        count,
     )
-    pairs = read_pairs(estimate, truth) | growth_pairs(estimate, truth, chosen)
-    rates = meaningful_rates(pairs, masks["all"])
+    throughout = seen_throughout(select_pixels(truth, estimate))
+    gathering = Gathering(rates, single=count == 1)
+    for found, exact in aligned_parts(estimate, truth):
+        masks = main_regions(exact, chosen.interior_margin_px)
+        masks |= further_regions(
+            exact,
+            masks["interior"],
+            chosen,
+            throughout=throughout,
+            contrast=None if recording is None else _contrast(recording, found, chosen),
+        )
+        gathering.add(Pairs(found, exact, growth_pairs(found, exact, chosen) if grows else None), masks)
     own = {
         "frames": estimate["t"].values.tolist(),
         "image_size_px": [estimate.sizes["x"], estimate.sizes["y"]],
@@ -167,17 +183,19 @@ def score(
         **identity_of(estimate),
     }
     return Score(
-        regions={region: region_statistics(pairs, mask, rates) for region, mask in masks.items()},
+        regions=_in_order(gathering.regions(), object_names_of(truth)),
         metadata=_plain({**own, **(metadata or {})}, "metadata"),
     )
 
 
+def _in_order(regions: Mapping[str, Any], objects: Sequence[str]) -> dict[str, Any]:
+    """Return regions with the objects in their own order, whichever was seen first."""
+    last = [region for name in objects if (region := f"object_{name}") in regions]
+    return {region: regions[region] for region in (*(name for name in regions if name not in last), *last)}
+
+
 def _contrast(recording: xr.Dataset, estimate: xr.Dataset, settings: ScoreSettings) -> NDArray[np.float64]:
-    check_recording(recording, estimate)
     frames = estimate["t"].values
-    missing = sorted(set(frames.tolist()) - set(recording["t"].values.tolist()))
-    if missing:
-        raise ScoreError([Problem("recording.t", "lacks frames of the estimate", missing)])
     # The window may reach beyond the estimate's pixels.
     contrast = local_contrast(reference_images(recording, frames), settings.contrast_window_px)
     named = {dim: recording.coords[dim] for dim in ("y", "x") if dim in recording.coords}

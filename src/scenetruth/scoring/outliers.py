@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,16 @@ from numpy.typing import NDArray
 from scenetruth.scoring.differences import difference, length
 from scenetruth.scoring.quantities import Pair, stacked
 
-__all__ = ["OUTLIER_FRACTION", "OUTLIER_PX", "RATES", "meaningful_rates", "outlier_rates"]
+__all__ = [
+    "OUTLIER_FRACTION",
+    "OUTLIER_PX",
+    "RATES",
+    "OutlierTally",
+    "Outliers",
+    "meaningful_rates",
+    "meaningful_rates_of",
+    "outlier_rates",
+]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -54,16 +64,64 @@ def outlier_rates(pairs: Mapping[str, Pair], rates: Sequence[str] = RATES[:-1]) 
     >>> outlier_rates({"disparity": disparity}, ["disparity_rate"])
     {'disparity_rate': 0.5, 'count': 2}
     """
-    wanted = [name for name in RATES[:-1] if name in rates]
-    parts = [part for part in _PARTS if part in wanted or "scene_flow_rate" in wanted]
-    vectors = {part: stacked(pairs, _PARTS[part]) for part in parts}
-    scored = np.logical_and.reduce([_scored(vector) for vector in vectors.values()])
-    count = int(scored.sum())
-    if count == 0:
-        return dict.fromkeys(wanted, None) | {"count": 0}
-    found = {part: _is_outlier(vector.estimate[:, scored], vector.truth[:, scored]) for part, vector in vectors.items()}
-    found["scene_flow_rate"] = np.logical_or.reduce(list(found.values()))
-    return {**{name: float(found[name].mean()) for name in wanted}, "count": count}
+    tally = OutlierTally(rates)
+    found = Outliers.of(pairs, rates)
+    tally.add(found, np.ones_like(found.scored))
+    return tally.rates()
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Which pixels are outliers.
+
+    Parameters
+    ----------
+    scored
+        Where all quantities are scored that the rates need, a map.
+    flags
+        By rate, whether a pixel is an outlier, at the scored pixels in their order.
+    """
+
+    scored: Mask
+    flags: Mapping[str, Mask]
+
+    @classmethod
+    def of(cls, pairs: Mapping[str, Pair], rates: Sequence[str]) -> Outliers:
+        """Find them; parameters as of `outlier_rates`."""
+        parts = [part for part in _PARTS if part in rates or "scene_flow_rate" in rates]
+        vectors = {part: stacked(pairs, _PARTS[part]) for part in parts}
+        scored = np.logical_and.reduce([_scored(vector) for vector in vectors.values()])
+        found = {
+            part: _is_outlier(vector.estimate[:, scored], vector.truth[:, scored]) for part, vector in vectors.items()
+        }
+        found["scene_flow_rate"] = np.logical_or.reduce(list(found.values()))
+        return cls(scored, {name: found[name] for name in RATES[:-1] if name in rates})
+
+
+class OutlierTally:
+    """Counts outliers in one region, part by part.
+
+    Parameters
+    ----------
+    rates
+        The rates to tell, names of `RATES`.
+    """
+
+    def __init__(self, rates: Sequence[str]) -> None:
+        self._found = {name: 0 for name in RATES[:-1] if name in rates}
+        self._count = 0
+
+    def add(self, outliers: Outliers, region: Mask) -> None:
+        """Count those of a region."""
+        here = region[outliers.scored]
+        self._count += int(here.sum())
+        for name in self._found:
+            self._found[name] += int((outliers.flags[name] & here).sum())
+
+    def rates(self) -> dict[str, float | int | None]:
+        """Return the rates and the count; see `outlier_rates`."""
+        count = self._count
+        return {**{name: found / count if count else None for name, found in self._found.items()}, "count": count}
 
 
 def meaningful_rates(pairs: Mapping[str, Pair], region: Mask) -> tuple[str, ...]:
@@ -93,19 +151,44 @@ def meaningful_rates(pairs: Mapping[str, Pair], region: Mask) -> tuple[str, ...]
     >>> meaningful_rates({"disparity": Pair(truth + [0.0, 0.0, 9.0], truth)}, everywhere)
     ('disparity_rate',)
     """
-    there = {part: names for part, names in _PARTS.items() if all(name in pairs for name in names)}
-    rates = [part for part, names in there.items() if _may_fail(stacked(pairs, names), region)]
-    both = len(there) == len(_PARTS)
+    return meaningful_rates_of(lambda: [(pairs, region)], 1)
+
+
+def meaningful_rates_of(parts: Callable[[], Iterable[tuple[Mapping[str, Pair], Mask]]], count: int) -> tuple[str, ...]:
+    """Return the rates that say anything about what comes part by part; see `meaningful_rates`.
+
+    Parameters
+    ----------
+    parts
+        Gives pairs and region of every part, each time that it is called.
+    count
+        How many parts there are. Of several, every ``count``-th pixel is taken for the median that a guess would be.
+    """
+    truths: dict[str, list[Map]] = {}
+    fails: dict[str, bool] = {}
+    for pairs, region in parts():
+        for part, vectors, scored in _vectors(pairs, region):
+            truth = vectors.truth[:, scored]
+            truths.setdefault(part, []).append(truth[:, ::count].copy())
+            fails[part] = fails.get(part, False) or bool(_is_outlier(vectors.estimate[:, scored], truth).any())
+    whole = {part: np.concatenate(values, axis=1) for part, values in truths.items()}
+    guesses = {part: np.median(values, axis=1, keepdims=True) for part, values in whole.items() if values.size}
+    for pairs, region in parts() if not all(fails.values()) else ():
+        for part, vectors, scored in _vectors(pairs, region):
+            if not fails[part] and part in guesses:
+                truth = vectors.truth[:, scored]
+                fails[part] = bool(_is_outlier(np.broadcast_to(guesses[part], truth.shape), truth).any())
+    rates = [part for part in _PARTS if fails.get(part)]
+    both = len(fails) == len(_PARTS)
     return (*rates, "scene_flow_rate") if rates and both else tuple(rates)
 
 
-def _may_fail(vectors: Pair, region: Mask) -> bool:
-    scored = region & _scored(vectors)
-    if not scored.any():
-        return False
-    truth = vectors.truth[:, scored]
-    guess = np.broadcast_to(np.median(truth, axis=1, keepdims=True), truth.shape)
-    return any(bool(_is_outlier(values, truth).any()) for values in (guess, vectors.estimate[:, scored]))
+def _vectors(pairs: Mapping[str, Pair], region: Mask) -> Iterator[tuple[str, Pair, Mask]]:
+    """Give the rates' quantities that are there, by rate, and where they are scored."""
+    for part, names in _PARTS.items():
+        if all(name in pairs for name in names):
+            vectors = stacked(pairs, names)
+            yield part, vectors, region & _scored(vectors)
 
 
 def _scored(vectors: Pair) -> Mask:

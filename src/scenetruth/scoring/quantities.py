@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +18,10 @@ __all__ = [
     "QUANTITIES",
     "QUANTITY_GROUPS",
     "Pair",
+    "Pairs",
     "Quantity",
     "full_pixels",
     "quantities_of",
-    "read_pairs",
     "read_quantity",
     "read_std",
     "stacked",
@@ -220,39 +220,61 @@ class Pair:
         )
 
 
-def read_pairs(estimate: xr.Dataset, truth: xr.Dataset) -> dict[str, Pair]:
-    """Read every quantity that an estimate has, and its truth, as arrays of the shape (t, y, x).
+def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> Pair:
+    """Read one quantity of an estimate, and its truth, as arrays of the shape (t, y, x).
 
     Parameters
     ----------
     estimate, truth
         Aligned data sets.
-
-    Returns
-    -------
-    dict
-        By the names of `quantities_of`.
+    name
+        One of `quantities_of` the estimate.
     """
-    names = quantities_of(estimate)
-    full = {variable: full_pixels(estimate, variable) for variable in {QUANTITIES[name].variable for name in names}}
-    return {
-        name: Pair(
-            read_quantity(estimate, name),
-            read_quantity(truth, name),
-            full[QUANTITIES[name].variable],
-            read_std(estimate, name),
-        )
-        for name in names
-    }
+    return Pair(
+        read_quantity(estimate, name),
+        read_quantity(truth, name),
+        full_pixels(estimate, QUANTITIES[name].variable),
+        read_std(estimate, name),
+    )
+
+
+class Pairs(Mapping[str, Pair]):
+    """The quantities of an estimate and their truth, by the names of `quantities_of`; read when they are looked up.
+
+    Parameters
+    ----------
+    estimate, truth
+        Aligned data sets.
+    further
+        More quantities, behind these.
+    """
+
+    def __init__(self, estimate: xr.Dataset, truth: xr.Dataset, further: Mapping[str, Pair] | None = None) -> None:
+        self._estimate, self._truth = estimate, truth
+        self._further = further or {}
+        self._names = quantities_of(estimate)
+
+    def __getitem__(self, name: str) -> Pair:
+        return read_pair(self._estimate, self._truth, name) if name in self._names else self._further[name]
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._names
+        yield from self._further
+
+    def __len__(self) -> int:
+        return len(self._names) + len(self._further)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names or name in self._further
 
 
 def stacked(pairs: Mapping[str, Pair], names: Sequence[str]) -> Pair:
     """Return several quantities as vectors: estimate and truth of the shape (component, ...), known where all are."""
-    full = [pairs[name].full for name in names]
-    known = [mask for mask in full if mask is not None]
+    some = [pairs[name] for name in names]
+    known = [pair.full for pair in some if pair.full is not None]
     return Pair(
-        np.stack([pairs[name].estimate for name in names]),
-        np.stack([pairs[name].truth for name in names]),
+        np.stack([pair.estimate for pair in some]),
+        np.stack([pair.truth for pair in some]),
         np.logical_and.reduce(known) if known else None,
     )
 

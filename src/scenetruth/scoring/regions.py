@@ -133,8 +133,11 @@ def seen_throughout(truth: xr.Dataset) -> Mask | None:
     if "visible" not in truth:
         return None
     visible = truth["visible"]
-    others = tuple(axis for axis, dim in enumerate(visible.dims) if dim not in ("y", "x"))
-    return np.asarray(_flags(visible).all(axis=others))
+    others = [str(dim) for dim in visible.dims if dim not in ("y", "x")]
+    throughout = np.ones([visible.sizes[dim] for dim in ("y", "x")], dtype=bool)
+    for place in np.ndindex(*(visible.sizes[dim] for dim in others)):
+        throughout &= _flags(visible.isel(dict(zip(others, place, strict=True))))
+    return throughout
 
 
 def further_regions(

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.scoring.differences import difference, diverged, length
-from scenetruth.scoring.outliers import outlier_rates
-from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, Pair, stacked
+from scenetruth.scoring.quantiles import Quantiles
+from scenetruth.scoring.quantities import Pair
 
 __all__ = [
     "STATISTICS",
+    "Scored",
     "Statistics",
+    "Tally",
     "endpoint_statistics",
     "error_statistics",
-    "region_statistics",
     "standardised",
 ]
 
@@ -82,13 +83,7 @@ def error_statistics(
     >>> error_statistics(np.array([1.5, 2.5, np.nan]), np.array([1.0, 2.0, 3.0]), everywhere)["bias"]
     0.5
     """
-    known = region & np.isfinite(truth)
-    scored = known & np.isfinite(estimate)
-    if full is not None:
-        scored &= full
-    expected = truth[scored]
-    error = difference(estimate[scored], expected)
-    return _summary(error, expected, int(known.sum()), None if std is None else std[scored])
+    return _statistics(Scored.of(Pair(estimate, truth, full, std)), region)
 
 
 def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None = None) -> Statistics:
@@ -110,12 +105,7 @@ def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | No
     dict
         By the names of `STATISTICS`.
     """
-    known = region & np.isfinite(truth).all(axis=0)
-    scored = known & np.isfinite(estimate).all(axis=0)
-    if full is not None:
-        scored &= full
-    expected = truth[:, scored]
-    return _summary(length(difference(estimate[:, scored], expected)), length(expected), int(known.sum()))
+    return _statistics(Scored.of_vectors(Pair(estimate, truth, full)), region)
 
 
 @diverged
@@ -142,73 +132,130 @@ def standardised(error: Map, std: Map) -> Map:
     return ratio
 
 
-def region_statistics(pairs: Mapping[str, Pair], region: Mask, rates: Sequence[str] = ()) -> dict[str, Statistics]:
-    """Return the statistics of every quantity in one region.
+@dataclass(frozen=True)
+class Scored:
+    """The errors of one quantity, at the pixels that are scored.
 
     Parameters
     ----------
-    pairs
-        What `read_pairs` returns, and perhaps further scalar quantities by their names.
-    region
-        Where to look, shape (t, y, x).
-    rates
-        The rates of outliers to report: what `meaningful_rates` returns.
-
-    Returns
-    -------
-    dict
-        The quantity's name to its statistics: the keys of `QUANTITIES` that are there, ``velocity_endpoint`` where
-        there is a velocity, further quantities, and ``outliers`` if there are rates to report.
+    known
+        Where the truth is known, a map.
+    scored
+        Where estimate and truth are both known, a map; the following belong to these pixels, in their order.
+    error, expected
+        Errors, or distances, and true values or lengths.
+    std
+        The standard deviations that the estimate states, or None.
     """
-    # Regions may be many and small: only their own pixels are looked at.
-    here = {name: pair.at(region) for name, pair in pairs.items()}
-    everywhere = np.ones(int(region.sum()), dtype=bool)
-    single = {
-        name: error_statistics(pair.estimate, pair.truth, everywhere, pair.full, pair.std)
-        for name, pair in here.items()
-    }
-    result = {name: values for name, values in single.items() if name in QUANTITIES}
-    if "velocity_z" in here:
-        velocity = stacked(here, ("velocity_x", "velocity_y", "velocity_z"))
-        result[ENDPOINT] = endpoint_statistics(velocity.estimate, velocity.truth, everywhere, velocity.full)
-    result |= {name: values for name, values in single.items() if name not in QUANTITIES}
-    if rates:
-        result[OUTLIERS] = outlier_rates(here, rates)
-    return result
+
+    known: Mask
+    scored: Mask
+    error: Map
+    expected: Map
+    std: Map | None
+
+    @classmethod
+    def of(cls, pair: Pair) -> Scored:
+        """Return the errors of a scalar quantity."""
+        known = np.isfinite(pair.truth)
+        scored = known & np.isfinite(pair.estimate)
+        if pair.full is not None:
+            scored &= pair.full
+        expected = pair.truth[scored]
+        std = None if pair.std is None else pair.std[scored]
+        return cls(known, scored, difference(pair.estimate[scored], expected), expected, std)
+
+    @classmethod
+    def of_vectors(cls, pair: Pair) -> Scored:
+        """Return the distances between vectors, shape (component, ...)."""
+        known: Mask = np.asarray(np.isfinite(pair.truth).all(axis=0))
+        scored: Mask = known & np.isfinite(pair.estimate).all(axis=0)
+        if pair.full is not None:
+            scored &= pair.full
+        expected = pair.truth[:, scored]
+        return cls(known, scored, length(difference(pair.estimate[:, scored], expected)), length(expected), None)
 
 
-@diverged
-def _summary(error: Map, expected: Map, known: int, std: Map | None = None) -> Statistics:
-    count = error.size
-    if count == 0:
-        return dict.fromkeys(STATISTICS, None) | {"density": 0.0 if known else None, "count": 0}
-    size = np.abs(error)
-    median, p95 = np.percentile(size, [50, 95])
-    rms, reference = _rms(error), _rms(expected)
-    values: Statistics = {
-        "bias": _finite_or_none(float(error.mean())),
-        "rms": _finite_or_none(rms),
-        "median_abs": _finite_or_none(float(median)),
-        "p95_abs": _finite_or_none(float(p95)),
-        "relative_rms": _finite_or_none(rms / reference) if reference else None,
-    }
-    return values | _error_bars(error, std) | {"density": count / known, "count": count}
+class Tally:
+    """Gathers the statistics of one quantity in one region, part by part.
+
+    Parameters
+    ----------
+    single
+        Whether there is one part only: medians and percentiles are exact then (see `Quantiles`).
+    """
+
+    def __init__(self, *, single: bool) -> None:
+        self._known = self._count = self._within = 0
+        self._total = 0.0
+        self._errors, self._truths, self._ratios = _Squares(), _Squares(), _Squares()
+        self._sizes = Quantiles(single=single)
+
+    @diverged
+    def add(self, scored: Scored, region: Mask) -> None:
+        """Count the pixels of a region."""
+        self._known += int((region & scored.known).sum())
+        here = region[scored.scored]
+        error = scored.error[here]
+        if not error.size:
+            return
+        self._count += error.size
+        self._total += float(error.sum())
+        self._errors.add(error)
+        self._truths.add(scored.expected[here])
+        self._sizes.add(np.abs(error))
+        if scored.std is not None:
+            ratio = standardised(error, scored.std[here])
+            self._ratios.add(ratio)
+            self._within += int((np.abs(ratio) <= 2).sum())
+
+    @diverged
+    def statistics(self) -> Statistics:
+        """Return the statistics of what was counted; see `error_statistics`."""
+        if self._count == 0:
+            return dict.fromkeys(STATISTICS, None) | {"density": 0.0 if self._known else None, "count": 0}
+        median, p95 = self._sizes.at([50, 95])
+        rms, reference, ratios = self._errors.rms, self._truths.rms, self._ratios
+        return {
+            "bias": _finite_or_none(self._total / self._count),
+            "rms": _finite_or_none(rms),
+            "median_abs": _finite_or_none(median),
+            "p95_abs": _finite_or_none(p95),
+            "relative_rms": _finite_or_none(rms / reference) if reference else None,
+            "calibration": _finite_or_none(ratios.rms) if ratios.count else None,
+            "within_2_std": self._within / ratios.count if ratios.count else None,
+            "density": self._count / self._known,
+            "count": self._count,
+        }
 
 
-@diverged
-def _error_bars(error: Map, std: Map | None) -> Statistics:
-    ratio = standardised(error, std) if std is not None else error[:0]
-    if ratio.size == 0:
-        return {"calibration": None, "within_2_std": None}
-    return {"calibration": _finite_or_none(_rms(ratio)), "within_2_std": float(np.mean(np.abs(ratio) <= 2))}
+class _Squares:
+    """The root of the mean of squares, scaled by the largest value, so that those of diverged estimates are finite."""
+
+    def __init__(self) -> None:
+        self.count, self._peak, self._sum = 0, 0.0, 0.0
+
+    def add(self, values: Map) -> None:
+        if not values.size:
+            return
+        self.count += values.size
+        peak = max(self._peak, float(np.max(np.abs(values))))
+        if 0 < peak < math.inf:
+            before = self._sum * (self._peak / peak) ** 2
+            self._sum = before + float(np.sum((values / peak) ** 2))
+        self._peak = peak
+
+    @property
+    def rms(self) -> float:
+        if not 0 < self._peak < math.inf:
+            return self._peak
+        return self._peak * math.sqrt(self._sum / self.count)
 
 
-def _rms(values: Map) -> float:
-    # Scaled by the largest value, so that the squares of a diverged estimate do not overflow.
-    peak = float(np.max(np.abs(values)))
-    if not 0 < peak < math.inf:
-        return peak
-    return peak * math.sqrt(float(np.mean((values / peak) ** 2)))
+def _statistics(scored: Scored, region: Mask) -> Statistics:
+    tally = Tally(single=True)
+    tally.add(scored, region)
+    return tally.statistics()
 
 
 def _finite_or_none(value: float) -> float | None:

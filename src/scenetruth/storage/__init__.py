@@ -5,7 +5,7 @@ from scenetruth.storage.names import RECORDING, SCENE, TRUTH, store_name
 from scenetruth.storage.reading import Kind, load, open_store
 from scenetruth.storage.saving import save, write_store
 from scenetruth.storage.store_claim import claim_store, is_store
-from scenetruth.storage.store_files import files_of
+from scenetruth.storage.store_files import files_of, is_zip_name
 from scenetruth.storage.store_writer import StoreWriter
 from scenetruth.storage.verifying import verify_store
 
@@ -19,6 +19,7 @@ __all__ = [
     "files_of",
     "is_image_name",
     "is_store",
+    "is_zip_name",
     "load",
     "open_store",
     "save",

@@ -207,7 +207,20 @@ class StoredArray(BackendArray):
         """
         try:
             with without_warnings():
-                return np.asarray(self._array.oindex[key] if key else self._array[...])
+                return np.asarray(self._array.oindex[tuple(map(_plain, key))] if key else self._array[...])
         except Exception as error:  # zarr and the codecs report damage with errors of many kinds
             message = f"is damaged: '{self._name}' cannot be read ({' '.join(str(error).split())}); make it again"
             raise StoreError(self._path, message) from error
+
+
+def _plain(index: Any) -> Any:
+    """Return successive places as a slice: zarr reads lists of places ten times slower."""
+    if (
+        isinstance(index, np.ndarray)
+        and index.ndim == 1
+        and index.size
+        and np.all(np.diff(index) == 1)
+        and index[0] >= 0
+    ):
+        return slice(int(index[0]), int(index[-1]) + 1)
+    return index

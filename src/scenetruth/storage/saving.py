@@ -58,11 +58,15 @@ def save(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> N
     """
     stamped = _stamped(dataset)
     with write_aside(path, overwrite=overwrite, claim=claim_store) as aside:
-        write_store(stamped, aside, zipped=is_zip_name(Path(path)))
+        _write(stamped, aside, zipped=is_zip_name(Path(path)))
 
 
 def write_store(dataset: xr.Dataset, path: Path, *, zipped: bool = False) -> None:
     """Write a data set to a store that does not exist yet; see `save`."""
+    _write(_stamped(dataset), path, zipped=zipped)
+
+
+def _write(dataset: xr.Dataset, path: Path, *, zipped: bool) -> None:
     with StoreWriter(path, dataset, zipped=zipped) as writer:
         for name, item in dataset.data_vars.items():
             if not is_mapped(item.dims):

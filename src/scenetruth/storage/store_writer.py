@@ -64,6 +64,7 @@ class StoreWriter:
         self._narrow = narrow
         check_dataset(like, kind)
         attributes = plain_attributes(like)
+        self._like, self._kind = like, kind
         # Zip files are made from the finished folder: inside them nothing can be sealed any more.
         self._zip = path if zipped else None
         self._path = path = scratch_beside(path) if zipped else path
@@ -74,7 +75,7 @@ class StoreWriter:
         self._pending_bytes = 0
         self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="store")
         with without_warnings():
-            group = zarr.create_group(path, zarr_format=3, attributes=attributes[""])
+            self._group = group = zarr.create_group(path, zarr_format=3, attributes=attributes[""])
             for name, variable in like.variables.items():
                 self._create(group, str(name), variable, attributes[str(name)])
 
@@ -99,6 +100,24 @@ class StoreWriter:
             self._encoders[name] = encoder_of(name, dtype)
         else:
             array[...] = variable.values
+
+    def describe(self, attrs: Mapping[str, Any]) -> None:
+        """Add attributes that are known only now.
+
+        Parameters
+        ----------
+        attrs
+            The attributes; those of the same name are replaced.
+
+        Raises
+        ------
+        RecordingError
+            If a store cannot hold them.
+        """
+        self._like = self._like.assign_attrs(attrs)
+        check_dataset(self._like, self._kind)
+        with without_warnings():
+            self._group.update_attributes(plain_attributes(self._like)[""])
 
     def put(self, name: str, at: Mapping[str, int], values: NDArray[Any]) -> None:
         """Write one image or map, or several.

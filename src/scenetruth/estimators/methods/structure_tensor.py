@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import xarray as xr
 
 from scenetruth.errors import Problem
-from scenetruth.estimators.protocol import Method, Needs
+from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.progress import Progress
+from scenetruth.schema import Put
 
 __all__ = ["METHOD"]
 
 
-class _StructureTensor(Method):
+class _StructureTensor(StreamingMethod):
     name = "structure_tensor"
     settings = StructureTensorSettings
     gives = frozenset({"depth", "disparity", "flow", "velocity"})
@@ -24,12 +28,17 @@ class _StructureTensor(Method):
         sizes = recording["image"].sizes
         return requirements(settings, sizes["s"], sizes["t"], sizes["x"], sizes["y"])
 
-    def estimate(
-        self, recording: xr.Dataset, settings: StructureTensorSettings, progress: Progress | None
-    ) -> xr.Dataset:
-        from scenetruth.estimators.structure_tensor.method import estimate_structure_tensor
+    def blank(self, recording: xr.Dataset, settings: StructureTensorSettings) -> xr.Dataset:
+        from scenetruth.estimators.structure_tensor.method import blank_estimate
 
-        return estimate_structure_tensor(recording, settings, progress)
+        return blank_estimate(recording, settings)
+
+    def fill(
+        self, recording: xr.Dataset, settings: StructureTensorSettings, put: Put, progress: Progress | None
+    ) -> Mapping[str, Any]:
+        from scenetruth.estimators.structure_tensor.method import fill_estimate
+
+        return fill_estimate(recording, settings, put, progress)
 
 
 METHOD = _StructureTensor()

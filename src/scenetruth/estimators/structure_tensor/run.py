@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,10 +25,12 @@ from scenetruth.progress import Progress
 if TYPE_CHECKING:
     from scenetruth.estimators.structure_tensor.kernels.tensor import Filters
 
-__all__ = ["Candidate", "run", "run_kernel"]
+__all__ = ["Candidate", "frames_at_a_time", "run", "run_kernel", "step_count"]
 
 # Bytes of a pixel of `Best`, bytes of all pixels that are kept at a time, and the least rows of a band.
 _BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 192e6, 128
+# Bytes of a pixel of `Maps`, and bytes of all maps that are made at a time.
+_BYTES_PER_PIXEL_OF_MAPS, _MAP_BYTES = 84, 192e6
 
 
 class Candidate(NamedTuple):
@@ -124,8 +125,42 @@ def _filters_at(task: Task, disparity: int) -> Filters:
     )
 
 
+def frames_at_a_time(shape: Sequence[int]) -> int:
+    """Return how many frames to estimate at once, so that their maps and scratch memory stay bounded.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of the images.
+    """
+    by_maps = _MAP_BYTES / (_BYTES_PER_PIXEL_OF_MAPS * shape[0] * shape[1])
+    by_scratch = _SCRATCH_BYTES / (_BYTES_PER_PIXEL * shape[1] * min(_BAND_ROWS, shape[0]))
+    return max(1, int(min(by_maps, by_scratch)))
+
+
+def step_count(frames: int, shape: Sequence[int]) -> int:
+    """Return how many bands of rows `run` works on, one after the other.
+
+    Parameters
+    ----------
+    frames
+        Number of frames to estimate.
+    shape
+        Rows and columns of the images.
+    """
+    return len(_bands(frames, shape))
+
+
+def _bands(frames: int, shape: Sequence[int]) -> list[tuple[int, int]]:
+    """Return the first row of every band, and the one behind its last."""
+    height, width = shape
+    at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
+    rows = max(_BAND_ROWS, at_a_time // frames // STRIDE * STRIDE)
+    return [(top, min(top + rows, height)) for top in range(0, height, rows)]
+
+
 def run(task: Task, registrations: Sequence[Registration], progress: Progress | None) -> Maps:
-    """Estimate all frames, a band of rows and some frames at a time, so that scratch memory stays bounded.
+    """Estimate the frames of a task, a band of rows at a time, so that scratch memory stays bounded.
 
     Parameters
     ----------
@@ -145,14 +180,7 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     frames = len(task.outputs)
     elsewhere = task.rig.centre_s != 0 or task.rig.centre_t != 0
     maps = Maps.empty(frames, height, width, shifted=elsewhere)
-    at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
-    group = max(1, min(frames, at_a_time // _BAND_ROWS))
-    rows = max(_BAND_ROWS, at_a_time // group // STRIDE * STRIDE)
-    parts = [
-        (first, min(first + group, frames), top, min(top + rows, height))
-        for first in range(0, frames, group)
-        for top in range(0, height, rows)
-    ]
+    parts = _bands(frames, (height, width))
     areas = [common_area(task, item) for item in registrations]
     only = registered(task, registrations[0].disparity) if len(registrations) == 1 else None
     steps = len(parts) * len(registrations)
@@ -161,22 +189,21 @@ def run(task: Task, registrations: Sequence[Registration], progress: Progress | 
     if progress is not None:
         progress("estimate", 0, steps)
     best: Best | None = None
-    for done, (first, last, top, bottom) in enumerate(parts):
-        part = replace(task, outputs=task.outputs[first:last])
-        if best is None or best.choice.shape[:2] != (last - first, bottom - top):
-            best = Best.empty(last - first, bottom - top, width)
+    for done, (top, bottom) in enumerate(parts):
+        if best is None or best.choice.shape[1] != bottom - top:
+            best = Best.empty(frames, bottom - top, width)
         else:
             best.clear()
         for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
             inside = Rectangle(max(area.top, top), min(area.bottom, bottom), area.left, area.right)
             tiles = tiles_of(inside, item.cells, thread_count())
             images = registered(task, item.disparity) if only is None else only
-            run_kernel(part, item, Candidate(number, images, weight_t), tiles, best, top)
+            run_kernel(task, item, Candidate(number, images, weight_t), tiles, best, top)
             if progress is not None:
                 progress("estimate", done * len(registrations) + number + 1, steps)
         _forget_second_best(best.choice, registrations, areas, top)
-        for index in range(last - first):
-            _to_world(part, registrations, best, maps, (index, first + index), (top, bottom))
+        for index in range(frames):
+            _to_world(task, registrations, best, maps, index, (top, bottom))
     if elsewhere:
         for index in range(frames):
             _carry(maps, index, task.rig)
@@ -218,10 +245,10 @@ def _to_world(
     registrations: Sequence[Registration],
     best: Best,
     maps: Maps,
-    frames: tuple[int, int],
+    index: int,
     rows: tuple[int, int],
 ) -> None:
-    """Write one frame of a task's band of rows, given as its index in the task and in the maps."""
+    """Write one frame of a task's band of rows, given as its index in the task."""
     from scenetruth.estimators.structure_tensor.kernels.world import Axes, Noise, WorkingPoints, to_world
 
     rig, intrinsics, model, (top, bottom) = task.rig, task.intrinsics, task.noise, rows
@@ -229,7 +256,7 @@ def _to_world(
     # A few rows more than the band, for the window over the texture.
     border = 2 * STRIDE * (task.settings.window_taps_px // STRIDE + 1)
     start = max(top - border, 0) // STRIDE * STRIDE
-    image = task.images[:, camera, task.outputs[frames[0]], start : bottom + border].astype(np.float32)
+    image = task.images[:, camera, task.outputs[index], start : bottom + border].astype(np.float32)
     texture = texture_transfer(image, task.settings).cropped(slice((top - start) // STRIDE, None))
     sigma = task.settings.noise_std
     axes = Axes(
@@ -256,7 +283,7 @@ def _to_world(
         disparity_t=model.disparity_t,
         motion_t=model.motion_t,
     )
-    in_threads(partial(to_world, axes, points, noise, texture, best, maps, frames, top), bands(bottom - top))
+    in_threads(partial(to_world, axes, points, noise, texture, best, maps, index, top), bands(bottom - top))
 
 
 def _carry(maps: Maps, index: int, rig: Rig) -> None:

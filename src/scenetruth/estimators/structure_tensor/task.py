@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import EstimateError, Problem
@@ -19,7 +18,7 @@ from scenetruth.estimators.structure_tensor.tiling import Rectangle
 from scenetruth.estimators.structure_tensor.uncertainty import NoiseModel, noise_model
 from scenetruth.schema import Intrinsics
 
-__all__ = ["Task", "check_common_view", "columns_of_s", "common_area", "largest_disparity", "make_task", "plain_images"]
+__all__ = ["Task", "check_common_view", "columns_of_s", "common_area", "largest_disparity", "make_task"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,26 +38,6 @@ class Task:
     noise: NoiseModel
     outputs: NDArray[np.int64]
     """Indices of the frames to estimate."""
-
-
-def plain_images(recording: xr.Dataset) -> NDArray[Any]:
-    """Return the images of a recording in a type that the kernels take.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (channel, s, t, y, x): uint8 and uint16 as recorded, all other types as float32.
-    """
-    images = recording["image"].values
-    native = images.dtype.newbyteorder("=")
-    images = np.moveaxis(images, -1, 0) if "channel" in recording["image"].dims else images[None]
-    with np.errstate(over="ignore"):
-        return np.ascontiguousarray(images, dtype=native if native in (np.uint8, np.uint16) else np.float32)
 
 
 def make_task(

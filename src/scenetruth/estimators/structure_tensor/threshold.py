@@ -16,7 +16,7 @@ from scenetruth.estimators.structure_tensor.shift import registered
 from scenetruth.estimators.structure_tensor.task import Task, common_area
 from scenetruth.schema import KIND_FULL
 
-__all__ = ["warn_of_high_threshold", "with_threshold"]
+__all__ = ["DimPixels", "with_threshold"]
 
 # Eigenvalues of pure noise scatter around their mean; those of texture must be clearly larger.
 _TAU_OVER_NOISE = 5.0
@@ -31,7 +31,7 @@ _CLEAR, _LEAST_SHARE = 10.0, 1e-4
 # Share of pixels with such texture below τ from which on there is a warning.
 _MANY = 0.1
 # Frames of the call stack up to whoever called `scenetruth.estimate`, at whose line the warning points.
-_CALLER = 5
+_CALLER = 7
 
 
 def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[Task, float]:
@@ -63,8 +63,8 @@ def with_threshold(task: Task, registrations: Sequence[Registration]) -> tuple[T
     return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
 
 
-def warn_of_high_threshold(task: Task, maps: Maps) -> None:
-    """Warn if many pixels have texture that is clear of noise, but lies below the threshold τ.
+class DimPixels:
+    """Counts the pixels that have texture which is clear of noise, but lies below the threshold τ.
 
     Such a pixel has its third eigenvalue below τ, and yet ten times the fourth: three dimensions of its structure
     tensor hold texture, two hold noise. A lower τ would make its depth and motion known. Dim images are full of such
@@ -74,24 +74,31 @@ def warn_of_high_threshold(task: Task, maps: Maps) -> None:
     ----------
     task
         Images and settings, with a number for τ.
-    maps
-        The estimate.
     """
-    tau = float(task.settings.tau)
-    # As `with_threshold` would set it for images without noise.
-    least = _TAU_OVER_NOISE * _LEAST_NOISE**2 * task.noise.gradient
-    tried = clear = 0
-    for frame in range(maps.kind.shape[0]):
-        first, third, fourth = (maps.eigenvalues[rank, frame] for rank in (0, 2, 3))
-        dim = (third <= tau) & (third > _CLEAR * fourth) & (third > np.maximum(least, _LEAST_SHARE * first))
-        clear += int((dim & (maps.kind[frame] < KIND_FULL)).sum())
-        tried += int(np.isfinite(third).sum())
-    if clear > _MANY * tried:
-        message = (
-            f"tau: {tau:g} is too high for {100 * clear / tried:.0f} % of the pixels: their texture is clear of noise, "
-            "but below this threshold, so that it counts as none; tau='auto' takes the threshold from the images' noise"
-        )
-        warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
+
+    def __init__(self, task: Task) -> None:
+        self._tau = float(task.settings.tau)
+        # As `with_threshold` would set it for images without noise.
+        self._least = _TAU_OVER_NOISE * _LEAST_NOISE**2 * task.noise.gradient
+        self._tried = self._clear = 0
+
+    def add(self, maps: Maps) -> None:
+        """Count those of some frames."""
+        for frame in range(maps.kind.shape[0]):
+            first, third, fourth = (maps.eigenvalues[rank, frame] for rank in (0, 2, 3))
+            clear = (third > _CLEAR * fourth) & (third > np.maximum(self._least, _LEAST_SHARE * first))
+            self._clear += int(((third <= self._tau) & clear & (maps.kind[frame] < KIND_FULL)).sum())
+            self._tried += int(np.isfinite(third).sum())
+
+    def warn_if_many(self) -> None:
+        """Warn if there are many."""
+        if self._clear > _MANY * self._tried:
+            message = (
+                f"tau: {self._tau:g} is too high for {100 * self._clear / self._tried:.0f} % of the pixels: their "
+                "texture is clear of noise, but below this threshold, so that it counts as none; tau='auto' takes the "
+                "threshold from the images' noise"
+            )
+            warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
 
 
 def _sample(task: Task, registrations: Sequence[Registration]) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.schema import KIND_NONE, Intrinsics, intrinsics_of
-from scenetruth.scoring.alignment import align, check_estimate, check_recording, select_pixels
+from scenetruth.scoring.alignment import align, check_alignable, check_estimate, check_recording, select_pixels
 from scenetruth.scoring.pixel_coordinates import PixelCoordinates, coordinates_of, surface_points
 from scenetruth.scoring.quantities import QUANTITIES, full_pixels, quantities_of, read_quantity, read_std
 
@@ -103,16 +103,20 @@ def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | No
     check_estimate(estimate)
     check_recording(recording, estimate)
     if truth is not None:
-        estimate, truth = align(estimate, truth)
+        check_alignable(estimate, truth)
     frames = estimate["t"].values.tolist()
     at = frames.index(0) if 0 in frames else len(frames) // 2
+    # One frame is read, not all.
+    estimate = estimate.isel(t=[at])
+    if truth is not None:
+        estimate, truth = align(estimate, truth)
     image_frame = frames[at] if frames[at] in recording["t"].values else 0
     image = select_pixels(recording, estimate)["image"].sel(
         {dim: 0 for dim in ("s_y", "s") if dim in recording["image"].dims} | {"t": image_frame}
     )
     grey = image.mean("channel") if "channel" in image.dims else image
     names = quantities_of(estimate)
-    full = {name: full_pixels(estimate, QUANTITIES[name].variable)[at] for name in names}
+    full = {name: full_pixels(estimate, QUANTITIES[name].variable)[0] for name in names}
     stds = {name: read_std(estimate, name) for name in names}
     return Views(
         frame=frames[at],
@@ -121,14 +125,14 @@ def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | No
         image_is_digital=image.dtype.kind in "ui",
         grid=coordinates_of(estimate),
         intrinsics=intrinsics_of(estimate),
-        estimate={name: np.where(full[name], read_quantity(estimate, name)[at], np.nan) for name in names},
-        truth={} if truth is None else {name: read_quantity(truth, name)[at] for name in names},
-        mixed=np.zeros(grey.shape, dtype=bool) if truth is None else truth["mixed"].values[at].astype(bool),
-        stds={name: np.where(full[name], std[at], np.nan) for name, std in stds.items() if std is not None},
-        confidence=estimate["confidence"].values[at].astype(np.float64) if "confidence" in estimate else None,
-        model_violation=_flags(estimate["model_violation"].values[at]) if "model_violation" in estimate else None,
+        estimate={name: np.where(full[name], read_quantity(estimate, name)[0], np.nan) for name in names},
+        truth={} if truth is None else {name: read_quantity(truth, name)[0] for name in names},
+        mixed=np.zeros(grey.shape, dtype=bool) if truth is None else truth["mixed"].values[0].astype(bool),
+        stds={name: np.where(full[name], std[0], np.nan) for name, std in stds.items() if std is not None},
+        confidence=estimate["confidence"].values[0].astype(np.float64) if "confidence" in estimate else None,
+        model_violation=_flags(estimate["model_violation"].values[0]) if "model_violation" in estimate else None,
         kinds={
-            name: np.nan_to_num(estimate[name].values[at], nan=KIND_NONE).astype(np.int64)
+            name: np.nan_to_num(estimate[name].values[0], nan=KIND_NONE).astype(np.int64)
             for name in ("kind", "kind_disparity", "kind_motion")
             if name in estimate
         },

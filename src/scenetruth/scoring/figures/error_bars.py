@@ -11,8 +11,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.scoring._format import format_number, format_percent
-from scenetruth.scoring.alignment import align
-from scenetruth.scoring.differences import difference
 from scenetruth.scoring.figures._common import (
     BLUE,
     GREY,
@@ -28,10 +26,11 @@ from scenetruth.scoring.figures._common import (
     void_legend,
 )
 from scenetruth.scoring.figures._views import Views
-from scenetruth.scoring.quantities import QUANTITIES, read_pairs
+from scenetruth.scoring.parts import aligned_parts
+from scenetruth.scoring.quantities import QUANTITIES, quantities_of, read_pair, read_std
 from scenetruth.scoring.regions import main_regions
 from scenetruth.scoring.score import Score
-from scenetruth.scoring.statistics import standardised
+from scenetruth.scoring.statistics import Scored, standardised
 
 __all__ = ["draw_error_bars"]
 
@@ -40,6 +39,7 @@ Map = NDArray[np.float64]
 _COLOURS = {"depth": BLUE, "disparity": BLUE, "velocity_x": ORANGE, "velocity_y": "#009e73", "velocity_z": "#b0006d"}
 _REACH, _BINS = 5.0, 50
 """Half the width of the histogram, in standard deviations, and its bins."""
+_EDGES = np.linspace(-_REACH, _REACH, _BINS + 1)
 
 
 def draw_error_bars(
@@ -85,20 +85,22 @@ def _mapped(views: Views) -> list[str]:
     return [name for name in names if name != "disparity" or "depth" not in names]
 
 
-def _interior_ratios(estimate: xr.Dataset, truth: xr.Dataset, score: Score) -> dict[str, Map]:
-    """Return error / standard deviation of the counted pixels of the interior, by quantity; those that have any."""
-    estimate, truth = align(estimate, truth)
-    interior = main_regions(truth, float(score.metadata.get("margin_px", 20.0)))["interior"]
-    ratios = {}
-    for name, pair in read_pairs(estimate, truth).items():
-        if name not in _COLOURS or pair.std is None or (name == "disparity" and "depth" in ratios):
-            continue
-        error = difference(pair.estimate, pair.truth)
-        counted = interior & np.isfinite(error) & (True if pair.full is None else pair.full)
-        ratio = standardised(error[counted], pair.std[counted])
-        if ratio.size:
-            ratios[name] = ratio
-    return ratios
+def _interior_ratios(estimate: xr.Dataset, truth: xr.Dataset, score: Score) -> dict[str, NDArray[np.int64]]:
+    """Return how often each error / standard deviation occurs in the interior, by quantity; those that have any."""
+    margin_px = float(score.metadata.get("margin_px", 20.0))
+    counts: dict[str, NDArray[np.int64]] = {}
+    for found, exact in aligned_parts(estimate, truth):
+        interior = main_regions(exact, margin_px)["interior"]
+        for name in quantities_of(found):
+            std = None if name not in _COLOURS else read_std(found, name)
+            if std is None:
+                continue
+            scored = Scored.of(read_pair(found, exact, name))
+            here = interior[scored.scored]
+            ratio = standardised(scored.error[here], std[scored.scored][here])
+            counts[name] = counts.get(name, 0) + np.histogram(np.clip(ratio, -_REACH, _REACH), _EDGES)[0]
+    known = {name: count for name, count in counts.items() if count.any()}
+    return {name: count for name, count in known.items() if name != "disparity" or "depth" not in known}
 
 
 def _draw_map(figure: Any, axes: Any, views: Views, name: str) -> None:
@@ -120,15 +122,13 @@ def _draw_map(figure: Any, axes: Any, views: Views, name: str) -> None:
     bar.minorticks_off()
 
 
-def _draw_histogram(axes: Any, ratios: Mapping[str, Map], score: Score) -> None:
-    edges = np.linspace(-_REACH, _REACH, _BINS + 1)
+def _draw_histogram(axes: Any, ratios: Mapping[str, NDArray[np.int64]], score: Score) -> None:
     middle = np.linspace(-_REACH, _REACH, 401)
     normal = np.exp(-(middle**2) / 2) / np.sqrt(2 * np.pi)
     highest = float(normal.max())
     axes.fill_between(middle, normal, color=GREY, alpha=0.25, linewidth=0, label="unit normal")
-    for name, ratio in ratios.items():
-        counts, _ = np.histogram(np.clip(ratio, -_REACH, _REACH), edges)
-        density = counts / (ratio.size * np.diff(edges))
+    for name, counts in ratios.items():
+        density = counts / (counts.sum() * np.diff(_EDGES))
         # What lies beyond may be most; it must not flatten the curve.
         highest = max(highest, float(density[1:-1].max()))
         values = score.regions["interior"][name]
@@ -136,7 +136,7 @@ def _draw_histogram(axes: Any, ratios: Mapping[str, Map], score: Score) -> None:
             f"${QUANTITIES[name].symbol}$: calibration {format_number(values['calibration'])}, "
             f"{format_percent(values['within_2_std'])} % within 2 std"
         )
-        axes.stairs(density, edges, color=_COLOURS[name], linewidth=1.1, label=label)
+        axes.stairs(density, _EDGES, color=_COLOURS[name], linewidth=1.1, label=label)
     axes.set_title("Errors in units of their standard deviation, interior")
     axes.set_xlabel("error / standard deviation [1]")
     axes.set_ylabel("probability density [1]")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.scoring.alignment import align
-from scenetruth.scoring.differences import difference, length
 from scenetruth.scoring.figures._common import BLUE, GREY, FigureInfo, new_figure, save
-from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES, Pair, read_pairs, units_of
+from scenetruth.scoring.parts import aligned_parts, part_count
+from scenetruth.scoring.quantiles import Quantiles
+from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES, Pairs, stacked, units_of
 from scenetruth.scoring.regions import main_regions
 from scenetruth.scoring.score import Score
+from scenetruth.scoring.statistics import Scored
 
 __all__ = ["draw_error_histograms"]
 
@@ -34,23 +36,31 @@ _STYLES: tuple[dict[str, Any], ...] = (
 
 def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path) -> FigureInfo:
     """Draw the histogram of every quantity's errors in both regions, over all frames."""
-    estimate, truth = align(estimate, truth)
-    masks = main_regions(truth, float(score.metadata.get("margin_px", 20.0)))
-    errors = _errors(read_pairs(estimate, truth))
+    margin_px = float(score.metadata.get("margin_px", 20.0))
+    sizes: dict[str, dict[str, Quantiles]] = {}
+    single = part_count(estimate) == 1
+    for name, samples in _samples(estimate, truth, margin_px):
+        own = sizes.setdefault(name, {})
+        for region, values in samples.items():
+            own.setdefault(region, Quantiles(single=single)).add(np.abs(values))
+    edges = {name: _edges(name, regions) for name, regions in sizes.items()}
+    counts: dict[str, dict[str, NDArray[np.int64]]] = {name: {} for name in edges}
+    for name, samples in _samples(estimate, truth, margin_px):
+        for region, values in samples.items():
+            found, _ = np.histogram(np.clip(values, edges[name][0], edges[name][-1]), edges[name])
+            counts[name][region] = counts[name].get(region, 0) + found
 
     # A fixed layout: finding one for eight logarithmic axes takes longer than all else here.
-    rows, columns = math.ceil(len(errors) / 4), min(len(errors), 4)
+    rows, columns = math.ceil(len(counts) / 4), min(len(counts), 4)
     width, height = max(2.75 * columns, 5.5), 2.7 * rows
     figure = new_figure(width, height, layout=None)
     figure.subplots_adjust(
         left=0.6 / width, right=1 - 0.165 / width, bottom=0.46 / height, top=1 - 0.27 / height, wspace=0.2, hspace=0.38
     )
     panels = figure.subplots(rows, columns, squeeze=False)
-    for axes, (name, error) in zip(panels.flat, errors.items(), strict=False):
-        usable = np.isfinite(error)
-        samples = {region: error[mask & usable] for region, mask in masks.items()}
-        _draw_panel(axes, name, samples, score)
-    for axes in panels.flat[len(errors) :]:
+    for axes, (name, heights) in zip(panels.flat, counts.items(), strict=False):
+        _draw_panel(axes, name, heights, edges[name], score)
+    for axes in panels.flat[len(counts) :]:
         axes.remove()
     for axes in panels[:, 0]:
         axes.set_ylabel("pixels per bin")
@@ -63,35 +73,48 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
     return FigureInfo("error_histograms.png", "Histograms of all errors", caption)
 
 
-def _errors(pairs: Mapping[str, Pair]) -> dict[str, Map]:
-    """Return the errors of every quantity, and of the velocity's endpoint; NaN where the estimate is not full."""
-    errors = {
-        name: np.where(True if pair.full is None else pair.full, difference(pair.estimate, pair.truth), np.nan)
-        for name, pair in pairs.items()
-    }
-    if "velocity_z" in errors:
-        errors[ENDPOINT] = length(np.stack([errors[f"velocity_{axis}"] for axis in "xyz"]))
-    return errors
+def _samples(estimate: xr.Dataset, truth: xr.Dataset, margin_px: float) -> Iterator[tuple[str, dict[str, Map]]]:
+    """Give the errors of every quantity and of the velocity's endpoint in both regions, part by part."""
+    for found, exact in aligned_parts(estimate, truth):
+        masks = main_regions(exact, margin_px)
+        pairs = Pairs(found, exact)
+        scored = {name: partial(_scored, pairs, name) for name in pairs}
+        if "velocity_z" in pairs:
+            scored[ENDPOINT] = partial(_scored_endpoint, pairs)
+        for name, read in scored.items():
+            one = read()
+            yield name, {region: one.error[mask[one.scored]] for region, mask in masks.items()}
 
 
-def _draw_panel(axes: Any, name: str, samples: Mapping[str, Map], score: Score) -> None:
+def _scored(pairs: Pairs, name: str) -> Scored:
+    return Scored.of(pairs[name])
+
+
+def _scored_endpoint(pairs: Pairs) -> Scored:
+    return Scored.of_vectors(stacked(pairs, ("velocity_x", "velocity_y", "velocity_z")))
+
+
+def _edges(name: str, sizes: Mapping[str, Quantiles]) -> Map:
+    """Return the edges of the bins; the interior decides on their range, if anything is scored there."""
+    bound = next((value for region in ("interior", "all") if np.isfinite(value := sizes[region].at([99])[0])), 0.0)
+    bound = _RANGE * bound or 1.0
+    return np.linspace(0.0 if name == ENDPOINT else -bound, bound, _BINS + 1)
+
+
+def _draw_panel(axes: Any, name: str, counts: Mapping[str, NDArray[np.int64]], edges: Map, score: Score) -> None:
     symbol = "distance" if name == ENDPOINT else f"error of ${QUANTITIES[name].symbol}$"
     axes.set_title("Velocity, endpoint" if name == ENDPOINT else QUANTITIES[name].title)
     axes.set_xlabel(f"{symbol} [{units_of(name)}]")
     axes.locator_params(axis="x", nbins=5)
     axes.set_yscale("log")
     axes.grid()
-    if not samples["all"].size:
+    if not counts["all"].any():
         axes.set_ylim(0.5, 10)
         axes.text(0.5, 0.5, "nothing scored", transform=axes.transAxes, ha="center", color=GREY)
         return
-    basis = samples["interior"] if samples["interior"].size else samples["all"]
-    bound = _RANGE * float(np.percentile(np.abs(basis), 99)) or 1.0
-    edges = np.linspace(0.0 if name == ENDPOINT else -bound, bound, _BINS + 1)
-    for (region, values), options in zip(samples.items(), _STYLES, strict=True):
-        counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
+    for (region, heights), options in zip(counts.items(), _STYLES, strict=True):
         rms = score.regions[region][name]["rms"]
-        axes.stairs(counts, edges, label=f"{region}: rms {'–' if rms is None else format(rms, '.3g')}", **options)
+        axes.stairs(heights, edges, label=f"{region}: rms {'–' if rms is None else format(rms, '.3g')}", **options)
     axes.set_xlim(edges[0], edges[-1])
     # Head room for the legend, on a logarithmic axis.
     top = axes.get_ylim()[1]

@@ -16,7 +16,7 @@ from scenetruth.scoring.pixel_coordinates import coordinates_of, surface_points
 from scenetruth.scoring.quantities import Pair, full_pixels
 from scenetruth.settings import ScoreSettings
 
-__all__ = ["GrowthMaps", "growth_maps", "growth_pairs", "percent_per_hour", "surface_growth"]
+__all__ = ["GrowthMaps", "growth_maps", "growth_pairs", "knows_growth", "percent_per_hour", "surface_growth"]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -124,12 +124,11 @@ def growth_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings
     GrowthMaps or None
         None if the truth has no ``growth_rate``, or the estimate lacks depth or velocity, or knows none.
     """
-    if "growth_rate" not in truth or not {"depth", "velocity"} <= set(estimate):
-        return None
-    known = _known(estimate)
-    if not known.any():
-        return None
-    finite = _finite(truth)
+    return _maps(estimate, truth, settings) if knows_growth(estimate, truth) else None
+
+
+def _maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> GrowthMaps:
+    known, finite = _known(estimate), _finite(truth)
     return GrowthMaps(
         estimate=_rates(estimate, known, known, settings),
         truth=truth["growth_rate"].values.astype(np.float64),
@@ -137,15 +136,25 @@ def growth_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings
     )
 
 
+def knows_growth(estimate: xr.Dataset, truth: xr.Dataset) -> bool:
+    """Return whether the truth has ``growth_rate``, and the estimate knows depth and velocity of any pixel."""
+    if "growth_rate" not in truth or not {"depth", "velocity"} <= set(estimate):
+        return False
+    return bool(_known(estimate).any())
+
+
 def growth_pairs(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> dict[str, Pair]:
-    """Return what is scored of the growth rate, in % per hour; nothing where `growth_maps` returns None.
+    """Return what is scored of the growth rate, in % per hour.
 
     ``growth_rate`` compares with the truth of every pixel, ``growth_rate_windowed`` with the truth in the same window:
     the error of the former is that of the latter plus the bias of the window.
+
+    Parameters
+    ----------
+    estimate, truth, settings
+        As of `growth_maps`; some frames, perhaps, of those for which `knows_growth` holds.
     """
-    maps = growth_maps(estimate, truth, settings)
-    if maps is None:
-        return {}
+    maps = _maps(estimate, truth, settings)
     factor = percent_per_hour(intrinsics_of(estimate))
     found = factor * maps.estimate
     return {
@@ -188,15 +197,16 @@ def _rates(dataset: xr.Dataset, used: Mask, connected: Mask, settings: ScoreSett
     window = settings.growth_window_px / step_y, settings.growth_window_px / step_x
     growth = np.full(used.shape, np.nan)
     for n, mask in enumerate(used):
-        depth = np.where(connected[n], dataset["depth"].values[n].astype(np.float64), np.nan)
+        frame = dataset.isel(t=n)
+        depth = np.where(connected[n], frame["depth"].values.astype(np.float64), np.nan)
         patches = surface_patches(
             depth,
             intrinsics.focal_length_px,
             settings.growth_max_slope_deg,
-            objects=dataset["object_id"].values[n] if "object_id" in dataset else None,
+            objects=frame["object_id"].values if "object_id" in dataset else None,
             step_px=grid.step_px,
         )
-        velocity = dataset["velocity"].values[:, n].astype(np.float64)
+        velocity = frame["velocity"].values.astype(np.float64)
         points = surface_points(depth, intrinsics, grid)
         growth[n] = windowed_growth(
             points, velocity, np.where(mask, patches, np.int32(-1)), window, settings.growth_min_coverage

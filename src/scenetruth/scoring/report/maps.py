@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scenetruth.schema import intrinsics_of
 from scenetruth.scoring.alignment import check_estimate
 from scenetruth.scoring.growth import percent_per_hour, surface_growth
+from scenetruth.scoring.parts import part_count, parts_of
+from scenetruth.scoring.quantiles import Quantiles
 from scenetruth.scoring.quantities import QUANTITIES, full_pixels, quantities_of, read_quantity, read_std, units_of
 
 __all__ = ["MapSummary", "describe_maps"]
@@ -58,31 +60,47 @@ def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
         If the estimate does not have the agreed form; lists what is wrong.
     """
     check_estimate(estimate)
-    found = {}
-    for name in quantities_of(estimate):
-        entry = QUANTITIES[name]
-        full = full_pixels(estimate, entry.variable)
-        values = np.where(full, read_quantity(estimate, name), np.nan)
-        found[name] = _summary(entry.title, entry.units, values, read_std(estimate, name))
-    if {"depth", "velocity"} <= set(estimate):
-        growth = percent_per_hour(intrinsics_of(estimate)) * surface_growth(estimate).values
-        if np.isfinite(growth).any():
-            found["growth_rate"] = _summary("Growth rate", units_of("growth_rate"), growth, None)
-    return found
+    single = part_count(estimate) == 1
+    found: dict[str, _Values] = {}
+    for part in parts_of(estimate):
+        for name in quantities_of(part):
+            full = full_pixels(part, QUANTITIES[name].variable)
+            values = np.where(full, read_quantity(part, name), np.nan)
+            found.setdefault(name, _Values(single=single)).add(values, read_std(part, name))
+        if {"depth", "velocity"} <= set(part):
+            growth = percent_per_hour(intrinsics_of(part)) * surface_growth(part).values
+            found.setdefault("growth_rate", _Values(single=single)).add(growth, None)
+    titles = {name: QUANTITIES[name].title for name in quantities_of(estimate)} | {"growth_rate": "Growth rate"}
+    summaries = {name: values.summary(titles[name], units_of(name)) for name, values in found.items()}
+    return {name: item for name, item in summaries.items() if name != "growth_rate" or item.count}
 
 
-def _summary(title: str, units: str, values: Map, std: Map | None) -> MapSummary:
-    known = np.isfinite(values)
-    count = int(known.sum())
-    stated = np.empty(0) if std is None else std[known & np.isfinite(std) & (std > 0)]
-    low, median, high = np.percentile(values[known], [5, 50, 95]).tolist() if count else (None, None, None)
-    return MapSummary(
-        title=title,
-        units=units,
-        median=median,
-        low=low,
-        high=high,
-        median_std=float(np.median(stated)) if stated.size else None,
-        density=count / values.size,
-        count=count,
-    )
+class _Values:
+    """Gathers the values of one quantity, part by part."""
+
+    def __init__(self, *, single: bool) -> None:
+        self._values, self._stds = Quantiles(single=single), Quantiles(single=single)
+        self._size = self._count = self._stated = 0
+
+    def add(self, values: Map, std: Map | None) -> None:
+        known = np.isfinite(values)
+        self._size += values.size
+        self._count += int(known.sum())
+        self._values.add(values[known])
+        if std is not None:
+            stated = std[known & np.isfinite(std) & (std > 0)]
+            self._stated += stated.size
+            self._stds.add(stated)
+
+    def summary(self, title: str, units: str) -> MapSummary:
+        low, median, high = self._values.at([5, 50, 95]) if self._count else (None, None, None)
+        return MapSummary(
+            title=title,
+            units=units,
+            median=median,
+            low=low,
+            high=high,
+            median_std=self._stds.at([50])[0] if self._stated else None,
+            density=self._count / self._size,
+            count=self._count,
+        )

@@ -100,7 +100,7 @@ def to_world(
     texture: Texture,
     best: Best,
     maps: Maps,
-    frames: tuple[int, int],
+    frame: int,
     first_row: int,
     rows: tuple[int, int],
 ) -> None:
@@ -120,24 +120,23 @@ def to_world(
         What `estimate_tile` left, from ``first_row`` on.
     maps
         Output.
-    frames
-        The frame of ``best``, and that of ``maps``.
+    frame
+        The frame of ``best`` and ``maps``.
     first_row
         Row of the image at which ``best`` begins.
     rows
         First and last + 1 of the rows of ``best`` to do.
     """
-    n, frame = frames
     elsewhere = axes.centre_s != 0.0 or axes.centre_t != 0.0
     for y in range(rows[0], rows[1]):
         row = first_row + y
         for x in range(best.choice.shape[2]):
-            at, out = (n, y, x), (frame, row, x)
+            at, out = (frame, y, x), (frame, row, x)
             _forget(maps, frame, row, x)
             if best.choice[at] < 0:
                 continue
             for k in range(5):
-                maps.eigenvalues[k, frame, row, x] = best.eigenvalues[n, k, y, x]
+                maps.eigenvalues[k, frame, row, x] = best.eigenvalues[frame, k, y, x]
             point = best.choice[at]
             left_v = best.v_x[at] / axes.scale_s
             left_x, left_y = best.flow_x[at] / axes.scale_t, best.flow_y[at] / axes.scale_t
@@ -164,7 +163,7 @@ def to_world(
                 continue
             maps.model_violation[out] = best.model_violation[at]
             maps.working_point[out] = points.disparity[point]
-            three, four = best.eigenvalues[n, 2, y, x], best.eigenvalues[n, 3, y, x]
+            three, four = best.eigenvalues[frame, 2, y, x], best.eigenvalues[frame, 3, y, x]
             gap = max((three - four) / (three + four), 0.0) if three + four > 0.0 else 0.0
             maps.confidence[out] = min(gap * gap, 1.0)
 
