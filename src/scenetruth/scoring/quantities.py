@@ -21,6 +21,7 @@ __all__ = [
     "Pairs",
     "Quantity",
     "full_pixels",
+    "has_std",
     "quantities_of",
     "read_quantity",
     "read_std",
@@ -159,11 +160,14 @@ def read_std(estimate: xr.Dataset, name: str) -> Map | None:
         standard deviation of this quantity.
     """
     entry = QUANTITIES[name]
-    variable = f"{entry.variable}_std"
+    return _read(estimate, f"{entry.variable}_std", entry.component) if has_std(estimate, name) else None
+
+
+def has_std(estimate: xr.Dataset, name: str) -> bool:
+    """Return whether an estimate states the standard deviation of a scalar quantity, a key of `QUANTITIES`."""
+    variable = f"{QUANTITIES[name].variable}_std"
     # Only the agreed variables have been checked to have the quantity's dimensions.
-    if variable not in estimate or variable not in VARIABLES["estimate"]:
-        return None
-    return _read(estimate, variable, entry.component)
+    return variable in estimate and variable in VARIABLES["estimate"]
 
 
 def full_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:

@@ -249,6 +249,8 @@ def fill_truth(
             at = {"t": frame} if choice.views == "reference" else _at(stage, index, frame)
             for name, values in (maps | follower.maps(own, index, frame)).items():
                 put(name, at, values)
+            # Large images have large maps: one image's at a time.
+            del maps, own, values
         for index in range(len(cameras)):
             advance()
             if reference is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +13,41 @@ from numpy.typing import NDArray
 from scenetruth.schema import KIND_NONE, Intrinsics, intrinsics_of
 from scenetruth.scoring.alignment import align, check_alignable, check_estimate, check_recording, select_pixels
 from scenetruth.scoring.pixel_coordinates import PixelCoordinates, coordinates_of, surface_points
-from scenetruth.scoring.quantities import QUANTITIES, full_pixels, quantities_of, read_quantity, read_std
+from scenetruth.scoring.quantities import QUANTITIES, full_pixels, has_std, quantities_of, read_quantity, read_std
 
 __all__ = ["Views", "views_of"]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+
+class _ReadWhenNeeded(Mapping[str, Map]):
+    """Maps by name, which are read each time that they are looked up: those of large images do not fit beside others.
+
+    Parameters
+    ----------
+    names
+        Their names.
+    read
+        Reads one.
+    """
+
+    def __init__(self, names: Iterable[str], read: Callable[[str], Map]) -> None:
+        self._names, self._read = tuple(names), read
+
+    def __getitem__(self, name: str) -> Map:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._read(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 @dataclass(frozen=True)
@@ -55,10 +85,10 @@ class Views:
     image_is_digital: bool
     grid: PixelCoordinates
     intrinsics: Intrinsics
-    estimate: dict[str, Map]
-    truth: dict[str, Map]
+    estimate: Mapping[str, Map]
+    truth: Mapping[str, Map]
     mixed: Mask
-    stds: dict[str, Map]
+    stds: Mapping[str, Map]
     confidence: Map | None
     model_violation: Mask | None
     kinds: dict[str, NDArray[np.int64]]
@@ -116,8 +146,15 @@ def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | No
     )
     grey = image.mean("channel") if "channel" in image.dims else image
     names = quantities_of(estimate)
-    full = {name: full_pixels(estimate, QUANTITIES[name].variable)[0] for name in names}
-    stds = {name: read_std(estimate, name) for name in names}
+
+    def known(name: str, values: Map) -> Map:
+        return np.where(full_pixels(estimate, QUANTITIES[name].variable)[0], values[0], np.nan)
+
+    def std(name: str) -> Map:
+        values = read_std(estimate, name)
+        return np.full(grey.shape, np.nan) if values is None else known(name, values)
+
+    exact = estimate if truth is None else truth
     return Views(
         frame=frames[at],
         image=grey.values.astype(np.float64),
@@ -125,10 +162,10 @@ def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | No
         image_is_digital=image.dtype.kind in "ui",
         grid=coordinates_of(estimate),
         intrinsics=intrinsics_of(estimate),
-        estimate={name: np.where(full[name], read_quantity(estimate, name)[0], np.nan) for name in names},
-        truth={} if truth is None else {name: read_quantity(truth, name)[0] for name in names},
+        estimate=_ReadWhenNeeded(names, lambda name: known(name, read_quantity(estimate, name))),
+        truth=_ReadWhenNeeded(() if truth is None else names, lambda name: read_quantity(exact, name)[0]),
         mixed=np.zeros(grey.shape, dtype=bool) if truth is None else truth["mixed"].values[0].astype(bool),
-        stds={name: np.where(full[name], std[0], np.nan) for name, std in stds.items() if std is not None},
+        stds=_ReadWhenNeeded([name for name in names if has_std(estimate, name)], std),
         confidence=estimate["confidence"].values[0].astype(np.float64) if "confidence" in estimate else None,
         model_violation=_flags(estimate["model_violation"].values[0]) if "model_violation" in estimate else None,
         kinds={

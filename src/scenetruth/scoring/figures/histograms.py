@@ -23,6 +23,7 @@ from scenetruth.scoring.statistics import Scored
 __all__ = ["draw_error_histograms"]
 
 Map = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 _BINS = 81
 _RANGE = 1.5
@@ -37,18 +38,7 @@ _STYLES: tuple[dict[str, Any], ...] = (
 def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path) -> FigureInfo:
     """Draw the histogram of every quantity's errors in both regions, over all frames."""
     margin_px = float(score.metadata.get("margin_px", 20.0))
-    sizes: dict[str, dict[str, Quantiles]] = {}
-    single = part_count(estimate) == 1
-    for name, samples in _samples(estimate, truth, margin_px):
-        own = sizes.setdefault(name, {})
-        for region, values in samples.items():
-            own.setdefault(region, Quantiles(single=single)).add(np.abs(values))
-    edges = {name: _edges(name, regions) for name, regions in sizes.items()}
-    counts: dict[str, dict[str, NDArray[np.int64]]] = {name: {} for name in edges}
-    for name, samples in _samples(estimate, truth, margin_px):
-        for region, values in samples.items():
-            found, _ = np.histogram(np.clip(values, edges[name][0], edges[name][-1]), edges[name])
-            counts[name][region] = counts[name].get(region, 0) + found
+    edges, counts = _histograms(estimate, truth, margin_px)
 
     # A fixed layout: finding one for eight logarithmic axes takes longer than all else here.
     rows, columns = math.ceil(len(counts) / 4), min(len(counts), 4)
@@ -71,6 +61,34 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
         "also hold all that lies beyond."
     )
     return FigureInfo("error_histograms.png", "Histograms of all errors", caption)
+
+
+def _histograms(
+    estimate: xr.Dataset, truth: xr.Dataset, margin_px: float
+) -> tuple[dict[str, Map], dict[str, dict[str, Counts]]]:
+    """Return the edges of every quantity's bins, and how many errors lie in each by region."""
+    edges: dict[str, Map] = {}
+    single = part_count(estimate) == 1
+    if not single:
+        sizes: dict[str, dict[str, Quantiles]] = {}
+        for name, samples in _samples(estimate, truth, margin_px):
+            _add(sizes.setdefault(name, {}), samples, single=False)
+        edges = {name: _edges(name, regions) for name, regions in sizes.items()}
+    counts: dict[str, dict[str, Counts]] = {}
+    for name, samples in _samples(estimate, truth, margin_px):
+        if single:
+            edges[name] = _edges(name, _add({}, samples, single=True))
+        own = counts.setdefault(name, {})
+        for region, values in samples.items():
+            found, _ = np.histogram(np.clip(values, edges[name][0], edges[name][-1]), edges[name])
+            own[region] = own.get(region, 0) + found
+    return edges, counts
+
+
+def _add(sizes: dict[str, Quantiles], samples: Mapping[str, Map], *, single: bool) -> dict[str, Quantiles]:
+    for region, values in samples.items():
+        sizes.setdefault(region, Quantiles(single=single)).add(np.abs(values))
+    return sizes
 
 
 def _samples(estimate: xr.Dataset, truth: xr.Dataset, margin_px: float) -> Iterator[tuple[str, dict[str, Map]]]:
@@ -101,7 +119,7 @@ def _edges(name: str, sizes: Mapping[str, Quantiles]) -> Map:
     return np.linspace(0.0 if name == ENDPOINT else -bound, bound, _BINS + 1)
 
 
-def _draw_panel(axes: Any, name: str, counts: Mapping[str, NDArray[np.int64]], edges: Map, score: Score) -> None:
+def _draw_panel(axes: Any, name: str, counts: Mapping[str, Counts], edges: Map, score: Score) -> None:
     symbol = "distance" if name == ENDPOINT else f"error of ${QUANTITIES[name].symbol}$"
     axes.set_title("Velocity, endpoint" if name == ENDPOINT else QUANTITIES[name].title)
     axes.set_xlabel(f"{symbol} [{units_of(name)}]")
