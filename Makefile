@@ -9,7 +9,7 @@ export PATH
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
 	@echo "make test    environment, then lint, types and all tests"
-	@echo "make nightly environment, then 10,000 broken scene files, 250 killed runs, 300 flipped bits, 1000 simulations; two hours"
+	@echo "make nightly environment, then 10,000 broken scene files, 1,000 stores, 250 killed runs, 300 flipped bits, 1000 simulations; two hours"
 	@echo "make bench   environment, then the benchmarks"
 	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md) and of the README"
 	@echo "make format  environment, then the formatter"

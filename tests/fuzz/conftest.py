@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from tests.fuzz.guarded import Guarded
+from tests.fuzz.store_trial import STORE_OUTCOMES
 
 _told: list[str] = []
 
 
 @pytest.fixture(scope="session")
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    """A process with bounds; what became of all files is told at the end."""
-    folder: Path = tmp_path_factory.mktemp("scenes")
-    trials = Guarded(folder)
+    """A process with bounds that tries scene files; what became of all is told at the end."""
+    yield from _told_of(Guarded(tmp_path_factory.mktemp("scenes")))
+
+
+@pytest.fixture(scope="session")
+def guarded_stores(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    """The same for stores."""
+    yield from _told_of(Guarded(tmp_path_factory.mktemp("stores"), "stores", STORE_OUTCOMES))
+
+
+def _told_of(trials: Guarded) -> Iterator[Guarded]:
     yield trials
     trials.close()
-    _told.append(f"{trials}; files that failed, if any: {folder}/failed-*.yaml")
+    _told.append(f"{trials}; files that failed, if any: {trials.folder}/failed-*")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

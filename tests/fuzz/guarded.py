@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +25,21 @@ PATIENCE_S = 60
 
 
 class Guarded:
-    """A process that tries files, started again when it is lost.
+    """A process that tries scene files or stores, started again when it is lost.
 
     Parameters
     ----------
     folder
         Where files, and those that fail, are put.
+    what
+        ``"scene files"``, which are text; or ``"stores"``, which are told as damage in JSON.
+    outcomes
+        What may become of them.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.file = folder, folder / "scene.yaml"
+    def __init__(self, folder: Path, what: str = "scene files", outcomes: tuple[str, ...] = OUTCOMES) -> None:
+        self.folder, self.file = folder, folder / ("scene.yaml" if what == "scene files" else "damage.json")
+        self.what, self.expected = what, outcomes
         self.outcomes: Counter[str] = Counter()
         self.failures: list[str] = []
         self.slowest_s, self.peak_bytes = 0.0, 0
@@ -43,17 +49,20 @@ class Guarded:
         """Return what becomes of a file: as of `try_scene`, or what went wrong."""
         self.file.write_bytes(content)
         outcome = self._ask()
-        if outcome in OUTCOMES:
+        if outcome in self.expected:
             self.outcomes[outcome] += 1
         else:
             self.failures.append(outcome)
-            (self.folder / f"failed-{len(self.failures)}.yaml").write_bytes(content)
+            (self.folder / f"failed-{len(self.failures)}{self.file.suffix}").write_bytes(content)
         return outcome
 
     def _ask(self) -> str:
         if self._process is None:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.fuzz.guarded"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+                [sys.executable, "-m", "tests.fuzz.guarded", self.what],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
             )
         process = self._process
         assert process.stdin is not None
@@ -82,9 +91,9 @@ class Guarded:
 
     def __str__(self) -> str:
         count = sum(self.outcomes.values()) + len(self.failures)
-        told = ", ".join(f"{self.outcomes[outcome]:,} {outcome}" for outcome in OUTCOMES)
+        told = ", ".join(f"{self.outcomes[outcome]:,} {outcome}" for outcome in self.expected)
         return (
-            f"{count:,} scene files: {told}, {len(self.failures):,} failed; "
+            f"{count:,} {self.what}: {told}, {len(self.failures):,} failed; "
             f"slowest {self.slowest_s:.2f} s of processor time, "
             f"peak memory {self.peak_bytes / 1e6:.0f} MB in all, imported code included"
         )
@@ -98,14 +107,11 @@ def _too_long(number: int, frame: object) -> None:
     raise _TooLongError
 
 
-def serve() -> None:
+def serve(what: str) -> None:
     """Try the files whose paths come on standard input, and answer on standard output, a line each."""
     import traceback
 
-    from tests.fuzz.scene_files import base_trees
-    from tests.fuzz.trial import try_scene
-
-    _warm_up(base_trees())
+    trial = _scene_trial() if what == "scene files" else _store_trial()
     at_start = _memory("VmSize")
     resource.setrlimit(resource.RLIMIT_AS, (at_start + MOST_BYTES, resource.RLIM_INFINITY))
     signal.signal(signal.SIGPROF, _too_long)
@@ -115,7 +121,7 @@ def serve() -> None:
         started = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS)
         try:
-            outcome = try_scene(Path(line.rstrip("\n")))
+            outcome = trial(Path(line.rstrip("\n")))
         except _TooLongError:
             outcome = f"takes more than {MOST_SECONDS} s of processor time: {''.join(traceback.format_exc()[-600:])}"
         except BaseException:
@@ -130,19 +136,49 @@ def serve() -> None:
         print(json.dumps(answer), flush=True)
 
 
-def _warm_up(trees: list[dict[str, Any]]) -> None:
+def _scene_trial() -> Callable[[Path], str]:
     """Make all scenes once, so that nothing has to be imported or compiled in a trial."""
     import tempfile
 
     import yaml
 
+    from tests.fuzz.scene_files import base_trees
     from tests.fuzz.trial import try_scene
 
     with tempfile.TemporaryDirectory() as made:
-        for tree in trees:
+        for tree in base_trees():
             file = Path(made) / "warm.yaml"
             file.write_text(yaml.safe_dump(tree))
             try_scene(file)
+    return try_scene
+
+
+def _store_trial() -> Callable[[Path], str]:
+    """Use all whole stores once, for the same reason."""
+    import shutil
+    import tempfile
+
+    import scenetruth as st
+    from tests.fuzz.store_trial import try_store
+    from tests.fuzz.stores import KINDS, damaged, whole_stores
+
+    folder = Path(tempfile.mkdtemp(prefix="stores-"))
+    whole_stores(folder)
+    others = {kind: st.load(folder / f"{kind}.zarr") for kind in KINDS}
+
+    def trial(file: Path) -> str:
+        damage = json.loads(file.read_text())
+        target = folder / ("broken.zarr.zip" if damage["zipped"] else "broken.zarr")
+        try:
+            damaged(folder, damage, target)
+            return try_store(target, others)
+        finally:
+            shutil.rmtree(target) if target.is_dir() else target.unlink(missing_ok=True)
+
+    for kind in KINDS:
+        for suffix in (".zarr", ".zarr.zip"):
+            assert try_store(folder / f"{kind}{suffix}", others) == "used"
+    return trial
 
 
 def _memory(entry: str) -> int:
@@ -154,4 +190,4 @@ def _memory(entry: str) -> int:
 
 
 if __name__ == "__main__":
-    serve()
+    serve(sys.argv[1])
