@@ -100,12 +100,18 @@ def _print_table(scene: Scene, file: Path, report: SceneReport, faces: Mapping[s
 
 def _print_forecast(forecast: Forecast, machine: Machine) -> None:
     table = Table(title="foreseen", title_justify="left")
-    for heading in ("", "memory", "disk, at most", "time"):
+    for heading in ("", "memory", "disk", "at most", "time"):
         table.add_column(heading, justify="left" if not heading else "right")
     for name, stage in forecast.stages.items():
-        table.add_row(name, _size(stage.memory_bytes), _size(stage.disk_bytes), _time(stage.seconds))
+        table.add_row(
+            name,
+            _size(stage.memory_bytes),
+            _size(stage.disk_bytes),
+            _size(stage.disk_at_most_bytes),
+            _time(stage.seconds),
+        )
     free = [_UNKNOWN if value is None else _size(value) for value in (machine.memory_bytes, machine.disk_bytes)]
-    table.add_row("this machine has", *free, f"{machine.processors} processors")
+    table.add_row("this machine has", *free, "", f"{machine.processors} processors")
     _console().print(table)
 
 

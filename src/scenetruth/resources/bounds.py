@@ -25,15 +25,15 @@ class Limits:
     images
         Images of all positions and frames.
     pixels
-        Pixels of one image, 8000 x 8000: its truth alone takes some five gigabytes in memory.
+        Pixels of one image, 4000 x 4000: images and maps take 320 bytes a pixel while they are made.
     samples
         Samples that an image is the mean of in every pixel: of the quadrature, the aperture and the exposure together.
     vertices
-        Vertices of all meshes together; with its two triangles, each takes two kilobytes.
+        Vertices of all meshes together; with its two triangles, each takes two kilobytes, by OpenGL four.
     objects
         Objects, leaves among them.
     leaves
-        Leaves of all plants; the texture of a leaf takes 16 MB.
+        Leaves of all plants; the texture of a large leaf takes 50 MB.
     texels
         Points of one texture, 8000 x 8000; decoded and painted, they take a gigabyte.
     image_pixels
@@ -51,9 +51,9 @@ class Limits:
 
     frames: float = 10_000
     images: float = 100_000
-    pixels: float = 64_000_000
+    pixels: float = 16_000_000
     samples: float = 4_096
-    vertices: float = 2_000_000
+    vertices: float = 1_000_000
     objects: float = 1_000
     leaves: float = 250
     texels: float = 64_000_000

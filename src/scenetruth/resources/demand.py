@@ -23,6 +23,8 @@ __all__ = ["Demand", "Part", "bound_problems", "demand_of", "part_problems", "pa
 SKETCHED_FACES = 1_000
 """Triangles of a sketch of an object."""
 
+_ALL_RUN: dict[str, bool | None] = {"pyrender": False, "auto": None}
+
 _AUTOMATIC_MOMENTS = 16
 """Moments of an exposure that are assumed where motion decides: that of four pixels."""
 
@@ -98,7 +100,7 @@ class Demand:
     narrow
         Whether the truth is stored in 32 bits.
     rays
-        Whether images are made by ray casting.
+        Whether images are made by ray casting; None: by what runs.
     """
 
     pixels: float
@@ -122,7 +124,7 @@ class Demand:
     views: int
     complete: bool
     narrow: bool
-    rays: bool
+    rays: bool | None
 
     @property
     def images(self) -> int:
@@ -259,7 +261,6 @@ def demand_of(
     views: int = 1,
     complete: bool = False,
     ideal: bool = False,
-    rays: bool = False,
 ) -> Demand:
     """Count what the work on a scene grows with.
 
@@ -273,8 +274,6 @@ def demand_of(
         Whether the truth has all maps.
     ideal
         Whether linear images are kept too.
-    rays
-        Whether images are made by ray casting.
 
     Returns
     -------
@@ -307,5 +306,5 @@ def demand_of(
         views=views,
         complete=complete,
         narrow=scene.storage.truth == "float32",
-        rays=rays or bool(scene.needs_rays) or scene.render.backend == "raycast",
+        rays=True if scene.needs_rays or scene.render.backend == "raycast" else _ALL_RUN[scene.render.backend],
     )

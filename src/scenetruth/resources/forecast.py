@@ -7,7 +7,7 @@ measure it anew, run ``python -m benchmarks.foresight``.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scenetruth.resources.demand import Demand
 from scenetruth.resources.machine import work_s
@@ -32,11 +32,14 @@ class StageForecast:
         What it leaves on disk.
     seconds
         How long it takes.
+    disk_at_most_bytes
+        Disk space that it does not pass, however badly its results can be packed.
     """
 
     memory_bytes: float
     disk_bytes: float
     seconds: float
+    disk_at_most_bytes: float
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,11 @@ class Forecast:
     def disk_bytes(self) -> float:
         """Disk space of all stages together."""
         return sum(stage.disk_bytes for stage in self.stages.values())
+
+    @property
+    def disk_at_most_bytes(self) -> float:
+        """Disk space that all stages together do not pass."""
+        return sum(stage.disk_at_most_bytes for stage in self.stages.values())
 
     @property
     def seconds(self) -> float:
@@ -91,80 +99,113 @@ def foresee(demand: Demand, stages: Sequence[str], slower: float | None = None) 
     for name in stages:
         if name in _STAGES:
             stage = _STAGES[name](demand)
-            found[name] = StageForecast(stage.memory_bytes, stage.disk_bytes, stage.seconds * slower)
+            found[name] = replace(stage, seconds=stage.seconds * slower)
     return Forecast(found)
 
 
 @dataclass(frozen=True)
 class _Backend:
-    """What a backend takes."""
+    """What a backend takes beyond what all take."""
 
     start_s: float
     pixel_s: float
+    """For a pixel of a sharp image,"""
     sample_s: float
-    face_s: float
+    """and for each of its samples."""
     start_bytes: float
-    pixel_bytes: float
+    sample_bytes: float
+    """For a sample of a tile of an image; there are `_TILE` at most."""
     face_bytes: float
     texel_bytes: float
 
 
-_RAYS = _Backend(1.0, 4e-7, 3e-8, 1e-7, 1e7, 200.0, 300.0, 0.0)
-_OPENGL = _Backend(1.5, 2e-7, 2e-8, 1e-7, 1.5e8, 200.0, 300.0, 12.0)
-_START_S, _START_BYTES = 3.0, 3.3e8
-_LIGHT_S, _STRIP_S, _READ_OUT_S, _VISIBLE_S = 3e-7, 1e-3, 5e-8, 1e-7
-_TRUTH_S, _COMPLETE_TRUTH_S = 1e-6, 4e-6
-_FACE_AT_A_TIME_S, _FACE_S, _LEAF_FACE_S = 2e-6, 1e-5, 2e-5
-_TEXEL_S, _NOISE_TEXEL_S, _LEAF_TEXEL_S = 1e-8, 1e-6, 5e-6
-_PIXEL_BYTES, _COMPLETE_PIXEL_BYTES, _FACE_BYTES, _PAINTED_TEXEL_BYTES = 300.0, 600.0, 700.0, 30.0
-_STORED_SAMPLE_BYTES: Mapping[int, float] = {1: 1.0, 2: 1.7, 4: 3.6}
-_STORED_BYTES, _COMPLETE_STORED_BYTES, _STORED_VISIBLE_BYTES, _NARROW = 30.0, 90.0, 0.02, 0.6
+_TILE = 1 << 23
+_RAYS = _Backend(0.0, 2.7e-7, 1.07e-8, 0.0, 0.0, 0.0, 0.0)
+_OPENGL = _Backend(0.6, 2.1e-7, 1.44e-8, 1.6e8, 4.2, 1090.0, 3.7)
+
+_START_S = 3.5
+_LIGHT_S = 9e-7
+"""For a lit pixel of a sharp image."""
+_STRIP_S = 1.35e-2
+"""For each strip of an image that a rolling shutter takes."""
+_IMAGE_S, _FACE_IN_IMAGE_S = 1e-2, 1.8e-6
+"""For a sharp image, and for every triangle in it."""
+_LEAF_FACE_S = 1.6e-5
+_TRUTH_S, _COMPLETE_TRUTH_S = 3.8e-7, 1.9e-6
+"""For a pixel of the truth."""
+_TEXEL_S, _NOISE_TEXEL_S, _LEAF_TEXEL_S = 9.7e-8, 2.4e-7, 3.5e-7
+"""For a point of a texture that is kept from an earlier run, and more for one that is to be painted."""
+
+_START_BYTES = 2.55e8
+_PIXEL_BYTES, _COMPLETE_PIXEL_BYTES, _FINE_PIXEL_BYTES, _LIT_PIXEL_BYTES = 322.0, 770.0, 27.0, 35.0
+_FACE_BYTES, _TEXEL_BYTES, _PAINTED_TEXEL_BYTES = 995.0, 8.1, 1.0
+
+_STORED_SAMPLE_BYTES: Mapping[int, float] = {1: 0.75, 2: 1.28, 4: 3.0}
+"""Of a pixel of the recording, with noise, by the size of its numbers."""
+_STORED_FLAT_BYTES, _STORED_CURVED_BYTES, _STORED_BYTES_BY_FACES, _FACES_FEW = 8.5, 22.0, 50.0, 1_000
+"""Of a pixel of the truth of few large faces; of others; and the more, the more faces there are in a pixel."""
+_MOST_FACES_PER_PIXEL = 0.6
+_COMPLETE = 2.8
+_NARROW = 0.55
+_STORED_AT_MOST_BYTES = 65.0
+"""Of a pixel of the truth, whatever the surface (59 is the most that was measured)."""
 _STORE_BYTES = 1e5
 
 
 def _render(demand: Demand) -> StageForecast:
-    sharp = demand.images * demand.sharp_images * demand.fine_pixels
-    samples = sharp * demand.supersampling**2
+    backends = [_RAYS] if demand.rays else [_OPENGL] if demand.rays is False else [_RAYS, _OPENGL]
+    memory, seconds = (max(each) for each in zip(*(_rendered_by(demand, backend) for backend in backends), strict=True))
     truths = demand.frames * demand.views * demand.pixels
-    backend = _RAYS if demand.rays else _OPENGL
+    scale = (_COMPLETE if demand.complete else 1.0) * (_NARROW if demand.narrow else 1.0)
+    truth_bytes = _STORED_FLAT_BYTES
+    if demand.faces > _FACES_FEW:
+        per_pixel = min(demand.faces / demand.pixels, _MOST_FACES_PER_PIXEL)
+        truth_bytes = _STORED_CURVED_BYTES + _STORED_BYTES_BY_FACES * per_pixel
+    image_bytes = _STORED_SAMPLE_BYTES[demand.sample_bytes] + (_STORED_SAMPLE_BYTES[4] if demand.ideal else 0.0)
+    images = _STORE_BYTES + image_bytes * demand.images * demand.pixels
+    full = (demand.sample_bytes + (4 if demand.ideal else 0)) * demand.images * demand.pixels
+    return StageForecast(
+        memory,
+        images + truth_bytes * scale * truths,
+        seconds,
+        _STORE_BYTES + full + _STORED_AT_MOST_BYTES * scale * truths,
+    )
+
+
+def _rendered_by(demand: Demand, backend: _Backend) -> tuple[float, float]:
+    """Return memory and seconds of rendering by a backend."""
+    sharp = demand.images * demand.sharp_images * demand.fine_pixels
+    strips = demand.images * demand.sharp_images * (demand.strips if demand.strips > 1 else 0)
+    painted = demand.noise_texels_to_paint + demand.leaf_texels_to_paint > 0
+    samples = min(demand.fine_pixels * demand.supersampling**2, _TILE)
+    truths = demand.frames * demand.views * demand.pixels
+    memory = (
+        _START_BYTES
+        + backend.start_bytes
+        + backend.sample_bytes * samples
+        + _FINE_PIXEL_BYTES * demand.fine_pixels
+        + _LIT_PIXEL_BYTES * demand.pixels * demand.lit
+        + (_COMPLETE_PIXEL_BYTES if demand.complete else _PIXEL_BYTES) * demand.pixels
+        + (_FACE_BYTES + backend.face_bytes) * demand.faces
+        + (_TEXEL_BYTES + backend.texel_bytes) * demand.texels
+        + _PAINTED_TEXEL_BYTES * demand.largest_texels * painted
+    )
     seconds = (
         _START_S
         + backend.start_s
         + backend.pixel_s * sharp
-        + backend.sample_s * samples
-        + backend.face_s * demand.faces * demand.images * demand.sharp_images
-        + _LIGHT_S * sharp * (1 + demand.lamps) * demand.lit
-        + _STRIP_S * demand.strips * demand.images * demand.sharp_images * (demand.strips > 1)
-        + _READ_OUT_S * demand.images * demand.pixels
-        + _VISIBLE_S * demand.images * demand.pixels
-        + (_COMPLETE_TRUTH_S if demand.complete else _TRUTH_S) * truths
-        + _FACE_AT_A_TIME_S * demand.faces * demand.frames
-        + _FACE_S * demand.faces
+        + backend.sample_s * sharp * demand.supersampling**2
+        + _LIGHT_S * sharp * max(demand.lamps, 1) * demand.lit
+        + _STRIP_S * strips
+        + _IMAGE_S * demand.images * demand.sharp_images
         + _LEAF_FACE_S * demand.leaf_faces
+        + _FACE_IN_IMAGE_S * demand.faces * demand.images * demand.sharp_images
+        + (_COMPLETE_TRUTH_S if demand.complete else _TRUTH_S) * truths
         + _TEXEL_S * demand.texels
         + _NOISE_TEXEL_S * demand.noise_texels_to_paint
         + _LEAF_TEXEL_S * demand.leaf_texels_to_paint
     )
-    memory = (
-        _START_BYTES
-        + backend.start_bytes
-        + backend.pixel_bytes * demand.fine_pixels
-        + (_COMPLETE_PIXEL_BYTES if demand.complete else _PIXEL_BYTES) * demand.pixels
-        + (_FACE_BYTES + backend.face_bytes) * demand.faces
-        + backend.texel_bytes * demand.texels
-        + _PAINTED_TEXEL_BYTES
-        * demand.largest_texels
-        * (demand.noise_texels_to_paint + demand.leaf_texels_to_paint > 0)
-    )
-    image_bytes = _STORED_SAMPLE_BYTES[demand.sample_bytes] + (_STORED_SAMPLE_BYTES[4] if demand.ideal else 0.0)
-    truth_bytes = (_COMPLETE_STORED_BYTES if demand.complete else _STORED_BYTES) * (_NARROW if demand.narrow else 1.0)
-    disk = (
-        _STORE_BYTES
-        + image_bytes * demand.images * demand.pixels
-        + truth_bytes * truths
-        + _STORED_VISIBLE_BYTES * demand.images * demand.pixels
-    )
-    return StageForecast(memory, disk, seconds)
+    return memory, seconds
 
 
 _STAGES: dict[str, Callable[[Demand], StageForecast]] = {"render": _render}

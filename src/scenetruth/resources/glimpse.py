@@ -6,7 +6,7 @@ Compiled code alone would take longer to load than all of this.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +28,15 @@ from scenetruth.scene.world import Body, World, maps_of
 
 __all__ = ["Glimpse", "glimpse_of", "without_interior"]
 
-_WIDTH_PX = 96
-_SAMPLES = 400_000
+# Width of the small picture; where triangles lie many deep, it is the next one.
+_WIDTHS_PX = (96, 48, 24)
+_MOST_PIECES = 600_000
 # Bodies times moments that are looked at.
 _LOOKS = 300
 _FEWEST_MOMENTS = 3
 _MOST_BODIES = 100
+# Triangles of a mesh that is made in passing.
+_QUICKLY_MADE = 200_000
 # Bytes of files of nodes that are read in passing.
 _QUICKLY_READ = 4_000_000
 
@@ -99,17 +102,15 @@ def glimpse_of(scene: Scene, parts: Sequence[Part], folder: Path = Path()) -> Gl
                 where = f"{part.path}.deformation.0"
                 problems += [Problem(f"{where}.{one.path}", one.message, one.value) for one in error.problems]
                 continue
-            faces = body.mesh.faces
-            problems += movement_problems(scene, part.path, part.item, body.start, body.maps, faces, times)
+            problems += _movement_problems(scene, part, body, times, folder)
         bodies.append(body)
     if problems:
         raise SceneError(problems)
     world = World(tuple(bodies))
-    camera = _small(scene.camera)
     with np.errstate(all="ignore"):
-        depth, object_id = _picture([body.positions_at(0.0)[body.faces] for body in bodies], camera)
+        depth, object_id = _picture([body.positions_at(0.0)[body.faces] for body in bodies], scene.camera)
     left_out = [part.item.name for part in parts if part.item.name not in names]
-    return Glimpse(world, times, left_out, depth, object_id, scene.camera.width / camera.width)
+    return Glimpse(world, times, left_out, depth, object_id, scene.camera.width / depth.shape[1])
 
 
 def without_interior(glimpse: Glimpse, margin_px: float) -> list[str]:
@@ -173,6 +174,18 @@ def _body(scene: Scene, part: Part, folder: Path) -> Body:
     return Body(item.name, mesh, start, painted.uv, painted.texture, maps)
 
 
+def _movement_problems(scene: Scene, part: Part, body: Body, times: Sequence[float], folder: Path) -> list[Problem]:
+    """Return what is wrong with an object's deformations; what a sketch shows is asked of the mesh itself."""
+
+    def found(one: Body) -> list[Problem]:
+        return movement_problems(scene, part.path, part.item, one.start, one.maps, one.mesh.faces, times)
+
+    problems = found(body)
+    if not problems or part.size.faces > _QUICKLY_MADE:
+        return problems
+    return found(_body(scene, replace(part, sketch=part.item.mesh.make(folder)), folder))
+
+
 def _unpainted(mesh: TriangleMesh) -> Painted:
     return UniformTexture(kind="uniform").paint(mesh, Path(), np.random.default_rng(0))
 
@@ -185,9 +198,9 @@ def _moments(scene: Scene, bodies: int) -> list[float]:
     return sorted({*chosen, 0.0})
 
 
-def _small(camera: Camera) -> Camera:
-    """Return a pinhole with the same field of view and few pixels."""
-    share = min(_WIDTH_PX / max(camera.width, camera.height), 1.0)
+def _small(camera: Camera, width_px: int) -> Camera:
+    """Return a camera with the same field of view and few pixels."""
+    share = min(width_px / max(camera.width, camera.height), 1.0)
     width, height = (max(round(side * share), 1) for side in (camera.width, camera.height))
     x, y = camera.principal_point
     return camera.model_copy(
@@ -203,7 +216,20 @@ def _small(camera: Camera) -> Camera:
 
 
 def _picture(corners: Sequence[NDArray[np.float64]], camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the depth of the nearest of many points on triangles in every pixel, and of which body it is.
+    """Return the depth of what is nearest in every pixel of a small picture, and which body it is."""
+    for width_px in _WIDTHS_PX[:-1]:
+        found = _drawn(corners, _small(camera, width_px), _MOST_PIECES)
+        if found is not None:
+            return found
+    found = _drawn(corners, _small(camera, _WIDTHS_PX[-1]), np.inf)
+    assert found is not None
+    return found
+
+
+def _drawn(
+    corners: Sequence[NDArray[np.float64]], camera: Camera, most_pieces: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+    """Return depths and bodies, or None if there are too many pieces.
 
     Triangles of many pixels are cut until their pieces are small; each piece counts by its middle.
     """
@@ -219,7 +245,9 @@ def _picture(corners: Sequence[NDArray[np.float64]], camera: Camera) -> tuple[ND
         low, high = pixels.min(axis=1), pixels.max(axis=1)
         size = np.array([camera.width, camera.height]) - 0.5
         seen = ((high >= -0.5) & (low < size)).all(axis=1)
-        large = seen & ((high - low).max(axis=1) > 1.0) & (made + 4 * np.count_nonzero(seen) <= _SAMPLES)
+        large = seen & ((high - low).max(axis=1) > 1.0)
+        if made + 4 * np.count_nonzero(large) > most_pieces:
+            return None
         small = seen & ~large
         _splat(pieces[small].mean(axis=1), body[small], camera, depth, object_id)
         made += int(np.count_nonzero(small))

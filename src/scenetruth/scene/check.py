@@ -213,6 +213,12 @@ def _object_reports(scene: Scene, world: World, times: Sequence[float]) -> tuple
     for t in times:
         for one, body in zip(seen, world.bodies, strict=True):
             one.look(scene, body.positions_at(t), t)
+    for one, body in zip(seen, world.bodies, strict=True):
+        # What is seen at a moment that was left out is not outside every image.
+        for t in times_of(scene) if not one.in_view and one.near > 0 and one.lost_at is None else ():
+            one.look(scene, body.positions_at(t), t)
+            if one.in_view:
+                break
     reports, problems = [], []
     items = {item.name: (path, item) for path, item in scene.parts}
     for one, body in zip(seen, world.bodies, strict=True):
