@@ -61,7 +61,7 @@ def test_bounds_are_kept_by_every_command_and_limits_allow_more(command: str, tm
     assert "plaid.yaml" in done.stderr
     done = scenetruth(command, SCENES / "plaid.yaml", *output, "--limits", "memory_gb=0.01")
     assert done.returncode == 2
-    assert "memory of render" in done.stderr
+    assert "GB are foreseen" in done.stderr
     done = scenetruth(command, SCENES / "plaid.yaml", *output, "--limits", "frame=2")
     assert done.returncode == 2
     assert "must read name=value" in done.stderr

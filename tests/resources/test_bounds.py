@@ -28,7 +28,7 @@ def item(**fields: Any) -> dict[str, Any]:
     return {**CUBE["objects"][0], "texture": {"kind": "uniform"}, **fields}
 
 
-ROSETTE = {"kind": "rosette", "position_mm": [0, 0, 600], "leaves": 90, "leaf": {"kind": "leaf"}}
+ROSETTE = {"kind": "rosette", "position_mm": [0, 0, 600], "leaves": 40, "leaf": {"kind": "leaf"}}
 BEYOND: dict[str, tuple[st.Scene, str, str]] = {
     "frames": (scene(frames={"count": 10_001}), "frames.count", "10,001"),
     "images": (scene(stage={"positions": 999, "baseline_mm": 5}, frames={"count": 101}), "stage", "100,899"),
@@ -43,8 +43,8 @@ BEYOND: dict[str, tuple[st.Scene, str, str]] = {
         "objects.0.mesh",
         "2,253,001",
     ),
-    "objects": (scene(objects=[item(name=f"cube-{number}") for number in range(1_001)]), "objects", "1,001"),
-    "leaves": (scene(plants=[{**ROSETTE, "name": f"plant-{n}"} for n in range(3)]), "plants", "270"),
+    "objects": (scene(objects=[item(name=f"cube-{number}") for number in range(401)]), "objects", "401"),
+    "leaves": (scene(plants=[{**ROSETTE, "name": f"plant-{n}"} for n in range(3)]), "plants", "120"),
     "texels": (
         scene(
             objects=[

@@ -80,10 +80,13 @@ def _print_table(scene: Scene, file: Path, report: SceneReport, faces: Mapping[s
         **_lens_rows(scene, report),
         "recording": _megabytes(report.recording_bytes),
         "truth": _megabytes(report.truth_bytes),
-        "mean disparity": f"about {report.mean_disparity_px:.3g} px per step",
-        "working point": f"{report.working_point_px} px per step",
-        "residual disparity": "about {:+.2f} to {:+.2f} px per step".format(*report.residual_disparity_px),
     }
+    if report.objects:
+        rows |= {
+            "mean disparity": f"about {report.mean_disparity_px:.3g} px per step",
+            "working point": f"{report.working_point_px} px per step",
+            "residual disparity": "about {:+.2f} to {:+.2f} px per step".format(*report.residual_disparity_px),
+        }
     for item in report.objects[:_MOST_OBJECTS]:
         text = "about {} faces, depth {:.5g} to {:.5g} mm, disparity {:.3g} to {:.3g} px per step".format(
             faces[item.name], *item.depth_mm, *item.disparity_px

@@ -31,7 +31,7 @@ class Limits:
     vertices
         Vertices of all meshes together; with its two triangles, each takes two kilobytes, by OpenGL four.
     objects
-        Objects, leaves among them.
+        Objects, leaves among them: to look at so many takes `check` about a second.
     leaves
         Leaves of all plants; the texture of a large leaf takes 50 MB.
     texels
@@ -54,8 +54,8 @@ class Limits:
     pixels: float = 16_000_000
     samples: float = 4_096
     vertices: float = 1_000_000
-    objects: float = 1_000
-    leaves: float = 250
+    objects: float = 400
+    leaves: float = 100
     texels: float = 64_000_000
     image_pixels: float = 64_000_000
     memory_gb: float | None = None

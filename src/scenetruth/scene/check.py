@@ -127,17 +127,20 @@ def describe_scene(
     """
     reports, problems = _looked_at(scene, world, times)
     seen = depth[np.isfinite(depth)]
-    if not problems and not seen.size:
+    # Of a scene that is looked at in part, what is seen may be among the rest.
+    whole = len(world.bodies) == len(scene.parts)
+    if not problems and not seen.size and whole:
         problems = [Problem("objects", "the reference camera sees none of them at the reference frame")]
     if problems:
         raise SceneError(problems)
     disparity = scene.camera.focal_px * scene.stage.baseline_mm / seen
-    mean = float(disparity.mean())
+    mean = float(disparity.mean()) if seen.size else 0.0
     images = scene.stage.rows * scene.stage.positions * scene.frames.count
     pixels = scene.camera.width * scene.camera.height
     sample = chain_of(scene.sensor).dtype.itemsize
     messages = list(_texture_warnings(reports))
-    span = (float(disparity.min() - round(mean)), float(disparity.max() - round(mean)))
+    ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
+    span = (ends[0] - round(mean), ends[1] - round(mean))
     if max(map(abs, span)) > 2:
         messages.append(
             f"the disparity left after registration reaches {max(map(abs, span)):.1f} px per step; derivative filters "

@@ -18,7 +18,7 @@ __all__ = ["LeafMesh"]
 
 # The teeth and the triangles along the margin leave about so much of the area to equal triangles (measured).
 _MORE_FACES = 0.98
-_SKETCHED_POINTS = 48
+_MARGIN_POINTS, _SKETCHED_POINTS = 400, 48
 
 
 class LeafMesh(LeafForm):
@@ -33,7 +33,7 @@ class LeafMesh(LeafForm):
 
     def size(self, folder: Path) -> MeshSize:
         """Return about how large the mesh will be, by the area of the leaf; see `MeshModel`."""
-        a, b = entire_margin(self).T
+        a, b = entire_margin(self, _MARGIN_POINTS).T
         area = 2 * abs(float(np.trapezoid(b, a)))
         if self.petiole is not None:
             area += self.petiole.length_mm * self.petiole.diameter_mm
@@ -42,7 +42,7 @@ class LeafMesh(LeafForm):
 
     def sketch(self, folder: Path, most_faces: int) -> TriangleMesh:
         """Return strips between midrib and margin, without teeth; see `MeshModel`."""
-        rim = entire_margin(self)
+        rim = entire_margin(self, _MARGIN_POINTS)
         rim = rim[np.unique(np.linspace(0, len(rim) - 1, _SKETCHED_POINTS).astype(np.int64))]
         if self.petiole is not None:
             stalk = np.array([[-self.petiole.length_mm, self.petiole.diameter_mm / 2]])
