@@ -123,7 +123,13 @@ def _most(given: float | None, there: int | None) -> float | None:
 def _problem(what: str, wanted: float, most: float | None, unit: str, remedy: str) -> Problem | None:
     if most is None or wanted <= most:
         return None
-    return Problem(what, f"about {wanted:.3g} {unit} are foreseen, and there are {most:.3g}: {remedy}={_up(wanted)}")
+    return Problem(
+        what, f"about {_told(wanted)} {unit} are foreseen, and there are {_told(most)}: {remedy}={_up(wanted)}"
+    )
+
+
+def _told(value: float) -> str:
+    return f"{value:.3g}" if value < 100 else f"{value:,.0f}"
 
 
 def _up(value: float) -> str:
