@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     )
     from scenetruth.estimators import estimate
     from scenetruth.pipeline import RunFolder, run_scene, verify_folder
+    from scenetruth.resources import Limits
     from scenetruth.scene import Scene, load_scene, scene_from_plain
     from scenetruth.schema import make_estimate, make_recording
     from scenetruth.scoring import Score, score, surface_growth, write_report
@@ -42,6 +43,7 @@ __all__ = [
     "BackendUnavailableError",
     "EstimateError",
     "EstimateWarning",
+    "Limits",
     "MachineError",
     "MismatchError",
     "OutputExistsError",
@@ -76,6 +78,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Limits": "resources",
     "Scene": "scene",
     "load_scene": "scene",
     "scene_from_plain": "scene",

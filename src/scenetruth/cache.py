@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cache_folder", "key_of", "recall", "remember", "remembered", "source_hash"]
+__all__ = ["cache_folder", "is_kept", "key_of", "recall", "remember", "remembered", "source_hash"]
 
 _FOLDER, _SIZE = "SCENETRUTH_CACHE", "SCENETRUTH_CACHE_MB"
 _OFF = ("off", "0", "no", "false")
@@ -173,6 +173,23 @@ def recall(key: str) -> Arrays | None:
         else:
             os.utime(path)  # the least recently used go first
     return found
+
+
+def is_kept(key: str) -> bool:
+    """Tell whether there is an entry; it may still turn out to be damaged.
+
+    Parameters
+    ----------
+    key
+        Its key, from `key_of`.
+
+    Returns
+    -------
+    bool
+        True if a file of its name is there.
+    """
+    folder = cache_folder()
+    return folder is not None and (folder / f"{key}{_SUFFIX}").is_file()
 
 
 def remember(key: str, arrays: Arrays) -> None:

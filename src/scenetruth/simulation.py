@@ -17,6 +17,7 @@ from scenetruth.progress import Progress
 from scenetruth.provenance import blank_recording, provenance_of, recording_hash, schedule_of
 from scenetruth.randomness import generator_for
 from scenetruth.render import choose_renderer
+from scenetruth.resources import Limits, refuse_beyond_bounds
 from scenetruth.scene.check import check_scene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.spec import Scene
@@ -44,6 +45,7 @@ def simulate(
     truth_content: TruthMaps = "standard",
     ideal: bool = False,
     folder: str | Path | None = None,
+    limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Render a scene as a camera on its stage would see it, and compute the exact truth.
@@ -66,6 +68,8 @@ def simulate(
     folder
         A folder to be made for scene, recording and truth. Every image goes there as soon as it is rendered, so that
         memory does not grow with their number. Without it, all is kept in memory.
+    limits
+        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
     progress
         Called with (what, done, total) as the work goes on.
 
@@ -79,7 +83,7 @@ def simulate(
     Raises
     ------
     SceneError
-        If the scene cannot be made, or nothing of it can be seen.
+        If the scene cannot be made or passes a bound, or nothing of it can be seen.
     BackendUnavailableError
         If the scene names a render backend that does not run here.
     StoreError
@@ -110,6 +114,7 @@ def simulate(
     (('t', 'y', 'x'), 100.0, 3.0)
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
+    refuse_beyond_bounds(scene, limits)
     choice = TruthChoice(truth_views, truth_poses, truth_content)
     if folder is not None:
         with write_aside(folder) as aside:

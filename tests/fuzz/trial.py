@@ -13,6 +13,8 @@ import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.errors import SceneWarning
 from scenetruth.raycast import Topology
+from scenetruth.resources import Limits, bounded_parts, demand_of, foresee
+from scenetruth.resources.glimpse import glimpse_of
 from scenetruth.scene import Scene
 from scenetruth.scene.check import check_scene, describe_scene
 from scenetruth.scene.leaf.form import LeafForm
@@ -53,6 +55,13 @@ def try_scene(file: Path, smaller: float = 1.0) -> str:
             return "refused"
         repr(scene), scene._repr_html_(), hash(scene)
         assert st.scene_from_plain(scene.to_plain()) == scene
+        try:
+            parts = bounded_parts(scene, Limits())
+            foresee(demand_of(scene, parts), ["render"], slower=1.0)
+            glimpse = glimpse_of(scene, parts)
+            describe_scene(scene, glimpse.world, glimpse.depth, glimpse.times)
+        except st.SceneError as error:
+            _is_told(error)
         if is_large(scene, smaller):
             return "large"
         try:

@@ -3,43 +3,73 @@
 from __future__ import annotations
 
 import sys
-import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from scenetruth.camera import Frames, Stage, Viewpoint
+from scenetruth.camera import Frames, Stage
 from scenetruth.cli.console import print_warning
-from scenetruth.errors import SceneError, SceneWarning, visible
+from scenetruth.errors import MachineError, SceneError, visible
+from scenetruth.resources import Forecast, Limits, Machine
 from scenetruth.scene import Scene
 from scenetruth.scene.check import SceneReport
 
 __all__ = ["print_check"]
 
+_MOST_NAMES, _MOST_OBJECTS = 5, 40
+_DAY_S = 86_400.0
+_UNKNOWN = "unknown"
 
-def print_check(scene: Scene, file: Path) -> None:
-    """Validate a scene down to its meshes and textures, and print what will be made from it."""
-    from scenetruth.pipeline import run_problems
-    from scenetruth.raycast import Topology
-    from scenetruth.scene.check import check_scene, describe_scene
-    from scenetruth.scene.world import build_world
-    from scenetruth.truth import GeometryPass, interior_warnings, truth_maps
+
+def print_check(scene: Scene, file: Path, limits: Limits) -> None:
+    """Validate a scene and print what will be made from it, and what that takes; nothing large is made for it."""
+    from scenetruth.pipeline import STAGES, run_problems
+    from scenetruth.resources import bounded_parts, demand_of, foresee, machine_at, machine_problems
+    from scenetruth.resources.glimpse import glimpse_of, without_interior
+    from scenetruth.scene.check import describe_scene
 
     try:
-        world = build_world(scene)
-        with warnings.catch_warnings():
-            # The report tells them again.
-            warnings.simplefilter("ignore", SceneWarning)
-            check_scene(scene, world)
-        geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
-        maps = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm, "standard")
-        margin = scene.score.interior_margin_px
-        edges_only = interior_warnings(world, maps["object_id"], maps["boundary_distance"], margin)
-        report = describe_scene(scene, world, maps["depth"])
+        parts = bounded_parts(scene, limits)
+        glimpse = glimpse_of(scene, parts)
+        report = describe_scene(scene, glimpse.world, glimpse.depth, glimpse.times)
     except SceneError as error:
         raise SceneError(error.problems, source=file) from error
+    forecast, machine = foresee(demand_of(scene, parts), STAGES), machine_at(Path())
+    _print_table(scene, file, report, {part.item.name: part.size.faces for part in parts})
+    _print_forecast(forecast, machine)
+    problems = machine_problems(forecast, machine, limits)
+    if problems:
+        raise MachineError(problems)
+    messages = list(report.warnings)
+    if without := without_interior(glimpse, scene.score.interior_margin_px):
+        messages.append(_interior_warning(without, scene.score.interior_margin_px))
+    if glimpse.left_out:
+        messages.append(f"objects: {_listed(glimpse.left_out)} not looked at, because that takes long; a run will")
+    messages += [f"cannot be estimated: {problem}" for problem in run_problems(scene, [scene.estimate])]
+    for message in messages:
+        print_warning(message)
+    print(
+        "the scene is valid" if not messages else f"the scene is valid, with {len(messages)} warnings", file=sys.stdout
+    )
+
+
+def _interior_warning(names: Sequence[str], margin_px: float) -> str:
+    return (
+        f"objects: {_listed(names)} hardly with interior pixels: all that is seen at the reference frame is less than "
+        f"about {margin_px:g} px from an edge, so that scores of the interior say little of it; use a nearer camera, a "
+        "longer focal length or a smaller score.interior_margin_px"
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(f"'{name}'" for name in names[:_MOST_NAMES])
+    return shown if len(names) <= _MOST_NAMES else f"{shown} and {len(names) - _MOST_NAMES} more"
+
+
+def _print_table(scene: Scene, file: Path, report: SceneReport, faces: Mapping[str, int]) -> None:
     camera, stage, frames = scene.camera, scene.stage, scene.frames
     table = Table(title=visible(scene.description or str(file)), show_header=False, title_justify="left")
     rows = {
@@ -50,27 +80,57 @@ def print_check(scene: Scene, file: Path) -> None:
         **_lens_rows(scene, report),
         "recording": _megabytes(report.recording_bytes),
         "truth": _megabytes(report.truth_bytes),
-        "mean disparity": f"{report.mean_disparity_px:.3f} px per step",
-        "working point": f"{report.working_point_px} px per step",
-        "residual disparity": "{:+.3f} to {:+.3f} px per step".format(*report.residual_disparity_px),
     }
-    for item in report.objects:
-        text = "{} faces, depth {:.6g} to {:.6g} mm, disparity {:.3f} to {:.3f} px per step".format(
-            item.faces, *item.depth_mm, *item.disparity_px
+    if report.objects:
+        rows |= {
+            "mean disparity": f"about {report.mean_disparity_px:.3g} px per step",
+            "working point": f"{report.working_point_px} px per step",
+            "residual disparity": "about {:+.2f} to {:+.2f} px per step".format(*report.residual_disparity_px),
+        }
+    for item in report.objects[:_MOST_OBJECTS]:
+        text = "about {} faces, depth {:.5g} to {:.5g} mm, disparity {:.3g} to {:.3g} px per step".format(
+            faces[item.name], *item.depth_mm, *item.disparity_px
         )
         if item.wavelength_px is not None:
             text += ", texture wavelengths {:.2f} to {:.2f} px".format(*item.wavelength_px)
         rows[f"object '{item.name}'"] = text
+    if len(report.objects) > _MOST_OBJECTS:
+        rows[f"and {len(report.objects) - _MOST_OBJECTS} more"] = ""
     for name, text in rows.items():
         table.add_row(visible(name), visible(text))
-    Console(highlight=False, markup=False, emoji=False).print(table)
-    problems = run_problems(scene, [scene.estimate])
-    messages = [*report.warnings, *edges_only, *(f"cannot be estimated: {problem}" for problem in problems)]
-    for message in messages:
-        print_warning(message)
-    print(
-        "the scene is valid" if not messages else f"the scene is valid, with {len(messages)} warnings", file=sys.stdout
-    )
+    _console().print(table)
+
+
+def _print_forecast(forecast: Forecast, machine: Machine) -> None:
+    table = Table(title="foreseen", title_justify="left")
+    for heading in ("", "memory", "disk", "at most", "time"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    for name, stage in forecast.stages.items():
+        table.add_row(
+            name,
+            _size(stage.memory_bytes),
+            _size(stage.disk_bytes),
+            _size(stage.disk_at_most_bytes),
+            _time(stage.seconds),
+        )
+    free = [_UNKNOWN if value is None else _size(value) for value in (machine.memory_bytes, machine.disk_bytes)]
+    table.add_row("this machine has", *free, "", f"{machine.processors} processors")
+    _console().print(table)
+
+
+def _console() -> Console:
+    return Console(highlight=False, markup=False, emoji=False)
+
+
+def _size(count: float) -> str:
+    return _megabytes(int(count)) if count < 1e9 else f"{count / 1e9:.1f} GB"
+
+
+def _time(seconds: float) -> str:
+    for size, unit in ((_DAY_S, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def _positions(stage: Stage) -> str:

@@ -17,6 +17,7 @@ __all__ = [
     "Ideal",
     "ImageForm",
     "Images",
+    "Limits",
     "Methods",
     "Output",
     "Overrides",
@@ -87,6 +88,16 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option(
         "--set", metavar="PATH=VALUE", help="Override a field of the scene; may be repeated.", show_default=False
+    ),
+]
+Limits = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--limits",
+        metavar="NAME=VALUE",
+        help="Allow a scene more, or less, than it may ask for by default: frames, images, pixels, samples, vertices, "
+        "objects, leaves, texels, image_pixels; memory_gb, disk_gb, hours. May be repeated.",
+        show_default=False,
     ),
 ]
 Methods = Annotated[

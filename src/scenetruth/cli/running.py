@@ -26,7 +26,9 @@ def register(app: typer.Typer) -> None:
 def run(
     scene: options.SceneFile,
     output: options.Output,
+    *,
     overrides: options.Overrides = None,
+    limits: options.Limits = None,
     methods: options.Methods = None,
     overwrite: options.Overwrite = False,
     images: options.Images = None,
@@ -41,13 +43,14 @@ def run(
     from scenetruth.cli.console import reporting
     from scenetruth.errors import SceneError
     from scenetruth.pipeline import STAGES, run_scene
+    from scenetruth.resources.bounds import limits_from
     from scenetruth.scene import load_scene
 
     changes = list(overrides or ())
     if methods and len(methods) == 1 and methods[0] != load_scene(scene).estimate.method:
         # --set estimate.FIELD then means a field of that method.
         changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
-    loaded = load_scene(scene, changes)
+    loaded, allowed = load_scene(scene, changes), limits_from(limits or ())
     try:
         with reporting() as reporter:
             results = run_scene(
@@ -61,6 +64,7 @@ def run(
                 ideal=ideal,
                 images=None if images is None else images.value,
                 overwrite=overwrite,
+                limits=allowed,
                 figures=figures or None,
                 helpers=options.helpers(),
                 progress=reporter,
@@ -76,7 +80,9 @@ def run(
 def render(
     scene: options.SceneFile,
     output: options.Output,
+    *,
     overrides: options.Overrides = None,
+    limits: options.Limits = None,
     overwrite: options.Overwrite = False,
     images: options.Images = None,
     truth: options.Truth = options.TruthViews.reference,
@@ -86,24 +92,30 @@ def render(
 ) -> None:
     """Render a scene: a recording and its truth."""
     from scenetruth.cli.console import reporting
+    from scenetruth.errors import SceneError
     from scenetruth.pipeline import run_scene
+    from scenetruth.resources.bounds import limits_from
     from scenetruth.scene import load_scene
 
-    loaded = load_scene(scene, overrides or ())
-    with reporting() as reporter:
-        results = run_scene(
-            loaded,
-            output,
-            stages=("render",),
-            truth_views=truth.value,
-            truth_poses=truth_poses.value,
-            truth_content=truth_content.value,
-            ideal=ideal,
-            images=None if images is None else images.value,
-            overwrite=overwrite,
-            progress=reporter,
-            notice=reporter.say,
-        )
+    loaded, allowed = load_scene(scene, overrides or ()), limits_from(limits or ())
+    try:
+        with reporting() as reporter:
+            results = run_scene(
+                loaded,
+                output,
+                stages=("render",),
+                truth_views=truth.value,
+                truth_poses=truth_poses.value,
+                truth_content=truth_content.value,
+                ideal=ideal,
+                images=None if images is None else images.value,
+                overwrite=overwrite,
+                limits=allowed,
+                progress=reporter,
+                notice=reporter.say,
+            )
+    except SceneError as error:
+        raise SceneError(error.problems, source=scene) from error
     _echo(f"written: {results.folder.recording}, {results.folder.truth}")
 
 

@@ -17,12 +17,13 @@ def register(app: typer.Typer) -> None:
         app.command()(command)
 
 
-def check(scene: options.SceneFile, overrides: options.Overrides = None) -> None:
+def check(scene: options.SceneFile, overrides: options.Overrides = None, limits: options.Limits = None) -> None:
     """Validate a scene and print what will be made from it."""
     from scenetruth.cli.checking import print_check
+    from scenetruth.resources.bounds import limits_from
     from scenetruth.scene import load_scene
 
-    print_check(load_scene(scene, overrides or ()), scene)
+    print_check(load_scene(scene, overrides or ()), scene, limits_from(limits or ()))
 
 
 def schema() -> None:

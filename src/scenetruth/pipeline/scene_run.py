@@ -13,6 +13,7 @@ from scenetruth.pipeline.folder import RunFolder
 from scenetruth.pipeline.requirements import method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
 from scenetruth.progress import Progress
+from scenetruth.resources import Limits, bounded_parts, demand_of, foresee, machine_at, refuse_resources
 from scenetruth.scene import Scene
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def run_scene(
     ideal: bool = False,
     images: Literal["png", "tiff"] | None = None,
     overwrite: bool = False,
+    limits: Limits | None = None,
     check: bool = True,
     figures: Collection[str] | None = None,
     helpers: int = 0,
@@ -65,6 +67,8 @@ def run_scene(
         Whether to write the images as files too, as 16-bit PNG or float TIFF.
     overwrite
         Whether results that exist may be replaced.
+    limits
+        Bounds of what the scene may ask for and take (`scenetruth.Limits`); those by default if not given.
     check
         Whether to refuse a folder that holds another scene's recording.
     figures
@@ -84,7 +88,9 @@ def run_scene(
     Raises
     ------
     SceneError
-        If the scene cannot be made, or a method cannot estimate its recording; before any work.
+        If the scene cannot be made, passes a bound, or a method cannot estimate its recording; before any work.
+    MachineError
+        If more memory, disk space or time is foreseen than the machine has, or than is allowed; before any work.
     EstimateError
         If there is no such method; before any work.
     OutputExistsError
@@ -130,6 +136,16 @@ def run_scene(
         problems = run_problems(scene, choices)
         if problems:
             raise SceneError(problems)
+    if "render" in stages:
+        allowed = limits or Limits()
+        demand = demand_of(
+            scene,
+            bounded_parts(scene, allowed),
+            views=scene.stage.positions * scene.stage.rows if truth_views == "all" else 1,
+            complete=truth_content == "complete",
+            ideal=ideal,
+        )
+        refuse_resources(foresee(demand, stages), machine_at(Path(folder)), allowed)
     truth = TruthChoice(truth_views, truth_poses, truth_content)
     with (
         figure_help(helpers if "report" in stages else 0) as helper,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenetruth.camera import chain_of
 from scenetruth.errors import Problem, SceneError, SceneWarning
@@ -95,14 +97,16 @@ def check_scene(scene: Scene, world: World) -> None:
     SceneWarning
         If a texture is finer than two pixels.
     """
-    reports, problems = _looked_at(scene, world)
+    reports, problems = _looked_at(scene, world, None)
     if problems:
         raise SceneError(problems)
     for message in _texture_warnings(reports):
         warnings.warn(message, SceneWarning, stacklevel=2)
 
 
-def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport:
+def describe_scene(
+    scene: Scene, world: World, depth: NDArray[np.float64], times: Sequence[float] | None = None
+) -> SceneReport:
     """Describe what will be made.
 
     Parameters
@@ -112,26 +116,31 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
     world
         Its objects.
     depth
-        True depth of the reference camera at the reference frame, NaN where nothing is seen.
+        Depth of the reference camera at the reference frame, NaN where nothing is seen.
+    times
+        Moments to look at, in frames; all if not given.
 
     Raises
     ------
     SceneError
         As `check_scene`.
     """
-    reports, problems = _looked_at(scene, world)
+    reports, problems = _looked_at(scene, world, times)
     seen = depth[np.isfinite(depth)]
-    if not problems and not seen.size:
+    # Of a scene that is looked at in part, what is seen may be among the rest.
+    whole = len(world.bodies) == len(scene.parts)
+    if not problems and not seen.size and whole:
         problems = [Problem("objects", "the reference camera sees none of them at the reference frame")]
     if problems:
         raise SceneError(problems)
     disparity = scene.camera.focal_px * scene.stage.baseline_mm / seen
-    mean = float(disparity.mean())
+    mean = float(disparity.mean()) if seen.size else 0.0
     images = scene.stage.rows * scene.stage.positions * scene.frames.count
     pixels = scene.camera.width * scene.camera.height
     sample = chain_of(scene.sensor).dtype.itemsize
     messages = list(_texture_warnings(reports))
-    span = (float(disparity.min() - round(mean)), float(disparity.max() - round(mean)))
+    ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
+    span = (ends[0] - round(mean), ends[1] - round(mean))
     if max(map(abs, span)) > 2:
         messages.append(
             f"the disparity left after registration reaches {max(map(abs, span)):.1f} px per step; derivative filters "
@@ -149,11 +158,12 @@ def describe_scene(scene: Scene, world: World, depth: np.ndarray) -> SceneReport
     )
 
 
-def _looked_at(scene: Scene, world: World) -> tuple[list[ObjectReport], list[Problem]]:
+def _looked_at(scene: Scene, world: World, times: Sequence[float] | None) -> tuple[list[ObjectReport], list[Problem]]:
+    moments = times_of(scene) if times is None else times
     # What overflows is told of as a problem.
     with np.errstate(all="ignore"):
-        reports, problems = _object_reports(scene, world)
-        return reports, [*problems, *_camera_problems(scene), *lighting_problems(scene, world)]
+        reports, problems = _object_reports(scene, world, moments)
+        return reports, [*problems, *_camera_problems(scene), *lighting_problems(scene, world, times)]
 
 
 def _camera_problems(scene: Scene) -> list[Problem]:
@@ -179,52 +189,77 @@ def _camera_problems(scene: Scene) -> list[Problem]:
     return problems
 
 
-def _object_reports(scene: Scene, world: World) -> tuple[list[ObjectReport], list[Problem]]:
+@dataclass
+class _Seen:
+    """What is known of one object after some moments."""
+
+    near: float = np.inf
+    far: float = -np.inf
+    in_view: bool = False
+    lost_at: float | None = None
+
+    def look(self, scene: Scene, vertices: NDArray[np.float64], t: float) -> None:
+        """Look at its vertices at one more moment."""
+        if self.lost_at is not None:
+            return
+        if not np.abs(vertices).max() <= _FARTHEST_MM:
+            self.lost_at = t
+            return
+        depth = vertices[:, 2]
+        self.near, self.far = min(self.near, float(depth.min())), max(self.far, float(depth.max()))
+        self.in_view = self.in_view or (self.near > 0 and _in_view(scene, vertices))
+
+
+def _object_reports(scene: Scene, world: World, times: Sequence[float]) -> tuple[list[ObjectReport], list[Problem]]:
+    # Moment by moment: all of them together would not fit into memory.
+    seen = [_Seen() for _ in world.bodies]
+    for t in times:
+        for one, body in zip(seen, world.bodies, strict=True):
+            one.look(scene, body.positions_at(t), t)
+    for one, body in zip(seen, world.bodies, strict=True):
+        # What is seen at a moment that was left out is not outside every image.
+        for t in times_of(scene) if not one.in_view and one.near > 0 and one.lost_at is None else ():
+            one.look(scene, body.positions_at(t), t)
+            if one.in_view:
+                break
     reports, problems = [], []
-    offsets = world.vertex_offsets
-    times = times_of(scene)
-    moments = [world.at(float(t)).vertices_mm for t in times]
-    for index, ((path, item), body) in enumerate(zip(scene.parts, world.bodies, strict=True)):
-        vertices = np.stack([moment[offsets[index] : offsets[index + 1]] for moment in moments])
-        lost = np.flatnonzero(~(np.abs(vertices).max(axis=(1, 2)) <= _FARTHEST_MM))
-        if lost.size:
-            message = f"'{item.name}' is out of all bounds at frame {times[lost[0]]:g}: no coordinate may be farther "
+    items = {item.name: (path, item) for path, item in scene.parts}
+    for one, body in zip(seen, world.bodies, strict=True):
+        path, item = items[body.name]
+        near, far = one.near, one.far
+        if one.lost_at is not None:
+            message = f"'{item.name}' is out of all bounds at frame {one.lost_at:g}: no coordinate may be farther "
             message += f"than {_FARTHEST_MM:g} mm from the origin; make it smaller, nearer or slower"
             problems.append(Problem(f"{path}.motion" if item.motion else path, message))
-            continue
-        depth = vertices[..., 2]
-        if depth.min() <= 0:
-            where = "is behind the camera" if depth.max() <= 0 else "reaches behind the camera"
-            value = f"Z from {depth.min():.6g} to {depth.max():.6g} mm"
+        elif near <= 0:
+            where = "is behind the camera" if far <= 0 else "reaches behind the camera"
+            value = f"Z from {near:.6g} to {far:.6g} mm"
             remedy = "move it to Z > 0 for all frames"
             problems.append(Problem(f"{path}.pose.position_mm", f"'{item.name}' {where}; {remedy}", value))
-            continue
-        if not _in_view(scene, vertices):
+        elif not one.in_view:
             message = f"'{item.name}' is outside every image; move it, or widen the view"
             problems.append(Problem(f"{path}.pose.position_mm", message, item.pose.position_mm))
-            continue
-        near, far = float(depth.min()), float(depth.max())
-        disparity = sorted(scene.camera.focal_px * scene.stage.baseline_mm / np.array([near, far]))
-        reports.append(
-            ObjectReport(
-                item.name,
-                len(body.faces),
-                (near, far),
-                (float(disparity[0]), float(disparity[1])),
-                _wavelengths_px(item.texture, scene.camera.focal_px, near, far),
+        else:
+            disparity = sorted(scene.camera.focal_px * scene.stage.baseline_mm / np.array([near, far]))
+            reports.append(
+                ObjectReport(
+                    item.name,
+                    len(body.faces),
+                    (near, far),
+                    (float(disparity[0]), float(disparity[1])),
+                    _wavelengths_px(item.texture, scene.camera.focal_px, near, far),
+                )
             )
-        )
     return reports, problems
 
 
-def _in_view(scene: Scene, vertices: np.ndarray) -> bool:
-    """Whether the box around the projected vertices meets an image, from any camera at any frame."""
+def _in_view(scene: Scene, vertices: NDArray[np.float64]) -> bool:
+    """Whether the box around the projected vertices meets an image, from any camera."""
     camera, stage = scene.camera, scene.stage
     for x_mm, y_mm in product(stage.x_mm, stage.y_mm):
         pixels = camera.project(vertices - (x_mm, y_mm, 0.0))
-        low, high = pixels.min(axis=1), pixels.max(axis=1)
-        inside = (high >= -0.5) & (low <= np.array([camera.width, camera.height]) - 0.5)
-        if inside.all(axis=1).any():
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        if ((high >= -0.5) & (low <= np.array([camera.width, camera.height]) - 0.5)).all():
             return True
     return False
 

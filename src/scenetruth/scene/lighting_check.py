@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,13 +19,15 @@ _UNSTEADY = 1e-3
 _ODD_WAY = np.array([0.351938, 0.681273, 0.641873])
 
 
-def lighting_problems(scene: Scene, world: World) -> list[Problem]:
+def lighting_problems(scene: Scene, world: World, times: Sequence[float] | None = None) -> list[Problem]:
     """Return what is wrong with a scene's lighting: lights inside objects, and brightness that does not stay positive.
 
-    All frames are looked at. Only closed meshes have an inside: those in which every edge belongs to an even number of
-    triangles. A light is inside if a ray from it passes the surface an odd number of times.
+    All frames, or the given times in frames, are looked at. Only closed meshes have an inside: those in which every
+    edge belongs to an even number of triangles. A light is inside if a ray from it passes the surface an odd number of
+    times.
     """
-    lighting, times = scene.lighting, [float(t) for t in scene.frames.t]
+    lighting = scene.lighting
+    times = [float(t) for t in scene.frames.t] if times is None else times
     problems = []
     brightness = [lighting.brightness(t) for t in times]
     if min(brightness) <= 0:
@@ -35,17 +39,17 @@ def lighting_problems(scene: Scene, world: World) -> list[Problem]:
     problems += _lost_lamps(scene, times)
     if problems or all(lamp.position_mm is None for lamp in lighting.lamps_at(0.0)):
         return problems
-    closed = [_is_closed(body.vertices_mm, body.faces) for body in world.bodies]
+    closed = [_is_closed(body.positions_at(0.0), body.faces) for body in world.bodies]
     found: set[tuple[int, int]] = set()
     for t in times:
-        vertices, offsets = world.at(t).vertices_mm, world.vertex_offsets
+        places = [body.positions_at(t) if shut else None for body, shut in zip(world.bodies, closed, strict=True)]
         for number, lamp in enumerate(lighting.lamps_at(t)):
             if lamp.position_mm is None:
                 continue
             for index, body in enumerate(world.bodies):
-                if not closed[index] or (number, index) in found:
+                corners = places[index]
+                if corners is None or (number, index) in found:
                     continue
-                corners = vertices[offsets[index] : offsets[index + 1]]
                 if _is_inside(lamp.position_mm, corners, body.faces):
                     found.add((number, index))
                     message = f"the light is inside '{body.name}' at frame {t:g}; move it out"
@@ -54,7 +58,7 @@ def lighting_problems(scene: Scene, world: World) -> list[Problem]:
     return problems
 
 
-def _lost_lamps(scene: Scene, times: list[float]) -> list[Problem]:
+def _lost_lamps(scene: Scene, times: Sequence[float]) -> list[Problem]:
     """Return which lamps are moved so far that they, or the directions in which they shine, are no numbers any more."""
     lost: dict[int, Problem] = {}
     for t in times:

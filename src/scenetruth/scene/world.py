@@ -77,6 +77,14 @@ class Body:
         points = self.start.at(time)
         return moved_of(apply(self.maps, points, time), len(points[0]))
 
+    def positions_at(self, t: float) -> NDArray[np.float64]:
+        """Return where all vertices are at time t, shape (n, 3): as `at`, without velocities and compiled code."""
+        time = np.array([float(t)])
+        points = self.start.at(time)
+        for item in self.maps:
+            points = item(points, time)
+        return np.column_stack([np.broadcast_to(field, self.mesh.vertices_mm.shape[:1]) for field in points])
+
     def surface_at(self, t: float) -> NDArray[np.float64]:
         """Return the tensors of motion and form of all surface points at time t; see `surface_tensors`."""
         from scenetruth.scene.surface.kernels import surface_tensors

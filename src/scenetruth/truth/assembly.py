@@ -16,6 +16,7 @@ from scenetruth.plain import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.provenance import intrinsics_from, provenance_of, schedule_of
 from scenetruth.raycast import Topology
+from scenetruth.resources import Limits, refuse_beyond_bounds
 from scenetruth.scene.check import check_scene
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.world import World, build_world
@@ -50,6 +51,7 @@ def make_truth(
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
+    limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the exact truth of a scene without rendering images.
@@ -67,6 +69,8 @@ def make_truth(
         ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
         size, with acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
         rotation rate, principal growth, and coordinates on the surface.
+    limits
+        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
     progress
         Called with (what, done, total) as the work goes on.
 
@@ -78,7 +82,7 @@ def make_truth(
     Raises
     ------
     SceneError
-        If the scene cannot be made, or nothing of it can be seen.
+        If the scene cannot be made or passes a bound, or nothing of it can be seen.
 
     See Also
     --------
@@ -96,6 +100,7 @@ def make_truth(
     (100.0, 3.0)
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
+    refuse_beyond_bounds(scene, limits)
     world = build_world(scene)
     check_scene(scene, world)
     choice = TruthChoice(truth_views, truth_poses, truth_content)

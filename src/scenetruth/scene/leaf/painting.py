@@ -18,7 +18,7 @@ from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.texture import band_limited
 from scenetruth.scene.texture.band_limited import band_limited_noise
 
-__all__ = ["LeafPainting", "paint_leaf"]
+__all__ = ["LeafPainting", "paint_leaf", "painting_key", "painting_shape"]
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -121,18 +121,66 @@ def paint_leaf(
     SceneError
         If the mesh is no leaf, or the raster would be too large or too coarse; paths count from the texture.
     """
-    leaf = mesh.source
-    if not isinstance(leaf, LeafForm):
-        message = "only a mesh of kind leaf can wear it; use a noise, image, plaid or uniform texture"
-        raise SceneError([Problem("kind", message, entry.kind)])
+    leaf = _leaf_of(entry, mesh)
     canvas = _canvas(entry, leaf)
-    sources = source_hash(Path(__file__).parent, Path(band_limited.__file__).parent)
-    state = generator.bit_generator.state
-    key = key_of("leaf", sources, entry.model_dump(mode="json"), leaf.model_dump(mode="json"), state)
+    key = painting_key(entry, mesh, generator)
     found = remembered(key, lambda: {"coefficients": _painted(entry, leaf, canvas, generator)})
     uv = (mesh.chart_mm - canvas.low_mm) / canvas.size_mm * (0.5, 1.0)
     back = uv * (-1, 1) + (1, 0)
     return LeafPainting(found["coefficients"]), uv, back
+
+
+def painting_shape(entry: LeafLook, mesh: TriangleMesh) -> tuple[int, int]:
+    """Return the rows and columns of the raster of both sides of a leaf.
+
+    Parameters
+    ----------
+    entry, mesh
+        As of `paint_leaf`.
+
+    Returns
+    -------
+    tuple of int
+        Rows and columns.
+
+    Raises
+    ------
+    SceneError
+        As `paint_leaf`.
+    """
+    rows, columns = _canvas(entry, _leaf_of(entry, mesh)).shape
+    return rows, 2 * columns
+
+
+def painting_key(entry: LeafLook, mesh: TriangleMesh, generator: np.random.Generator) -> str:
+    """Return the key under which the raster is kept between runs.
+
+    Parameters
+    ----------
+    entry, mesh, generator
+        As of `paint_leaf`.
+
+    Returns
+    -------
+    str
+        As of `key_of`.
+
+    Raises
+    ------
+    SceneError
+        If the mesh is no leaf.
+    """
+    leaf, state = _leaf_of(entry, mesh), generator.bit_generator.state
+    sources = source_hash(Path(__file__).parent, Path(band_limited.__file__).parent)
+    return key_of("leaf", sources, entry.model_dump(mode="json"), leaf.model_dump(mode="json"), state)
+
+
+def _leaf_of(entry: LeafLook, mesh: TriangleMesh) -> LeafForm:
+    leaf = mesh.source
+    if not isinstance(leaf, LeafForm):
+        message = "only a mesh of kind leaf can wear it; use a noise, image, plaid or uniform texture"
+        raise SceneError([Problem("kind", message, entry.kind)])
+    return leaf
 
 
 def _painted(entry: LeafLook, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator) -> Image:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.model import FrozenModel, Vector3
-from scenetruth.scene.motion import MotionModel, compose
+from scenetruth.scene.motion import MotionModel, Points
 
 __all__ = ["EVERYWHERE", "Lamp", "LightModel", "moved_axis"]
 
@@ -76,7 +76,11 @@ def moved_axis(
         Position, mm, and unit vector along the axis, shape (3,) each; the vector is zero where both points are one.
     """
     position: Any = tuple(float(value) for value in at)
-    points = np.stack([np.asarray(at, dtype=np.float64), np.asarray(ahead, dtype=np.float64)])
-    here, there = compose([motion.point_map(position) for motion in motions], points, t).positions_mm
+    time = np.array([float(t)])
+    both = np.array([at, ahead], dtype=np.float64)
+    points: Points = (both[:, 0], both[:, 1], both[:, 2])
+    for motion in motions:
+        points = motion.point_map(position)(points, time)
+    here, there = np.column_stack([np.broadcast_to(field, (2,)) for field in points])
     axis = there - here
     return here, axis / max(float(np.linalg.norm(axis)), 1e-300)

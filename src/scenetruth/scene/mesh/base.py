@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,19 @@ from numpy.typing import NDArray
 from scenetruth.model import FrozenModel
 from scenetruth.scene.motion import PointMap
 
-__all__ = ["MeshModel", "TriangleMesh"]
+__all__ = ["MeshModel", "MeshSize", "TriangleMesh"]
+
+# Rounds of coarsening, and by how much each makes triangles longer at least.
+_ROUNDS, _COARSER = 20, 1.1
+
+
+class MeshSize(NamedTuple):
+    """How large a mesh is."""
+
+    vertices: int
+    """Number of vertices."""
+    faces: int
+    """Number of triangles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +111,47 @@ class MeshModel(FrozenModel):
             If it cannot be made; paths count from the mesh.
         """
         return replace(self.triangles(folder), source=self)
+
+    def size(self, folder: Path) -> MeshSize:
+        """Return how many vertices and faces the mesh will have; what may be large counts without being made.
+
+        Parameters
+        ----------
+        folder
+            Where relative paths count from.
+
+        Raises
+        ------
+        SceneError
+            If a file cannot be read; paths count from the mesh.
+        """
+        made = self.triangles(folder)
+        return MeshSize(len(made.vertices_mm), len(made.faces))
+
+    def sketch(self, folder: Path, most_faces: int) -> TriangleMesh | None:
+        """Return a coarse mesh of about the same form, cheap to make.
+
+        Parameters
+        ----------
+        folder
+            Where relative paths count from.
+        most_faces
+            About how many triangles it may have.
+
+        Returns
+        -------
+        TriangleMesh or None
+            None if nothing is known of the form without much work.
+        """
+        model, faces = self, self.size(folder).faces
+        for _ in range(_ROUNDS):
+            resolution_mm = getattr(model, "resolution_mm", None)
+            if faces <= most_faces or resolution_mm is None:
+                break
+            coarser = resolution_mm * max((faces / most_faces) ** 0.5, _COARSER)
+            model = model.model_copy(update={"resolution_mm": coarser})
+            faces = model.size(folder).faces
+        return replace(model.triangles(folder), source=self)
 
     @abstractmethod
     def triangles(self, folder: Path) -> TriangleMesh:

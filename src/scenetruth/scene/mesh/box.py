@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from scenetruth.model import Positive
-from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+from scenetruth.scene.mesh.base import MeshModel, MeshSize, TriangleMesh
 
 __all__ = ["BoxMesh", "box"]
 
@@ -20,6 +20,10 @@ class BoxMesh(MeshModel):
     """``box``."""
     size_mm: tuple[Positive, Positive, Positive]
     """Edge lengths along X, Y, Z in mm."""
+
+    def size(self, folder: Path) -> MeshSize:
+        """Return how large the mesh will be; see `MeshModel`."""
+        return MeshSize(8, 12)
 
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationInfo, field_validator
 
 from scenetruth.model import Positive
-from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+from scenetruth.scene.mesh.base import MeshModel, MeshSize, TriangleMesh
 from scenetruth.scene.mesh.grid import CREASE_DEG, grid_faces, pieces
 from scenetruth.scene.mesh.resolution import checked_resolution
 
@@ -42,9 +42,20 @@ class CylinderMesh(MeshModel):
         # Along it there is one row of triangles at least.
         return checked_resolution(value, radius, "radius_mm", 2 * 6.3 * radius * max(length, value))
 
+    def size(self, folder: Path) -> MeshSize:
+        """Return how large the mesh will be; see `MeshModel`."""
+        around, rows = _pieces(self.radius_mm, self.length_mm, self.resolution_mm)
+        caps = 2 if self.caps else 0
+        return MeshSize(around * (rows + 1) + caps * (around + 1), 2 * around * rows + caps * around)
+
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""
         return cylinder(self.radius_mm, self.length_mm, self.resolution_mm, self.caps)
+
+
+def _pieces(radius_mm: float, length_mm: float, resolution_mm: float) -> tuple[int, int]:
+    """Return into how many pieces a cylinder is cut around and along."""
+    return max(pieces(2 * np.pi * radius_mm, resolution_mm), 6), pieces(length_mm, resolution_mm)
 
 
 def cylinder(radius_mm: float, length_mm: float, resolution_mm: float, caps: bool = False) -> TriangleMesh:
@@ -53,7 +64,7 @@ def cylinder(radius_mm: float, length_mm: float, resolution_mm: float, caps: boo
     The chart unrolls it exactly. An image goes around it once: its middle faces -Z, its sides meet at +Z; on each cap
     it covers the square around the disc.
     """
-    around, rows = max(pieces(2 * np.pi * radius_mm, resolution_mm), 6), pieces(length_mm, resolution_mm)
+    around, rows = _pieces(radius_mm, length_mm, resolution_mm)
     turn = np.linspace(-np.pi, np.pi, around + 1)
     angle, height = (part.ravel() for part in np.meshgrid(turn, np.linspace(-0.5, 0.5, rows + 1) * length_mm))
     grid = grid_faces(around, rows)

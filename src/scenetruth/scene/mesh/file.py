@@ -12,12 +12,15 @@ from pydantic import Field
 from scenetruth.errors import Problem, SceneError
 from scenetruth.files import InputFile
 from scenetruth.model import Positive
-from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+from scenetruth.scene.mesh.base import MeshModel, MeshSize, TriangleMesh
 from scenetruth.scene.mesh.creases import creases_by_normals
 from scenetruth.scene.mesh.grid import CREASE_DEG
-from scenetruth.scene.mesh.input import MOST_ELEMENTS, MOST_TEXELS, refuse_mesh_file, small_resolver
+from scenetruth.scene.mesh.input import MOST_ELEMENTS, MOST_TEXELS, counts_in_file, refuse_mesh_file, small_resolver
 
 __all__ = ["FileMesh", "load"]
+
+# Bytes of a file that is read within some tenths of a second.
+_QUICKLY_READ = 2_000_000
 
 
 class FileMesh(MeshModel):
@@ -33,6 +36,16 @@ class FileMesh(MeshModel):
     """Edges between faces that differ by more, in degrees, are edges of the object; the surface between them is smooth.
     null: as the file's own normals say (OBJ ``vn``, PLY ``nx ny nz``, glTF ``NORMAL``): where these jump, or faces
     differ by more than 60; 60 for files without normals. With a number, the file's normals are not used."""
+
+    def size(self, folder: Path) -> MeshSize:
+        """Return how large the mesh is as far as the file tells without being read as one; see `MeshModel`."""
+        refuse_mesh_file(folder / self.file)
+        return MeshSize(*counts_in_file(folder / self.file))
+
+    def sketch(self, folder: Path, most_faces: int) -> TriangleMesh | None:
+        """Return the mesh itself, or None of a file that takes long to read; see `MeshModel`."""
+        refuse_mesh_file(folder / self.file)
+        return self.make(folder) if (folder / self.file).stat().st_size <= _QUICKLY_READ else None
 
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""

@@ -16,6 +16,7 @@ __all__ = [
     "MOST_ELEMENTS",
     "MOST_TEXELS",
     "checked_bytes",
+    "counts_in_file",
     "len_of",
     "refuse_mesh_file",
     "small_resolver",
@@ -31,6 +32,7 @@ MOST_TEXELS = 64_000_000
 """Texels of an image: 8000 x 8000. Decoded, with the radiances that are made of it, it takes some hundred megabytes."""
 
 _HEADER = 65_536
+_PIECE = 1 << 22
 
 
 def refuse_mesh_file(file: Path) -> None:
@@ -61,6 +63,60 @@ def refuse_mesh_file(file: Path) -> None:
     if any(count > most for count in counts):
         message = f"claims {max(counts):,} elements; it can have at most {most:,}"
         raise SceneError([Problem("file", message, str(file))])
+
+
+def counts_in_file(file: Path) -> tuple[int, int]:
+    """Return about how many vertices and triangles a mesh file holds; of a text its lines are counted.
+
+    Parameters
+    ----------
+    file
+        A file that `refuse_mesh_file` has let pass.
+
+    Returns
+    -------
+    tuple of int
+        Vertices and triangles.
+    """
+    suffix = file.suffix.lower()
+    if suffix == ".ply":
+        with file.open("rb") as stream:
+            head = stream.read(_HEADER).partition(b"end_header")[0]
+        counts = {name: int(count) for name, count in re.findall(rb"element\s+(\w+)\s+(\d{1,18})", head)}
+        return counts.get(b"vertex", 0), counts.get(b"face", 0)
+    if suffix in (".glb", ".gltf"):
+        largest = max(_counts_of_gltf(file), default=0)
+        # Three indices of one accessor make a triangle.
+        return largest // 3 + 2, largest // 3
+    if suffix == ".off":
+        with file.open("rb") as stream:
+            numbers = re.findall(rb"\d{1,18}", stream.read(_HEADER))[:2]
+        return (int(numbers[0]), int(numbers[1])) if len(numbers) == 2 else (0, 0)
+    if suffix == ".stl":
+        size = file.stat().st_size
+        with file.open("rb") as stream:
+            head = stream.read(84)
+        count = int.from_bytes(head[80:84], "little")
+        if size == 84 + 50 * count:
+            return 3 * count, count
+        corners = _lines_with(file, (b"vertex ",))[0]
+        return corners, corners // 3
+    vertices, faces = _lines_with(file, (b"\nv ", b"\nf "))
+    return vertices, faces
+
+
+def _lines_with(file: Path, words: tuple[bytes, ...]) -> list[int]:
+    """Return how often words stand in a file, which is read in pieces."""
+    found, last = [0] * len(words), b"\n"
+    longest = max(map(len, words))
+    with file.open("rb") as stream:
+        while piece := stream.read(_PIECE):
+            text = last + piece
+            # What ends in the overlap was counted before.
+            old = [last.count(word) for word in words]
+            found = [count + text.count(word) - before for count, word, before in zip(found, words, old, strict=True)]
+            last = text[1 - longest :]
+    return found
 
 
 def len_of(file: Path, most: int, missing: str) -> int:

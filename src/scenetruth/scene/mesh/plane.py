@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import ValidationInfo, field_validator
 
 from scenetruth.model import Positive
-from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+from scenetruth.scene.mesh.base import MeshModel, MeshSize, TriangleMesh
 from scenetruth.scene.mesh.resolution import sheet_resolution
-from scenetruth.scene.mesh.sheet import sheet
+from scenetruth.scene.mesh.sheet import sheet, sheet_size
 
 __all__ = ["PlaneMesh", "plane"]
 
@@ -30,6 +30,10 @@ class PlaneMesh(MeshModel):
     @classmethod
     def _reasonable(cls, value: float | None, info: ValidationInfo) -> float | None:
         return value if value is None else sheet_resolution(value, info)
+
+    def size(self, folder: Path) -> MeshSize:
+        """Return how large the mesh will be; see `MeshModel`."""
+        return MeshSize(4, 2) if self.resolution_mm is None else sheet_size(self.size_mm, self.resolution_mm)
 
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""

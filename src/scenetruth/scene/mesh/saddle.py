@@ -9,9 +9,9 @@ from pydantic import ValidationInfo, field_validator
 
 from scenetruth.model import Finite, Positive
 from scenetruth.scene.jets import Field
-from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+from scenetruth.scene.mesh.base import MeshModel, MeshSize, TriangleMesh
 from scenetruth.scene.mesh.resolution import sheet_resolution
-from scenetruth.scene.mesh.sheet import sheet
+from scenetruth.scene.mesh.sheet import sheet, sheet_size
 from scenetruth.scene.motion import Points
 
 __all__ = ["SaddleMesh", "saddle"]
@@ -33,6 +33,10 @@ class SaddleMesh(MeshModel):
     @classmethod
     def _reasonable(cls, value: float, info: ValidationInfo) -> float:
         return sheet_resolution(value, info)
+
+    def size(self, folder: Path) -> MeshSize:
+        """Return how large the mesh will be; see `MeshModel`."""
+        return sheet_size(self.size_mm, self.resolution_mm)
 
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenetruth.scene.mesh.base import TriangleMesh
+from scenetruth.scene.mesh.base import MeshSize, TriangleMesh
 from scenetruth.scene.mesh.grid import CREASE_DEG, grid_faces, pieces
 from scenetruth.scene.motion import PointMap, Points
 
-__all__ = ["sheet"]
+__all__ = ["sheet", "sheet_size"]
+
+
+def sheet_size(size_mm: tuple[float, float], resolution_mm: float) -> MeshSize:
+    """Return how large a sheet is; see `sheet`."""
+    columns, rows = (pieces(length, resolution_mm) for length in size_mm)
+    return MeshSize((columns + 1) * (rows + 1), 2 * columns * rows)
 
 
 def sheet(size_mm: tuple[float, float], resolution_mm: float, shape: PointMap | None = None) -> TriangleMesh:

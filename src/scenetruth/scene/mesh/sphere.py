@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
 from scenetruth.model import Positive
-from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+from scenetruth.scene.mesh.base import MeshModel, MeshSize, TriangleMesh
 from scenetruth.scene.mesh.grid import CREASE_DEG, disc_faces, grid_faces, pieces
 from scenetruth.scene.mesh.resolution import checked_resolution
 
@@ -48,11 +48,30 @@ class SphereMesh(MeshModel):
         radius = info.data.get("radius_mm")
         return value if radius is None else checked_resolution(value, radius, "radius_mm", 8 * 3.2 * radius**2)
 
+    def size(self, folder: Path) -> MeshSize:
+        """Return how large the mesh will be; see `MeshModel`."""
+        if self.cap_deg is not None:
+            rings = _rings(self.radius_mm, self.cap_deg, self.resolution_mm)
+            return MeshSize(3 * rings * (rings + 1) + 1, 6 * rings**2)
+        count = _pieces_of_a_side(self.radius_mm, self.resolution_mm)
+        return MeshSize(6 * count**2 + 2, 12 * count**2)
+
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""
         if self.cap_deg is not None:
             return spherical_cap(self.radius_mm, self.cap_deg, self.resolution_mm)
         return sphere(self.radius_mm, self.resolution_mm)
+
+
+def _pieces_of_a_side(radius_mm: float, resolution_mm: float) -> int:
+    """Return into how many pieces the sides of the cube are cut that a sphere is made from."""
+    # An even number: the poles, and the meridian where the image's sides meet, run along edges of triangles.
+    return 2 * ceil(np.pi * radius_mm / 4 / resolution_mm - 1e-9)
+
+
+def _rings(radius_mm: float, cap_deg: float, resolution_mm: float) -> int:
+    """Return how many rings of triangles a cap has."""
+    return pieces(radius_mm * float(np.deg2rad(cap_deg)), resolution_mm)
 
 
 def sphere(radius_mm: float, resolution_mm: float) -> TriangleMesh:
@@ -62,8 +81,7 @@ def sphere(radius_mm: float, resolution_mm: float) -> TriangleMesh:
     13 % at its corners and to 8 % at the middles of its edges, where the patterns of neighbouring sides meet. An image
     is laid on by longitude and latitude: its middle faces -Z, its upper edge is the pole at -Y, its sides meet at +Z.
     """
-    # An even number: the poles, and the meridian where the image's sides meet, run along edges of triangles.
-    count = 2 * ceil(np.pi * radius_mm / 4 / resolution_mm - 1e-9)
+    count = _pieces_of_a_side(radius_mm, resolution_mm)
     angle = np.tan(np.linspace(-np.pi / 4, np.pi / 4, count + 1))
     # Exactly the diagonals of the cube's sides.
     angle[0], angle[count // 2], angle[-1] = -1, 0, 1
@@ -102,7 +120,7 @@ def spherical_cap(radius_mm: float, cap_deg: float, resolution_mm: float) -> Tri
     cos(cap_deg / 2) at its rim. An image covers the square around it.
     """
     reach = np.deg2rad(cap_deg)
-    rings = pieces(radius_mm * reach, resolution_mm)
+    rings = _rings(radius_mm, cap_deg, resolution_mm)
     counts = [1, *(6 * ring for ring in range(1, rings + 1))]
     polar = np.repeat(np.arange(rings + 1) * (reach / rings), counts)
     turn = np.concatenate([np.arange(count) * (2 * np.pi / count) for count in counts])

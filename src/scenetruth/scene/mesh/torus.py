@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ValidationInfo, field_validator
 
 from scenetruth.model import Positive
-from scenetruth.scene.mesh.base import MeshModel, TriangleMesh
+from scenetruth.scene.mesh.base import MeshModel, MeshSize, TriangleMesh
 from scenetruth.scene.mesh.grid import CREASE_DEG, grid_faces, pieces
 from scenetruth.scene.mesh.resolution import checked_resolution
 
@@ -48,9 +48,21 @@ class TorusMesh(MeshModel):
             return value
         return checked_resolution(value, tube, "tube_radius_mm", 2 * (2 * np.pi) ** 2 * (ring + tube) * tube)
 
+    def size(self, folder: Path) -> MeshSize:
+        """Return how large the mesh will be; see `MeshModel`."""
+        around, rows = _pieces(self.ring_radius_mm, self.tube_radius_mm, self.resolution_mm)
+        return MeshSize(around * rows, 2 * around * rows)
+
     def triangles(self, folder: Path) -> TriangleMesh:
         """Return the mesh; see `MeshModel`."""
         return torus(self.ring_radius_mm, self.tube_radius_mm, self.resolution_mm)
+
+
+def _pieces(ring_radius_mm: float, tube_radius_mm: float, resolution_mm: float) -> tuple[int, int]:
+    """Return into how many pieces a torus is cut around the ring and around the tube."""
+    lengths = (2 * np.pi * (ring_radius_mm + tube_radius_mm), 2 * np.pi * tube_radius_mm)
+    around, rows = (max(pieces(length, resolution_mm), _FEWEST) for length in lengths)
+    return around, rows
 
 
 def torus(ring_radius_mm: float, tube_radius_mm: float, resolution_mm: float) -> TriangleMesh:
@@ -61,8 +73,7 @@ def torus(ring_radius_mm: float, tube_radius_mm: float, resolution_mm: float) ->
     ring true to r / R. An image goes around both once: the middle of its height faces -Z, its sides meet at -X, its
     upper and lower edges at +Z.
     """
-    around = max(pieces(2 * np.pi * (ring_radius_mm + tube_radius_mm), resolution_mm), _FEWEST)
-    rows = max(pieces(2 * np.pi * tube_radius_mm, resolution_mm), _FEWEST)
+    around, rows = _pieces(ring_radius_mm, tube_radius_mm, resolution_mm)
     phi, theta = (
         part.ravel()
         for part in np.meshgrid(

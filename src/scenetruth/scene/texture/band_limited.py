@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SAMPLES_PER_WAVELENGTH", "BandLimitedNoise", "band_limited_noise"]
+__all__ = ["SAMPLES_PER_WAVELENGTH", "BandLimitedNoise", "band_limited_noise", "holds_a_wave", "noise_shape"]
 
 SAMPLES_PER_WAVELENGTH = 16
 """Raster points per shortest wavelength."""
@@ -67,9 +67,8 @@ def band_limited_noise(
     """
     from scipy import fft
 
-    shortest, longest = wavelength
-    pitch = shortest / SAMPLES_PER_WAVELENGTH
-    columns, rows = (_raster_points(max(extent, 4 * longest), pitch) for extent in size)
+    pitch = wavelength[0] / SAMPLES_PER_WAVELENGTH
+    rows, columns = noise_shape(wavelength, size)
     small = _limited_spectrum(
         (rows // _COARSER, columns // _COARSER), pitch * _COARSER, wavelength, generator, exponent, peak
     )
@@ -88,16 +87,61 @@ def band_limited_noise(
     return BandLimitedNoise(_scaled(values, scale), _scaled(coefficients, scale), (columns * pitch, rows * pitch))
 
 
+def noise_shape(wavelength: tuple[float, float], size: tuple[float, float]) -> tuple[int, int]:
+    """Return the rows and columns of the raster of noise.
+
+    Parameters
+    ----------
+    wavelength, size
+        As of `band_limited_noise`.
+
+    Returns
+    -------
+    tuple of int
+        Rows and columns.
+    """
+    shortest, longest = wavelength
+    pitch = shortest / SAMPLES_PER_WAVELENGTH
+    columns, rows = (_raster_points(max(extent, 4 * longest), pitch) for extent in size)
+    return rows, columns
+
+
+def holds_a_wave(wavelength: tuple[float, float], size: tuple[float, float]) -> bool:
+    """Tell whether any wave of a band fits on the raster of noise; without one there is no noise.
+
+    Parameters
+    ----------
+    wavelength, size
+        As of `band_limited_noise`.
+
+    Returns
+    -------
+    bool
+        True if a whole number of waves along x and along y gives a wavelength of the band.
+    """
+    pitch = wavelength[0] / SAMPLES_PER_WAVELENGTH * _COARSER
+    # Waves of the band have at most so many periods along either side.
+    down, across = (
+        np.fft.rfftfreq(side // _COARSER, pitch)[: side // SAMPLES_PER_WAVELENGTH + 2]
+        for side in noise_shape(wavelength, size)
+    )
+    frequency = np.hypot(down[:, None], across[None, :])
+    return bool(((frequency >= 1 / wavelength[1]) & (frequency <= 1 / wavelength[0])).any())
+
+
 def _scaled(values: NDArray[np.float64], scale: float) -> NDArray[np.float32]:
     values *= scale
     return values.astype(np.float32)
 
 
 def _raster_points(extent: float, pitch: float) -> int:
-    from scipy import fft
+    return _COARSER * _fast_length(int(np.ceil(min(extent / pitch, _MOST_SAMPLES) / _COARSER)))
 
-    points = int(np.ceil(min(extent / pitch, _MOST_SAMPLES) / _COARSER))
-    return _COARSER * int(fft.next_fast_len(points, real=True))
+
+def _fast_length(least: int) -> int:
+    """Return what `scipy.fft.next_fast_len` does of real numbers, without scipy: products of 2, 3 and 5."""
+    lengths = (int(2**twos * 3**threes * 5**fives) for twos in range(13) for threes in range(9) for fives in range(6))
+    return min(length for length in lengths if length >= least)
 
 
 def _limited_spectrum(

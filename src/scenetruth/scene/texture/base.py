@@ -96,6 +96,33 @@ class TextureModel(FrozenModel):
             If the texture does not fit the mesh, or its file is missing or unreadable; paths count from the texture.
         """
 
+    @abstractmethod
+    def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
+        """Return the rows and columns of the raster that the texture will have; nothing is painted or decoded.
+
+        Parameters
+        ----------
+        mesh
+            The mesh that wears it, or a sketch of it.
+        folder
+            Where relative paths count from.
+
+        Raises
+        ------
+        SceneError
+            As `paint`, as far as can be told before anything is painted or decoded; paths count from the texture.
+        """
+
+    def cache_key(self, mesh: TriangleMesh, generator: np.random.Generator) -> str | None:
+        """Return under which key the finished raster is kept between runs (`scenetruth.cache`); None if it is not.
+
+        Parameters
+        ----------
+        mesh, generator
+            As of `paint`.
+        """
+        return None
+
     @property
     def shortest_and_longest_mm(self) -> tuple[float, float] | None:
         """Shortest and longest wavelength on the surface in mm; None if it states none."""

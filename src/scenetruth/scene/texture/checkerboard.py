@@ -38,6 +38,10 @@ class CheckerboardTexture(TextureModel):
         values = np.kron(tile, np.ones((_TEXELS_PER_SQUARE, _TEXELS_PER_SQUARE), dtype=np.float32))
         return Painted(Picture(values, tiled=True), mesh.chart_mm / (2 * self.square_mm))
 
+    def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
+        """Return how large the raster will be; see `TextureModel`."""
+        return 2 * _TEXELS_PER_SQUARE, 2 * _TEXELS_PER_SQUARE
+
     @property
     def shortest_and_longest_mm(self) -> tuple[float, float]:
         """Wavelength of its strongest waves, which run along the diagonals; the others are shorter and weaker."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,12 +13,16 @@ from numpy.typing import NDArray
 from scenetruth.errors import Problem, SceneError
 from scenetruth.files import InputFile
 from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.input import MOST_BYTES, MOST_TEXELS, len_of
+from scenetruth.scene.mesh.input import MOST_BYTES, len_of
 from scenetruth.scene.texture.base import UV, Floats, Painted, TextureModel
 
-__all__ = ["ImageTexture", "Picture", "luminance"]
+__all__ = ["MOST_PIXELS", "ImageTexture", "Picture", "header_of", "luminance"]
+
+MOST_PIXELS = 170_000_000
+"""Largest image that is read at all, 13,000 x 13,000; long before, the bounds of scenes ask whether it is meant."""
 
 _PART_OF_TEXELS = 1_000_000
+_ONE_PICTURE = "must be one picture in grey or in colours"
 
 
 class ImageTexture(TextureModel):
@@ -34,11 +37,21 @@ class ImageTexture(TextureModel):
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
         """Make the texture; see `TextureModel`."""
+        self._lay_on(mesh)
+        assert mesh.uv is not None
+        values = luminance(_read_image(folder / self.file), self.encoding)
+        return Painted(Picture(values, mesh.tiled), mesh.uv, mesh.uv_back)
+
+    def _lay_on(self, mesh: TriangleMesh) -> None:
         if mesh.uv is None:
             remedy = "the mesh has no UV coordinates to lay an image on; use a noise, plaid or uniform texture"
             raise SceneError([Problem("kind", remedy, self.kind)])
-        values = luminance(_read_image(folder / self.file), self.encoding)
-        return Painted(Picture(values, mesh.tiled), mesh.uv, mesh.uv_back)
+
+    def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
+        """Return the size of the image as its header says; see `TextureModel`."""
+        self._lay_on(mesh)
+        width, height, _ = header_of(folder / self.file)
+        return height, width
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,29 +81,50 @@ class Picture:
         return self.values
 
 
+def header_of(file: Path) -> tuple[int, int, int]:
+    """Return width, height and number of pages of an image file; nothing of it is decoded.
+
+    Raises
+    ------
+    SceneError
+        If it is missing, no image of one page, or larger than any that is read; the path is ``file``.
+    """
+    len_of(file, MOST_BYTES, "no such image file")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            width, height, pages = _size_in_header(file)
+    except Exception as error:  # the readers of formats raise whatever they like
+        raise _unreadable(file, error) from error
+    if width * height > MOST_PIXELS:
+        message = f"has {width} x {height} pixels, more than {MOST_PIXELS:,}; make it smaller"
+        raise SceneError([Problem("file", message, str(file))])
+    if pages != 1:
+        raise SceneError([Problem("file", _ONE_PICTURE, f"{pages} pages")])
+    return width, height, pages
+
+
+def _unreadable(file: Path, error: Exception) -> SceneError:
+    told = " ".join(str(error).split())[:200] or type(error).__name__
+    return SceneError([Problem("file", f"cannot be read as an image: {told}", str(file))])
+
+
 def _read_image(file: Path) -> NDArray[Any]:
     import imageio.v3 as imageio
 
-    len_of(file, MOST_BYTES, "no such image file")
+    _, height, _ = header_of(file)
     try:
         # From memory: imageio leaves files open that none of its plugins can read.
         content = file.read_bytes()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            width, height, pages = _size_in_header(content)
-            if width * height <= MOST_TEXELS and pages == 1:
-                image = np.asarray(imageio.imread(content, extension=file.suffix))
-                # Formats that may have several pages have one dimension more.
-                image = image[0] if image.shape[:3] == (1, height, width) and height > 1 else image
+            image = np.asarray(imageio.imread(content, extension=file.suffix))
+        # Formats that may have several pages have one dimension more.
+        image = image[0] if image.shape[:2] == (1, height) and height > 1 else image
     except Exception as error:  # the readers of imageio's plugins raise whatever they like
-        told = " ".join(str(error).split())[:200] or type(error).__name__
-        raise SceneError([Problem("file", f"cannot be read as an image: {told}", str(file))]) from error
-    if width * height > MOST_TEXELS:
-        message = f"has {width} x {height} pixels, more than {MOST_TEXELS:,}; make it smaller"
-        raise SceneError([Problem("file", message, str(file))])
-    if pages != 1 or image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
-        message = "must be one picture in grey or in colours"
-        raise SceneError([Problem("file", message, f"{pages} pages" if pages != 1 else f"shape {image.shape}")])
+        raise _unreadable(file, error) from error
+    if image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
+        raise SceneError([Problem("file", _ONE_PICTURE, f"shape {image.shape}")])
     if image.dtype.kind not in "uifb":
         raise SceneError([Problem("file", "must hold real numbers", str(image.dtype))])
     if not np.isfinite(image).all():
@@ -98,18 +132,21 @@ def _read_image(file: Path) -> NDArray[Any]:
     return image
 
 
-def _size_in_header(content: bytes) -> tuple[int, int, int]:
-    """Return width, height and number of pages of an image; nothing of it is decoded."""
-    if content[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        import tifffile
+def _size_in_header(file: Path) -> tuple[int, int, int]:
+    """Return width, height and number of pages of an image file."""
+    with file.open("rb") as content:
+        head = content.read(4)
+        content.seek(0)
+        if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+            import tifffile
 
-        with tifffile.TiffFile(BytesIO(content)) as pages:
-            first = pages.pages[0]
-            return int(first.imagewidth), int(first.imagelength), len(pages.pages)
-    from PIL import Image
+            with tifffile.TiffFile(content) as pages:
+                first = pages.pages[0]
+                return int(first.imagewidth), int(first.imagelength), len(pages.pages)
+        from PIL import Image
 
-    with Image.open(BytesIO(content)) as picture:
-        return picture.width, picture.height, getattr(picture, "n_frames", 1)
+        with Image.open(content) as picture:
+            return picture.width, picture.height, getattr(picture, "n_frames", 1)
 
 
 def luminance(image: NDArray[Any], encoding: str) -> NDArray[np.float32]:

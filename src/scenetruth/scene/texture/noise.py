@@ -14,7 +14,7 @@ from scenetruth.cache import key_of, remembered, source_hash
 from scenetruth.errors import Problem, SceneError
 from scenetruth.model import Positive
 from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.texture.band_limited import band_limited_noise
+from scenetruth.scene.texture.band_limited import band_limited_noise, holds_a_wave, noise_shape
 from scenetruth.scene.texture.base import UV, Floats, Painted, Radiance, TextureModel
 
 __all__ = ["NoiseTexture"]
@@ -52,12 +52,7 @@ class NoiseTexture(TextureModel):
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
         """Make the texture; see `TextureModel`."""
-        low = mesh.chart_mm.min(axis=(0, 1))
-        width, height = np.ptp(mesh.chart_mm, axis=(0, 1))
-        size = (float(width), float(height))
-        sources = source_hash(Path(__file__).parent)
-        state = generator.bit_generator.state
-        key = key_of("noise", sources, self.wavelength_mm, size, self.spectrum_exponent, self.peak, state)
+        low, size = mesh.chart_mm.min(axis=(0, 1)), _chart_size(mesh)
 
         def make() -> dict[str, NDArray[Any]]:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -66,12 +61,27 @@ class NoiseTexture(TextureModel):
                 )
             return {"coefficients": noise.coefficients, "period": np.array(noise.period)}
 
-        found = remembered(key, make)
+        found = remembered(self.cache_key(mesh, generator), make)
         if not np.isfinite(found["coefficients"][0, 0]):
-            message = "is so narrow a band that no wave of it fits on the surface; make it wider"
-            raise SceneError([Problem("wavelength_mm", message, self.wavelength_mm)])
+            raise self._too_narrow()
         texture = _Noise(found["coefficients"], self.mean, self.mean * self.rms_contrast)
         return Painted(texture, (mesh.chart_mm - low) / found["period"])
+
+    def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
+        """Return how large the raster will be; see `TextureModel`."""
+        size = _chart_size(mesh)
+        if not holds_a_wave(self.wavelength_mm, size):
+            raise self._too_narrow()
+        return noise_shape(self.wavelength_mm, size)
+
+    def cache_key(self, mesh: TriangleMesh, generator: np.random.Generator) -> str:
+        """Return the key of its raster; see `TextureModel`."""
+        sources, state = source_hash(Path(__file__).parent), generator.bit_generator.state
+        return key_of("noise", sources, self.wavelength_mm, _chart_size(mesh), self.spectrum_exponent, self.peak, state)
+
+    def _too_narrow(self) -> SceneError:
+        message = "is so narrow a band that no wave of it fits on the surface; make it wider"
+        return SceneError([Problem("wavelength_mm", message, self.wavelength_mm)])
 
     @property
     def shortest_and_longest_mm(self) -> tuple[float, float]:
@@ -83,6 +93,11 @@ class NoiseTexture(TextureModel):
         """By how many standard deviations it may leave its mean without leaving [0, 1]."""
         std = self.mean * self.rms_contrast
         return 4.0 if std == 0 else min(4.0, min(self.mean, 1 - self.mean) / std)
+
+
+def _chart_size(mesh: TriangleMesh) -> tuple[float, float]:
+    width, height = np.ptp(mesh.chart_mm, axis=(0, 1))
+    return float(width), float(height)
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,18 @@ class OwnTexture(TextureModel):
             u = (values * (_RAMP - 1) + 0.5) / _RAMP
             corners = u[mesh.faces]
             return Painted(_Ramp(), np.stack([corners, np.full_like(corners, 0.5)], axis=-1))
-        raise SceneError(
+        raise self._nothing()
+
+    def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
+        """Return how large the raster will be; see `TextureModel`."""
+        if mesh.image is not None and mesh.uv is not None:
+            return mesh.image.shape[0], mesh.image.shape[1]
+        if mesh.vertex_colours is None:
+            raise self._nothing()
+        return 2, _RAMP
+
+    def _nothing(self) -> SceneError:
+        return SceneError(
             [Problem("kind", "the mesh brings no texture image and no vertex colours; give it a texture", "own")]
         )
 

@@ -45,6 +45,10 @@ class PlaidTexture(TextureModel):
         phases = np.asarray(self.phase_deg) / 360.0
         return Painted(_Plaid(self.mean, self.amplitude), mesh.chart_mm / self.wavelength_mm + phases)
 
+    def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
+        """Return how large the raster will be; see `TextureModel`."""
+        return _PLAID_TEXELS, _PLAID_TEXELS
+
     @property
     def shortest_and_longest_mm(self) -> tuple[float, float]:
         """Shortest and longest wavelength on the surface in mm."""

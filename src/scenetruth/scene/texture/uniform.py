@@ -27,6 +27,10 @@ class UniformTexture(TextureModel):
         """Make the texture; see `TextureModel`."""
         return Painted(_Uniform(self.radiance), np.zeros_like(mesh.chart_mm))
 
+    def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
+        """Return how large the raster will be; see `TextureModel`."""
+        return 2, 2
+
 
 @dataclass(frozen=True)
 class _Uniform:

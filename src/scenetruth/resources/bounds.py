@@ -1,0 +1,142 @@
+"""Bounds that a scene may not pass unless whoever runs it says so."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+
+from scenetruth.errors import Problem, SceneError
+
+__all__ = ["Limits", "limits_from", "too_much"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of what a scene file may ask for, and of what it may take of the machine.
+
+    Each of the first is such that what lies within it alone stays within a few gigabytes: who passes one, by a slip of
+    the pen or because a file came from elsewhere, is asked first. The last are what the machine has if not given.
+
+    Parameters
+    ----------
+    frames
+        Frames: ten thousand are a week at one frame a minute.
+    images
+        Images of all positions and frames.
+    pixels
+        Pixels of one image, 4000 x 4000: images and maps take 320 bytes a pixel while they are made.
+    samples
+        Samples that an image is the mean of in every pixel: of the quadrature, the aperture and the exposure together.
+    vertices
+        Vertices of all meshes together; with its two triangles, each takes two kilobytes, by OpenGL four.
+    objects
+        Objects, leaves among them: to look at so many takes `check` about a second.
+    leaves
+        Leaves of all plants; the texture of a large leaf takes 50 MB.
+    texels
+        Points of one texture, 8000 x 8000; decoded and painted, they take a gigabyte.
+    image_pixels
+        Pixels of an image file.
+    memory_gb, disk_gb
+        Memory and disk space that may be foreseen, in 1e9 bytes, whatever the machine has; None: what it has.
+    hours
+        Time that may be foreseen; None: any.
+
+    Examples
+    --------
+    >>> Limits(frames=20_000).frames, Limits().frames
+    (20000, 10000)
+    """
+
+    frames: float = 10_000
+    images: float = 100_000
+    pixels: float = 16_000_000
+    samples: float = 4_096
+    vertices: float = 1_000_000
+    objects: float = 400
+    leaves: float = 100
+    texels: float = 64_000_000
+    image_pixels: float = 64_000_000
+    memory_gb: float | None = None
+    disk_gb: float | None = None
+    hours: float | None = None
+
+
+def limits_from(words: Iterable[str]) -> Limits:
+    """Return limits with some of them changed.
+
+    Parameters
+    ----------
+    words
+        Changes, each ``name=value``.
+
+    Returns
+    -------
+    Limits
+        The others are as they are by default.
+
+    Raises
+    ------
+    SceneError
+        With every word that is no such change.
+
+    Examples
+    --------
+    >>> limits_from(["frames=2e4", "memory_gb=64"]).memory_gb
+    64.0
+    """
+    names = [field.name for field in fields(Limits)]
+    changes: dict[str, float] = {}
+    problems = []
+    for word in words:
+        name, separator, text = word.partition("=")
+        name = name.strip()
+        if not separator or name not in names:
+            message = f"must read name=value, as frames=20000; the names are {', '.join(names)}"
+            problems.append(Problem("--limits", message, word))
+        elif not _NUMBER.fullmatch(text.strip()) or float(text) <= 0:
+            problems.append(Problem(f"--limits {name}", "must be a positive number", text))
+        else:
+            changes[name] = float(text)
+    if problems:
+        raise SceneError(problems)
+    return replace(Limits(), **changes)
+
+
+# Not more digits than a number needs that is finite.
+_NUMBER = re.compile(r"[0-9_]{1,18}(\.[0-9]{0,9})?([eE][+-]?[0-9]{1,2})?", re.ASCII)
+
+
+def too_much(name: str, values: Sequence[tuple[str, float]], limits: Limits, what: str) -> list[Problem]:
+    """Return problems of values that pass a bound.
+
+    Parameters
+    ----------
+    name
+        The bound's name.
+    values
+        Paths in the scene, and how much each of them asks for.
+    limits
+        The bounds.
+    what
+        What is counted, for the message.
+
+    Returns
+    -------
+    list of Problem
+        One for each value beyond the bound.
+    """
+    most = getattr(limits, name)
+    remedy = "make it less, or allow it: --limits"
+    return [
+        Problem(path, f"makes {value:,.0f} {what}, more than {most:,.0f}; {remedy} {name}={_up(value)}")
+        for path, value in values
+        if value > most
+    ]
+
+
+def _up(value: float) -> str:
+    """Spell a number of two digits that is not less."""
+    size = 10 ** max(len(str(int(value))) - 2, 0)
+    return str(-int(-value // size) * size)

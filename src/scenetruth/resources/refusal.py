@@ -1,0 +1,154 @@
+"""Refuses what passes a bound, or what the machine does not have, before any work begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from scenetruth.errors import MachineError, Problem, SceneError
+from scenetruth.resources.bounds import Limits
+from scenetruth.resources.demand import Part, bound_problems, part_problems, parts_of
+from scenetruth.resources.forecast import Forecast
+from scenetruth.resources.machine import Machine
+from scenetruth.scene.spec import Scene
+
+__all__ = ["bounded_parts", "machine_problems", "refuse_beyond_bounds", "refuse_resources"]
+
+_GB = 1e9
+_HOUR_S = 3600.0
+
+
+def bounded_parts(scene: Scene, limits: Limits, folder: Path = Path()) -> list[Part]:
+    """Return the objects of a scene that stays within its bounds, with their sizes.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    limits
+        The bounds.
+    folder
+        Where relative paths in the scene count from.
+
+    Returns
+    -------
+    list of Part
+        The objects; nothing of them is made.
+
+    Raises
+    ------
+    SceneError
+        With every bound that is passed, and all that can be seen to be wrong with meshes and textures.
+    """
+    problems = bound_problems(scene, limits)
+    if problems:
+        # So many objects are not worth looking at one by one.
+        raise SceneError(problems)
+    parts, wrong = parts_of(scene, folder)
+    problems = [*wrong, *part_problems(parts, limits)]
+    if problems:
+        raise SceneError(problems)
+    return parts
+
+
+def refuse_beyond_bounds(scene: Scene, limits: Limits | None = None, folder: Path = Path()) -> None:
+    """Refuse a scene that passes its bounds.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    limits
+        The bounds; those by default if not given.
+    folder
+        Where relative paths in the scene count from.
+
+    Raises
+    ------
+    SceneError
+        With every bound that is passed, and all that can be seen to be wrong with meshes and textures.
+    """
+    bounded_parts(scene, limits or Limits(), folder)
+
+
+def machine_problems(forecast: Forecast, machine: Machine, limits: Limits) -> list[Problem]:
+    """Return what is foreseen to be more than the machine has, or than may be taken.
+
+    Parameters
+    ----------
+    forecast
+        What will be taken.
+    machine
+        What there is.
+    limits
+        What may be taken, whatever there is.
+
+    Returns
+    -------
+    list of Problem
+        One for memory, disk and time each, if it is too much.
+    """
+    hungriest = max(forecast.stages, key=lambda name: forecast.stages[name].memory_bytes, default="")
+    found = [
+        _problem(
+            f"memory of {hungriest}",
+            forecast.memory_bytes / _GB,
+            _most(limits.memory_gb, machine.memory_bytes),
+            "GB",
+            "make images, meshes or textures smaller, or insist: --limits memory_gb",
+        ),
+        _problem(
+            "disk, at most",
+            forecast.disk_at_most_bytes / _GB,
+            _most(limits.disk_gb, machine.disk_bytes),
+            "GB",
+            "make images smaller or fewer, store the truth as float32 (storage.truth), or insist: --limits disk_gb",
+        ),
+        _problem(
+            "time",
+            forecast.seconds / _HOUR_S,
+            limits.hours,
+            "hours",
+            "make images smaller or fewer, or allow more: --limits hours",
+        ),
+    ]
+    return [problem for problem in found if problem is not None]
+
+
+def _most(given: float | None, there: int | None) -> float | None:
+    if given is not None:
+        return given
+    return None if there is None else there / _GB
+
+
+def _problem(what: str, wanted: float, most: float | None, unit: str, remedy: str) -> Problem | None:
+    if most is None or wanted <= most:
+        return None
+    return Problem(
+        what, f"about {_told(wanted)} {unit} are foreseen, and there are {_told(most)}: {remedy}={_up(wanted)}"
+    )
+
+
+def _told(value: float) -> str:
+    return f"{value:.3g}" if value < 100 else f"{value:,.0f}"
+
+
+def _up(value: float) -> str:
+    return f"{float(f'{1.05 * value:.2g}'):g}"
+
+
+def refuse_resources(forecast: Forecast, machine: Machine, limits: Limits) -> None:
+    """Refuse work that is foreseen to take more than the machine has, or than may be taken.
+
+    Parameters
+    ----------
+    forecast, machine, limits
+        As of `machine_problems`.
+
+    Raises
+    ------
+    MachineError
+        With memory, disk and time, whichever is too much.
+    """
+    problems = machine_problems(forecast, machine, limits)
+    if problems:
+        raise MachineError(problems)

@@ -1,0 +1,108 @@
+"""What is foreseen grows with everything that is asked for, and is near to what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+import scenetruth as st
+from scenetruth.pipeline import STAGES
+from scenetruth.resources.demand import Demand, demand_of, parts_of
+from scenetruth.resources.forecast import Forecast, StageForecast, foresee
+from tests.scenes import SCENES
+
+NUMBERS = [field.name for field in fields(Demand) if field.type in ("int", "float") and field.name != "sample_bytes"]
+FLAGS = [field.name for field in fields(Demand) if field.type == "bool"]
+
+
+@some.composite
+def demands(draw: some.DrawFn) -> Demand:
+    values: dict[str, Any] = {name: draw(some.integers(1, 10**6)) for name in NUMBERS}
+    values |= {name: draw(some.booleans()) for name in FLAGS}
+    rays = draw(some.sampled_from([True, False, None]))
+    return Demand(**values, sample_bytes=draw(some.sampled_from([1, 2, 4])), rays=rays)
+
+
+def figures(demand: Demand) -> list[float]:
+    stages = foresee(demand, STAGES, slower=1.0).stages
+    assert list(stages) == list(STAGES)
+    return [
+        number
+        for stage in stages.values()
+        for number in (stage.memory_bytes, stage.disk_bytes, stage.seconds, stage.disk_at_most_bytes)
+    ]
+
+
+# More faces per pixel make the truth harder to pack: of more pixels there are fewer.
+GROWING = [name for name in NUMBERS if name != "pixels"]
+
+
+@given(demands(), some.sampled_from(GROWING), some.integers(1, 10**6))
+def test_whoever_asks_for_more_is_never_foreseen_less(demand: Demand, name: str, more: int) -> None:
+    other = replace(demand, **{name: getattr(demand, name) + more})
+    assert all(b >= a for a, b in zip(figures(demand), figures(other), strict=True))
+
+
+@given(demands(), some.integers(2, 100))
+def test_larger_images_are_never_foreseen_less(demand: Demand, times: int) -> None:
+    grown = replace(demand, pixels=demand.pixels * times, fine_pixels=demand.fine_pixels * times)
+    assert all(b >= a for a, b in zip(figures(demand), figures(grown), strict=True))
+
+
+@given(demands(), some.sampled_from(["ideal", "lit", "complete"]))
+def test_what_is_added_costs_something(demand: Demand, name: str) -> None:
+    less, more = (figures(replace(demand, **{name: flag})) for flag in (False, True))
+    assert all(b >= a for a, b in zip(less, more, strict=True))
+    assert more != less
+
+
+@given(demands())
+def test_what_is_not_known_is_foreseen_as_the_worse(demand: Demand) -> None:
+    rays, opengl, either = (figures(replace(demand, rays=which)) for which in (True, False, None))
+    assert either == [max(pair) for pair in zip(rays, opengl, strict=True)]
+
+
+@given(demands())
+def test_results_do_not_pass_what_they_are_at_most(demand: Demand) -> None:
+    for stage in foresee(demand, STAGES, slower=1.0).stages.values():
+        assert stage.disk_bytes <= stage.disk_at_most_bytes
+
+
+def test_a_slower_machine_takes_longer_for_the_same() -> None:
+    scene = st.load_scene(SCENES / "cube.yaml")
+    demand = demand_of(scene, parts_of(scene)[0])
+    one, other = foresee(demand, ["render"], 1.0), foresee(demand, ["render"], 3.0)
+    assert other.seconds == pytest.approx(3 * one.seconds)
+    assert (other.memory_bytes, other.disk_bytes) == (one.memory_bytes, one.disk_bytes)
+    assert foresee(demand, ["render"]).seconds > 0
+
+
+MEASURED: dict[str, tuple[list[str], float, float]] = {
+    "cube": ([], 657e6, 28.5e6),
+    "leaf": (["frames.count=5"], 807e6, 46.9e6),
+    "rosette": (["frames.count=5"], 1053e6, 56.9e6),
+    "relief": (["frames.count=3"], 922e6, 56.4e6),
+    "plane": (["frames.count=3"], 657e6, 11.3e6),
+}
+"""Peak memory and disk of ``scenetruth render`` with OpenGL: ``python -m benchmarks.foresight`` on two processors."""
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_memory_and_disk_are_within_a_factor_of_what_was_measured(name: str) -> None:
+    changes, memory, disk = MEASURED[name]
+    scene = st.load_scene(SCENES / f"{name}.yaml", [*changes, "render.backend=pyrender"])
+    found = foresee(demand_of(scene, parts_of(scene)[0]), ["render"], 1.0)
+    assert 1 / 1.5 < found.memory_bytes / memory < 1.5
+    assert 1 / 1.5 < found.disk_bytes / disk < 1.5
+
+
+def test_stages_follow_each_other() -> None:
+    stages = {"one": StageForecast(5, 10, 3, 20), "two": StageForecast(9, 1, 4, 2)}
+    both = Forecast(stages)
+    assert (both.memory_bytes, both.disk_bytes, both.seconds, both.disk_at_most_bytes) == (9, 11, 7, 22)
+    nothing = Forecast({})
+    assert (nothing.memory_bytes, nothing.seconds) == (0, 0)
