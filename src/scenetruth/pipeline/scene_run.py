@@ -119,13 +119,10 @@ def run_scene(
     >>> error["count"] > 50, error["relative_rms"] < 0.02, results.failures
     (True, True, {})
     """
-    from scenetruth.scoring import FIGURES
     from scenetruth.truth import TruthChoice, refuse_arguments
 
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
-    unknown = sorted(set(figures or ()) - set(FIGURES))
-    if unknown:
-        raise SceneError([Problem("figures", f"must be some of {', '.join(FIGURES)}", unknown)])
+    _refuse_unknown_figures(figures)
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:
         raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
@@ -164,3 +161,14 @@ def run_scene(
                 if "report" in stages:
                     runner.report(choice.method, figures)
     return runner.results()
+
+
+def _refuse_unknown_figures(figures: Collection[str] | None) -> None:
+    if not figures:
+        # Rendering need not wait for what draws.
+        return
+    from scenetruth.scoring import FIGURES
+
+    unknown = sorted(set(figures) - set(FIGURES))
+    if unknown:
+        raise SceneError([Problem("figures", f"must be some of {', '.join(FIGURES)}", unknown)])
