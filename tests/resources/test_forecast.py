@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 
 import scenetruth as st
 from scenetruth.pipeline import STAGES
-from scenetruth.resources.demand import Demand, demand_of, parts_of
+from scenetruth.resources.demand import Demand, Recorded, demand_of, parts_of
 from scenetruth.resources.forecast import Forecast, StageForecast, foresee
 from tests.scenes import SCENES
 
@@ -98,6 +98,29 @@ def test_memory_and_disk_are_within_a_factor_of_what_was_measured(name: str) -> 
     found = foresee(demand_of(scene, parts_of(scene)[0]), ["render"], 1.0)
     assert 1 / 1.5 < found.memory_bytes / memory < 1.5
     assert 1 / 1.5 < found.disk_bytes / disk < 1.5
+
+
+# Peak memory of estimate, score and report, of one run each: 5 x 9 images of the cube in two sizes, and 200 frames.
+LATER: dict[str, tuple[Recorded, tuple[float, float, float]]] = {
+    "cube": (Recorded(640 * 480, 5, 9, 2), (351e6, 392e6, 359e6)),
+    "large images": (Recorded(2464 * 2056, 5, 9, 2), (1671e6, 1233e6, 1217e6)),
+    "200 frames of one camera": (Recorded(640 * 480, 1, 200, 2), (779e6, 501e6, 597e6)),
+}
+
+
+@pytest.mark.parametrize("name", LATER)
+def test_memory_of_later_stages_is_within_a_factor_of_what_was_measured(name: str) -> None:
+    recorded, measured = LATER[name]
+    found = foresee(recorded, STAGES, 1.0)
+    assert list(found.stages) == ["estimate", "score", "report"]
+    for stage, memory in zip(found.stages.values(), measured, strict=True):
+        assert 1 / 1.5 < stage.memory_bytes / memory < 1.5
+
+
+def test_methods_that_hold_all_frames_are_foreseen_to_need_them() -> None:
+    recorded = Recorded(640 * 480, 1, 200, 2, in_memory=True)
+    # OpenCV's flow took 5.6 GB.
+    assert 1 / 1.5 < foresee(recorded, ["estimate"], 1.0).memory_bytes / 5.59e9 < 2.0
 
 
 def test_stages_follow_each_other() -> None:

@@ -28,7 +28,7 @@ def test_what_fits_is_let_through_and_what_is_not_known_is_not_refused() -> None
 
 def test_all_that_is_too_much_is_told_at_once() -> None:
     small = Machine(5 * 10**9, 8 * 10**9, 2)
-    assert paths(small, Limits(hours=2)) == ["memory of estimate", "disk, at most", "time"]
+    assert paths(small, Limits(hours=2)) == ["memory of estimate", "disk, with room for maps that pack badly", "time"]
     with pytest.raises(st.MachineError) as caught:
         refuse_resources(FORECAST, small, Limits(hours=2))
     text = str(caught.value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ _UNKNOWN = "unknown"
 
 def print_check(scene: Scene, file: Path, limits: Limits) -> None:
     """Validate a scene and print what will be made from it, and what that takes; nothing large is made for it."""
-    from scenetruth.pipeline import STAGES, run_problems
+    from scenetruth.pipeline import STAGES, run_problems, streams
     from scenetruth.resources import bounded_parts, demand_of, foresee, machine_at, machine_problems
     from scenetruth.resources.glimpse import glimpse_of, without_interior
     from scenetruth.scene.check import describe_scene
@@ -37,7 +38,8 @@ def print_check(scene: Scene, file: Path, limits: Limits) -> None:
         report = describe_scene(scene, glimpse.world, glimpse.depth, glimpse.times)
     except SceneError as error:
         raise SceneError(error.problems, source=file) from error
-    forecast, machine = foresee(demand_of(scene, parts), STAGES), machine_at(Path())
+    demand = replace(demand_of(scene, parts), in_memory=not streams(scene.estimate))
+    forecast, machine = foresee(demand, STAGES), machine_at(Path())
     _print_table(scene, file, report, {part.item.name: part.size.faces for part in parts})
     _print_forecast(forecast, machine)
     problems = machine_problems(forecast, machine, limits)

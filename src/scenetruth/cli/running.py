@@ -124,11 +124,12 @@ def estimate(
     overrides: options.Overrides = None,
     methods: options.Methods = None,
     overwrite: options.Overwrite = False,
+    limits: options.Limits = None,
 ) -> None:
     """Estimate depth and motion from FOLDER/recording.zarr."""
     from scenetruth.cli.console import reporting
 
-    with reporting() as reporter, _runner(folder, overwrite, False, reporter) as runner:
+    with reporting() as reporter, _runner(folder, overwrite, False, limits, reporter) as runner:
         names: list[str | None] = [*methods] if methods else [None]
         choices = [runner.choice(name, overrides or ()) for name in names]
         for choice in choices:
@@ -152,11 +153,12 @@ def score(
     methods: options.Methods = None,
     overwrite: options.Overwrite = False,
     allow_mismatch: options.AllowMismatch = False,
+    limits: options.Limits = None,
 ) -> None:
     """Score every estimate in FOLDER against FOLDER/truth.zarr."""
     from scenetruth.cli.console import reporting
 
-    with reporting() as reporter, _runner(folder, overwrite, allow_mismatch, reporter) as runner:
+    with reporting() as reporter, _runner(folder, overwrite, allow_mismatch, limits, reporter) as runner:
         names = methods or runner.folder.estimated()
         settings = runner.score_settings(overrides or ())
         for method in names:
@@ -176,6 +178,7 @@ def report(
     figures: options.Figures = None,
     overwrite: options.Overwrite = False,
     allow_mismatch: options.AllowMismatch = False,
+    limits: options.Limits = None,
 ) -> None:
     """Draw the pictures and the report of every estimate in FOLDER; without a truth, those that need none."""
     from scenetruth.cli.console import reporting
@@ -184,7 +187,7 @@ def report(
     with (
         reporting() as reporter,
         figure_help(options.helpers()) as helper,
-        _runner(folder, overwrite, allow_mismatch, reporter, helper) as runner,
+        _runner(folder, overwrite, allow_mismatch, limits, reporter, helper) as runner,
     ):
         names = methods or runner.folder.estimated()
         for method in names:
@@ -219,11 +222,18 @@ def _echo(text: str, *, err: bool = False) -> None:
 
 
 def _runner(
-    folder: Path, overwrite: bool, allow_mismatch: bool, reporter: Reporter, helper: FigureHelper | None = None
+    folder: Path,
+    overwrite: bool,
+    allow_mismatch: bool,
+    limits: list[str] | None,
+    reporter: Reporter,
+    helper: FigureHelper | None = None,
 ) -> Runner:
     from scenetruth.pipeline import RunFolder, Runner
+    from scenetruth.resources.bounds import limits_from
 
-    return Runner(RunFolder(folder), overwrite, not allow_mismatch, reporter, reporter.say, helper)
+    allowed = limits_from(limits or ())
+    return Runner(RunFolder(folder), overwrite, not allow_mismatch, reporter, reporter.say, helper, allowed)
 
 
 def _print_scores(results: RunResults) -> None:

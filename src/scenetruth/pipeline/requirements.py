@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import xarray as xr
+
 from scenetruth.errors import Problem
-from scenetruth.estimators import MethodChoice, choose, find_method, requirements
+from scenetruth.estimators import MethodChoice, StreamingMethod, choose, find_method, requirements
 from scenetruth.provenance import blank_recording
+from scenetruth.resources import Recorded
 from scenetruth.scene import Scene
 
-__all__ = ["method_choices", "run_problems"]
+__all__ = ["method_choices", "recorded_of", "run_problems", "streams"]
 
 
 def method_choices(scene: Scene, methods: Sequence[str | MethodChoice]) -> list[MethodChoice]:
@@ -36,3 +39,28 @@ def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]
         problem for choice in choices for problem in requirements(blank, find_method(choice.method), choice.settings)
     ]
     return list(dict.fromkeys(found))
+
+
+def streams(choice: MethodChoice) -> bool:
+    """Return whether a method estimates some frames at a time."""
+    return isinstance(find_method(choice.method), StreamingMethod)
+
+
+def recorded_of(recording: xr.Dataset, *, in_memory: bool = False) -> Recorded:
+    """Return what the work on a recording grows with.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    in_memory
+        Whether the method of estimation holds all frames.
+    """
+    sizes = recording["image"].sizes
+    return Recorded(
+        pixels=sizes["y"] * sizes["x"],
+        positions=sizes["s"] * sizes.get("s_y", 1),
+        frames=sizes["t"],
+        sample_bytes=recording["image"].dtype.itemsize * sizes.get("channel", 1),
+        in_memory=in_memory,
+    )

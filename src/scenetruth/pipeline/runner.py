@@ -19,9 +19,11 @@ from scenetruth.errors import MismatchError, Problem, SceneError, ScenetruthErro
 from scenetruth.estimators import MethodChoice, choose, prepare
 from scenetruth.pipeline.estimating import write_estimate
 from scenetruth.pipeline.folder import MethodFiles, RunFolder, claim_of, claim_run
+from scenetruth.pipeline.requirements import recorded_of, streams
 from scenetruth.placing import Claimed, check_output, claim_pictures, hold, sweep_inside, write_aside
 from scenetruth.progress import Progress
 from scenetruth.provenance import scene_hash
+from scenetruth.resources import Limits, foresee, machine_at, refuse_resources
 from scenetruth.scene import Scene
 from scenetruth.scene.load import apply_overrides
 from scenetruth.schema import check_same_run, digest, identity_of, scene_of
@@ -79,6 +81,8 @@ class Runner:
         Called with lines that a user may want to read.
     helper
         A second process for figures.
+    limits
+        What may be taken of the machine; those by default if not given.
     """
 
     def __init__(
@@ -89,10 +93,11 @@ class Runner:
         progress: Progress | None = None,
         notice: Callable[[str], None] | None = None,
         helper: FigureHelper | None = None,
+        limits: Limits | None = None,
     ) -> None:
         self.folder, self.overwrite, self.check = folder, overwrite, check
         self.progress, self.notice = progress, notice
-        self.helper = helper
+        self.helper, self.limits = helper, limits or Limits()
         self.scores: dict[str, Score] = {}
         self.failures: dict[str, ScenetruthError] = {}
         self.timings_s: dict[str, float] = {}
@@ -198,6 +203,7 @@ class Runner:
         """Estimate with a method."""
         target = self.folder.of(choice.method).estimate
         self._refuse_existing(target)
+        self._refuse_resources("estimate", in_memory=not streams(choice))
         with self._timed("estimate" if choice.method == self.folder.own_method else f"estimate {choice.method}"):
             try:
                 with write_aside(target, overwrite=self.overwrite, claim=claim_store) as aside:
@@ -218,6 +224,7 @@ class Runner:
         estimated, truth = self._estimate_of(method), self.truth
         if truth is None:
             raise StoreError(self.folder.truth, "no such store: without a truth there is nothing to score against")
+        self._refuse_resources("score")
         if self.check:
             check_same_run(
                 {
@@ -255,6 +262,7 @@ class Runner:
             self._say(f"{files.report} is as new")
             return
         self._refuse_existing(files.report, files.figures)
+        self._refuse_resources("report")
         estimated, truth = self._estimate_of(method), self.truth
         scored = None if truth is None else self._score_of(method)
         parts = {str(self.folder.recording): self.recording.attrs, str(files.estimate): estimated.attrs}
@@ -324,6 +332,11 @@ class Runner:
     def _refuse_existing(self, *targets: Path) -> None:
         for target in targets:
             check_output(target, overwrite=self.overwrite, claim=_claim)
+
+    def _refuse_resources(self, stage: str, *, in_memory: bool = False) -> None:
+        """Refuse a stage that is foreseen to take more than the machine has."""
+        forecast = foresee(recorded_of(self.recording, in_memory=in_memory), [stage])
+        refuse_resources(forecast, machine_at(self.folder.path), self.limits)
 
     def _forget(self) -> None:
         """Forget what was read from the folder before."""

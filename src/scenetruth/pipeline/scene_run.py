@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -10,7 +11,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.estimators import MethodChoice
 from scenetruth.pipeline.figure_help import figure_help
 from scenetruth.pipeline.folder import RunFolder
-from scenetruth.pipeline.requirements import method_choices, run_problems
+from scenetruth.pipeline.requirements import method_choices, run_problems, streams
 from scenetruth.pipeline.runner import Runner, RunResults
 from scenetruth.progress import Progress
 from scenetruth.resources import Limits, bounded_parts, demand_of, foresee, machine_at, refuse_resources
@@ -133,8 +134,8 @@ def run_scene(
         problems = run_problems(scene, choices)
         if problems:
             raise SceneError(problems)
+    allowed = limits or Limits()
     if "render" in stages:
-        allowed = limits or Limits()
         demand = demand_of(
             scene,
             bounded_parts(scene, allowed),
@@ -142,11 +143,12 @@ def run_scene(
             complete=truth_content == "complete",
             ideal=ideal,
         )
+        demand = replace(demand, in_memory=any(not streams(choice) for choice in choices))
         refuse_resources(foresee(demand, stages), machine_at(Path(folder)), allowed)
     truth = TruthChoice(truth_views, truth_poses, truth_content)
     with (
         figure_help(helpers if "report" in stages else 0) as helper,
-        Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice, helper) as runner,
+        Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice, helper, allowed) as runner,
     ):
         if "render" in stages:
             runner.render(scene, truth, ideal=ideal, images=images)

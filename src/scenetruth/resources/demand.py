@@ -18,7 +18,7 @@ from scenetruth.scene.mesh import MeshSize, TriangleMesh
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.texture.image import ImageTexture
 
-__all__ = ["Demand", "Part", "bound_problems", "demand_of", "part_problems", "parts_of", "sharp_images"]
+__all__ = ["Demand", "Part", "Recorded", "bound_problems", "demand_of", "part_problems", "parts_of", "sharp_images"]
 
 SKETCHED_FACES = 1_000
 """Triangles of a sketch of an object."""
@@ -53,6 +53,31 @@ class Part:
     sketch: TriangleMesh | None
     texels: int
     painted: bool
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What the work on a recording grows with.
+
+    Parameters
+    ----------
+    pixels
+        Pixels of one image.
+    positions
+        Cameras, of all rows.
+    frames
+        Frames.
+    sample_bytes
+        Bytes of a pixel.
+    in_memory
+        Whether the method of estimation holds all frames.
+    """
+
+    pixels: float
+    positions: int
+    frames: int
+    sample_bytes: int
+    in_memory: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,6 +126,8 @@ class Demand:
         Whether the truth is stored in 32 bits.
     rays
         Whether images are made by ray casting; None: by what runs.
+    in_memory
+        Whether a method of estimation holds all frames.
     """
 
     pixels: float
@@ -125,6 +152,12 @@ class Demand:
     complete: bool
     narrow: bool
     rays: bool | None
+    in_memory: bool = False
+
+    @property
+    def recorded(self) -> Recorded:
+        """The recording that will be made."""
+        return Recorded(self.pixels, self.positions, self.frames, self.sample_bytes, self.in_memory)
 
     @property
     def images(self) -> int:

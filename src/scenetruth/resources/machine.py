@@ -28,7 +28,7 @@ class Machine:
     Parameters
     ----------
     memory_bytes
-        Memory that can still be taken.
+        Memory that the process may have in all: what it has, and what can still be taken.
     disk_bytes
         Space that is free where results go.
     processors
@@ -53,7 +53,10 @@ def machine_at(output: Path) -> Machine:
     Machine
         Memory, disk and processors.
     """
-    return Machine(free_memory_bytes(), free_disk_bytes(output), processors())
+    free = free_memory_bytes()
+    pages = _text_of(_MINE / "statm").split()
+    memory = free if free is None or len(pages) < 2 else free + int(pages[1]) * os.sysconf("SC_PAGE_SIZE")
+    return Machine(memory, free_disk_bytes(output), processors())
 
 
 def processors() -> int:

@@ -97,8 +97,8 @@ def machine_problems(forecast: Forecast, machine: Machine, limits: Limits) -> li
             "make images, meshes or textures smaller, or insist: --limits memory_gb",
         ),
         _problem(
-            "disk, at most",
-            forecast.disk_at_most_bytes / _GB,
+            "disk, with room for maps that pack badly",
+            forecast.disk_wanted_bytes / _GB,
             _most(limits.disk_gb, machine.disk_bytes),
             "GB",
             "make images smaller or fewer, store the truth as float32 (storage.truth), or insist: --limits disk_gb",
