@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Candidate", "frames_at_a_time", "run", "run_kernel", "step_count"]
 
 # Bytes of a pixel of `Best`, bytes of all pixels that are kept at a time, and the least rows of a band.
-_BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 192e6, 128
+_BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 128e6, 128
 # Bytes of a pixel of `Maps`, and bytes of all maps that are made at a time.
 _BYTES_PER_PIXEL_OF_MAPS, _MAP_BYTES = 84, 192e6
 
