@@ -32,7 +32,8 @@ test: lint
 
 nightly: setup
 	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -rP -p no:cacheprovider \
-		tests/fuzz tests/pipeline/test_killed.py tests/storage/test_integrity.py tests/test_resident_memory.py
+		tests/fuzz tests/pipeline/test_killed.py tests/storage/test_integrity.py tests/test_resident_memory.py \
+		tests/estimators/structure_tensor/test_determinism.py
 
 bench: setup
 	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only
