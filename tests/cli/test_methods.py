@@ -28,7 +28,8 @@ def write_scene(file: Path, **changes: object) -> Path:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("runs")
     scene = write_scene(place / "scene.yaml")
-    done = scenetruth("run", scene, "-o", place / "x", "--method", "structure_tensor", "--method", "opencv_flow")
+    both = ("--method", "structure_tensor", "--method", "opencv_flow", "--figures", "image", "--figures", "flow")
+    done = scenetruth("run", scene, "-o", place / "x", *both)
     assert done.returncode == 0, done.stderr
     assert "structure_tensor, region interior" in done.stdout
     assert "opencv_flow, region interior" in done.stdout
