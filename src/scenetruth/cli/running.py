@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -40,38 +40,29 @@ def run(
     figures: options.Figures = None,
 ) -> None:
     """Render a scene, estimate, score and report, in one go."""
-    from scenetruth.cli.console import reporting
-    from scenetruth.errors import SceneError
-    from scenetruth.pipeline import STAGES, run_scene
-    from scenetruth.resources.bounds import limits_from
+    from scenetruth.pipeline import STAGES
     from scenetruth.scene import load_scene
 
     changes = list(overrides or ())
     if methods and len(methods) == 1 and methods[0] != load_scene(scene).estimate.method:
         # --set estimate.FIELD then means a field of that method.
         changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
-    loaded, allowed = load_scene(scene, changes), limits_from(limits or ())
-    try:
-        with reporting() as reporter:
-            results = run_scene(
-                loaded,
-                output,
-                stages=STAGES if report else STAGES[:-1],
-                methods=methods or (),
-                truth_views=truth.value,
-                truth_poses=truth_poses.value,
-                truth_content=truth_content.value,
-                ideal=ideal,
-                images=None if images is None else images.value,
-                overwrite=overwrite,
-                limits=allowed,
-                figures=figures or None,
-                helpers=options.helpers(),
-                progress=reporter,
-                notice=reporter.say,
-            )
-    except SceneError as error:
-        raise SceneError(error.problems, source=scene) from error
+    results = _run(
+        scene,
+        changes,
+        output,
+        limits,
+        stages=STAGES if report else STAGES[:-1],
+        methods=methods or (),
+        truth_views=truth.value,
+        truth_poses=truth_poses.value,
+        truth_content=truth_content.value,
+        ideal=ideal,
+        images=images,
+        overwrite=overwrite,
+        figures=figures or None,
+        helpers=options.helpers(),
+    )
     _print_scores(results)
     _echo(f"written: {output}")
     _raise_failures(results)
@@ -91,31 +82,19 @@ def render(
     ideal: options.Ideal = False,
 ) -> None:
     """Render a scene: a recording and its truth."""
-    from scenetruth.cli.console import reporting
-    from scenetruth.errors import SceneError
-    from scenetruth.pipeline import run_scene
-    from scenetruth.resources.bounds import limits_from
-    from scenetruth.scene import load_scene
-
-    loaded, allowed = load_scene(scene, overrides or ()), limits_from(limits or ())
-    try:
-        with reporting() as reporter:
-            results = run_scene(
-                loaded,
-                output,
-                stages=("render",),
-                truth_views=truth.value,
-                truth_poses=truth_poses.value,
-                truth_content=truth_content.value,
-                ideal=ideal,
-                images=None if images is None else images.value,
-                overwrite=overwrite,
-                limits=allowed,
-                progress=reporter,
-                notice=reporter.say,
-            )
-    except SceneError as error:
-        raise SceneError(error.problems, source=scene) from error
+    results = _run(
+        scene,
+        overrides,
+        output,
+        limits,
+        stages=("render",),
+        truth_views=truth.value,
+        truth_poses=truth_poses.value,
+        truth_content=truth_content.value,
+        ideal=ideal,
+        images=images,
+        overwrite=overwrite,
+    )
     _echo(f"written: {results.folder.recording}, {results.folder.truth}")
 
 
@@ -219,6 +198,33 @@ def _echo(text: str, *, err: bool = False) -> None:
     from scenetruth.errors import visible
 
     typer.echo(visible(text), err=err)
+
+
+def _run(
+    file: Path,
+    overrides: list[str] | None,
+    output: Path,
+    limits: list[str] | None,
+    *,
+    images: options.ImageForm | None,
+    **wanted: Any,
+) -> RunResults:
+    """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_scene`."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.errors import SceneError
+    from scenetruth.pipeline import run_scene
+    from scenetruth.resources.bounds import limits_from
+    from scenetruth.scene import load_scene
+
+    loaded, allowed = load_scene(file, overrides or ()), limits_from(limits or ())
+    form: Literal["png", "tiff"] | None = None if images is None else images.value
+    try:
+        with reporting() as reporter:
+            return run_scene(
+                loaded, output, limits=allowed, images=form, progress=reporter, notice=reporter.say, **wanted
+            )
+    except SceneError as error:
+        raise SceneError(error.problems, source=file) from error
 
 
 def _runner(

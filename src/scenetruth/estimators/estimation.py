@@ -112,8 +112,12 @@ class Estimation:
 
     def estimate(self) -> xr.Dataset:
         """Estimate in memory; see `estimate`."""
+        guarded = self._guarded
+        if not isinstance(self._method, StreamingMethod):
+            # Whoever wants all images gets them at once, and read-only, from a store too.
+            guarded = read_only(self._recording.copy(deep=False).load())
         with self._telling():
-            found = self._method.estimate(self._guarded, self._settings, self._progress)
+            found = self._method.estimate(guarded, self._settings, self._progress)
         return own_arrays(self._checked(found), self._recording)
 
     def blank(self) -> xr.Dataset | None:

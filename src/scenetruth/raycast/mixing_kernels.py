@@ -8,43 +8,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["mix_corners", "mix_vertices"]
+__all__ = ["mix_vertices"]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _mixed(first: float, second: float, third: float, b1: float, b2: float) -> float:
     """Interpolate: a value that all corners share comes out unchanged."""
     return first + b1 * (second - first) + b2 * (third - first)
-
-
-@numba.njit(cache=True, nogil=True, parallel=True)
-def mix_corners(face: NDArray[np.int32], weights: NDArray[np.float64], values: NDArray[np.float64]) -> Any:
-    """Interpolate values that are given at the corners of faces.
-
-    Parameters
-    ----------
-    face
-        Index of the face, -1 for none, shape (n,).
-    weights
-        Barycentric coordinates of its second and third corner, shape (n, 2).
-    values
-        Shape (m, 3, k).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (n, k); NaN where there is no face.
-    """
-    count, size = face.shape[0], values.shape[2]
-    out = np.empty((count, size), dtype=np.float64)
-    for n in numba.prange(count):
-        met, b1, b2 = face[n], weights[n, 0], weights[n, 1]
-        for k in range(size):
-            if met < 0:
-                out[n, k] = np.nan
-            else:
-                out[n, k] = _mixed(values[met, 0, k], values[met, 1, k], values[met, 2, k], b1, b2)
-    return out
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
@@ -55,8 +25,10 @@ def mix_vertices(
 
     Parameters
     ----------
-    face, weights
-        As of `mix_corners`.
+    face
+        Index of the face, -1 for none, shape (n,).
+    weights
+        Barycentric coordinates of its second and third corner, shape (n, 2).
     faces
         Corners of the faces, shape (m, 3).
     values

@@ -80,24 +80,16 @@ class Recorded:
     in_memory: bool = False
 
 
-@dataclass(frozen=True)
-class Demand:
-    """What the work on a scene grows with.
+@dataclass(frozen=True, kw_only=True)
+class Demand(Recorded):
+    """What the work on a scene grows with, beside the recording that it gives.
 
     Parameters
     ----------
-    pixels
-        Pixels of one image.
     fine_pixels
         Pixels of one sharp image: more than `pixels` where light is spread by a lens.
-    sample_bytes
-        Bytes of a pixel of the recording.
     ideal
         Whether linear images are kept too.
-    positions
-        Cameras, of all rows.
-    frames
-        Frames.
     sharp_images
         Sharp images that one image is the mean of.
     supersampling
@@ -126,16 +118,10 @@ class Demand:
         Whether the truth is stored in 32 bits.
     rays
         Whether images are made by ray casting; None: by what runs.
-    in_memory
-        Whether a method of estimation holds all frames.
     """
 
-    pixels: float
     fine_pixels: float
-    sample_bytes: int
     ideal: bool
-    positions: int
-    frames: int
     sharp_images: int
     supersampling: int
     strips: int
@@ -152,12 +138,6 @@ class Demand:
     complete: bool
     narrow: bool
     rays: bool | None
-    in_memory: bool = False
-
-    @property
-    def recorded(self) -> Recorded:
-        """The recording that will be made."""
-        return Recorded(self.pixels, self.positions, self.frames, self.sample_bytes, self.in_memory)
 
     @property
     def images(self) -> int:

@@ -80,13 +80,13 @@ class Forecast:
         return sum(stage.seconds for stage in self.stages.values())
 
 
-def foresee(demand: Demand | Recorded, stages: Sequence[str], slower: float | None = None) -> Forecast:
+def foresee(demand: Recorded, stages: Sequence[str], slower: float | None = None) -> Forecast:
     """Foresee what stages take.
 
     Parameters
     ----------
     demand
-        What the work grows with; for rendering, that of a scene.
+        What the work grows with; that of rendering is foreseen for the `Demand` of a scene.
     stages
         Names of stages.
     slower
@@ -104,7 +104,7 @@ def foresee(demand: Demand | Recorded, stages: Sequence[str], slower: float | No
     for name in stages:
         stage: StageForecast | None = None
         if name in _LATER:
-            stage = _LATER[name](demand if isinstance(demand, Recorded) else demand.recorded)
+            stage = _LATER[name](demand)
         elif name == "render" and isinstance(demand, Demand):
             stage = _render(demand)
         if stage is not None:
