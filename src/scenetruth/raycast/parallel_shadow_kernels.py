@@ -67,7 +67,8 @@ def flatten_faces(
 ) -> Any:
     """Return what is kept of every face, shape (m, `NUMBERS`), and its lowest and highest u and v, shape (m, 4).
 
-    The ranges are wider by the tolerance. The other arguments are as of `FacesInLight`.
+    The ranges hold all rays that pass the edges within the tolerance; those of faces that are seen edge-on have no end.
+    The other arguments are as of `FacesInLight`.
     """
     count = faces.shape[0]
     numbers = np.empty((count, NUMBERS), dtype=np.float64)
@@ -83,8 +84,13 @@ def flatten_faces(
                     + vertices[vertex, 2] * frame[k, 2]
                 )
         a, b, c = place[0], place[1], place[2]
-        boxes[face, 0], boxes[face, 1] = min(a[0], b[0], c[0]) - tolerance, max(a[0], b[0], c[0]) + tolerance
-        boxes[face, 2], boxes[face, 3] = min(a[1], b[1], c[1]) - tolerance, max(a[1], b[1], c[1]) + tolerance
+        around, longest, from_corner = 0.0, 0.0, 0
+        for k in range(3):
+            p, q = place[k], place[(k + 1) % 3]
+            length = np.sqrt((q[0] - p[0]) ** 2 + (q[1] - p[1]) ** 2)
+            around += length
+            if length > longest:
+                longest, from_corner = length, k
         out = numbers[face]
         ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
         vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
@@ -97,7 +103,22 @@ def flatten_faces(
             out[_EDGES:_PLANE] = 0.0
             out[_PLANE : _PLANE + 3] = 0.0
             out[_STEEP] = np.inf
+            boxes[face, ::2], boxes[face, 1::2] = -np.inf, np.inf
+            if longest > 0.0:
+                # Rounding may take any ray for a hit that passes through the strip along its longest edge, wherever.
+                p, q, r = place[from_corner], place[(from_corner + 1) % 3], place[(from_corner + 2) % 3]
+                across, down = (p[1] - q[1]) / longest, (q[0] - p[0]) / longest
+                width = across * (r[0] - p[0]) + down * (r[1] - p[1])
+                there = across * p[0] + down * p[1]
+                out[_EDGES], out[_EDGES + 1], out[_EDGES + 2] = across, down, -there - min(width, 0.0)
+                for at in (_EDGES + 3, _EDGES + 6):
+                    out[at], out[at + 1], out[at + 2] = -across, -down, there + max(width, 0.0)
             continue
+        # All edges moved outwards by the tolerance give a triangle that is larger, as seen from the incentre, by that
+        # over the inradius |nz| / around: at sharp corners much more than the tolerance.
+        margin = tolerance * (1.0 + longest * around / abs(nz))
+        boxes[face, 0], boxes[face, 1] = min(a[0], b[0], c[0]) - margin, max(a[0], b[0], c[0]) + margin
+        boxes[face, 2], boxes[face, 3] = min(a[1], b[1], c[1]) - margin, max(a[1], b[1], c[1]) + margin
         side = 1.0 if nz > 0.0 else -1.0
         for k in range(3):
             p, q = place[k], place[(k + 1) % 3]
@@ -194,7 +215,7 @@ def sort_faces(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _inside(numbers: NDArray[np.float64], face: int, u: float, v: float) -> Any:
-    """Return how far inside a face's edges a ray passes, negative outside; 0 for faces that are seen edge-on."""
+    """Return how far inside a face's edges a ray passes, negative outside; of those seen edge-on, their strip."""
     return min(
         numbers[face, _EDGES] * u + numbers[face, _EDGES + 1] * v + numbers[face, _EDGES + 2],
         numbers[face, _EDGES + 3] * u + numbers[face, _EDGES + 4] * v + numbers[face, _EDGES + 5],

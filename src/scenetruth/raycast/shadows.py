@@ -102,8 +102,10 @@ class ShadowCaster:
             size = float(np.abs(self.vertices_mm - self._centre).max()) + self._longest
             tolerance = _ROUNDINGS * float(np.finfo(np.float32).eps) * size
             numbers, boxes = flatten_faces(self.vertices_mm, self.topology.faces, frame, tolerance)
-            low = boxes[:, ::2].min(axis=0)
-            extent = boxes[:, 1::2].max(axis=0) - low
+            # Points lie on the mesh: cells need not reach further.
+            across_light = self.vertices_mm @ frame[:2].T
+            low = across_light.min(axis=0) - tolerance
+            extent = across_light.max(axis=0) + tolerance - low
             cells = min(_CELLS_PER_FACE * len(boxes), _MOST_CELLS)
             edge = max(float(np.sqrt(extent[0] * extent[1] / cells)), float(extent.max()) / cells)
             columns, rows = (int(length / edge) + 1 for length in extent.tolist())
