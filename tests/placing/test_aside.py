@@ -161,6 +161,32 @@ def test_leftovers_of_dead_writers_are_swept_and_others_kept(tmp_path: Path) -> 
     assert set(names(tmp_path)) == kept - {f".y.partial-{DEAD}"}
 
 
+def test_an_earlier_result_whose_removal_was_interrupted_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of it may be gone, and with it what told that it was ours."""
+    make(tmp_path / "x", "old")
+
+    class KilledError(Exception):
+        pass
+
+    def halfway(path: Path, **_: object) -> None:
+        (path / "ours").unlink()
+        raise KilledError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(aside, "this_writer", lambda: DEAD)
+        patch.setattr(shutil, "rmtree", halfway)
+        patch.setattr(aside, "_clear_up", lambda path: None)
+        with pytest.raises(KilledError):
+            write(tmp_path / "x")
+    assert len(names(tmp_path)) == 2
+    with hold(tmp_path / "x", claim):
+        pass
+    assert names(tmp_path) == ["x"]
+    assert (tmp_path / "x" / "ours").read_text() == "new"
+
+
 def test_an_earlier_result_is_restored(tmp_path: Path) -> None:
     make(tmp_path / f".x.replaced-{DEAD}", "old")
     with pytest.raises(st.OutputExistsError, match="exists already"), write_aside(tmp_path / "x", claim=claim):

@@ -21,7 +21,8 @@ from scenetruth.placing.writers import this_writer, written_by
 __all__ = ["check_output", "hold", "scratch_beside", "sweep_inside", "write_aside"]
 
 _QUIET_S, _PATIENCE_S = 0.25, 10.0
-_HALF = (".partial", ".scratch")
+# What goes by these names is never the only copy of anything: dead writers' are removed as they are.
+_HALF = (".partial", ".scratch", ".retired")
 
 
 @contextmanager
@@ -189,7 +190,7 @@ def sweep_inside(folder: Path, claim: Claim = claim_file) -> None:
 
 
 def _leftovers(place: Path) -> list[Path]:
-    starts = tuple(f".{place.name}.{what}-" for what in ("partial", "scratch", "replaced"))
+    starts = tuple(f".{place.name}.{what}-" for what in ("partial", "scratch", "retired", "replaced"))
     return sorted(path for path in place.parent.iterdir() if path.name.startswith(starts))
 
 
@@ -225,11 +226,17 @@ def _retire(old: Path, place: Path, claim: Claim) -> None:
     for name in claimed.foreign:
         if not os.path.lexists(place / name):
             (old / name).rename(place / name)
-    for entry in list(old.iterdir()):
-        if entry.name not in claimed.foreign:
-            _remove(entry)
-    with contextlib.suppress(OSError):
-        old.rmdir()
+    # Of a result that is removed in part, nobody could tell any more that it was one: it gets another name first.
+    retired = _beside(place, "retired")
+    _remove(retired)
+    if not any(os.path.lexists(old / name) for name in claimed.foreign):
+        old.rename(retired)
+    else:
+        retired.mkdir()
+        for entry in list(old.iterdir()):
+            if entry.name not in claimed.foreign:
+                entry.rename(retired / entry.name)
+    _remove(retired)
 
 
 def _is_empty(path: Path) -> bool:
