@@ -116,6 +116,13 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     },
     "estimate": {
         **_SURFACE,
+        "slope": Variable(("slope_component", *_MAP), "1", "slopes of the surface, dZ/dX and dZ/dY"),
+        "normal": Variable(("component", *_MAP), "1", "unit normal of the surface, towards the camera"),
+        "growth_rate": Variable(_MAP, "1/frame", "relative rate of growth of the area of the surface element"),
+        "growth_rate_std": Variable(
+            _MAP, "1/frame", "standard deviation of the growth rate that follows from the images' noise"
+        ),
+        "residual": Variable(_MAP, "1", "standard deviation of the images around the fitted model, in grey values"),
         "divergence": Variable(_MAP, "1/frame", "divergence u_z = -U_Z / Z of the optical flow"),
         "kind": Variable(_MAP, "1", "what could be estimated: the lesser of disparity and motion", _KINDS),
         "kind_disparity": Variable(_MAP, "1", "what could be estimated of disparity and depth", _KINDS),

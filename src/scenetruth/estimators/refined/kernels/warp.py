@@ -1,0 +1,265 @@
+"""Kernels that fetch every image where a pixel's own surface and motion say that its point is seen."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["PRODUCTS", "View", "add_products", "mean_texture", "warp_rows"]
+
+# Reassociation and contraction only: NaN must stay NaN.
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+
+PRODUCTS = 18
+"""Maps that `add_products` fills."""
+_TAPS = 6
+_REACH = 2  # taps before the sample's whole coordinate
+
+
+class View(NamedTuple):
+    """Which camera took each image when, and how cameras see; the reference is s = 0 at t = 0."""
+
+    s: NDArray[np.float64]
+    """Position along the stage in steps, of every image, shape (n,)."""
+    s_y: NDArray[np.float64]
+    """Position across the stage in the same steps, shape (n,)."""
+    t: NDArray[np.float64]
+    """Time in frames, shape (n,)."""
+    focal: float
+    """Focal length in columns."""
+    centre_x: float
+    """Column of the principal point."""
+    centre_y: float
+    """Row of the principal point."""
+
+
+@numba.njit(inline="always")
+def _far(f: Any) -> Any:
+    """Return 120 times the quintic B-spline at the distance 2 - f, for f from 0 to 1."""
+    return 1.0 + f * (5.0 + f * (10.0 + f * (10.0 + f * (5.0 - 5.0 * f))))
+
+
+@numba.njit(inline="always")
+def _far_slope(f: Any) -> Any:
+    return 5.0 + f * (20.0 + f * (30.0 + f * (20.0 - 25.0 * f)))
+
+
+@numba.njit(inline="always")
+def _near(f: Any) -> Any:
+    """Return 120 times the quintic B-spline at the distance 1 - f, for f from 0 to 1."""
+    return 26.0 + f * (50.0 + f * (20.0 + f * (-20.0 + f * (-20.0 + 10.0 * f))))
+
+
+@numba.njit(inline="always")
+def _near_slope(f: Any) -> Any:
+    return 50.0 + f * (40.0 + f * (-60.0 + f * (-80.0 + 50.0 * f)))
+
+
+@_jit
+def _weights(f: float, w: Any, dw: Any) -> None:
+    """Write the weights of six coefficients at a fraction f of a step, and their derivatives."""
+    g = 1.0 - f
+    w[0], w[1], w[2] = g**5 / 120.0, _far(g) / 120.0, _near(g) / 120.0
+    w[3], w[4], w[5] = _near(f) / 120.0, _far(f) / 120.0, f**5 / 120.0
+    dw[0], dw[1], dw[2] = -(g**4) / 24.0, -_far_slope(g) / 120.0, -_near_slope(g) / 120.0
+    dw[3], dw[4], dw[5] = _near_slope(f) / 120.0, _far_slope(f) / 120.0, f**4 / 24.0
+
+
+@_jit
+def warp_rows(
+    coefficients: NDArray[np.float32],
+    view: View,
+    fields: NDArray[np.float64],
+    first_row: int,
+    warped: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    rows: tuple[int, int],
+) -> None:
+    """Fetch all images where they see the points of the reference camera's pixels, by quintic B-splines.
+
+    Camera (s, s_y) sees at time t a point whose pixel lies at (x, y) from the principal point at
+
+        x' = (x + d (t q_X - s)) / (1 + t d q_Z / f)        y' = (y + d (t q_Y - s_y)) / (1 + t d q_Z / f)
+
+    with the disparity d in px per step and the velocity q in steps per frame (paper, eq. 2 and 3).
+
+    Parameters
+    ----------
+    coefficients
+        Coefficients of the splines, shape (n, height, width).
+    view
+        Where and when the images were taken.
+    fields
+        d, q_X, q_Y, q_Z of every pixel, shape (4, height, width).
+    first_row
+        Row of the images at which the output begins.
+    warped
+        Output: grey values, NaN where a point lies outside the image, shape (n, rows, width).
+    gradient
+        Output: mean over the images of the grey values' derivatives along x and y, shape (2, rows, width).
+    rows
+        First and last + 1 of the output's rows to be filled.
+    """
+    count, height, width = coefficients.shape
+    wx, wy = np.empty(_TAPS, dtype=np.float32), np.empty(_TAPS, dtype=np.float32)
+    dx, dy = np.empty(_TAPS, dtype=np.float32), np.empty(_TAPS, dtype=np.float32)
+    used = np.empty(width, dtype=np.int64)
+    for row in range(rows[0], rows[1]):
+        y = row + first_row
+        used[:] = 0
+        gradient[:, row] = np.float32(0.0)
+        for i in range(count):
+            s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+            image = coefficients[i]
+            for x in range(width):
+                d = fields[0, y, x]
+                scale = 1.0 / (1.0 + t * d * fields[3, y, x] / view.focal)
+                at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale + view.centre_x
+                at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale + view.centre_y
+                if not (at_x >= _REACH and at_x < width - 3 and at_y >= _REACH and at_y < height - 3):
+                    warped[i, row, x] = np.float32(np.nan)
+                    continue
+                left, top = int(at_x), int(at_y)
+                _weights(at_x - left, wx, dx)
+                _weights(at_y - top, wy, dy)
+                value, along, down = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+                for k in range(_TAPS):
+                    line = image[top + k - _REACH]
+                    a, b = np.float32(0.0), np.float32(0.0)
+                    for j in range(_TAPS):
+                        c = line[left + j - _REACH]
+                        a += wx[j] * c
+                        b += dx[j] * c
+                    value += wy[k] * a
+                    along += wy[k] * b
+                    down += dy[k] * a
+                warped[i, row, x] = value
+                gradient[0, row, x] += along
+                gradient[1, row, x] += down
+                used[x] += 1
+        for x in range(width):
+            share = np.float32(1.0 / max(used[x], 1))
+            gradient[0, row, x] *= share
+            gradient[1, row, x] *= share
+
+
+@_jit
+def add_products(
+    view: View,
+    fields: NDArray[np.float64],
+    warped: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    first_row: int,
+    least: int,
+    products: NDArray[np.float64],
+    rows: tuple[int, int],
+) -> None:
+    """Compute the pixels' own normal equations for disparity and velocity, with the texture as an unknown.
+
+    With a_i = ∇T · ∂x'_i / ∂(d, q), its mean over the images ā, and the texture T as the images' mean:
+    M = Σ_i (a_i - ā)(a_i - ā)ᵀ and b = Σ_i (a_i - ā)(T - g_i).
+
+    Parameters
+    ----------
+    view, fields, warped, gradient, first_row, rows
+        As of `warp_rows`.
+    least
+        Pixels that fewer images show are left out.
+    products
+        Sums to be added to, shape (18, rows, width): the 10 products of M, row by row above the diagonal, then the 4 of
+        M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, and |∇T|². Nothing is added where a pixel
+        is left out.
+    """
+    count, _, width = warped.shape
+    a, mean = np.empty((count, 4)), np.empty(4)
+    phi, out = np.empty(4), np.empty(PRODUCTS)
+    for row in range(rows[0], rows[1]):
+        y = row + first_row
+        for x in range(width):
+            used, texture = 0, 0.0
+            for i in range(count):
+                g = warped[i, row, x]
+                if not np.isnan(g):
+                    texture += g
+                    used += 1
+            if used < least:
+                continue
+            texture /= used
+            for k in range(4):
+                phi[k] = fields[k, y, x]
+            d, q_x, q_y, q_z = phi[0], phi[1], phi[2], phi[3]
+            along, down = np.float64(gradient[0, row, x]), np.float64(gradient[1, row, x])
+            mean[:] = 0.0
+            for i in range(count):
+                if np.isnan(warped[i, row, x]):
+                    continue
+                s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+                scale = 1.0 / (1.0 + t * d * q_z / view.focal)
+                at_x = (x - view.centre_x + d * (t * q_x - s)) * scale
+                at_y = (y - view.centre_y + d * (t * q_y - s_y)) * scale
+                shrink = t / view.focal
+                a[i, 0] = scale * (
+                    along * (t * q_x - s - at_x * shrink * q_z) + down * (t * q_y - s_y - at_y * shrink * q_z)
+                )
+                a[i, 1] = scale * along * d * t
+                a[i, 2] = scale * down * d * t
+                a[i, 3] = -scale * d * shrink * (along * at_x + down * at_y)
+                for k in range(4):
+                    mean[k] += a[i, k]
+            for k in range(4):
+                mean[k] /= used
+            out[:] = 0.0
+            for i in range(count):
+                g = warped[i, row, x]
+                if np.isnan(g):
+                    continue
+                left = texture - g
+                out[14] += left * left
+                n = 0
+                for k in range(4):
+                    own = a[i, k] - mean[k]
+                    out[10 + k] += own * left
+                    for m in range(k, 4):
+                        out[n] += own * (a[i, m] - mean[m])
+                        n += 1
+            n = 0
+            for k in range(4):
+                for m in range(k, 4):
+                    out[10 + k] += out[n] * phi[m]
+                    if m != k:
+                        out[10 + m] += out[n] * phi[k]
+                    n += 1
+            out[15] = used - 1.0
+            out[16] = 1.0
+            out[17] = along * along + down * down
+            for k in range(PRODUCTS):
+                products[k, row, x] += out[k]
+
+
+@_jit
+def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.float32], rows: tuple[int, int]) -> None:
+    """Compute the mean of the images that show a pixel, NaN where fewer than ``least`` do.
+
+    Parameters
+    ----------
+    warped, least, rows
+        As of `add_products`.
+    texture
+        Output, shape (rows, width).
+    """
+    count, _, width = warped.shape
+    sums, used = np.empty(width), np.empty(width, dtype=np.int64)
+    for row in range(rows[0], rows[1]):
+        sums[:] = 0.0
+        used[:] = 0
+        for i in range(count):
+            for x in range(width):
+                g = warped[i, row, x]
+                if not np.isnan(g):
+                    sums[x] += g
+                    used[x] += 1
+        for x in range(width):
+            texture[row, x] = sums[x] / used[x] if used[x] >= least else np.nan

@@ -1,0 +1,131 @@
+"""The maps of an estimate from the fits around its pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
+from scenetruth.estimators.refined.rounds import Images, Refined
+from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.schema.variables import KIND_FULL, KIND_NONE
+
+__all__ = ["maps_of", "types_of"]
+
+Map = NDArray[np.float64]
+
+# Residuals that a texture shifted by this many px would leave are not told from noise.
+_SHIFT_PX = 0.25
+# Beyond this, disparity or flow is not known.
+_LARGEST_STD_PX = 0.5
+
+
+def types_of(cameras: int, frames: int, settings: RefinedSettings) -> Mapping[str, tuple[tuple[int, ...], DTypeLike]]:
+    """Return the maps that some cameras and frames give: their dimensions beside frame and pixels, and their type."""
+    single = np.float32
+    # What nothing tells of is unknown everywhere.
+    found: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
+        "depth": ((), single),
+        "velocity": ((3,), single),
+        "disparity": ((), single),
+        "flow": ((2,), single),
+    }
+    if cameras > 1:
+        found |= {"depth_std": ((), single), "disparity_std": ((), single)}
+        if settings.surface != "constant":
+            found |= {"slope": ((2,), single), "normal": ((3,), single)}
+    if frames > 1:
+        found |= {"divergence": ((), single)}
+    if cameras > 1 and frames > 1:
+        found |= {"velocity_std": ((3,), single)}
+        if settings.motion in ("growing", "affine") and settings.surface != "constant":
+            found |= {"growth_rate": ((), single), "growth_rate_std": ((), single)}
+    found |= {"residual": ((), single), "kind": ((), np.uint8), "model_violation": ((), np.bool_)}
+    return found
+
+
+def maps_of(
+    images: Images, refined: Refined, settings: RefinedSettings, step_px: float, baseline_mm: float
+) -> dict[str, Any]:
+    """Return the maps of one frame.
+
+    Parameters
+    ----------
+    images
+        The images that were fitted.
+    refined
+        What was found.
+    settings
+        What counts as an estimate.
+    step_px
+        Distance of two columns in the camera's pixels.
+    baseline_mm
+        Distance of two positions.
+
+    Returns
+    -------
+    dict
+        The maps of `types_of`; disparity and flow in the camera's pixels.
+    """
+    fit = refined.fit
+    height, width = images.shape
+    cameras, frames = len(images.positions), len(images.times)
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    x -= images.centre[0]
+    y -= images.centre[1]
+    theta, focal = fit.theta, images.focal
+    d, q = theta[0], theta[[6, 9, 12]]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left = np.sqrt(fit.residual[0]) / spline_transfer()
+        usual = noise_of(left)
+        # What the model leaves unexplained counts as noise.
+        noise = np.maximum(usual, left)
+        std = np.sqrt(fit.variance) * noise
+        limit = np.maximum(settings.acceptance * usual, _SHIFT_PX * np.sqrt(fit.residual[1]))
+        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, cameras * frames)
+        violated = known & (left > limit)
+        known &= ~violated
+        found: dict[str, Any] = {"residual": left}
+        depth = focal * baseline_mm / d
+        if cameras > 1:
+            known &= (depth > 0) & (std[0] < _LARGEST_STD_PX)
+            found |= {"disparity": d * step_px, "disparity_std": std[0] * step_px}
+            found |= {"depth": depth, "depth_std": depth / np.abs(d) * std[0]}
+            found |= _surface(theta, x, y, focal)
+        if frames > 1:
+            known &= np.abs(d) * std[3:5].max(axis=0) < _LARGEST_STD_PX
+            rate = -d * q[2] / focal if cameras > 1 else 0.5 * (theta[7] + theta[11])
+            moved = d * q[:2]
+            found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
+        if cameras > 1 and frames > 1:
+            found |= {"velocity": q * baseline_mm, "velocity_std": std[3:] * abs(baseline_mm)}
+            found |= {"growth_rate": fit.growth[0], "growth_rate_std": np.sqrt(fit.growth[1]) * noise}
+    maps: dict[str, NDArray[Any]] = {}
+    for name, (components, _) in types_of(cameras, frames, settings).items():
+        values = found.get(name, np.full((*components, height, width), np.nan))
+        maps[name] = np.where(known, values, np.nan)
+    # These are told everywhere.
+    return maps | {
+        "residual": left,
+        "kind": np.where(known, KIND_FULL, KIND_NONE),
+        "model_violation": violated,
+    }
+
+
+def _surface(theta: Map, x: Map, y: Map, focal: float) -> dict[str, Map]:
+    """Return slopes dZ/dX and dZ/dY, and the unit normal towards the camera.
+
+    With the plane d(x, y) = d_0 + d_x ξ + d_y η in the image, the surface is N · P = const with
+    N = (f d_x, f d_y, d_0 - d_x x - d_y y).
+    """
+    along, down = focal * theta[1], focal * theta[2]
+    ahead = theta[0] - theta[1] * x - theta[2] * y
+    normal = np.stack([along, down, ahead])
+    normal /= np.linalg.norm(normal, axis=0)
+    # Towards the camera: against the line of sight (x, y, f).
+    facing = normal[0] * x + normal[1] * y + normal[2] * focal
+    normal *= -np.sign(facing)
+    return {"slope": np.stack([-along / ahead, -down / ahead]), "normal": normal}

@@ -1,0 +1,129 @@
+"""The refined estimator over the frames of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.frame_reader import FrameReader
+from scenetruth.estimators.refined.frames import FramesNeeded, Splines, frames_needed
+from scenetruth.estimators.refined.maps import maps_of, types_of
+from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.progress import Progress
+from scenetruth.schema import Put, blank_map, intrinsics_of, label, pixel_grid_of
+
+__all__ = ["blank_estimate", "fill_estimate"]
+
+
+def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Dataset:
+    """Return the estimate of a recording with maps that are still blank.
+
+    Parameters
+    ----------
+    recording
+        A checked recording.
+    settings
+        Which frames are estimated, and which maps follow from the model.
+    """
+    sizes = recording["image"].sizes
+    places = [
+        needed.output for needed in frames_needed(sizes["t"], settings.window_frames, every=settings.frames == "all")
+    ]
+    shape = (len(places), sizes["y"], sizes["x"])
+    frames = min(sizes["t"], settings.window_frames)
+    types = types_of(sizes["s"], frames, settings)
+    return label(
+        "estimate",
+        {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in types.items()},
+        intrinsics_of(recording),
+        t=recording["t"].values[places],
+        **{name: recording[name].values for name in ("x", "y") if name in recording.coords},
+        attrs={
+            **{key: recording.attrs[key] for key in ("scene", "scene_hash") if key in recording.attrs},
+            "method": "refined",
+            "settings": settings.model_dump_json(),
+        },
+    )
+
+
+def fill_estimate(
+    recording: xr.Dataset, settings: RefinedSettings, put: Put, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Estimate surface and motion of every pixel, frame by frame.
+
+    Parameters
+    ----------
+    recording
+        As of `blank_estimate`.
+    settings
+        Window, model and rounds; the window counts in columns of the recording.
+    put
+        Takes the maps of `blank_estimate`.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    dict
+        Attributes: the rounds that each frame took, and the share of its pixels with a curved surface.
+
+    Raises
+    ------
+    RecordingError
+        If the recording's pixels are no even grid.
+    EstimateError
+        If the images hold values that are not finite, or show nothing to start from.
+    """
+    from scenetruth.estimators.refined.rounds import Images, refine
+    from scenetruth.estimators.refined.start import start_fields
+
+    grid = pixel_grid_of(recording)
+    intrinsics = grid.in_columns(intrinsics_of(recording))
+    reader = FrameReader(recording)
+    missing = reader.missing()
+    if missing:
+        message = f"holds {missing} values that are not finite in float32; the splines would spread them"
+        raise EstimateError([Problem("image", message)])
+    cameras = reader.shape[1]
+    baseline_mm = intrinsics_of(recording).baseline_mm if cameras > 1 else 1.0
+    positions = recording["stage_x_mm"].values / baseline_mm
+    splines, times = Splines(reader), recording["t"].values.astype(np.float64)
+    needed = _needed(reader.shape[2], settings)
+    rounds, curved = [], []
+    for number, frames in enumerate(needed):
+        told = None if progress is None else _later(progress, number, len(needed), settings.rounds)
+        if told is not None:
+            told(0)
+        part = recording.isel(t=slice(frames.first, frames.last))
+        start = start_fields(part, frames.output - frames.first, baseline_mm)
+        start[0] /= grid.step_px if cameras > 1 else 1.0
+        if cameras == 1:
+            start[1:] /= grid.step_px
+        images = Images(
+            splines.frames(frames.first, frames.last),
+            positions if cameras > 1 else np.zeros(1),
+            times[frames.first : frames.last] - times[frames.output],
+            intrinsics.focal_length_px,
+            intrinsics.principal_point_px,
+        )
+        found = refine(images, start, settings, told)
+        for name, values in maps_of(images, found, settings, grid.step_px, baseline_mm).items():
+            put(name, {"t": number}, values)
+        rounds.append(found.rounds)
+        curved.append(round(float(found.curved.mean()), 4))
+        if told is not None:
+            told(settings.rounds)
+    return {"rounds": rounds, "curved_share": curved}
+
+
+def _needed(count: int, settings: RefinedSettings) -> list[FramesNeeded]:
+    return frames_needed(count, settings.window_frames, every=settings.frames == "all")
+
+
+def _later(progress: Progress, number: int, frames: int, rounds: int) -> Callable[[int], None]:
+    """Return what reports the rounds of one frame as a part of all."""
+    return lambda done: progress("estimate", number * rounds + done, frames * rounds)

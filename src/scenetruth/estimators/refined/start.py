@@ -1,0 +1,81 @@
+"""Where the refined estimator starts: the structure tensor's estimate, with its holes filled."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.errors import EstimateError, Problem
+
+__all__ = ["filled", "start_fields"]
+
+_MEDIAN_PX = 7
+
+
+def start_fields(recording: xr.Dataset, frame: int, baseline_mm: float) -> NDArray[np.float64]:
+    """Return disparity and velocity of every pixel to start from.
+
+    Parameters
+    ----------
+    recording
+        The frames that are fitted together.
+    frame
+        Place along t of the frame to be estimated.
+    baseline_mm
+        Distance of two positions.
+
+    Returns
+    -------
+    numpy.ndarray
+        Disparity in px per step and velocity (X, Y, Z) in baselines per frame, shape (4, y, x), finite. With one
+        camera, disparity is 1 and velocity is flow in px per frame.
+
+    Raises
+    ------
+    EstimateError
+        If the structure tensor finds nothing in the images.
+    """
+    from scenetruth.estimators.estimation import estimate
+
+    # In a window at the end of a recording, the estimated frame is none that the structure tensor estimates.
+    t = recording["t"].values
+    found = estimate(recording.assign_coords(t=t - t[frame]), "structure_tensor", tau="auto")
+    found = found.isel(t=int(np.argmin(np.abs(found["t"].values))))
+    cameras, frames = recording.sizes["s"], recording.sizes["t"]
+    shape = (4, recording.sizes["y"], recording.sizes["x"])
+    fields = np.zeros(shape)
+    fields[0] = 1.0
+    if cameras > 1:
+        fields[0] = found["disparity"].values
+        fields[0][~(fields[0] * np.sign(baseline_mm) > 0)] = np.nan
+    if frames > 1 and cameras > 1:
+        fields[1:] = found["velocity"].values / baseline_mm
+    elif frames > 1:
+        fields[1:3] = found["flow"].values
+    known = (found["kind"].values == 2) & np.isfinite(fields).all(axis=0)
+    if not known.any():
+        message = "shows no texture in which the structure tensor finds depth and motion to start from"
+        raise EstimateError([Problem("image", message)])
+    return filled(fields, known, _MEDIAN_PX)
+
+
+def filled(fields: NDArray[np.float64], known: NDArray[np.bool_], median_px: int = 1) -> NDArray[np.float64]:
+    """Fill what is not known with the nearest that is, and take medians over squares.
+
+    Parameters
+    ----------
+    fields
+        Values, shape (n, y, x).
+    known
+        Where they are known, shape (y, x); somewhere they must be.
+    median_px
+        Edge of the squares, 1 for none.
+    """
+    from scipy import ndimage
+
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    whole = fields[:, nearest[0], nearest[1]]
+    if median_px == 1:
+        return whole
+    return np.stack([ndimage.median_filter(values, median_px) for values in whole])

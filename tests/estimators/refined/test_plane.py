@@ -1,0 +1,112 @@
+"""Depth, shape, motion and growth of analytic planes, and how far noise lets them be known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import scenetruth as st
+from tests.estimators.refined.surface import MovingPlane, turning
+
+GROWTH = 2e-3
+GRADIENTS = {
+    "translation": np.zeros((3, 3)),
+    "rigid": turning(4e-3, -3e-3, 5e-3),
+    "growing": turning(4e-3, -3e-3, 5e-3) + GROWTH * np.eye(3),
+    "affine": np.array([[3e-3, 1e-3, 0.0], [2e-3, -2e-3, 0.0], [4e-3, 1e-3, 0.0]]),
+}
+# Where windows of sigma 4 do not reach beyond the image of any camera.
+INSIDE = {"y": slice(14, -14), "x": slice(34, -34)}
+SIGMA = 4
+
+
+def estimated(plane: MovingPlane, recording: xr.Dataset, **settings: Any) -> xr.Dataset:
+    found = st.estimate(recording, "refined", window_sigma_px=SIGMA, **settings)
+    return found.sel(t=0)
+
+
+def errors(found: xr.Dataset, plane: MovingPlane, name: str) -> np.ndarray:
+    truth = plane.truth()[name]
+    inside = found[name].copy(data=found[name].values - truth).isel(INSIDE).values
+    return np.asarray(inside.reshape(-1, *inside.shape[-2:]))
+
+
+@pytest.mark.parametrize("motion", GRADIENTS)
+def test_a_plane_is_found_to_the_precision_of_interpolation(motion: str) -> None:
+    """Each model is exact for its own motion of a plane, up to second order of the velocity; splines err by 1e-4 px."""
+    plane = MovingPlane(gradient=GRADIENTS[motion])
+    found = estimated(plane, plane.recording(), motion=motion)
+    assert (found["kind"].isel(INSIDE) == 2).all()
+    # 1e-4 px of disparity (8 px) is 6e-3 mm of depth; 1e-4 px per frame is 5e-5 mm of motion.
+    assert np.abs(errors(found, plane, "disparity")).max() < 3e-4
+    assert np.abs(errors(found, plane, "depth")).max() < 0.02
+    assert np.abs(errors(found, plane, "velocity")[:2]).max() < 2e-4
+    assert np.abs(errors(found, plane, "velocity")[2]).max() < 2e-3
+    assert np.abs(errors(found, plane, "flow")).max() < 3e-4
+    assert np.abs(errors(found, plane, "divergence")).max() < 5e-6
+    assert np.abs(errors(found, plane, "slope")).max() < 0.01
+    assert np.abs(errors(found, plane, "normal")).max() < 0.01
+    if motion in ("growing", "affine"):
+        assert np.abs(errors(found, plane, "growth_rate")).max() < 2e-4
+
+
+def test_growth_is_not_taken_for_motion() -> None:
+    """The same velocity with and without growth: U_Z is the same, and growth is twice the rate of length."""
+    still = MovingPlane(velocity_mm=(0.0, 0.0, -0.4))
+    growing = MovingPlane(velocity_mm=(0.0, 0.0, -0.4), gradient=GROWTH * np.eye(3))
+    found = [estimated(plane, plane.recording()) for plane in (still, growing)]
+    ahead = [each["velocity"].isel({**INSIDE, "component": 2}).values for each in found]
+    assert np.abs(ahead[0] - ahead[1] + growing.truth()["velocity"][2][14:-14, 34:-34] - -0.4).max() < 3e-3
+    assert np.median(found[0]["growth_rate"].isel(INSIDE)) == pytest.approx(0.0, abs=2e-5)
+    assert np.median(found[1]["growth_rate"].isel(INSIDE)) == pytest.approx(2 * GROWTH, abs=2e-5)
+
+
+def test_light_that_changes_is_not_taken_for_motion() -> None:
+    """Every image has a gain and an offset of its own; with one model for all, depth or motion goes wrong."""
+    plane = MovingPlane()
+    steady = plane.recording()
+    generator = np.random.default_rng(5)
+    gain, offset = 1 + generator.uniform(-0.1, 0.1, (5, 9, 1, 1)), generator.uniform(-0.05, 0.05, (5, 9, 1, 1))
+    flickering = steady.assign(image=steady["image"] * gain + offset)
+    flickering["image"].attrs = steady["image"].attrs
+    found, plain = estimated(plane, flickering), estimated(plane, flickering, brightness="none", acceptance=100)
+    assert np.abs(errors(found, plane, "velocity")[2]).max() < 2e-3
+    assert np.abs(errors(found, plane, "depth")).max() < 0.02
+    assert np.nanmax(np.abs(errors(plain, plane, "velocity")[2])) > 0.02
+
+
+@pytest.mark.parametrize("motion", ["growing", "rigid"])
+def test_error_bars_are_those_of_the_errors(motion: str) -> None:
+    """White noise: errors over stated standard deviations have a mean square of 1.
+
+    The image holds some 20 windows that share no noise, and five quantities: the root of the mean square of 100
+    independent numbers scatters by 7 %, and two seeds leave 5 %.
+    """
+    ratios = []
+    for seed in (1, 2):
+        plane = MovingPlane(gradient=GRADIENTS[motion], seed=seed, size=(96, 128))
+        found = estimated(plane, plane.recording(noise_std=0.01, seed=seed), motion=motion, surface="plane")
+        scaled = [errors(found, plane, "depth") / found["depth_std"].isel(INSIDE).values]
+        scaled.append(errors(found, plane, "velocity") / found["velocity_std"].isel(INSIDE).values)
+        if motion == "growing":
+            scaled.append(errors(found, plane, "growth_rate") / found["growth_rate_std"].isel(INSIDE).values)
+        ratios.append(np.concatenate(scaled))
+        # Splines smooth the noise by a share that varies by a few per cent with the places between pixels.
+        assert np.median(found["residual"].isel(INSIDE)) == pytest.approx(0.01, rel=0.05)
+    assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.15)
+    assert np.mean(np.abs(ratios) < 2) == pytest.approx(0.954, abs=0.03)
+
+
+def test_noise_alone_shows_no_surface() -> None:
+    plane = MovingPlane(size=(72, 140))
+    recording = plane.recording(noise_std=0.01)
+    image = recording["image"].copy()
+    image[..., 70:] = 0.5 + np.random.default_rng(3).normal(0.0, 0.01, image[..., 70:].shape)
+    found = estimated(plane, recording.assign(image=image))
+    # Windows reach 8 px, and the texture's border moves by 16 px in the outermost cameras.
+    assert (found["kind"].isel(x=slice(100, None)) == 0).all()
+    assert np.isnan(found["depth"].isel(x=slice(100, None))).all()
+    assert (found["kind"].isel(x=slice(34, 40), y=slice(14, -14)) == 2).all()

@@ -1,0 +1,118 @@
+"""Every rig that the method takes: few cameras, few frames, colours, parts of images; and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import scenetruth as st
+from tests.estimators.refined.surface import MovingPlane, turning
+
+PLANE = MovingPlane(gradient=turning(2e-3, -1e-3, 3e-3))
+TRUTH = PLANE.truth()
+INSIDE = (slice(14, -14), slice(34, -34))
+
+
+def off(found: np.ndarray, name: str) -> float:
+    return float(np.abs(found - TRUTH[name])[(..., *INSIDE)].max())
+
+
+@pytest.mark.parametrize("cameras", [2, 3, 5])
+def test_one_frame_gives_depth_and_slopes(cameras: int) -> None:
+    found = st.estimate(PLANE.recording(cameras, 1), "refined", window_sigma_px=4).isel(t=0)
+    assert off(found["depth"].values, "depth") < 0.1
+    assert off(found["slope"].values, "slope") < 0.03
+    assert np.isnan(found["velocity"]).all()
+    assert "growth_rate" not in found
+
+
+@pytest.mark.parametrize("frames", [2, 3, 6])
+def test_one_camera_gives_flow(frames: int) -> None:
+    """Divergence is that of the flow: U_Z and slopes both show in it."""
+    recording = PLANE.recording(1, frames)
+    found = st.estimate(recording, "refined", window_sigma_px=4).isel(t=0)
+    assert found["t"] == 0
+    assert off(found["flow"].values, "flow") < 3e-3
+    down, across = np.gradient(TRUTH["flow"], axis=(1, 2))
+    expected = 0.5 * (across[0] + down[1])
+    assert np.abs(found["divergence"].values - expected)[INSIDE].max() < 2e-3
+    assert np.isnan(found["depth"]).all()
+
+
+@pytest.mark.parametrize(("cameras", "frames"), [(2, 2), (2, 9), (3, 3)])
+def test_few_cameras_and_frames_give_everything(cameras: int, frames: int) -> None:
+    found = st.estimate(PLANE.recording(cameras, frames), "refined", window_sigma_px=4).sel(t=0)
+    assert off(found["depth"].values, "depth") < 0.2
+    assert off(found["velocity"].values, "velocity") < 0.1
+    assert np.abs(found["velocity"].values - TRUTH["velocity"])[(slice(2), *INSIDE)].max() < 3e-3
+
+
+def test_every_frame_or_those_with_whole_windows() -> None:
+    recording = PLANE.recording(3, 6)
+    whole = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3)
+    every = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, frames="all")
+    assert whole["t"].values.tolist() == recording["t"].values[1:-1].tolist()
+    assert every["t"].values.tolist() == recording["t"].values.tolist()
+    np.testing.assert_array_equal(every["depth"].sel(t=whole["t"]), whole["depth"])
+    # The plane comes nearer by 0.4 mm per frame, and as it moves along its slopes, what a pixel sees by 0.021 mm more.
+    middle = every["depth"].isel(y=slice(20, -20), x=slice(40, -40)).mean(("x", "y"))
+    np.testing.assert_allclose(np.diff(middle), -0.421, atol=2e-3)
+
+
+def test_colours_are_taken_together() -> None:
+    """Three channels of different texture have three times the information, the same channel thrice as much."""
+    grey = st.estimate(PLANE.recording(5, 3, noise_std=0.01), "refined", window_sigma_px=4).sel(t=0)
+    colour = st.estimate(PLANE.recording(5, 3, channels=3, noise_std=0.01), "refined", window_sigma_px=4).sel(t=0)
+    ratio = float(np.median((grey["depth_std"] / colour["depth_std"]).values[INSIDE]))
+    assert ratio == pytest.approx(np.sqrt(3), rel=0.15)
+    error = (colour["depth"].values - TRUTH["depth"])[INSIDE]
+    assert np.sqrt(np.mean((error / colour["depth_std"].values[INSIDE]) ** 2)) == pytest.approx(1.0, abs=0.35)
+
+
+def test_a_part_of_the_image_has_the_cameras_pixels() -> None:
+    """A crop knows less only where windows and other images reach beyond it."""
+    recording = PLANE.recording(3, 3)
+    whole = st.estimate(recording, "refined", window_sigma_px=3)
+    part = st.estimate(recording.isel(x=slice(10, None), y=slice(6, None)), "refined", window_sigma_px=3)
+    assert part["x"].values[0] == 10
+    inner = {"x": slice(40, 60), "y": slice(30, 50)}
+    both = [
+        each["depth"].sel(t=0).sel({key: slice(span.start, span.stop) for key, span in inner.items()})
+        for each in (part, whole.assign_coords(x=np.arange(96), y=np.arange(72)))
+    ]
+    np.testing.assert_allclose(both[0], both[1], atol=2e-3)
+
+
+def test_every_second_pixel_has_the_cameras_units() -> None:
+    plane = MovingPlane(size=(144, 192), wavelengths_px=(12.0, 40.0), gradient=turning(2e-3, -1e-3, 3e-3))
+    truth = plane.truth()
+    recording = plane.recording(5, 3).isel(x=slice(0, None, 2), y=slice(0, None, 2))
+    found = st.estimate(recording, "refined", window_sigma_px=4).sel(t=0)
+    for name in ("disparity", "flow"):
+        expected = truth[name][..., ::2, ::2]
+        assert np.abs(found[name].values - expected)[(..., *INSIDE)].max() < 0.01
+
+
+def test_streams_from_a_folder(tmp_path) -> None:
+    recording = PLANE.recording(3, 5)
+    st.save(recording, tmp_path / "recording.zarr")
+    streamed = st.estimate(st.open_store(tmp_path / "recording.zarr", "recording"), "refined", window_frames=3)
+    kept = st.estimate(recording, "refined", window_frames=3)
+    for name in kept.data_vars:
+        np.testing.assert_array_equal(streamed[name], kept[name])
+
+
+def test_what_cannot_be_estimated_is_refused() -> None:
+    with pytest.raises(st.EstimateError, match="one image shows neither depth nor motion"):
+        st.estimate(PLANE.recording(1, 1), "refined")
+    plain = PLANE.recording(3, 3)
+    flat = plain.assign(image=plain["image"] * 0 + 0.5)
+    flat["image"].attrs = plain["image"].attrs
+    with pytest.raises(st.EstimateError, match="no texture"):
+        st.estimate(flat, "refined")
+    holed = plain.copy(deep=True)
+    holed["image"][0, 0, 5, 5] = np.nan
+    with pytest.raises(st.EstimateError, match="holds 1 values that are not finite"):
+        st.estimate(holed, "refined")
+    with pytest.raises(st.EstimateError, match="window_sigma_px"):
+        st.estimate(plain, "refined", window_sigma_px=0.2)
