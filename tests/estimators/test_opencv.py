@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import weakref
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray as xr
 
 import scenetruth as st
+from scenetruth.estimators import opencv, prepare
+from scenetruth.estimators.methods import opencv_scene_flow
+from scenetruth.pipeline.estimating import write_estimate
+from scenetruth.storage import reading
 from tests.estimators.structure_tensor.analytic import Plane
 
 pytest.importorskip("cv2")
@@ -90,6 +98,97 @@ def test_images_of_more_than_8_bits_are_scaled_alike(recording: xr.Dataset) -> N
     deep = st.make_recording(recording["image"].values.astype(np.uint16) * 16, 1000.0, BASELINE_MM)
     one, two = (st.estimate(data, "opencv_stereo").sel(t=0)["disparity"] for data in (recording, deep))
     assert np.nanmedian(np.abs(inside(one) - inside(two))) < 0.1
+
+
+METHODS = ("opencv_stereo", "opencv_flow", "opencv_scene_flow")
+DEPTHS = {"8 bits": (255, np.uint8), "16 bits": (4095, np.uint16), "real": (1.5, np.float64)}
+
+
+@pytest.fixture(scope="module", params=DEPTHS)
+def deep(request: pytest.FixtureRequest) -> xr.Dataset:
+    """Five frames of three cameras, small."""
+    full, dtype = DEPTHS[request.param]
+    plane = Plane(velocity=(0.6, -0.4, 1.5), size=(40, 170), focal_length_px=1000.0, depth_mm=500.0)
+    values = full * np.clip(plane.recording([-BASELINE_MM, 0, BASELINE_MM], 5, BASELINE_MM)["image"].values, 0, 1)
+    images = np.rint(values) if dtype != np.float64 else values
+    return st.make_recording(images.astype(dtype), 1000.0, BASELINE_MM, full_scale=full)
+
+
+def at_once(recording: xr.Dataset, name: str) -> xr.Dataset:
+    """The estimate from all images and all maps together, with the default settings."""
+    settings = opencv_scene_flow.METHOD.settings()
+    images = recording["image"].values
+    if images.dtype != np.uint8:
+        low, high = np.nanpercentile(images[..., ::4, ::4].astype(np.float64), (0.1, 99.9))
+        images = np.rint(np.clip((images - low) * (255 / (high - low)), 0, 255)).astype(np.uint8)
+    count = recording.sizes["t"]
+    flow = [opencv.flow_between(images[1, n], images[1, n + 1], settings) for n in range(count - 1)]
+    if name == "opencv_flow":
+        return st.make_estimate(like=recording, flow=np.stack(flow, axis=1), t=recording["t"].values[:-1])
+    disparity = np.stack(
+        [opencv.disparity_between(images[1, n], images[2, n], settings, to_the_right=True) for n in range(count)]
+    )
+    if name == "opencv_stereo":
+        return st.make_estimate(like=recording, disparity=disparity)
+    flow.append(np.full_like(flow[0], np.nan))
+    return st.make_estimate(like=recording, disparity=disparity, flow=np.stack(flow, axis=1)).isel(t=slice(None, -1))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_frame_by_frame_from_a_store_is_all_at_once_to_the_bit(deep: xr.Dataset, tmp_path: Path, name: str) -> None:
+    st.save(deep, tmp_path / "recording.zarr")
+    lazy = st.open_store(tmp_path / "recording.zarr")
+    told: dict[str, list[tuple[int, int]]] = {}
+
+    def progress(what: str, done: int, total: int) -> None:
+        told.setdefault(what, []).append((done, total))
+
+    write_estimate(prepare(lazy, name, progress=progress), tmp_path / "estimate.zarr")
+    found = st.load(tmp_path / "estimate.zarr", "estimate")
+    xr.testing.assert_identical(found, st.estimate(deep, name))
+    xr.testing.assert_identical(found.drop_attrs(), at_once(deep, name).drop_attrs())
+    assert ("velocity" in found) == (name == "opencv_scene_flow")
+    # Each kind of work tells of every frame, from none to all.
+    counts = {"stereo": 5, "flow": 4}
+    assert told == {what: [(n, counts[what]) for n in range(counts[what] + 1)] for what in told}
+    assert set(told) == {what for what in counts if what in name or "scene" in name}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_images_are_read_one_by_one_and_few_are_held(
+    deep: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    st.save(deep, tmp_path / "recording.zarr")
+    lazy = st.open_store(tmp_path / "recording.zarr")
+    held: set[int] = set()
+    most, sizes = [0], list[int]()
+    plain = reading.StoredArray.read
+
+    def counting(self: Any, key: tuple[Any, ...]) -> Any:
+        found = plain(self, key)
+        if found.ndim > 1:
+            number = len(sizes)
+            held.add(number)
+            weakref.finalize(found, held.discard, number)
+            sizes.append(found.size)
+            most[0] = max(most[0], len(held))
+        return found
+
+    monkeypatch.setattr(reading.StoredArray, "read", counting)
+    write_estimate(prepare(lazy, name), tmp_path / "estimate.zarr")
+    assert set(sizes) == {deep.sizes["y"] * deep.sizes["x"]}
+    # Every image that is looked at is read once, and all of them once before where their range must be known.
+    looked_at = deep.sizes["t"] * (1 if name == "opencv_flow" else 2)
+    assert len(sizes) == looked_at + (0 if deep["image"].dtype == np.uint8 else 3 * deep.sizes["t"])
+    # Two frames of two cameras, and the one just read.
+    assert most[0] <= 5
+
+
+def test_a_grid_of_one_row_is_a_row(recording: xr.Dataset) -> None:
+    row = recording.assign(image=recording["image"].expand_dims("s_y"))
+    row = row.assign_coords(s_y=("s_y", [0]), stage_y_mm=("s_y", [0.0]))
+    for name in METHODS:
+        xr.testing.assert_identical(st.estimate(row, name), st.estimate(recording, name))
 
 
 def test_a_camera_that_is_not_there_is_refused(recording: xr.Dataset) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from math import prod
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -10,12 +13,14 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scenetruth.errors import Problem
+from scenetruth.estimators.percentiles import outer_percentiles
 from scenetruth.estimators.protocol import MethodSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import pixel_grid_of
 
 __all__ = [
     "FlowSettings",
+    "GreyImages",
     "StereoSettings",
     "camera_problems",
     "cv2_problems",
@@ -28,7 +33,11 @@ __all__ = [
 
 Map = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+GreyImages = Callable[[int, int], Bytes]
+"""Gives the image of a camera s in a frame, counted from 0: uint8 of shape (y, x)."""
 
+# Images that are held: of two cameras and two frames.
+_HELD = 4
 _SIXTEENTHS = 16
 # Columns that are enough to find the range of disparities.
 _LEAST_WIDTH = 160
@@ -83,20 +92,37 @@ def cv2_problems() -> list[Problem]:
     return []
 
 
-def eight_bit_images(recording: xr.Dataset) -> Bytes:
-    """Return grey images as OpenCV takes them, uint8 of shape (s, t, y, x).
+def eight_bit_images(recording: xr.Dataset) -> GreyImages:
+    """Return what reads the images of a recording one by one, grey and in 8 bits, as OpenCV takes them.
 
     What does not fit into 8 bits is scaled by its 0.1th and 99.9th percentile over the whole recording, alike for all
     images, so that brightness stays comparable.
     """
-    images = recording["image"].values
-    if images.dtype == np.uint8:
-        return np.ascontiguousarray(images)
-    values = images.astype(np.float64)
-    low, high = np.nanpercentile(values[..., ::4, ::4], (0.1, 99.9))
-    scaled = (values - low) * (255 / max(high - low, 1e-12))
-    eight_bit: Bytes = np.rint(np.clip(np.nan_to_num(scaled), 0, 255)).astype(np.uint8)
-    return eight_bit
+    image = recording["image"].variable
+    # A grid of one row is a row.
+    image = image.isel(s_y=0) if "s_y" in image.dims else image
+    positions = recording["s"].values.tolist()
+
+    def recorded(camera: int, frame: int) -> NDArray[Any]:
+        return np.asarray(image.isel(s=camera, t=frame).values)
+
+    low, high = 0.0, 255.0
+    if image.dtype != np.uint8:
+        everywhere = ((camera, frame) for camera in range(len(positions)) for frame in range(image.sizes["t"]))
+        sampled = (recorded(*place)[..., ::4, ::4].astype(np.float64) for place in everywhere)
+        rows, columns = (len(range(0, size, 4)) for size in image.shape[-2:])
+        low, high = outer_percentiles(sampled, 0.1, prod(image.shape[:-2]) * rows * columns)
+
+    @lru_cache(maxsize=_HELD)
+    def grey(s: int, frame: int) -> Bytes:
+        values = recorded(positions.index(s), frame)
+        values = values[..., 0] if "channel" in image.dims else values
+        if values.dtype != np.uint8:
+            scaled = (values.astype(np.float64) - low) * (255 / max(high - low, 1e-12))
+            values = np.rint(np.clip(np.nan_to_num(scaled), 0, 255)).astype(np.uint8)
+        return np.ascontiguousarray(values)
+
+    return grey
 
 
 def camera_problems(recording: xr.Dataset, settings: StereoSettings) -> list[Problem]:
@@ -108,9 +134,9 @@ def camera_problems(recording: xr.Dataset, settings: StereoSettings) -> list[Pro
 
 
 def disparities(
-    recording: xr.Dataset, images: Bytes, settings: StereoSettings, frames: list[int], progress: Progress | None
-) -> list[Map]:
-    """Return the disparity of the reference camera in some frames, px per step of s, each of shape (y, x).
+    recording: xr.Dataset, images: GreyImages, settings: StereoSettings, progress: Progress | None
+) -> Iterator[Map]:
+    """Give the disparity of the reference camera in every frame, px per step of s, each of shape (y, x).
 
     Parameters
     ----------
@@ -120,51 +146,53 @@ def disparities(
         Its images as of `eight_bit_images`.
     settings
         How they are matched.
-    frames
-        Positions of the frames along t.
     progress
         Called with (what, done, total).
     """
     positions = recording["s"].values.tolist()
     other = settings.camera or min((s for s in positions if s != 0), key=lambda s: (abs(s), -s))
-    reference, index = positions.index(0), positions.index(other)
     stage = recording["stage_x_mm"].values
-    apart_mm = float(stage[index] - stage[reference])
+    apart_mm = float(stage[positions.index(other)] - stage[positions.index(0)])
     # Per step of s, and in pixels of the camera where only every n-th is there.
-    scale = np.sign(apart_mm) * pixel_grid_of(recording).step_px / (apart_mm / float(recording.attrs["baseline_mm"]))
-    found = []
-    for done, frame in enumerate(frames):
-        if progress is not None:
-            progress("stereo", done, len(frames))
-        pair = images[reference, frame], images[index, frame]
+    per_step = apart_mm / float(recording.attrs["baseline_mm"])
+    scale = float(np.sign(apart_mm) * pixel_grid_of(recording).step_px / per_step)
+
+    def found(frame: int) -> Map:
         # Matching gives the shift to the left of a camera that stands to the right.
-        found.append(disparity_between(*pair, settings, to_the_right=apart_mm > 0) * scale)
-    if progress is not None:
-        progress("stereo", len(frames), len(frames))
-    return found
+        pair = images(0, frame), images(other, frame)
+        return disparity_between(*pair, settings, to_the_right=apart_mm > 0) * scale
+
+    return _one_by_one("stereo", found, recording.sizes["t"], progress)
 
 
 def flows(
-    recording: xr.Dataset, images: Bytes, settings: FlowSettings, frames: list[int], progress: Progress | None
-) -> list[Map]:
-    """Return the flow of the reference camera from some frames to the next, px per frame, each of shape (2, y, x).
+    recording: xr.Dataset, images: GreyImages, settings: FlowSettings, progress: Progress | None
+) -> Iterator[Map]:
+    """Give the flow of the reference camera from every frame to the next, px per frame, each of shape (2, y, x).
 
     Parameters
     ----------
-    recording, images, frames, progress
+    recording, images, progress
         As of `disparities`.
     settings
         How the flow is found.
     """
-    reference, step_px = recording["s"].values.tolist().index(0), pixel_grid_of(recording).step_px
-    found = []
-    for done, frame in enumerate(frames):
-        if progress is not None:
-            progress("flow", done, len(frames))
-        found.append(step_px * flow_between(images[reference, frame], images[reference, frame + 1], settings))
-    if progress is not None:
-        progress("flow", len(frames), len(frames))
-    return found
+    step_px = pixel_grid_of(recording).step_px
+
+    def found(frame: int) -> Map:
+        return step_px * flow_between(images(0, frame), images(0, frame + 1), settings)
+
+    return _one_by_one("flow", found, recording.sizes["t"] - 1, progress)
+
+
+def _one_by_one(what: str, found: Callable[[int], Map], count: int, progress: Progress | None) -> Iterator[Map]:
+    """Give what is found in each frame, and tell of the progress."""
+    tell = progress or (lambda *_: None)
+    tell(what, 0, count)
+    for frame in range(count):
+        values = found(frame)
+        tell(what, frame + 1, count)
+        yield values
 
 
 def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, *, to_the_right: bool) -> Map:

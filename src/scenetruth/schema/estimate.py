@@ -15,7 +15,12 @@ from scenetruth.schema.identity import estimate_hash
 from scenetruth.schema.inputs import real_array
 from scenetruth.schema.labelling import label
 from scenetruth.schema.pixels import pixel_grid_of
-from scenetruth.schema.three_d_motion import depth_rate_along, flow_of_velocity, velocity_of_flow
+from scenetruth.schema.three_d_motion import (
+    depth_of_disparity,
+    depth_rate_along,
+    flow_of_velocity,
+    velocity_of_flow,
+)
 from scenetruth.schema.variables import KIND_FULL, KIND_NONE
 
 __all__ = ["make_estimate"]
@@ -229,7 +234,7 @@ def _sign_problems(arrays: dict[str, Map], intrinsics: Intrinsics) -> list[Probl
         if name in arrays and (arrays[name] < 0).any()
     ]
     if "depth" in arrays and "disparity" in arrays:
-        follows = intrinsics.focal_length_px * intrinsics.baseline_mm / arrays["disparity"]
+        follows = depth_of_disparity(arrays["disparity"], intrinsics)
         both = np.isfinite(follows) & np.isfinite(arrays["depth"])
         if both.any() and np.median(np.abs(follows[both] / arrays["depth"][both] - 1)) > 0.1:
             ratio = float(np.median(arrays["depth"][both] / follows[both]))
@@ -272,17 +277,16 @@ def _derive(
     """Add what follows from the arrays."""
     product = intrinsics.focal_length_px * intrinsics.baseline_mm
     if product != 0:
+        # Depth follows from disparity as disparity does from depth.
         for one, other in (("depth", "disparity"), ("disparity", "depth")):
             if one in arrays and other not in arrays:
-                arrays[other] = product / arrays[one]
+                arrays[other] = depth_of_disparity(arrays[one], intrinsics)
                 std = f"{one}_std"
                 if std in arrays and f"{other}_std" not in arrays:
                     arrays[f"{other}_std"] = np.abs(product) / arrays[one] ** 2 * arrays[std]
     if "depth" not in arrays:
         return
-    pixels = pixel_grid_of(like)
-    columns = pixels.first_x + pixels.step_px * np.arange(like.sizes["x"])
-    grid = np.meshgrid(columns, pixels.first_y + pixels.step_px * np.arange(like.sizes["y"]))
+    grid = pixel_grid_of(like).positions(like.sizes["y"], like.sizes["x"])
     if "velocity" in arrays:
         if "flow" not in arrays:
             arrays["flow"] = flow_of_velocity(arrays["velocity"], arrays["depth"], grid, intrinsics)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.schema.attributes import Intrinsics
@@ -31,6 +32,11 @@ class PixelGrid:
     first_x: float = 0.0
     first_y: float = 0.0
     step_px: float = 1.0
+
+    def positions(self, height: int, width: int) -> list[NDArray[np.float64]]:
+        """Return column and row of every pixel of an array among the camera's pixels, each of shape (y, x)."""
+        columns = self.first_x + self.step_px * np.arange(width)
+        return list(np.meshgrid(columns, self.first_y + self.step_px * np.arange(height)))
 
     def in_columns(self, intrinsics: Intrinsics) -> Intrinsics:
         """Return intrinsics of the camera's pixels, counted in columns and rows of the array."""

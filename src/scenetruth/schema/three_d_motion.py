@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.schema.attributes import Intrinsics
 
-__all__ = ["depth_rate_along", "flow_of_velocity", "velocity_of_flow"]
+__all__ = ["depth_of_disparity", "depth_rate_along", "depth_rate_at", "flow_of_velocity", "velocity_of_flow"]
 
 Map = NDArray[np.float64]
+
+
+def depth_of_disparity(disparity: Map, intrinsics: Intrinsics) -> Map:
+    """Return Z = f V_X / d in mm from disparity d in px per step; the same of depth is disparity.
+
+    Parameters
+    ----------
+    disparity
+        In px per step of s, of any shape.
+    intrinsics
+        Focal length and baseline.
+    """
+    return intrinsics.focal_length_px * intrinsics.baseline_mm / disparity
 
 
 def velocity_of_flow(flow: Map, depth: Map, depth_rate: Map, grid: Sequence[Map], intrinsics: Intrinsics) -> Map:
@@ -65,11 +78,7 @@ def flow_of_velocity(velocity: Map, depth: Map, grid: Sequence[Map], intrinsics:
 
 
 def depth_rate_along(depth: Map, flow: Map, frames: NDArray[np.int64], grid: Sequence[Map]) -> Map:
-    """Return the rate of depth of surface points, from the depths of neighbouring frames along the flow.
-
-    The point that a pixel shows at t is sought at (x, y) + flow in frame t + 1 and at (x, y) - flow in frame t - 1, by
-    bilinear interpolation; the difference of the two depths is halved, or that to the only neighbour is taken. For
-    steady flow the error is of second order in the frame interval with both neighbours, of first order with one.
+    """Return the rate of depth of surface points in every frame; see `depth_rate_at`.
 
     Parameters
     ----------
@@ -85,27 +94,50 @@ def depth_rate_along(depth: Map, flow: Map, frames: NDArray[np.int64], grid: Seq
     numpy.ndarray
         dZ/dt in mm per frame, shape (t, y, x); NaN where no neighbour shows the point.
     """
+    depths = dict(zip(frames.tolist(), depth, strict=True))
+    rate = np.empty_like(depth)
+    for n, t in enumerate(frames.tolist()):
+        near = {step: depths[t + step] for step in (-1, 1) if t + step in depths}
+        rate[n] = depth_rate_at(depth[n], flow[:, n], near, grid)
+    return rate
+
+
+def depth_rate_at(depth: Map, flow: Map, near: Mapping[int, Map], grid: Sequence[Map]) -> Map:
+    """Return the rate of depth of surface points, from the depths of neighbouring frames along the flow.
+
+    The point that a pixel shows at t is sought at (x, y) + flow in frame t + 1 and at (x, y) - flow in frame t - 1, by
+    bilinear interpolation; the difference of the two depths is halved, or that to the only neighbour is taken. For
+    steady flow the error is of second order in the frame interval with both neighbours, of first order with one.
+
+    Parameters
+    ----------
+    depth, flow
+        Z in mm, shape (y, x); (dx/dt, dy/dt) in px per frame, shape (2, y, x).
+    near
+        Z in the frames before and behind, by -1 and 1; one or both may be missing.
+    grid
+        Column and row of every pixel in px, equally spaced, each of shape (y, x).
+
+    Returns
+    -------
+    numpy.ndarray
+        dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
+    """
     from scipy.ndimage import map_coordinates
 
     columns, rows = grid
     steps = [float(line[1] - line[0]) if len(line) > 1 else 1.0 for line in (columns[0], rows[:, 0])]
-    positions = {int(t): n for n, t in enumerate(frames)}
-    rate = np.full(depth.shape, np.nan)
-    row, column = np.mgrid[: depth.shape[1], : depth.shape[2]].astype(np.float64)
-    for n, t in enumerate(frames.tolist()):
-        found = {0: depth[n]}
-        for step in (-1, 1):
-            if t + step not in positions:
-                continue
-            at = (row + step * flow[1, n] / steps[1], column + step * flow[0, n] / steps[0])
-            unknown = ~np.isfinite(at[0] + at[1])
-            places = np.where(unknown, -1.0, np.stack(at))
-            values = map_coordinates(depth[positions[t + step]], places, order=1, cval=np.nan)
-            found[step] = np.where(unknown, np.nan, values)
-        sides = [step * (values - depth[n]) for step, values in found.items() if step]
-        if sides:
-            with np.errstate(invalid="ignore"):
-                both = np.stack(sides)
-                count = np.isfinite(both).sum(axis=0)
-                rate[n] = np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), np.nan)
-    return rate
+    row, column = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
+    sides = []
+    for step, other in near.items():
+        at = (row + step * flow[1] / steps[1], column + step * flow[0] / steps[0])
+        unknown = ~np.isfinite(at[0] + at[1])
+        places = np.where(unknown, -1.0, np.stack(at))
+        values = map_coordinates(other, places, order=1, cval=np.nan)
+        sides.append(step * (np.where(unknown, np.nan, values) - depth))
+    if not sides:
+        return np.full(depth.shape, np.nan)
+    with np.errstate(invalid="ignore"):
+        both = np.stack(sides)
+        count = np.isfinite(both).sum(axis=0)
+        return np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), np.nan)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
+
 import xarray as xr
 
 from scenetruth.errors import Problem
 from scenetruth.estimators import opencv
-from scenetruth.estimators.protocol import Method, Needs
+from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import make_estimate
+from scenetruth.schema import Put, blank_estimate, make_estimate, put_estimate
 
 __all__ = ["METHOD"]
 
 
-class _OpencvFlow(Method):
+class _OpencvFlow(StreamingMethod):
     """Optical flow from every frame to the next, for all frames but the last.
 
     References
@@ -31,10 +33,16 @@ class _OpencvFlow(Method):
     def requirements(self, recording: xr.Dataset, settings: opencv.FlowSettings) -> list[Problem]:
         return opencv.cv2_problems()
 
-    def estimate(self, recording: xr.Dataset, settings: opencv.FlowSettings, progress: Progress | None) -> xr.Dataset:
-        frames = list(range(recording.sizes["t"] - 1))
-        found = opencv.flows(recording, opencv.eight_bit_images(recording), settings, frames, progress)
-        return make_estimate(like=recording, flow=np.stack(found, axis=1), t=recording["t"].values[:-1])
+    def blank(self, recording: xr.Dataset, settings: opencv.FlowSettings) -> xr.Dataset:
+        return blank_estimate(["flow"], like=recording, t=recording["t"].values[:-1])
+
+    def fill(
+        self, recording: xr.Dataset, settings: opencv.FlowSettings, put: Put, progress: Progress | None
+    ) -> Mapping[str, Any]:
+        images = opencv.eight_bit_images(recording)
+        for place, flow in enumerate(opencv.flows(recording, images, settings, progress)):
+            put_estimate(make_estimate(like=recording, flow=flow, t=recording["t"].values[place]), place, put)
+        return {}
 
 
 METHOD = _OpencvFlow()

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
+
 import xarray as xr
 
 from scenetruth.errors import Problem
 from scenetruth.estimators import opencv
-from scenetruth.estimators.protocol import Method, Needs
+from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import make_estimate
+from scenetruth.schema import Put, blank_estimate, depth_rate_of, make_estimate, put_estimate
 
 __all__ = ["METHOD"]
 
@@ -18,7 +20,7 @@ class _Settings(opencv.StereoSettings, opencv.FlowSettings):
     """How OpenCV matches the two images of a pair, and how it finds the flow from a frame to the next."""
 
 
-class _OpencvSceneFlow(Method):
+class _OpencvSceneFlow(StreamingMethod):
     """Stereo in every frame, flow from every frame to the next; U_Z is the change of depth along the flow."""
 
     name = "opencv_scene_flow"
@@ -29,15 +31,25 @@ class _OpencvSceneFlow(Method):
     def requirements(self, recording: xr.Dataset, settings: _Settings) -> list[Problem]:
         return [*opencv.cv2_problems(), *opencv.camera_problems(recording, settings)]
 
-    def estimate(self, recording: xr.Dataset, settings: _Settings, progress: Progress | None) -> xr.Dataset:
+    def blank(self, recording: xr.Dataset, settings: _Settings) -> xr.Dataset:
+        return blank_estimate(["disparity", "flow", "depth_rate"], like=recording, t=recording["t"].values[:-1])
+
+    def fill(
+        self, recording: xr.Dataset, settings: _Settings, put: Put, progress: Progress | None
+    ) -> Mapping[str, Any]:
         images = opencv.eight_bit_images(recording)
-        frames = list(range(recording.sizes["t"]))
-        disparity = np.stack(opencv.disparities(recording, images, settings, frames, progress))
-        forward = opencv.flows(recording, images, settings, frames[:-1], progress)
-        # Of the last frame there is no flow, but its depth tells where the points before it went.
-        flow = np.stack([*forward, np.full_like(forward[0], np.nan)], axis=1)
-        found = make_estimate(like=recording, disparity=disparity, flow=flow, t=recording["t"].values)
-        return found.isel(t=slice(None, -1))
+        disparities = opencv.disparities(recording, images, settings, progress)
+        # The disparities of a frame, of that before it and of that behind it.
+        near = {0: next(disparities)}
+        for place, flow in enumerate(opencv.flows(recording, images, settings, progress)):
+            near[1] = next(disparities)
+            rate = depth_rate_of(near, flow, like=recording)
+            found = make_estimate(
+                like=recording, disparity=near[0], flow=flow, depth_rate=rate, t=recording["t"].values[place]
+            )
+            put_estimate(found, place, put)
+            near = {-1: near[0], 0: near[1]}
+        return {}
 
 
 METHOD = _OpencvSceneFlow()

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
+
 import xarray as xr
 
 from scenetruth.errors import Problem
 from scenetruth.estimators import opencv
-from scenetruth.estimators.protocol import Method, Needs
+from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import make_estimate
+from scenetruth.schema import Put, blank_estimate, make_estimate, put_estimate
 
 __all__ = ["METHOD"]
 
 
-class _OpencvStereo(Method):
+class _OpencvStereo(StreamingMethod):
     """Disparity between the reference and one other camera, for every frame.
 
     References
@@ -31,10 +33,16 @@ class _OpencvStereo(Method):
     def requirements(self, recording: xr.Dataset, settings: opencv.StereoSettings) -> list[Problem]:
         return [*opencv.cv2_problems(), *opencv.camera_problems(recording, settings)]
 
-    def estimate(self, recording: xr.Dataset, settings: opencv.StereoSettings, progress: Progress | None) -> xr.Dataset:
-        frames = range(recording.sizes["t"])
-        found = opencv.disparities(recording, opencv.eight_bit_images(recording), settings, list(frames), progress)
-        return make_estimate(like=recording, disparity=np.stack(found), t=recording["t"].values)
+    def blank(self, recording: xr.Dataset, settings: opencv.StereoSettings) -> xr.Dataset:
+        return blank_estimate(["disparity"], like=recording, t=recording["t"].values)
+
+    def fill(
+        self, recording: xr.Dataset, settings: opencv.StereoSettings, put: Put, progress: Progress | None
+    ) -> Mapping[str, Any]:
+        images = opencv.eight_bit_images(recording)
+        for place, disparity in enumerate(opencv.disparities(recording, images, settings, progress)):
+            put_estimate(make_estimate(like=recording, disparity=disparity, t=recording["t"].values[place]), place, put)
+        return {}
 
 
 METHOD = _OpencvStereo()
