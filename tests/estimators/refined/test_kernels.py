@@ -189,7 +189,8 @@ def test_windows_are_solved(fields: Array, warped: tuple, surface: int, columns:
     theta[0] = 1e6
     fit = blank(theta)
     model = windows.Model(surface, 3, gradient)
-    windows.solve_rows(products, *weights, model, VIEW, 1, 0, 0.5, fit, True, (0, HEIGHT))
+    chosen = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
+    windows.solve_rows(products, *weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), chosen, 7, (0, HEIGHT))
     chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15)))
     for y, x in ((20, 28), (17, 24), (22, 31)):
         expected, variance = plain_fit(products, x, y, sigma, chosen)
@@ -226,17 +227,44 @@ def test_a_turning_surface_bends_its_velocity(seed: int) -> None:
     np.testing.assert_allclose(bend, second, atol=1e-3 * np.abs(second).max() + 1e-9)
 
 
-def test_brightness_is_taken_from_each_window() -> None:
+@pytest.mark.parametrize(("step", "first_row"), [(1, 0), (2, 0), (3, 5), (50, 1)])
+def test_brightness_is_taken_from_each_window(step: int, first_row: int) -> None:
     """An image that is a texture times a gain plus an offset comes back as the texture, holes and borders included."""
     texture = np.random.default_rng(2).uniform(0, 255, (30, 40)).astype(np.float32)
     image = (1.3 * texture - 20).astype(np.float32)
     image[10:14, 5:9] = np.nan
     out = np.empty_like(image)
     window = window_weights(3.0)[0][0].astype(np.float32)
-    windows.correct_brightness(image, texture, window, (0, 30), out)
+    windows.correct_brightness(image, texture, window, step, first_row, out)
     known = np.isfinite(image)
     np.testing.assert_allclose(out[known], texture[known], atol=0.01)
     assert np.isnan(out[~known]).all()
+
+
+def test_brightness_is_that_of_a_regression() -> None:
+    """At every pixel, beside weighted least squares by filters; between every second, linear in gain and offset."""
+    generator = np.random.default_rng(6)
+    texture = ndimage.gaussian_filter(generator.normal(0, 60, (40, 50)), 1) + 100
+    image = texture * (1 + 0.004 * np.arange(50)) + generator.normal(0, 1, texture.shape)
+    weights = window_weights(4.0)[0][0]
+
+    def mean(values: Array) -> Array:
+        along = ndimage.correlate1d(values, weights, axis=0, mode="constant")
+        return np.array(ndimage.correlate1d(along, weights, axis=1, mode="constant"))
+
+    n, g, h = mean(np.ones_like(image)), mean(image), mean(texture)
+    gain = (mean(image * texture) * n - g * h) / (mean(texture**2) * n - h * h)
+    offset = (g - gain * h) / n
+    single = [values.astype(np.float32) for values in (image, texture, weights)]
+    out = np.empty((40, 50), dtype=np.float32)
+    windows.correct_brightness(*single, 1, 0, out)
+    np.testing.assert_allclose(out, (image - offset) / gain, atol=0.01)
+    windows.correct_brightness(*single, 2, 0, out)
+    expected = [values.copy() for values in (gain, offset)]
+    for values in expected:
+        values[1:-1:2] = (values[:-2:2] + values[2::2]) / 2
+        values[:, 1:-1:2] = (values[:, :-2:2] + values[:, 2::2]) / 2
+    np.testing.assert_allclose(out, (image - expected[1]) / expected[0], atol=0.01)
 
 
 def test_transfer_of_noise_by_splines() -> None:

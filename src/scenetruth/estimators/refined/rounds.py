@@ -119,28 +119,32 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     for part, model in [*stages, (images, plain), *[(images, models[0])] * left]:
         if done >= left:
             break
-        (fit,) = _round(part, state, [model], settings, last=False)
+        (fit,) = _round(part, state, [model], settings)
         before, state = state, _kept(state, fit.theta)
         done += 1
         if told is not None:
             told(done)
         if model is models[0] and _still(before, state, fit, images, settings.tolerance_px):
             break
-    # A change of the surface's order moves its pixels: another round follows.
-    for _ in models:
-        fits = _round(images, state, models, settings, last=True)
-        curved = np.full(images.shape, models[0].surface == _CURVED)
-        if len(fits) > 1:
-            curved = _needs_curvature(fits[0], fits[1], settings.window_sigma_px)
-            for plane, bent in zip(*fits, strict=True):
-                plane[:, curved] = bent[:, curved]
-        state = _kept(state, fits[0].theta)
+    curved = np.full(images.shape, models[0].surface == _CURVED)
+    chosen = np.zeros(images.shape, dtype=np.int8)
+    if len(models) > 1:
+        plane, bent = _round(images, state, models, settings, variances=1)
+        curved = _needs_curvature(plane, bent, settings.window_sigma_px)
+        # The change of order moves the pixels: another round follows.
+        state = _kept(state, np.where(curved, bent.theta, plane.theta))
+        chosen[curved] = 1
         done += 1
         if told is not None:
             told(done)
-    return Refined(fits[0], curved, done)
+    fit, *_ = _round(images, state, models, settings, variances=_ALL, chosen=chosen)
+    if told is not None:
+        told(done + 1)
+    return Refined(fit, curved, done + 1)
 
 
+# Variances of a fit, with that of growth.
+_ALL = 7
 _CONSTANT, _PLANE, _CURVED = 1, 3, 6
 _SURFACES = {"constant": [_CONSTANT], "plane": [_PLANE], "curved": [_CURVED], "auto": [_PLANE, _CURVED]}
 _GRADIENTS = {"translation": 0, "rigid": 1, "growing": 2, "affine": 3}
@@ -179,28 +183,42 @@ def window_weights(sigma_px: float) -> tuple[Map, Map]:
     return weights * powers, weights**2 * powers
 
 
-def _round(images: Images, state: Map, models: list[Model], settings: RefinedSettings, *, last: bool) -> list[Fit]:
-    """Warp all images by what is known of every pixel, and fit each model anew."""
+def _round(
+    images: Images,
+    state: Map,
+    models: list[Model],
+    settings: RefinedSettings,
+    *,
+    variances: int = 0,
+    chosen: NDArray[np.int8] | None = None,
+) -> list[Fit]:
+    """Warp all images by what is known of every pixel, and fit each model anew, or the one that is chosen."""
     height, width = images.shape
     view, channels = images.view(), len(images.coefficients[0])
     fields = np.ascontiguousarray(state[list(FIELDS)])
     windows = window_weights(settings.window_sigma_px)
     reach = windows[0].shape[1] // 2
     gains = settings.brightness == "per_image"
-    fits = [_blank(state, variances=last) for _ in models]
+    if chosen is None:
+        chosen = np.full(images.shape, -1, dtype=np.int8)
+        fits = [_blank(state, variances=variances > 0) for _ in models]
+    else:
+        fits = [_blank(state, variances=variances > 0)] * len(models)
     at_a_time = int(_SCRATCH_BYTES / (8 * len(view.s) * width)) - 4 * reach
     band = max(at_a_time, _LEAST_BAND)
     for top in range(0, height, band):
         bottom = min(top + band, height)
         # Windows reach beyond the band, and so do those of the gains at their pixels.
-        first, end = max(top - 2 * reach, 0), min(bottom + 2 * reach, height)
+        step = _brightness_step(windows[0][0])
+        first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS, end - first, width))
         for channel in range(channels):
             stack = [part[channel] for part in images.coefficients]
             _add_channel(np.concatenate(stack), view, fields, first, windows[0][0] if gains else None, products)
-        for model, fit in zip(models, fits, strict=True):
-            solve = partial(solve_rows, products, *windows, model, view, channels, first, _LEAST_SHARE, fit, last)
-            in_threads(solve, _pieces(top - first, bottom - first))
+        # Always two, so that the kernel is compiled once.
+        pairs = (models[0], models[-1]), len(models), view, channels, first, _LEAST_SHARE, (fits[0], fits[-1])
+        solve = partial(solve_rows, products, *windows, *pairs, chosen, variances)
+        in_threads(solve, _pieces(top - first, bottom - first))
     return fits
 
 
@@ -218,13 +236,19 @@ def _add_channel(
         texture, even = np.empty((rows, width), dtype=np.float32), np.empty_like(warped)
         in_threads(partial(mean_texture, warped, least, texture), pieces)
         weights = window.astype(np.float32)
+        step = _brightness_step(window)
 
         def correct(number: int) -> None:
-            correct_brightness(warped[number], texture, weights, (0, rows), even[number])
+            correct_brightness(warped[number], texture, weights, step, first, even[number])
 
         in_threads(correct, range(count))
         warped = even
     in_threads(partial(add_products, view, fields, warped, gradient, first, least, products), pieces)
+
+
+def _brightness_step(window: Map) -> int:
+    """Return how far apart gain and offset are found: six times in a window's half width."""
+    return max(1, len(window) // 12)
 
 
 def _pieces(first: int, end: int) -> list[tuple[int, int]]:

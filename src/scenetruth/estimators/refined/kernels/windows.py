@@ -18,16 +18,32 @@ FULL = 15
 """Parameters of the full model: d, d_x, d_y, d_xx, d_xy, d_yy; q_X, its slopes along x and y, q_Y alike, q_Z alike."""
 _D, _Q = 6, 9
 
-# Monomials x^j y^k of the disparity's parameters, then of each velocity component's.
-_J = (0, 1, 0, 2, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0)
-_K = (0, 0, 1, 0, 1, 2, 0, 0, 1, 0, 0, 1, 0, 0, 1)
-_FIELD = (0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3)
-# Which of the ten products belongs to a pair of fields, and the highest power that its moments need.
-_PAIR = ((0, 1, 2, 3), (1, 4, 5, 6), (2, 5, 7, 8), (3, 6, 8, 9))
-_DEGREE = (4, 4, 4, 4, 3, 3, 3, 3, 3, 3, 2, 1, 1, 1, 0, 0, 0, 0)
+# Monomials x^j y^k of the disparity's parameters, then of each velocity component's, and the fields of all.
+_J = np.array((0, 1, 0, 2, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0))
+_K = np.array((0, 0, 1, 0, 1, 2, 0, 0, 1, 0, 0, 1, 0, 0, 1))
+_FIELD = np.repeat([0, 1, 2, 3], [_D, 3, 3, 3])
+# Which of the ten products belongs to a pair of fields.
+_PAIR = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
+# Moments are numbered by product, power of x, power of y: those of pairs of parameters, of the right sides, and of
+# parameters with the second powers of each velocity component. (Tuples would be copied at every look.)
 _POWERS = 5
+_MOMENTS = PRODUCTS * _POWERS**2
+
+
+def _number(product: Any, j: Any, k: Any) -> NDArray[np.int64]:
+    return np.asarray((product * _POWERS + j) * _POWERS + k)
+
+
+_OF_PAIR = _number(_PAIR[_FIELD[:, None], _FIELD], _J[:, None] + _J, _K[:, None] + _K)
+_OF_RIGHT = _number(10 + _FIELD, _J, _K)
+_OF_BEND = _number(
+    _PAIR[_FIELD, 1:][:, None, :].repeat(3, axis=1),
+    _J[:, None, None] + np.array([2, 1, 0])[:, None],
+    _K[:, None, None] + np.array([0, 1, 2])[:, None],
+)
+_SQUARES, _FREEDOM, _KNOWN, _GRADIENTS = (int(_number(n, 0, 0)) for n in (14, 15, 16, 17))
 # Parameters whose variances are told.
-_TOLD = (0, 1, 2, 6, 9, 12)
+_TOLD = np.array([0, 1, 2, 6, 9, 12])
 
 
 class Model(NamedTuple):
@@ -55,14 +71,52 @@ class Fit(NamedTuple):
 
 
 @_jit
+def _brightness(image: Any, texture: Any, window: Any, y: int, step: int, sums: Any, nodes: Any) -> None:
+    """Write gain and offset at every n-th column of a row, and at the last, found in the window around it."""
+    height, width = image.shape
+    reach = window.shape[0] // 2
+    sums[:] = 0.0
+    for v in range(max(y - reach, 0), min(y + reach + 1, height)):
+        weight = window[v - y + reach]
+        for x in range(width):
+            g, h = image[v, x], texture[v, x]
+            known = not (np.isnan(g) or np.isnan(h))
+            w = weight if known else np.float32(0.0)
+            a, b = (g, h) if known else (np.float32(0.0), np.float32(0.0))
+            at = x + reach
+            sums[0, at] += w
+            sums[1, at] += w * a
+            sums[2, at] += w * b
+            sums[3, at] += w * a * b
+            sums[4, at] += w * b * b
+    for node in range(nodes.shape[1]):
+        x = min(node * step, width - 1)
+        n, g, h, gh, hh = 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(2 * reach + 1):
+            weight = window[j]
+            n += weight * sums[0, x + j]
+            g += weight * sums[1, x + j]
+            h += weight * sums[2, x + j]
+            gh += weight * sums[3, x + j]
+            hh += weight * sums[4, x + j]
+        spread = hh * n - h * h
+        gain = (gh * n - g * h) / spread if spread > 1e-6 * h * h + 1e-12 else 1.0
+        nodes[0, node] = gain if gain > 0.1 else np.nan
+        nodes[1, node] = (g - gain * h) / n if n > 0.0 else np.nan
+
+
+@_jit
 def correct_brightness(
     image: NDArray[np.float32],
     texture: NDArray[np.float32],
     window: NDArray[np.float32],
-    rows: tuple[int, int],
+    step: int,
+    first_row: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Take a gain and an offset from an image, found in the window around every pixel against the texture.
+    """Take a gain and an offset from an image, found in the window around every n-th pixel against the texture.
+
+    Between these pixels, gain and offset are linear: they change over the width of a window.
 
     Parameters
     ----------
@@ -72,72 +126,72 @@ def correct_brightness(
         The texture, NaN where unknown, of the same shape.
     window
         Weights along either axis, shape (2 r + 1,).
-    rows
-        First and last + 1 row of the output; windows are cut at the array's border.
+    step
+        n: every n-th row and column of the whole image, and the last ones.
+    first_row
+        Row of the whole image at which the arrays begin.
     out
-        The grey values with the texture's own brightness.
+        The grey values with the texture's own brightness; NaN where that is not found.
     """
     height, width = image.shape
-    reach = window.shape[0] // 2
-    sums = np.empty((5, width + 2 * reach), dtype=np.float32)
-    total = np.empty((5, width), dtype=np.float32)
-    for y in range(rows[0], rows[1]):
-        sums[:] = 0.0
-        for v in range(max(y - reach, 0), min(y + reach + 1, height)):
-            weight = window[v - y + reach]
+    sums = np.empty((5, width + window.shape[0] - 1), dtype=np.float32)
+    count = (width - 1 + step - 1) // step + 1
+    above, below = np.empty((2, count)), np.empty((2, count))
+    top = 0
+    _brightness(image, texture, window, top, step, sums, above)
+    while True:
+        bottom = min(top + step - (top + first_row) % step, height - 1)
+        _brightness(image, texture, window, bottom, step, sums, below)
+        for y in range(top, bottom + 1 if bottom == height - 1 else bottom):
+            down = (y - top) / (bottom - top) if bottom > top else 0.0
             for x in range(width):
-                g, h = image[v, x], texture[v, x]
-                known = not (np.isnan(g) or np.isnan(h))
-                w = weight if known else np.float32(0.0)
-                a, b = (g, h) if known else (np.float32(0.0), np.float32(0.0))
-                at = x + reach
-                sums[0, at] += w
-                sums[1, at] += w * a
-                sums[2, at] += w * b
-                sums[3, at] += w * a * b
-                sums[4, at] += w * b * b
-        total[:] = 0.0
-        for j in range(2 * reach + 1):
-            weight = window[j]
-            for k in range(5):
-                for x in range(width):
-                    total[k, x] += weight * sums[k, x + j]
-        for x in range(width):
-            n, g, h = total[0, x], total[1, x], total[2, x]
-            spread = total[4, x] * n - h * h
-            gain = (total[3, x] * n - g * h) / spread if spread > 1e-6 * h * h + 1e-12 else np.float32(1.0)
-            offset = (g - gain * h) / n if n > 0.0 else np.float32(0.0)
-            out[y, x] = (image[y, x] - offset) / gain if gain > 0.1 else np.float32(np.nan)
+                node = min(x // step, count - 2) if count > 1 else 0
+                other = min(node + 1, count - 1)
+                gap = min(other * step, width - 1) - node * step
+                across = (x - node * step) / gap if gap > 0 else 0.0
+                left, right = (1.0 - across) * (1.0 - down), across * (1.0 - down)
+                low_left, low_right = (1.0 - across) * down, across * down
+                gain = left * above[0, node] + right * above[0, other]
+                gain += low_left * below[0, node] + low_right * below[0, other]
+                offset = left * above[1, node] + right * above[1, other]
+                offset += low_left * below[1, node] + low_right * below[1, other]
+                out[y, x] = (image[y, x] - offset) / gain
+        if bottom == height - 1:
+            return
+        top = bottom
+        above[:] = below
 
 
 @_jit
-def _columns(model: Model, theta: Any, x: float, y: float, focal: float, basis: Any) -> int:
-    """Write the basis of the parameters that are fitted, columns over the full model's; return their number."""
-    basis[:] = 0.0
+def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places: Any, values: Any, sizes: Any) -> int:
+    """Write the basis of what is fitted, the places and values of each column's numbers; return the columns' number."""
     used = 0
     for k in range(model.surface):
-        basis[k, used] = 1.0
+        places[used, 0], values[used, 0], sizes[used] = k, 1.0, 1
         used += 1
     for c in range(model.components):
-        basis[_D + 3 * c, used] = 1.0
-        used += 1
-    if model.gradient == 3:
-        for c in range(model.components):
-            basis[_D + 3 * c + 1, used] = 1.0
-            basis[_D + 3 * c + 2, used + 1] = 1.0
-            used += 2
-    elif model.gradient > 0:
+        for side in range(3 if model.gradient == 3 else 1):
+            places[used, 0], values[used, 0], sizes[used] = _D + 3 * c + side, 1.0, 1
+            used += 1
+    if model.gradient == 1 or model.gradient == 2:
         # q changes by A p over the surface, whose tangents are p_x and p_y; a rotation is A = [w]x, growth is A = e I.
         tangents = np.empty((2, 3))
         _tangents(theta, x, y, focal, tangents)
+        for turn in range(3):
+            sizes[used + turn] = 4
+        sizes[used + 3] = 6
         for side in range(2):
-            p, q, r = tangents[side, 0], tangents[side, 1], tangents[side, 2]
             at = _D + 1 + side
-            basis[at + 3, used], basis[at + 6, used] = -r, q
-            basis[at, used + 1], basis[at + 6, used + 1] = r, -p
-            basis[at, used + 2], basis[at + 3, used + 2] = -q, p
+            for turn in range(3):
+                one, other = (turn + 1) % 3, (turn + 2) % 3
+                places[used + turn, 2 * side], values[used + turn, 2 * side] = at + 3 * one, -tangents[side, other]
+                places[used + turn, 2 * side + 1], values[used + turn, 2 * side + 1] = (
+                    at + 3 * other,
+                    tangents[side, one],
+                )
             if model.gradient == 2:
-                basis[at, used + 3], basis[at + 3, used + 3], basis[at + 6, used + 3] = p, q, r
+                for k in range(3):
+                    places[used + 3, 3 * side + k], values[used + 3, 3 * side + k] = at + 3 * k, tangents[side, k]
         used += 3 + (model.gradient == 2)
     return used
 
@@ -227,14 +281,31 @@ def _solve(factor: Any, n: int, x: Any) -> None:
         x[i] /= factor[i, i]
 
 
+@numba.njit(inline="always")
+def _degree(product: int, curved: bool, bent: bool) -> int:
+    """Return the highest power of the distance by which moments of a product are asked for."""
+    surface = 2 if curved else 1
+    if product == 0:
+        return 2 * surface
+    if product < 4:
+        return surface + (2 if bent else 1)
+    if product < 10:
+        return 3 if bent else 2
+    if product == 10:
+        return surface
+    return 1 if product < 14 else 0
+
+
 @_jit
-def _window_sums(products: Any, window: Any, y: int, scratch: Any, moments: Any) -> None:
-    """Sum products over windows of a row, times powers of the distance: moments (18, power of x, power of y, x)."""
+def _window_sums(
+    products: Any, count: int, window: Any, y: int, curved: bool, bent: bool, scratch: Any, moments: Any
+) -> None:
+    """Sum products over windows of a row, times powers of the distance: moments (numbered, x)."""
     _, height, width = products.shape
     reach = window.shape[1] // 2
-    moments[:] = 0.0
-    for n in range(PRODUCTS):
-        degree = _DEGREE[n]
+    moments[: count * _POWERS**2] = 0.0
+    for n in range(count):
+        degree = _degree(n, curved, bent)
         for k in range(degree + 1):
             scratch[:] = 0.0
             for v in range(max(y - reach, 0), min(y + reach + 1, height)):
@@ -242,7 +313,7 @@ def _window_sums(products: Any, window: Any, y: int, scratch: Any, moments: Any)
                 for x in range(width):
                     scratch[x + reach] += weight * products[n, v, x]
             for j in range(degree + 1 - k):
-                out = moments[n, j, k]
+                out = moments[(n * _POWERS + j) * _POWERS + k]
                 for u in range(2 * reach + 1):
                     weight = window[j, u]
                     for x in range(width):
@@ -250,29 +321,29 @@ def _window_sums(products: Any, window: Any, y: int, scratch: Any, moments: Any)
 
 
 @_jit
-def _assemble(moments: Any, x: int, h: Any) -> None:
-    """Write the full normal matrix at a pixel."""
-    for p in range(FULL):
-        for q in range(p, FULL):
-            h[p, q] = moments[_PAIR[_FIELD[p]][_FIELD[q]], _J[p] + _J[q], _K[p] + _K[q], x]
-            h[q, p] = h[p, q]
+def _reduce(moments: Any, x: int, places: Any, values: Any, sizes: Any, n: int, scratch: Any, out: Any) -> None:
+    """Write Cᵀ H C with the full model's normal matrix H at a pixel."""
+    for j in range(n):
+        for p in range(FULL):
+            total = 0.0
+            for k in range(sizes[j]):
+                q = places[j, k]
+                total += values[j, k] * moments[_OF_PAIR[p, q], x]
+            scratch[p] = total
+        for i in range(j, n):
+            total = 0.0
+            for k in range(sizes[i]):
+                total += values[i, k] * scratch[places[i, k]]
+            out[i, j] = out[j, i] = total
 
 
 @_jit
-def _reduce(h: Any, basis: Any, n: int, scratch: Any, out: Any) -> None:
-    """Write Cᵀ H C."""
-    for p in range(FULL):
-        for j in range(n):
-            total = 0.0
-            for q in range(FULL):
-                total += h[p, q] * basis[q, j]
-            scratch[p, j] = total
+def _along(column: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) -> None:
+    """Write Cᵀ times a vector of the full model's parameters."""
     for i in range(n):
-        for j in range(n):
-            total = 0.0
-            for p in range(FULL):
-                total += basis[p, i] * scratch[p, j]
-            out[i, j] = total
+        out[i] = 0.0
+        for k in range(sizes[i]):
+            out[i] += values[i, k] * column[places[i, k]]
 
 
 @_jit
@@ -280,13 +351,15 @@ def solve_rows(
     products: NDArray[np.float64],
     window: NDArray[np.float64],
     squared: NDArray[np.float64],
-    model: Model,
+    models: tuple[Model, Model],
+    count: int,
     view: View,
     channels: int,
     first_row: int,
     least: float,
-    fit: Fit,
-    with_variance: bool,
+    fits: tuple[Fit, Fit],
+    chosen: NDArray[np.int8],
+    told: int,
     rows: tuple[int, int],
 ) -> None:
     """Fit surface and motion in the window around every pixel of some rows.
@@ -299,8 +372,8 @@ def solve_rows(
         Weights times the powers 0 to 4 of the distance, shape (5, 2 r + 1).
     squared
         Squared weights times the same powers, for variances.
-    model
-        What is fitted.
+    models, count
+        What is fitted; only the first ``count`` are.
     view
         Focal length and principal point, as of `warp.View`.
     channels
@@ -309,111 +382,109 @@ def solve_rows(
         Row of the image at which the products begin.
     least
         Least share of the window that must be known.
-    fit
-        Output for the whole image; its ``theta`` is read too: tangents of the surface come from it.
-    with_variance
-        Whether variances and growth are wanted.
+    fits
+        Output for the whole image, of each model; ``theta`` is read too: tangents of the surface come from it.
+    chosen
+        The model of every pixel of the image, shape (height, width); all of them where it is -1.
+    told
+        How many variances are wanted, in the order of `Fit`; 7 for all, with growth and its variance.
     rows
         First and last + 1 row of the products to solve for.
     """
     width = products.shape[2]
-    reach = window.shape[1] // 2
-    scratch = np.empty(width + 2 * reach)
-    moments = np.empty((PRODUCTS, _POWERS, _POWERS, width))
-    seconds = np.empty((PRODUCTS, _POWERS, _POWERS, width))
-    h, partial, basis = np.empty((FULL, FULL)), np.empty((FULL, FULL)), np.empty((FULL, FULL))
-    small, other = np.empty((FULL, FULL)), np.empty((FULL, FULL))
+    scratch = np.empty(width + window.shape[1] - 1)
+    moments = np.empty((_MOMENTS, width))
+    seconds = np.empty((_MOMENTS if told > 0 else 1, width))
+    places, values = np.empty((FULL, 6), dtype=np.int64), np.empty((FULL, 6))
+    sizes, bend = np.empty(FULL, dtype=np.int64), np.empty((3, 3))
+    small, other, partial = np.empty((FULL, FULL)), np.empty((FULL, FULL)), np.empty(FULL)
     right, scale, solution, column = np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL)
-    functional, tangents, bend = np.empty(FULL), np.empty((2, 3)), np.empty((3, 3))
+    whole_column, tangents = np.empty(FULL), np.empty((2, 3))
     whole = channels * window[0].sum() ** 2
+    curved, bent = False, False
+    for m in range(count):
+        curved = curved or models[m].surface == _D
+        bent = bent or (models[m].gradient > 0 and models[m].surface > 1)
     for row in range(rows[0], rows[1]):
         y = row + first_row
-        _window_sums(products, window, row, scratch, moments)
-        if with_variance:
-            _window_sums(products, squared, row, scratch, seconds)
-        for x in range(width):
-            share = moments[16, 0, 0, x] / whole
-            fit.residual[:, y, x] = np.nan
-            theta = fit.theta[:, y, x]
-            if not share >= least:
-                theta[:] = np.nan
-                continue
-            from_x, from_y = x - view.centre_x, y - view.centre_y
-            n = _columns(model, theta, from_x, from_y, view.focal, basis)
-            _assemble(moments, x, h)
-            _reduce(h, basis, n, partial, small)
-            for p in range(FULL):
-                right[p] = moments[10 + _FIELD[p], _J[p], _K[p], x]
-            if model.surface == 0:
+        _window_sums(products, PRODUCTS, window, row, curved, bent, scratch, moments)
+        if told > 0:
+            _window_sums(products, 10, squared, row, curved, False, scratch, seconds)
+        for m in range(count):
+            model, fit = models[m], fits[m]
+            for x in range(width):
+                if chosen[y, x] >= 0 and chosen[y, x] != m:
+                    continue
+                fit.residual[:, y, x] = np.nan
+                theta = fit.theta[:, y, x]
+                if not moments[_KNOWN, x] / whole >= least:
+                    theta[:] = np.nan
+                    continue
+                from_x, from_y = x - view.centre_x, y - view.centre_y
+                n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
+                _reduce(moments, x, places, values, sizes, n, partial, small)
                 for p in range(FULL):
-                    right[p] -= moments[_PAIR[0][_FIELD[p]], _J[p], _K[p], x] * theta[0]
-            if model.gradient > 0 and model.surface > 1:
-                _bend(theta, from_x, from_y, view.focal, tangents, bend)
-                for p in range(FULL):
-                    for k in range(3):
-                        pair = _PAIR[_FIELD[p]][k + 1]
-                        j, m = _J[p], _K[p]
-                        right[p] -= (
-                            bend[0, k] * moments[pair, j + 2, m, x]
-                            + bend[1, k] * moments[pair, j + 1, m + 1, x]
-                            + bend[2, k] * moments[pair, j, m + 2, x]
-                        )
-            good = True
-            for i in range(n):
-                scale[i] = 1.0 / np.sqrt(small[i, i]) if small[i, i] > 0.0 else 0.0
-                good = good and small[i, i] > 0.0
-                total = 0.0
-                for p in range(FULL):
-                    total += basis[p, i] * right[p]
-                solution[i] = total * scale[i]
-            for i in range(n):
-                for j in range(n):
-                    small[i, j] *= scale[i] * scale[j]
-            if not good or not _factorise(small, n):
-                theta[:] = np.nan
-                continue
-            _solve(small, n, solution)
-            # Without depth, d is a unit: it stays.
-            for p in range(1 if model.surface == 0 else 0, FULL):
-                total = 0.0
+                    right[p] = moments[_OF_RIGHT[p], x]
+                if model.surface == 0:
+                    for p in range(FULL):
+                        right[p] -= moments[_OF_PAIR[p, 0], x] * theta[0]
+                if model.gradient > 0 and model.surface > 1:
+                    _bend(theta, from_x, from_y, view.focal, tangents, bend)
+                    for p in range(FULL):
+                        for term in range(3):
+                            for c in range(3):
+                                right[p] -= bend[term, c] * moments[_OF_BEND[p, term, c], x]
+                _along(right, places, values, sizes, n, solution)
+                good = True
                 for i in range(n):
-                    total += basis[p, i] * solution[i] * scale[i]
-                theta[p] = total
-            fit.residual[0, y, x] = moments[14, 0, 0, x] / max(moments[15, 0, 0, x], 1e-300)
-            fit.residual[1, y, x] = moments[17, 0, 0, x] / moments[16, 0, 0, x]
-            if not with_variance:
-                continue
-            # Cov = H^-1 H2 H^-1 with the sums H of the weights, and H2 of their squares.
-            _assemble(seconds, x, h)
-            _reduce(h, basis, n, partial, other)
-            for i in range(n):
-                for j in range(n):
-                    other[i, j] *= scale[i] * scale[j]
-            functional[:] = 0.0
-            if model.gradient > 1 and model.surface >= 3:
-                _growth(theta, from_x, from_y, view.focal, tangents, functional)
-            for k in range(len(_TOLD) + 1):
-                for i in range(n):
-                    if k < len(_TOLD):
-                        column[i] = basis[_TOLD[k], i] * scale[i]
-                    else:
-                        total = 0.0
-                        for q in range(FULL):
-                            total += functional[q] * basis[q, i]
-                        column[i] = total * scale[i]
-                _solve(small, n, column)
-                total = 0.0
+                    good = good and small[i, i] > 0.0
+                    scale[i] = 1.0 / np.sqrt(small[i, i]) if small[i, i] > 0.0 else 0.0
+                    solution[i] *= scale[i]
                 for i in range(n):
                     for j in range(n):
-                        total += column[i] * other[i, j] * column[j]
-                if k < len(_TOLD):
-                    fit.variance[k, y, x] = total
-                else:
-                    fit.growth[1, y, x] = total
-            total = 0.0
-            for q in range(FULL):
-                total += functional[q] * theta[q]
-            fit.growth[0, y, x] = total
+                        small[i, j] *= scale[i] * scale[j]
+                if not good or not _factorise(small, n):
+                    theta[:] = np.nan
+                    continue
+                _solve(small, n, solution)
+                # Without depth, d is a unit: it stays.
+                theta[1 if model.surface == 0 else 0 :] = 0.0
+                for i in range(n):
+                    for k in range(sizes[i]):
+                        theta[places[i, k]] += values[i, k] * solution[i] * scale[i]
+                fit.residual[0, y, x] = moments[_SQUARES, x] / max(moments[_FREEDOM, x], 1e-300)
+                fit.residual[1, y, x] = moments[_GRADIENTS, x] / moments[_KNOWN, x]
+                if told == 0:
+                    continue
+                # Cov = H^-1 H2 H^-1 with the sums H of the weights, and H2 of their squares.
+                _reduce(seconds, x, places, values, sizes, n, partial, other)
+                for i in range(n):
+                    for j in range(n):
+                        other[i, j] *= scale[i] * scale[j]
+                for k in range(told):
+                    whole_column[:] = 0.0
+                    if k < len(_TOLD):
+                        whole_column[_TOLD[k]] = 1.0
+                    elif model.gradient > 1 and model.surface > 1:
+                        _growth(theta, from_x, from_y, view.focal, tangents, whole_column)
+                    _along(whole_column, places, values, sizes, n, column)
+                    for i in range(n):
+                        column[i] *= scale[i]
+                    _solve(small, n, column)
+                    total = 0.0
+                    for i in range(n):
+                        share = 0.0
+                        for j in range(n):
+                            share += other[i, j] * column[j]
+                        total += column[i] * share
+                    if k < len(_TOLD):
+                        fit.variance[k, y, x] = total
+                    else:
+                        fit.growth[1, y, x] = total
+                        total = 0.0
+                        for q in range(FULL):
+                            total += whole_column[q] * theta[q]
+                        fit.growth[0, y, x] = total
 
 
 @_jit
