@@ -47,17 +47,22 @@ class MovingPlane:
         rays = self._rays()
         matrix = np.empty((*rays.shape[:2], 3, 3))
         matrix[..., 0], matrix[..., 1], matrix[..., 2] = moved[0], moved[1], -rays
-        found = np.linalg.solve(matrix, np.broadcast_to(-centre, rays.shape)[..., None])[..., 0]
+        found = np.asarray(
+            np.linalg.solve(matrix, np.broadcast_to(-centre, rays.shape)[..., None])[..., 0], dtype=np.float64
+        )
         return found[..., :2], found[..., 2]
 
     def image(self, stage_x_mm: float, t: float, channel: int = 0) -> Array:
         """Return grey values between about 0 and 1 from a place on the stage at a time."""
         generator = np.random.default_rng((self.seed, channel))
         material, _ = self._hit(stage_x_mm, t)
-        lengths = np.exp(generator.uniform(*np.log(self.wavelengths_px), self.waves)) * self.depth_mm / self.focal_px
+        shortest, longest = (float(np.log(length)) for length in self.wavelengths_px)
+        lengths = np.exp(generator.uniform(shortest, longest, self.waves)) * self.depth_mm / self.focal_px
         angles, phases = generator.uniform(0, 2 * np.pi, (2, self.waves))
         along = np.stack([np.cos(angles), np.sin(angles)]) / lengths
-        return 0.5 + 0.1 * np.sqrt(2 / self.waves) * np.cos(2 * np.pi * (material @ along) + phases).sum(axis=-1)
+        return np.asarray(
+            0.5 + 0.1 * np.sqrt(2 / self.waves) * np.cos(2 * np.pi * (material @ along) + phases).sum(axis=-1)
+        )
 
     def recording(
         self, cameras: int = 5, frames: int = 9, channels: int = 1, noise_std: float = 0.0, seed: int = 1

@@ -16,6 +16,7 @@ from scenetruth.estimators.refined.rounds import window_weights
 from tests.estimators.refined.surface import MovingPlane, turning
 
 Array = NDArray[np.float64]
+Warped = tuple[NDArray[np.float32], NDArray[np.float32]]
 HEIGHT, WIDTH, COUNT = 40, 56, 6
 VIEW = warp.View(
     np.array([-1.0, 0.0, 1.0, -1.0, 0.0, 1.0]),
@@ -30,7 +31,7 @@ VIEW = warp.View(
 @pytest.fixture(scope="module")
 def images() -> Array:
     generator = np.random.default_rng(0)
-    return ndimage.gaussian_filter(generator.normal(0, 10, (COUNT, HEIGHT, WIDTH)), (0, 1.5, 1.5))
+    return np.array(ndimage.gaussian_filter(generator.normal(0, 10, (COUNT, HEIGHT, WIDTH)), (0, 1.5, 1.5)))
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def fields() -> Array:
 
 
 @pytest.fixture(scope="module")
-def warped(images: Array, fields: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def warped(images: Array, fields: Array) -> Warped:
     coefficients = np.array([ndimage.spline_filter(image, 5, mode="mirror") for image in images], dtype=np.float32)
     values = np.empty((COUNT, HEIGHT, WIDTH), dtype=np.float32)
     gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
@@ -54,7 +55,7 @@ def mean_known(values: Array, axis: int) -> Array:
     """Return means of what is not NaN, 0 where all is."""
     known = np.isfinite(values)
     total: Array = np.where(known, values, 0.0).sum(axis=axis, keepdims=True)
-    return total / np.maximum(known.sum(axis=axis, keepdims=True), 1)
+    return np.asarray(total / np.maximum(known.sum(axis=axis, keepdims=True), 1))
 
 
 def places(fields: Array) -> Array:
@@ -76,7 +77,7 @@ def places(fields: Array) -> Array:
     return np.array(seen)
 
 
-def test_images_are_fetched_where_they_see_the_points(images: Array, fields: Array, warped: tuple) -> None:
+def test_images_are_fetched_where_they_see_the_points(images: Array, fields: Array, warped: Warped) -> None:
     values, gradient = warped
     at = places(fields)
     slopes = []
@@ -128,7 +129,7 @@ def plain_products(fields: Array, values: Array, gradient: Array) -> tuple[Array
     return np.einsum("aiyx,biyx->abyx", own, own), np.einsum("aiyx,iyx->ayx", own, left), (left**2).sum(axis=0)
 
 
-def test_products_of_the_pixels(fields: Array, warped: tuple) -> None:
+def test_products_of_the_pixels(fields: Array, warped: Warped) -> None:
     values, gradient = warped
     products = np.zeros((warp.PRODUCTS, HEIGHT, WIDTH))
     warp.add_products(VIEW, fields, values, gradient, 0, COUNT, products, (0, HEIGHT))
@@ -178,7 +179,7 @@ def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int])
 
 @pytest.mark.parametrize(("surface", "columns"), [(3, [0, 1, 2]), (6, [0, 1, 2, 3, 4, 5])])
 @pytest.mark.parametrize("gradient", [0, 3])
-def test_windows_are_solved(fields: Array, warped: tuple, surface: int, columns: list[int], gradient: int) -> None:
+def test_windows_are_solved(fields: Array, warped: Warped, surface: int, columns: list[int], gradient: int) -> None:
     """Without a known surface's bend: theta is flat to begin with, and so has none."""
     products = np.zeros((warp.PRODUCTS, HEIGHT, WIDTH))
     warp.add_products(VIEW, fields, *warped, 0, COUNT, products, (0, HEIGHT))
@@ -189,8 +190,8 @@ def test_windows_are_solved(fields: Array, warped: tuple, surface: int, columns:
     theta[0] = 1e6
     fit = blank(theta)
     model = windows.Model(surface, 3, gradient)
-    chosen = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
-    windows.solve_rows(products, *weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), chosen, 7, (0, HEIGHT))
+    every = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
+    windows.solve_rows(products, *weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, 7, (0, HEIGHT))
     chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15)))
     for y, x in ((20, 28), (17, 24), (22, 31)):
         expected, variance = plain_fit(products, x, y, sigma, chosen)
