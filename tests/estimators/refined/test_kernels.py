@@ -191,7 +191,7 @@ def test_windows_are_solved(fields: Array, warped: Warped, surface: int, columns
     fit = blank(theta)
     model = windows.Model(surface, 3, gradient)
     every = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
-    windows.solve_rows(products, *weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, 7, (0, HEIGHT))
+    windows.solve_rows(products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, 7, (0, HEIGHT))
     chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15)))
     for y, x in ((20, 28), (17, 24), (22, 31)):
         expected, variance = plain_fit(products, x, y, sigma, chosen)
@@ -235,7 +235,7 @@ def test_brightness_is_taken_from_each_window(step: int, first_row: int) -> None
     image = (1.3 * texture - 20).astype(np.float32)
     image[10:14, 5:9] = np.nan
     out = np.empty_like(image)
-    window = window_weights(3.0)[0][0].astype(np.float32)
+    window = window_weights(3.0)[0, 0].astype(np.float32)
     windows.correct_brightness(image, texture, window, step, first_row, out)
     known = np.isfinite(image)
     np.testing.assert_allclose(out[known], texture[known], atol=0.01)
@@ -247,7 +247,7 @@ def test_brightness_is_that_of_a_regression() -> None:
     generator = np.random.default_rng(6)
     texture = ndimage.gaussian_filter(generator.normal(0, 60, (40, 50)), 1) + 100
     image = texture * (1 + 0.004 * np.arange(50)) + generator.normal(0, 1, texture.shape)
-    weights = window_weights(4.0)[0][0]
+    weights = window_weights(4.0)[0, 0]
 
     def mean(values: Array) -> Array:
         along = ndimage.correlate1d(values, weights, axis=0, mode="constant")

@@ -52,7 +52,7 @@ def frames_needed(count: int, window: int, *, every: bool) -> list[FramesNeeded]
     >>> frames_needed(3, 9, every=True)[0]
     FramesNeeded(output=0, first=0, last=3)
     """
-    window = min(window, count)
+    window = window if every else min(window, count)
     before = (window - 1) // 2
     after = window - before
     return [

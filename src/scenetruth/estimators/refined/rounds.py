@@ -162,7 +162,7 @@ def _models(images: Images, settings: RefinedSettings) -> list[Model]:
     return [Model(surface, 3 if moves else 0, gradient) for surface in _SURFACES[settings.surface]]
 
 
-def window_weights(sigma_px: float) -> tuple[Map, Map]:
+def window_weights(sigma_px: float) -> Map:
     """Return the window's weights and their squares along one axis, times the powers 0 to 4 of the distance.
 
     Parameters
@@ -172,15 +172,15 @@ def window_weights(sigma_px: float) -> tuple[Map, Map]:
 
     Returns
     -------
-    tuple of numpy.ndarray
-        Shapes (5, 2 r + 1).
+    numpy.ndarray
+        Shape (2, 5, 2 r + 1).
     """
     reach = math.ceil(_CUT * sigma_px)
     at = np.arange(-reach, reach + 1, dtype=np.float64)
     weights = np.exp(-0.5 * (at / sigma_px) ** 2)
     weights /= weights.sum()
     powers = at ** np.arange(5)[:, None]
-    return weights * powers, weights**2 * powers
+    return np.stack([weights * powers, weights**2 * powers])
 
 
 def _round(
@@ -197,7 +197,7 @@ def _round(
     view, channels = images.view(), len(images.coefficients[0])
     fields = np.ascontiguousarray(state[list(FIELDS)])
     windows = window_weights(settings.window_sigma_px)
-    reach = windows[0].shape[1] // 2
+    reach = windows.shape[2] // 2
     gains = settings.brightness == "per_image"
     if chosen is None:
         chosen = np.full(images.shape, -1, dtype=np.int8)
@@ -209,15 +209,15 @@ def _round(
     for top in range(0, height, band):
         bottom = min(top + band, height)
         # Windows reach beyond the band, and so do those of the gains at their pixels.
-        step = _brightness_step(windows[0][0])
+        step = _brightness_step(windows[0, 0])
         first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS, end - first, width))
         for channel in range(channels):
             stack = [part[channel] for part in images.coefficients]
-            _add_channel(np.concatenate(stack), view, fields, first, windows[0][0] if gains else None, products)
+            _add_channel(np.concatenate(stack), view, fields, first, windows[0, 0] if gains else None, products)
         # Always two, so that the kernel is compiled once.
         pairs = (models[0], models[-1]), len(models), view, channels, first, _LEAST_SHARE, (fits[0], fits[-1])
-        solve = partial(solve_rows, products, *windows, *pairs, chosen, variances)
+        solve = partial(solve_rows, products, windows, *pairs, chosen, variances)
         in_threads(solve, _pieces(top - first, bottom - first))
     return fits
 

@@ -349,8 +349,7 @@ def _along(column: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) 
 @_jit
 def solve_rows(
     products: NDArray[np.float64],
-    window: NDArray[np.float64],
-    squared: NDArray[np.float64],
+    weights: NDArray[np.float64],
     models: tuple[Model, Model],
     count: int,
     view: View,
@@ -368,10 +367,9 @@ def solve_rows(
     ----------
     products
         The pixels' normal equations, as of `add_products`, shape (18, rows, width).
-    window
-        Weights times the powers 0 to 4 of the distance, shape (5, 2 r + 1).
-    squared
-        Squared weights times the same powers, for variances.
+    weights
+        Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
+        (2, 5, 2 r + 1).
     models, count
         What is fitted; only the first ``count`` are.
     view
@@ -392,6 +390,7 @@ def solve_rows(
         First and last + 1 row of the products to solve for.
     """
     width = products.shape[2]
+    window, squared = weights[0], weights[1]
     scratch = np.empty(width + window.shape[1] - 1)
     moments = np.empty((_MOMENTS, width))
     seconds = np.empty((_MOMENTS if told > 0 else 1, width))
