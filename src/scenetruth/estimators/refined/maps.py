@@ -103,16 +103,18 @@ def maps_of(
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:] * abs(baseline_mm)}
             found |= {"growth_rate": fit.growth[0], "growth_rate_std": np.sqrt(fit.growth[1]) * noise}
-    maps: dict[str, NDArray[Any]] = {}
-    for name, (components, _) in types_of(cameras, frames, settings).items():
-        values = found.get(name, np.full((*components, height, width), np.nan))
-        maps[name] = np.where(known, values, np.nan)
     # These are told everywhere.
-    return maps | {
+    maps: dict[str, NDArray[Any]] = {
         "residual": left,
         "kind": np.where(known, KIND_FULL, KIND_NONE),
         "model_violation": violated,
     }
+    types = types_of(cameras, frames, settings)
+    for name, (components, _) in types.items():
+        if name not in maps:
+            values = found.get(name, np.full((*components, height, width), np.nan))
+            maps[name] = np.where(known, values, np.nan)
+    return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
 
 
 def _surface(theta: Map, x: Map, y: Map, focal: float) -> dict[str, Map]:
