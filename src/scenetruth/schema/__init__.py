@@ -4,7 +4,7 @@ from scenetruth.schema.attributes import Intrinsics, intrinsics_of, object_names
 from scenetruth.schema.checking import check_dataset
 from scenetruth.schema.estimate import make_estimate
 from scenetruth.schema.filling import Filling, Put, blank_map
-from scenetruth.schema.frame_by_frame import blank_estimate, depth_rate_of, put_estimate
+from scenetruth.schema.frame_by_frame import blank_estimate, depth_rate_of, put_each, put_estimate
 from scenetruth.schema.identity import check_same_run, digest, estimate_hash, identity_of
 from scenetruth.schema.labelling import label
 from scenetruth.schema.pixels import PixelGrid, pixel_grid_of
@@ -48,6 +48,7 @@ __all__ = [
     "make_recording",
     "object_names_of",
     "pixel_grid_of",
+    "put_each",
     "put_estimate",
     "scene_of",
 ]

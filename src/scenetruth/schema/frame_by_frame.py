@@ -17,7 +17,7 @@ from scenetruth.schema.pixels import pixel_grid_of
 from scenetruth.schema.three_d_motion import depth_of_disparity, depth_rate_at
 from scenetruth.schema.variables import COMPONENTS, VARIABLES
 
-__all__ = ["blank_estimate", "depth_rate_of", "put_estimate"]
+__all__ = ["blank_estimate", "depth_rate_of", "put_each", "put_estimate"]
 
 Map = NDArray[np.float64]
 
@@ -74,6 +74,26 @@ def put_estimate(found: xr.Dataset, first: int, put: Put) -> None:
     for name, item in found.data_vars.items():
         for frame in range(found.sizes["t"]):
             put(str(name), {"t": first + frame}, item.isel(t=frame).values)
+
+
+def put_each(name: str, arrays: Iterable[Map], put: Put, *, like: xr.Dataset) -> None:
+    """Put what `make_estimate` makes of one quantity, frame after frame, from the recording's first on.
+
+    Parameters
+    ----------
+    name
+        Name of the quantity, such as ``"disparity"``.
+    arrays
+        Its arrays, one for each frame.
+    put
+        Takes the maps.
+    like
+        The recording.
+    """
+    times = like["t"].values
+    for place, values in enumerate(arrays):
+        given: dict[str, Any] = {name: values}
+        put_estimate(make_estimate(like=like, t=times[place], **given), place, put)
 
 
 def depth_rate_of(disparities: Mapping[int, Map], flow: Map, *, like: xr.Dataset) -> Map:

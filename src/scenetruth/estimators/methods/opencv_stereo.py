@@ -11,7 +11,7 @@ from scenetruth.errors import Problem
 from scenetruth.estimators import opencv
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import Put, blank_estimate, make_estimate, put_estimate
+from scenetruth.schema import Put, blank_estimate, put_each
 
 __all__ = ["METHOD"]
 
@@ -40,8 +40,7 @@ class _OpencvStereo(StreamingMethod):
         self, recording: xr.Dataset, settings: opencv.StereoSettings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
         images = opencv.eight_bit_images(recording)
-        for place, disparity in enumerate(opencv.disparities(recording, images, settings, progress)):
-            put_estimate(make_estimate(like=recording, disparity=disparity, t=recording["t"].values[place]), place, put)
+        put_each("disparity", opencv.disparities(recording, images, settings, progress), put, like=recording)
         return {}
 
 

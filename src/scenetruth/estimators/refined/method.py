@@ -30,23 +30,18 @@ def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Datas
         Which frames are estimated, and which maps follow from the model.
     """
     sizes = recording["image"].sizes
-    places = [
-        needed.output for needed in frames_needed(sizes["t"], settings.window_frames, every=settings.frames == "all")
-    ]
+    places = [frames.output for frames in _needed(sizes["t"], settings)]
     shape = (len(places), sizes["y"], sizes["x"])
     frames = min(sizes["t"], settings.window_frames)
     types = types_of(sizes["s"], frames, settings)
+    x, y = (recording[name].values if name in recording.coords else None for name in ("x", "y"))
     return label(
         "estimate",
         {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in types.items()},
         intrinsics_of(recording),
         t=recording["t"].values[places],
-        **{name: recording[name].values for name in ("x", "y") if name in recording.coords},
-        attrs={
-            **{key: recording.attrs[key] for key in ("scene", "scene_hash") if key in recording.attrs},
-            "method": "refined",
-            "settings": settings.model_dump_json(),
-        },
+        x=x,
+        y=y,
     )
 
 

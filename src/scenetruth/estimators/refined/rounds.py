@@ -204,6 +204,7 @@ def _round(
         fits = [_blank(state, variances=variances > 0) for _ in models]
     else:
         fits = [_blank(state, variances=variances > 0)] * len(models)
+    stacks = [np.concatenate([part[channel] for part in images.coefficients]) for channel in range(channels)]
     at_a_time = int(_SCRATCH_BYTES / (8 * len(view.s) * width)) - 4 * reach
     band = max(at_a_time, _LEAST_BAND)
     for top in range(0, height, band):
@@ -212,9 +213,8 @@ def _round(
         step = _brightness_step(windows[0, 0])
         first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS, end - first, width))
-        for channel in range(channels):
-            stack = [part[channel] for part in images.coefficients]
-            _add_channel(np.concatenate(stack), view, fields, first, windows[0, 0] if gains else None, products)
+        for stack in stacks:
+            _add_channel(stack, view, fields, first, windows[0, 0] if gains else None, products)
         # Always two, so that the kernel is compiled once.
         pairs = (models[0], models[-1]), len(models), view, channels, first, _LEAST_SHARE, (fits[0], fits[-1])
         solve = partial(solve_rows, products, windows, *pairs, chosen, variances)
@@ -288,7 +288,8 @@ def _needs_curvature(plane: Fit, curved: Fit, sigma_px: float) -> NDArray[np.boo
     """Tell where the second order changes disparity by more than noise.
 
     Both fits have the same windows, and the plane is a part of the curved model: noise alone makes them differ by the
-    difference of their variances. Squares of the difference, averaged over the window, are held against twice that.
+    difference of their variances. Squares of the difference, averaged over the window, must be `_SIGNIFICANT` times
+    that, with what the curved fit leaves for the noise.
     """
     from scipy.ndimage import gaussian_filter
 

@@ -34,5 +34,5 @@ class RefinedSettings(MethodSettings):
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3
     """The rounds end when nine of ten pixels move by less than this in the image where they move most."""
     acceptance: Annotated[float, Field(gt=1, le=100)] = 1.5
-    """Estimates are given where the residual is at most this times the images' noise, or a tenth of the texture's
-    contrast: beyond, one surface in one motion does not explain the images."""
+    """Estimates are given where the residual is at most this times the images' noise, or what a texture shifted by a
+    quarter of a pixel would leave: beyond, one surface in one motion does not explain the images."""

@@ -16,7 +16,7 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contra
 
 FULL = 15
 """Parameters of the full model: d, d_x, d_y, d_xx, d_xy, d_yy; q_X, its slopes along x and y, q_Y alike, q_Z alike."""
-_D, _Q = 6, 9
+_D = 6
 
 # Monomials x^j y^k of the disparity's parameters, then of each velocity component's, and the fields of all.
 _J = np.array((0, 1, 0, 2, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0))
@@ -209,6 +209,17 @@ def _tangents(theta: Any, x: float, y: float, focal: float, out: Any) -> None:
 
 
 @_jit
+def _metric(tangents: Any) -> Any:
+    """Return the first fundamental form E, F, G of two tangents, and its determinant."""
+    e, f, g = 0.0, 0.0, 0.0
+    for k in range(3):
+        e += tangents[0, k] * tangents[0, k]
+        f += tangents[0, k] * tangents[1, k]
+        g += tangents[1, k] * tangents[1, k]
+    return e, f, g, e * g - f * f
+
+
+@_jit
 def _bend(theta: Any, x: float, y: float, focal: float, tangents: Any, bend: Any) -> None:
     """Write the velocity's second-order terms that follow from the surface's: those of ξ², ξη and η², shape (3, 3).
 
@@ -217,12 +228,7 @@ def _bend(theta: Any, x: float, y: float, focal: float, tangents: Any, bend: Any
     """
     _tangents(theta, x, y, focal, tangents)
     d = theta[0]
-    e, f, g = 0.0, 0.0, 0.0
-    for k in range(3):
-        e += tangents[0, k] * tangents[0, k]
-        f += tangents[0, k] * tangents[1, k]
-        g += tangents[1, k] * tangents[1, k]
-    area = e * g - f * f
+    e, f, g, area = _metric(tangents)
     n0 = tangents[0, 1] * tangents[1, 2] - tangents[0, 2] * tangents[1, 1]
     n1 = tangents[0, 2] * tangents[1, 0] - tangents[0, 0] * tangents[1, 2]
     n2 = tangents[0, 0] * tangents[1, 1] - tangents[0, 1] * tangents[1, 0]
@@ -490,12 +496,7 @@ def solve_rows(
 def _growth(theta: Any, x: float, y: float, focal: float, tangents: Any, out: Any) -> None:
     """Write the functional of the parameters that is the areal growth rate: the surface divergence of q."""
     _tangents(theta, x, y, focal, tangents)
-    a, b, c = 0.0, 0.0, 0.0
+    e, f, g, area = _metric(tangents)
     for k in range(3):
-        a += tangents[0, k] * tangents[0, k]
-        b += tangents[0, k] * tangents[1, k]
-        c += tangents[1, k] * tangents[1, k]
-    area = a * c - b * b
-    for k in range(3):
-        out[_D + 3 * k + 1] = (c * tangents[0, k] - b * tangents[1, k]) / area
-        out[_D + 3 * k + 2] = (a * tangents[1, k] - b * tangents[0, k]) / area
+        out[_D + 3 * k + 1] = (g * tangents[0, k] - f * tangents[1, k]) / area
+        out[_D + 3 * k + 2] = (e * tangents[1, k] - f * tangents[0, k]) / area
