@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import BSpline
 
+from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
 from scenetruth.estimators.refined.kernels import warp, windows
 from scenetruth.estimators.refined.noise import spline_slope_transfer, spline_transfer
-from scenetruth.estimators.refined.rounds import window_weights
 from tests.estimators.refined.surface import MovingPlane, turning
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def warped(images: Array, fields: Array) -> Warped:
     coefficients = np.array([ndimage.spline_filter(image, 5, mode="mirror") for image in images], dtype=np.float32)
     values = np.empty((COUNT, HEIGHT, WIDTH), dtype=np.float32)
     gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
-    warp.warp_rows(coefficients, VIEW, fields, 0, values, gradient, (0, HEIGHT))
+    warp.warp_rows(coefficients, VIEW, fields, NOTHING_HIDDEN, 0, values, gradient, (0, HEIGHT))
     return values, gradient
 
 
@@ -106,7 +106,7 @@ def test_weights_are_those_of_the_quintic_b_spline() -> None:
     spline = BSpline.basis_element(np.arange(-3.0, 4.0))
     for fraction in (0.0, 0.125, 0.5, 0.9):
         found, slopes = np.empty(6, dtype=np.float32), np.empty(6, dtype=np.float32)
-        warp._weights(fraction, found, slopes)
+        warp.weights(fraction, found, slopes)
         at = fraction - np.arange(-2.0, 4.0)
         np.testing.assert_allclose(found, spline(at), atol=1e-7)
         np.testing.assert_allclose(slopes, spline.derivative()(at), atol=1e-6)

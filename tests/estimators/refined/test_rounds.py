@@ -9,7 +9,8 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.estimators.frame_reader import FrameReader
 from scenetruth.estimators.refined.frames import Splines
-from scenetruth.estimators.refined.rounds import Images, refine
+from scenetruth.estimators.refined.images import Images
+from scenetruth.estimators.refined.rounds import refine
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.schema import make_recording
 from tests.estimators.refined.surface import MovingPlane, turning

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
-from scenetruth.estimators.refined.rounds import Images, Refined
+from scenetruth.estimators.refined.outlines import FARTHEST, Beside
+from scenetruth.estimators.refined.rounds import Refined
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.schema.variables import KIND_FULL, KIND_NONE
 
@@ -48,7 +50,12 @@ def types_of(cameras: int, frames: int, settings: RefinedSettings) -> Mapping[st
 
 
 def maps_of(
-    images: Images, refined: Refined, settings: RefinedSettings, step_px: float, baseline_mm: float
+    images: Images,
+    refined: Refined,
+    beside: Beside,
+    settings: RefinedSettings,
+    step_px: float,
+    baseline_mm: float,
 ) -> dict[str, Any]:
     """Return the maps of one frame.
 
@@ -58,6 +65,8 @@ def maps_of(
         The images that were fitted.
     refined
         What was found.
+    beside
+        What is known beside outlines.
     settings
         What counts as an estimate.
     step_px
@@ -81,12 +90,11 @@ def maps_of(
     with np.errstate(invalid="ignore", divide="ignore"):
         left = np.sqrt(fit.residual[0]) / spline_transfer()
         usual = noise_of(left)
-        # What the model leaves unexplained counts as noise.
-        noise = np.maximum(usual, left)
-        std = np.sqrt(fit.variance) * noise
+        std = np.sqrt(fit.variance) / spline_transfer()
         limit = np.maximum(settings.acceptance * usual, _SHIFT_PX * np.sqrt(fit.residual[1]))
         known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, cameras * frames)
-        violated = known & (left > limit)
+        known &= _in_texture(refined.seen.gradient, usual, cameras * frames, settings.window_sigma_px)
+        violated = known & np.where(beside.where, ~beside.sound, left > limit)
         known &= ~violated
         found: dict[str, Any] = {"residual": left}
         depth = focal * baseline_mm / d
@@ -102,7 +110,7 @@ def maps_of(
             found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:] * abs(baseline_mm)}
-            found |= {"growth_rate": fit.growth[0], "growth_rate_std": np.sqrt(fit.growth[1]) * noise}
+            found |= {"growth_rate": fit.growth[0], "growth_rate_std": np.sqrt(fit.growth[1]) / spline_transfer()}
     # These are told everywhere.
     maps: dict[str, NDArray[Any]] = {
         "residual": left,
@@ -115,6 +123,21 @@ def maps_of(
             values = found.get(name, np.full((*components, height, width), np.nan))
             maps[name] = np.where(known, values, np.nan)
     return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
+
+
+def _in_texture(gradient: NDArray[Any], noise: float, images: int, sigma_px: float) -> NDArray[np.bool_]:
+    """Tell where texture lies around a pixel, or at least not aside of it: else the fit tells of another place.
+
+    The middle of the texture in a Gaussian window, weighted by its squared gradient, lies σ² ∇ ln S from the window's
+    middle, with the window's sum S of the squared gradient.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    texture = gradient.astype(np.float64)
+    total = np.maximum(gaussian_filter(texture, sigma_px), 1e-300)
+    aside = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
+    middle_px = sigma_px**2 * np.hypot(*aside)
+    return np.asarray(textured(texture, noise, images) | (middle_px < FARTHEST * sigma_px))
 
 
 def _surface(theta: Map, x: Map, y: Map, focal: float) -> dict[str, Map]:

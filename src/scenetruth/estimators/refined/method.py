@@ -73,7 +73,9 @@ def fill_estimate(
     EstimateError
         If the images hold values that are not finite, or show nothing to start from.
     """
-    from scenetruth.estimators.refined.rounds import Images, refine
+    from scenetruth.estimators.refined.images import Images
+    from scenetruth.estimators.refined.outlines import nothing_beside, refit_beside_outlines
+    from scenetruth.estimators.refined.rounds import refine
     from scenetruth.estimators.refined.start import start_fields
 
     grid = pixel_grid_of(recording)
@@ -106,7 +108,10 @@ def fill_estimate(
             intrinsics.principal_point_px,
         )
         found = refine(images, start, settings, told)
-        for name, values in maps_of(images, found, settings, grid.step_px, baseline_mm).items():
+        beside = nothing_beside(images.shape)
+        if settings.outlines:
+            found, beside = refit_beside_outlines(images, start, found, settings, told)
+        for name, values in maps_of(images, found, beside, settings, grid.step_px, baseline_mm).items():
             put(name, {"t": number}, values)
         rounds.append(found.rounds)
         curved.append(round(float(found.curved.mean()), 4))

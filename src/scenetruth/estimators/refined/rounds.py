@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -10,75 +9,46 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import PRODUCTS, View, add_products, mean_texture, warp_rows
-from scenetruth.estimators.refined.kernels.windows import FULL, Fit, Model, correct_brightness, solve_rows
+from scenetruth.estimators.refined.bands import bands, pieces, window_weights
+from scenetruth.estimators.refined.images import Images
+from scenetruth.estimators.refined.kernels.windows import FULL, Fit, Model, solve_rows
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
+from scenetruth.estimators.refined.seen import Seen
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.estimators.threads import in_threads
 
-__all__ = ["FIELDS", "Images", "Refined", "refine", "window_weights"]
+__all__ = [
+    "ALL_VARIANCES",
+    "FIELDS",
+    "STAGES",
+    "Refined",
+    "blank_fit",
+    "differ",
+    "fit_round",
+    "kept",
+    "models_of",
+    "refine",
+    "sound_step",
+]
 
 FIELDS = (0, 6, 9, 12)
 """Places of d, q_X, q_Y and q_Z among the parameters of a fit."""
 
-# Bytes of warped images that are kept at a time, rows that a thread takes at a time, and rows of a band at least.
-_SCRATCH_BYTES, _ROWS, _LEAST_BAND = 192e6, 16, 32
 # Windows of which less is known have no estimate.
 _LEAST_SHARE = 0.5
 # Frames before and after that take part in the first rounds.
-_STAGES = (1, 2)
+STAGES = (1, 2)
 # Share of the pixels that must stand still at the end: at outlines, some never do.
 _STILL_SHARE = 0.9
+# Smaller windows that tell whether whole ones suffice, over these.
+_FINER, _LEAST_PART = 0.5, 0.5
 # How many times as large as by noise alone a change of disparity must be to count.
 _SIGNIFICANT = 4.0
 # Windows whose residual is beyond this many times the noise are not asked whether they stand still.
 _FITTED = 1.5
-# Windows reach this many times their standard deviation.
-_CUT = 2.0
 
 Map = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Images:
-    """Images that are fitted together.
-
-    Parameters
-    ----------
-    coefficients
-        Coefficients of their splines by frame, shape (channel, s, y, x) each.
-    positions
-        Positions of the cameras in steps.
-    times
-        Times of the frames after the estimated one.
-    focal, centre
-        Focal length, and principal point (x, y), in columns and rows.
-    """
-
-    coefficients: list[NDArray[np.float32]]
-    positions: Map
-    times: Map
-    focal: float
-    centre: tuple[float, float]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        height, width = self.coefficients[0].shape[-2:]
-        return height, width
-
-    def within(self, reach: float) -> Images:
-        """Return the images of the frames up to so many before and after."""
-        chosen = np.flatnonzero(np.abs(self.times) <= reach)
-        kept = [self.coefficients[n] for n in chosen]
-        return Images(kept, self.positions, self.times[chosen], self.focal, self.centre)
-
-    def view(self) -> View:
-        """Return where and when all images were taken, camera by camera within each frame."""
-        s = np.tile(self.positions, len(self.times))
-        t = np.repeat(self.times, len(self.positions))
-        return View(s, np.zeros_like(s), t, self.focal, *self.centre)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +61,10 @@ class Refined:
     """Where the surface is of second order, shape (y, x)."""
     rounds: int
     """How many rounds it took."""
+    seen: Seen
+    """What every pixel shows by itself."""
+    uneven: NDArray[np.bool_]
+    """Where smaller windows find another disparity: the surface is not what the model takes it for."""
 
 
 def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable[[int], None] | None = None) -> Refined:
@@ -109,18 +83,18 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     told
         Called with the number of rounds that are done.
     """
-    models = _models(images, settings)
+    models, sigma, gains = models_of(images, settings), settings.window_sigma_px, settings.brightness == "per_image"
     plain = models[0]._replace(gradient=0) if models[0].surface > 0 else models[0]
     span = float(np.abs(images.times).max())
-    stages = [(images.within(reach), plain) for reach in _STAGES if reach < span]
+    stages = [(images.within(reach), plain) for reach in STAGES if reach < span]
     state = np.zeros((FULL, *images.shape))
     state[list(FIELDS)] = start
     done, left = 0, settings.rounds - len(models)
     for part, model in [*stages, (images, plain), *[(images, models[0])] * left]:
         if done >= left:
             break
-        (fit,) = _round(part, state, [model], settings)
-        before, state = state, _kept(state, fit.theta)
+        (fit,) = fit_round(part, state, [model], sigma, gains=gains)
+        before, state = state, kept(state, fit.theta)
         done += 1
         if told is not None:
             told(done)
@@ -129,28 +103,31 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     curved = np.full(images.shape, models[0].surface == _CURVED)
     chosen = np.zeros(images.shape, dtype=np.int8)
     if len(models) > 1:
-        plane, bent = _round(images, state, models, settings, variances=1)
-        curved = _needs_curvature(plane, bent, settings.window_sigma_px)
+        plane, bent = fit_round(images, state, models, sigma, gains=gains, variances=1)
+        curved = differ(plane, bent, sigma)
         # The change of order moves the pixels: another round follows.
-        state = _kept(state, np.where(curved, bent.theta, plane.theta))
+        state = kept(state, np.where(curved, bent.theta, plane.theta))
         chosen[curved] = 1
         done += 1
         if told is not None:
             told(done)
-    fit, *_ = _round(images, state, models, settings, variances=_ALL, chosen=chosen)
+    seen, finer = Seen.blank(images.shape), blank_fit(state, variances=True)
+    final = partial(fit_round, images, state, models, sigma, gains=gains, variances=ALL_VARIANCES, chosen=chosen)
+    fit, *_ = final(finer=(_FINER * sigma, finer), seen=seen)
+    uneven = differ(fit, finer, _FINER * sigma)
     if told is not None:
         told(done + 1)
-    return Refined(fit, curved, done + 1)
+    return Refined(fit, curved, done + 1, seen, uneven)
 
 
 # Variances of a fit, with that of growth.
-_ALL = 7
+ALL_VARIANCES = 7
 _CONSTANT, _PLANE, _CURVED = 1, 3, 6
 _SURFACES = {"constant": [_CONSTANT], "plane": [_PLANE], "curved": [_CURVED], "auto": [_PLANE, _CURVED]}
 _GRADIENTS = {"translation": 0, "rigid": 1, "growing": 2, "affine": 3}
 
 
-def _models(images: Images, settings: RefinedSettings) -> list[Model]:
+def models_of(images: Images, settings: RefinedSettings) -> list[Model]:
     """Return the models to choose from, the simplest first, as far as cameras and frames can tell."""
     moves = len(images.times) > 1
     if len(images.positions) == 1:
@@ -162,121 +139,106 @@ def _models(images: Images, settings: RefinedSettings) -> list[Model]:
     return [Model(surface, 3 if moves else 0, gradient) for surface in _SURFACES[settings.surface]]
 
 
-def window_weights(sigma_px: float) -> Map:
-    """Return the window's weights and their squares along one axis, times the powers 0 to 4 of the distance.
-
-    Parameters
-    ----------
-    sigma_px
-        Standard deviation of the Gaussian window.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (2, 5, 2 r + 1).
-    """
-    reach = math.ceil(_CUT * sigma_px)
-    at = np.arange(-reach, reach + 1, dtype=np.float64)
-    weights = np.exp(-0.5 * (at / sigma_px) ** 2)
-    weights /= weights.sum()
-    powers = at ** np.arange(5)[:, None]
-    return np.stack([weights * powers, weights**2 * powers])
-
-
-def _round(
+def fit_round(
     images: Images,
     state: Map,
     models: list[Model],
-    settings: RefinedSettings,
+    sigma_px: float,
     *,
+    gains: bool,
     variances: int = 0,
     chosen: NDArray[np.int8] | None = None,
+    finer: tuple[float, Fit] | None = None,
+    seen: Seen | None = None,
 ) -> list[Fit]:
-    """Warp all images by what is known of every pixel, and fit each model anew, or the one that is chosen."""
-    height, width = images.shape
-    view, channels = images.view(), len(images.coefficients[0])
-    fields = np.ascontiguousarray(state[list(FIELDS)])
-    windows = window_weights(settings.window_sigma_px)
-    reach = windows.shape[2] // 2
-    gains = settings.brightness == "per_image"
+    """Warp all images by what is known of every pixel, and fit each model anew, or the one that is chosen.
+
+    Parameters
+    ----------
+    images
+        The images.
+    state
+        Parameters of all pixels, shape (15, y, x); pixels where they are NaN are left out.
+    models
+        The models, two at most.
+    sigma_px
+        Standard deviation of the windows.
+    gains
+        Whether every image has a gain and an offset of its own.
+    variances
+        How many variances are wanted, as of `solve_rows`.
+    chosen
+        Which model fits every pixel; without, all do.
+    finer
+        Windows of another standard deviation, and what the first model finds in them with the variance of disparity:
+        is written, if given.
+    seen
+        Is written, if given.
+    """
+    view, windows = images.view(), window_weights(sigma_px)
     if chosen is None:
         chosen = np.full(images.shape, -1, dtype=np.int8)
-        fits = [_blank(state, variances=variances > 0) for _ in models]
+        fits = [blank_fit(state, variances=variances > 0) for _ in models]
     else:
-        fits = [_blank(state, variances=variances > 0)] * len(models)
-    stacks = [np.concatenate([part[channel] for part in images.coefficients]) for channel in range(channels)]
-    at_a_time = int(_SCRATCH_BYTES / (8 * len(view.s) * width)) - 4 * reach
-    band = max(at_a_time, _LEAST_BAND)
-    for top in range(0, height, band):
-        bottom = min(top + band, height)
-        # Windows reach beyond the band, and so do those of the gains at their pixels.
-        step = _brightness_step(windows[0, 0])
-        first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
-        products = np.zeros((PRODUCTS, end - first, width))
-        for stack in stacks:
-            _add_channel(stack, view, fields, first, windows[0, 0] if gains else None, products)
+        fits = [blank_fit(state, variances=variances > 0)] * len(models)
+    for band in bands(images, state[list(FIELDS)], sigma_px, gains=gains):
         # Always two, so that the kernel is compiled once.
-        pairs = (models[0], models[-1]), len(models), view, channels, first, _LEAST_SHARE, (fits[0], fits[-1])
-        solve = partial(solve_rows, products, windows, *pairs, chosen, variances)
-        in_threads(solve, _pieces(top - first, bottom - first))
+        pair = (
+            (models[0], models[-1]),
+            len(models),
+            view,
+            images.channels,
+            band.first,
+            _LEAST_SHARE,
+            (fits[0], fits[-1]),
+        )
+        solve = partial(solve_rows, band.products, windows, *pair, chosen, variances)
+        in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
+        if finer is not None:
+            pair = (models[0], models[0]), 1, view, images.channels, band.first, _LEAST_SHARE, (finer[1], finer[1])
+            every = np.full(images.shape, -1, dtype=np.int8)
+            solve = partial(solve_rows, band.products, window_weights(finer[0]), *pair, every, 1)
+            in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
+        if seen is not None:
+            seen.put(band)
     return fits
 
 
-def _add_channel(
-    coefficients: NDArray[np.float32], view: View, fields: Map, first: int, window: Map | None, products: Map
-) -> None:
-    """Add the normal equations of one channel's images for the rows of a band."""
-    _, rows, width = products.shape
-    count, least = len(coefficients), max(2, (len(coefficients) + 1) // 2)
-    warped = np.empty((count, rows, width), dtype=np.float32)
-    gradient = np.empty((2, rows, width), dtype=np.float32)
-    pieces = _pieces(0, rows)
-    in_threads(partial(warp_rows, coefficients, view, fields, first, warped, gradient), pieces)
-    if window is not None:
-        texture, even = np.empty((rows, width), dtype=np.float32), np.empty_like(warped)
-        in_threads(partial(mean_texture, warped, least, texture), pieces)
-        weights = window.astype(np.float32)
-        step = _brightness_step(window)
-
-        def correct(number: int) -> None:
-            correct_brightness(warped[number], texture, weights, step, first, even[number])
-
-        in_threads(correct, range(count))
-        warped = even
-    in_threads(partial(add_products, view, fields, warped, gradient, first, least, products), pieces)
-
-
-def _brightness_step(window: Map) -> int:
-    """Return how far apart gain and offset are found: six times in a window's half width."""
-    return max(1, len(window) // 12)
-
-
-def _pieces(first: int, end: int) -> list[tuple[int, int]]:
-    return [(row, min(row + _ROWS, end)) for row in range(first, end, _ROWS)]
-
-
-def _blank(state: Map, *, variances: bool) -> Fit:
+def blank_fit(state: Map, *, variances: bool) -> Fit:
+    """Return a fit that starts from some parameters."""
     shape = state.shape[1:] if variances else (1, 1)
     variance, growth = (np.full((count, *shape), np.nan) for count in (6, 2))
     return Fit(state.copy(), variance, growth, np.full((2, *state.shape[1:]), np.nan))
 
 
-def _kept(state: Map, theta: Map) -> Map:
-    """Return parameters that are known everywhere: a fit's where it is sound, else those of the nearest that is."""
+def sound_step(state: Map, theta: Map) -> NDArray[np.bool_]:
+    """Tell where new parameters are known, and disparity neither changes its sign nor by half.
+
+    Parameters
+    ----------
+    state, theta
+        Parameters before and after, shape (15, y, x).
+    """
     with np.errstate(invalid="ignore"):
         sound = np.isfinite(theta).all(axis=0) & (theta[0] * state[0] > 0)
-        sound &= np.abs(theta[0] - state[0]) < 0.5 * np.abs(state[0])
+        return np.asarray(sound & (np.abs(theta[0] - state[0]) < 0.5 * np.abs(state[0])))
+
+
+def kept(state: Map, theta: Map) -> Map:
+    """Return parameters that are known everywhere: a fit's where its step is sound, else those of the nearest pixel.
+
+    Parameters
+    ----------
+    state, theta
+        Parameters before and after, shape (15, y, x).
+    """
+    sound = sound_step(state, theta)
     return filled(theta, sound) if sound.any() else state
 
 
 def _still(before: Map, after: Map, fit: Fit, images: Images, tolerance_px: float) -> bool:
     """Tell whether almost no pixel that is fitted well moved by more than a tolerance in any image."""
-    steps = np.abs(after[list(FIELDS)] - before[list(FIELDS)])
-    farthest, longest = np.abs(images.positions).max(), np.abs(images.times).max()
-    moved = steps[0] * farthest
-    aside = max(images.centre) / images.focal
-    for step, arm in zip(steps[1:], (1.0, 1.0, aside), strict=True):
-        moved = np.maximum(moved, step * np.abs(after[0]) * longest * arm)
+    moved = images.moved_px(before[list(FIELDS)], after[list(FIELDS)])
     left = np.sqrt(fit.residual[0]) / spline_transfer()
     count = len(images.positions) * len(images.times)
     with np.errstate(invalid="ignore"):
@@ -284,18 +246,34 @@ def _still(before: Map, after: Map, fit: Fit, images: Images, tolerance_px: floa
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)
 
 
-def _needs_curvature(plane: Fit, curved: Fit, sigma_px: float) -> NDArray[np.bool_]:
-    """Tell where the second order changes disparity by more than noise.
+def differ(coarse: Fit, fine: Fit, sigma_px: float, *, motion: bool = False) -> NDArray[np.bool_]:
+    """Tell where two fits differ by more than noise.
 
-    Both fits have the same windows, and the plane is a part of the curved model: noise alone makes them differ by the
-    difference of their variances. Squares of the difference, averaged over the window, must be `_SIGNIFICANT` times
-    that, with what the curved fit leaves for the noise.
+    If the coarse fit is the best one of its model, and the fine one is another of the same images with more parameters
+    or a smaller window, noise alone makes them differ by the difference of their variances. Squares of the difference,
+    averaged over a window, must be more than four times that.
+
+    Parameters
+    ----------
+    coarse, fine
+        The fits, with variances.
+    sigma_px
+        Standard deviation of the windows that are averaged over.
+    motion
+        Whether velocities are compared, not only disparities.
     """
     from scipy.ndimage import gaussian_filter
 
-    with np.errstate(invalid="ignore"):
-        noise = (curved.variance[0] - plane.variance[0]) * curved.residual[0]
-        square = (curved.theta[0] - plane.theta[0]) ** 2
-        known = np.isfinite(square) & np.isfinite(noise)
-        means = [gaussian_filter(np.where(known, values, 0.0), sigma_px) for values in (square, noise)]
-        return np.asarray(known & (means[0] > _SIGNIFICANT * means[1]))
+    found = np.zeros(coarse.theta.shape[1:], dtype=np.bool_)
+    for place, variance in zip(FIELDS, (0, 3, 4, 5), strict=True):
+        if place > 0 and not motion:
+            break
+        with np.errstate(invalid="ignore"):
+            # A curved surface in whole windows may be less certain than a plane in small ones.
+            least = _LEAST_PART * fine.variance[variance]
+            noise = np.maximum(fine.variance[variance] - coarse.variance[variance], least)
+            square = (fine.theta[place] - coarse.theta[place]) ** 2
+            known = np.isfinite(square) & np.isfinite(noise)
+            means = [gaussian_filter(np.where(known, values, 0.0), sigma_px) for values in (square, noise)]
+            found |= known & (means[0] > _SIGNIFICANT * means[1])
+    return found

@@ -29,6 +29,8 @@ class RefinedSettings(MethodSettings):
     surface; by any gradient. One camera sees the last only."""
     brightness: Literal["per_image", "none"] = "per_image"
     """Whether every image has a gain and an offset of its own in every window: light may change and shadows move."""
+    outlines: bool = True
+    """Whether windows that hold more than one surface are fitted anew to the pixels of the surface in their middle."""
     rounds: Annotated[int, Field(ge=2, le=50)] = 10
     """How often images are warped and the fit is repeated, at most."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3

@@ -8,15 +8,15 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PRODUCTS", "View", "add_products", "mean_texture", "warp_rows"]
+__all__ = ["PRODUCTS", "REACH", "TAPS", "View", "add_products", "mean_texture", "warp_rows", "weights"]
 
 # Reassociation and contraction only: NaN must stay NaN.
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
-PRODUCTS = 18
+PRODUCTS = 28
 """Maps that `add_products` fills."""
-_TAPS = 6
-_REACH = 2  # taps before the sample's whole coordinate
+TAPS = 6
+REACH = 2  # taps before the sample's whole coordinate
 
 
 class View(NamedTuple):
@@ -59,7 +59,7 @@ def _near_slope(f: Any) -> Any:
 
 
 @_jit
-def _weights(f: float, w: Any, dw: Any) -> None:
+def weights(f: float, w: Any, dw: Any) -> None:
     """Write the weights of six coefficients at a fraction f of a step, and their derivatives."""
     g = 1.0 - f
     w[0], w[1], w[2] = g**5 / 120.0, _far(g) / 120.0, _near(g) / 120.0
@@ -73,6 +73,7 @@ def warp_rows(
     coefficients: NDArray[np.float32],
     view: View,
     fields: NDArray[np.float64],
+    hidden: NDArray[np.uint8],
     first_row: int,
     warped: NDArray[np.float32],
     gradient: NDArray[np.float32],
@@ -93,20 +94,23 @@ def warp_rows(
     view
         Where and when the images were taken.
     fields
-        d, q_X, q_Y, q_Z of every pixel, shape (4, height, width).
+        d, q_X, q_Y, q_Z of every pixel, shape (4, height, width); NaN where none is wanted.
+    hidden
+        In which images other surfaces hide the points, as of `visibility.hide`; of shape (0, 0, 0), none is hidden.
     first_row
         Row of the images at which the output begins.
     warped
-        Output: grey values, NaN where a point lies outside the image, shape (n, rows, width).
+        Output: grey values, NaN where a point lies outside the image or is hidden, shape (n, rows, width).
     gradient
         Output: mean over the images of the grey values' derivatives along x and y, shape (2, rows, width).
     rows
         First and last + 1 of the output's rows to be filled.
     """
     count, height, width = coefficients.shape
-    wx, wy = np.empty(_TAPS, dtype=np.float32), np.empty(_TAPS, dtype=np.float32)
-    dx, dy = np.empty(_TAPS, dtype=np.float32), np.empty(_TAPS, dtype=np.float32)
+    wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
+    dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
     used = np.empty(width, dtype=np.int64)
+    some = hidden.shape[0] > 0
     for row in range(rows[0], rows[1]):
         y = row + first_row
         used[:] = 0
@@ -119,18 +123,19 @@ def warp_rows(
                 scale = 1.0 / (1.0 + t * d * fields[3, y, x] / view.focal)
                 at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale + view.centre_x
                 at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale + view.centre_y
-                if not (at_x >= _REACH and at_x < width - 3 and at_y >= _REACH and at_y < height - 3):
+                seen = not some or (hidden[i >> 3, y, x] >> (i & 7)) & 1 == 0
+                if not (seen and at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
                     warped[i, row, x] = np.float32(np.nan)
                     continue
                 left, top = int(at_x), int(at_y)
-                _weights(at_x - left, wx, dx)
-                _weights(at_y - top, wy, dy)
+                weights(at_x - left, wx, dx)
+                weights(at_y - top, wy, dy)
                 value, along, down = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-                for k in range(_TAPS):
-                    line = image[top + k - _REACH]
+                for k in range(TAPS):
+                    line = image[top + k - REACH]
                     a, b = np.float32(0.0), np.float32(0.0)
-                    for j in range(_TAPS):
-                        c = line[left + j - _REACH]
+                    for j in range(TAPS):
+                        c = line[left + j - REACH]
                         a += wx[j] * c
                         b += dx[j] * c
                     value += wy[k] * a
@@ -169,9 +174,9 @@ def add_products(
     least
         Pixels that fewer images show are left out.
     products
-        Sums to be added to, shape (18, rows, width): the 10 products of M, row by row above the diagonal, then the 4 of
-        M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, and |∇T|². Nothing is added where a pixel
-        is left out.
+        Sums to be added to, shape (28, rows, width): the 10 products of M, row by row above the diagonal, then the 4 of
+        M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 10 products of b bᵀ. Nothing
+        is added where a pixel is left out.
     """
     count, _, width = warped.shape
     a, mean = np.empty((count, 4)), np.empty(4)
@@ -225,6 +230,11 @@ def add_products(
                     for m in range(k, 4):
                         out[n] += own * (a[i, m] - mean[m])
                         n += 1
+            n = 0
+            for k in range(4):
+                for m in range(k, 4):
+                    out[18 + n] = out[10 + k] * out[10 + m]
+                    n += 1
             n = 0
             for k in range(4):
                 for m in range(k, 4):

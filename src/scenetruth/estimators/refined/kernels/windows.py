@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import PRODUCTS, View
+from scenetruth.estimators.refined.kernels.warp import View
 
 __all__ = ["FULL", "Fit", "Model", "correct_brightness", "solve_rows"]
 
@@ -27,7 +27,8 @@ _PAIR = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 # Moments are numbered by product, power of x, power of y: those of pairs of parameters, of the right sides, and of
 # parameters with the second powers of each velocity component. (Tuples would be copied at every look.)
 _POWERS = 5
-_MOMENTS = PRODUCTS * _POWERS**2
+_SUMS = 18
+_MOMENTS = _SUMS * _POWERS**2
 
 
 def _number(product: Any, j: Any, k: Any) -> NDArray[np.int64]:
@@ -400,96 +401,145 @@ def solve_rows(
     scratch = np.empty(width + window.shape[1] - 1)
     moments = np.empty((_MOMENTS, width))
     seconds = np.empty((_MOMENTS if told > 0 else 1, width))
-    places, values = np.empty((FULL, 6), dtype=np.int64), np.empty((FULL, 6))
-    sizes, bend = np.empty(FULL, dtype=np.int64), np.empty((3, 3))
-    small, other, partial = np.empty((FULL, FULL)), np.empty((FULL, FULL)), np.empty(FULL)
-    right, scale, solution, column = np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL)
-    whole_column, tangents = np.empty(FULL), np.empty((2, 3))
+    work = _work()
     whole = channels * window[0].sum() ** 2
+    curved, bent = _asked(models, count)
+    for row in range(rows[0], rows[1]):
+        y = row + first_row
+        _window_sums(products, _SUMS, window, row, curved, bent, scratch, moments)
+        if told > 0:
+            _window_sums(products[_SUMS:], 10, squared, row, curved, False, scratch, seconds)
+        for m in range(count):
+            for x in range(width):
+                if chosen[y, x] < 0 or chosen[y, x] == m:
+                    enough = moments[_KNOWN, x] / whole >= least
+                    _fit_window(moments, seconds, x, models[m], view, enough, fits[m], x, y, told, work)
+
+
+@_jit
+def _asked(models: Any, count: int) -> Any:
+    """Tell whether any model has curvature, and whether any has motion of second order."""
     curved, bent = False, False
     for m in range(count):
         curved = curved or models[m].surface == _D
         bent = bent or (models[m].gradient > 0 and models[m].surface > 1)
-    for row in range(rows[0], rows[1]):
-        y = row + first_row
-        _window_sums(products, PRODUCTS, window, row, curved, bent, scratch, moments)
-        if told > 0:
-            _window_sums(products, 10, squared, row, curved, False, scratch, seconds)
-        for m in range(count):
-            model, fit = models[m], fits[m]
-            for x in range(width):
-                if chosen[y, x] >= 0 and chosen[y, x] != m:
-                    continue
-                fit.residual[:, y, x] = np.nan
-                theta = fit.theta[:, y, x]
-                if not moments[_KNOWN, x] / whole >= least:
-                    theta[:] = np.nan
-                    continue
-                from_x, from_y = x - view.centre_x, y - view.centre_y
-                n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
-                _reduce(moments, x, places, values, sizes, n, partial, small)
-                for p in range(FULL):
-                    right[p] = moments[_OF_RIGHT[p], x]
-                if model.surface == 0:
-                    for p in range(FULL):
-                        right[p] -= moments[_OF_PAIR[p, 0], x] * theta[0]
-                if model.gradient > 0 and model.surface > 1:
-                    _bend(theta, from_x, from_y, view.focal, tangents, bend)
-                    for p in range(FULL):
-                        for term in range(3):
-                            for c in range(3):
-                                right[p] -= bend[term, c] * moments[_OF_BEND[p, term, c], x]
-                _along(right, places, values, sizes, n, solution)
-                good = True
-                for i in range(n):
-                    good = good and small[i, i] > 0.0
-                    scale[i] = 1.0 / np.sqrt(small[i, i]) if small[i, i] > 0.0 else 0.0
-                    solution[i] *= scale[i]
-                for i in range(n):
-                    for j in range(n):
-                        small[i, j] *= scale[i] * scale[j]
-                if not good or not _factorise(small, n):
-                    theta[:] = np.nan
-                    continue
-                _solve(small, n, solution)
-                # Without depth, d is a unit: it stays.
-                theta[1 if model.surface == 0 else 0 :] = 0.0
-                for i in range(n):
-                    for k in range(sizes[i]):
-                        theta[places[i, k]] += values[i, k] * solution[i] * scale[i]
-                fit.residual[0, y, x] = moments[_SQUARES, x] / max(moments[_FREEDOM, x], 1e-300)
-                fit.residual[1, y, x] = moments[_GRADIENTS, x] / moments[_KNOWN, x]
-                if told == 0:
-                    continue
-                # Cov = H^-1 H2 H^-1 with the sums H of the weights, and H2 of their squares.
-                _reduce(seconds, x, places, values, sizes, n, partial, other)
-                for i in range(n):
-                    for j in range(n):
-                        other[i, j] *= scale[i] * scale[j]
-                for k in range(told):
-                    whole_column[:] = 0.0
-                    if k < len(_TOLD):
-                        whole_column[_TOLD[k]] = 1.0
-                    elif model.gradient > 1 and model.surface > 1:
-                        _growth(theta, from_x, from_y, view.focal, tangents, whole_column)
-                    _along(whole_column, places, values, sizes, n, column)
-                    for i in range(n):
-                        column[i] *= scale[i]
-                    _solve(small, n, column)
-                    total = 0.0
-                    for i in range(n):
-                        share = 0.0
-                        for j in range(n):
-                            share += other[i, j] * column[j]
-                        total += column[i] * share
-                    if k < len(_TOLD):
-                        fit.variance[k, y, x] = total
-                    else:
-                        fit.growth[1, y, x] = total
-                        total = 0.0
-                        for q in range(FULL):
-                            total += whole_column[q] * theta[q]
-                        fit.growth[0, y, x] = total
+    return curved, bent
+
+
+class _Work(NamedTuple):
+    """Arrays that the fit of one window writes to."""
+
+    places: NDArray[np.int64]
+    values: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    bend: NDArray[np.float64]
+    tangents: NDArray[np.float64]
+    matrices: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+
+
+@_jit
+def _work() -> Any:
+    return _Work(
+        np.empty((FULL, 6), dtype=np.int64),
+        np.empty((FULL, 6)),
+        np.empty(FULL, dtype=np.int64),
+        np.empty((3, 3)),
+        np.empty((2, 3)),
+        np.empty((2, FULL, FULL)),
+        np.empty((6, FULL)),
+    )
+
+
+@_jit
+def _fit_window(
+    moments: Any,
+    seconds: Any,
+    place: int,
+    model: Model,
+    view: View,
+    enough: bool,
+    fit: Fit,
+    x: int,
+    y: int,
+    told: int,
+    work: Any,
+) -> None:
+    """Fit a model to the moments of the window around the pixel (x, y), which stand in some column, if they suffice."""
+    places, values, sizes, bend, tangents = work.places, work.values, work.sizes, work.bend, work.tangents
+    small, other = work.matrices[0], work.matrices[1]
+    partial, right, scale = work.vectors[0], work.vectors[1], work.vectors[2]
+    solution, column, whole_column = work.vectors[3], work.vectors[4], work.vectors[5]
+    fit.residual[:, y, x] = np.nan
+    theta = fit.theta[:, y, x]
+    if not enough:
+        theta[:] = np.nan
+        return
+    from_x, from_y = x - view.centre_x, y - view.centre_y
+    n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
+    _reduce(moments, place, places, values, sizes, n, partial, small)
+    for p in range(FULL):
+        right[p] = moments[_OF_RIGHT[p], place]
+    if model.surface == 0:
+        for p in range(FULL):
+            right[p] -= moments[_OF_PAIR[p, 0], place] * theta[0]
+    if model.gradient > 0 and model.surface > 1:
+        _bend(theta, from_x, from_y, view.focal, tangents, bend)
+        for p in range(FULL):
+            for term in range(3):
+                for c in range(3):
+                    right[p] -= bend[term, c] * moments[_OF_BEND[p, term, c], place]
+    _along(right, places, values, sizes, n, solution)
+    good = True
+    for i in range(n):
+        good = good and small[i, i] > 0.0
+        scale[i] = 1.0 / np.sqrt(small[i, i]) if small[i, i] > 0.0 else 0.0
+        solution[i] *= scale[i]
+    for i in range(n):
+        for j in range(n):
+            small[i, j] *= scale[i] * scale[j]
+    if not good or not _factorise(small, n):
+        theta[:] = np.nan
+        return
+    _solve(small, n, solution)
+    # Without depth, d is a unit: it stays.
+    theta[1 if model.surface == 0 else 0 :] = 0.0
+    for i in range(n):
+        for k in range(sizes[i]):
+            theta[places[i, k]] += values[i, k] * solution[i] * scale[i]
+    fit.residual[0, y, x] = moments[_SQUARES, place] / max(moments[_FREEDOM, place], 1e-300)
+    fit.residual[1, y, x] = moments[_GRADIENTS, place] / moments[_KNOWN, place]
+    if told == 0:
+        return
+    # Cov = H^-1 H2 H^-1 with the sums H of the weights, and H2 of their squares.
+    _reduce(seconds, place, places, values, sizes, n, partial, other)
+    for i in range(n):
+        for j in range(n):
+            other[i, j] *= scale[i] * scale[j]
+    for k in range(told):
+        whole_column[:] = 0.0
+        if k < len(_TOLD):
+            whole_column[_TOLD[k]] = 1.0
+        elif model.gradient > 1 and model.surface > 1:
+            _growth(theta, from_x, from_y, view.focal, tangents, whole_column)
+        _along(whole_column, places, values, sizes, n, column)
+        for i in range(n):
+            column[i] *= scale[i]
+        _solve(small, n, column)
+        total = 0.0
+        for i in range(n):
+            share = 0.0
+            for j in range(n):
+                share += other[i, j] * column[j]
+            total += column[i] * share
+        if k < len(_TOLD):
+            fit.variance[k, y, x] = total
+        else:
+            fit.growth[1, y, x] = total
+            total = 0.0
+            for q in range(FULL):
+                total += whole_column[q] * theta[q]
+            fit.growth[0, y, x] = total
 
 
 @_jit

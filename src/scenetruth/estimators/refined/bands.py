@@ -1,0 +1,149 @@
+"""Warped images and the normal equations of their pixels, for some rows at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.images import Images
+from scenetruth.estimators.refined.kernels.warp import PRODUCTS, View, add_products, mean_texture, warp_rows
+from scenetruth.estimators.refined.kernels.windows import correct_brightness
+from scenetruth.estimators.threads import in_threads
+
+__all__ = ["NOTHING_HIDDEN", "Band", "bands", "pieces", "window_weights"]
+
+# Bytes of warped images that are kept at a time, rows that a thread takes at a time, and rows of a band at least.
+_SCRATCH_BYTES, _ROWS, _LEAST_BAND = 192e6, 16, 32
+# Windows reach this many times their standard deviation.
+_CUT = 2.0
+
+NOTHING_HIDDEN = np.zeros((0, 0, 0), dtype=np.uint8)
+
+Map = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Normal equations of some rows."""
+
+    products: Map
+    """As of `add_products`, shape (28, rows, width)."""
+    first: int
+    """Row of the image at which they begin."""
+    top: int
+    """The first row whose windows lie inside them, as far as the image goes."""
+    bottom: int
+    """The row behind the last."""
+
+
+def window_weights(sigma_px: float) -> Map:
+    """Return the window's weights and their squares along one axis, times the powers 0 to 4 of the distance.
+
+    Parameters
+    ----------
+    sigma_px
+        Standard deviation of the Gaussian window.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (2, 5, 2 r + 1).
+    """
+    reach = math.ceil(_CUT * sigma_px)
+    at = np.arange(-reach, reach + 1, dtype=np.float64)
+    weights = np.exp(-0.5 * (at / sigma_px) ** 2)
+    weights /= weights.sum()
+    powers = at ** np.arange(5)[:, None]
+    return np.stack([weights * powers, weights**2 * powers])
+
+
+def bands(
+    images: Images,
+    fields: Map,
+    sigma_px: float,
+    *,
+    gains: bool,
+    least_share: float = 0.5,
+    hidden: NDArray[np.uint8] = NOTHING_HIDDEN,
+) -> Iterator[Band]:
+    """Warp all images by what is known of every pixel, and yield the pixels' normal equations band by band.
+
+    Parameters
+    ----------
+    images
+        The images.
+    fields
+        d and q of every pixel, shape (4, y, x); NaN where none is wanted.
+    sigma_px
+        Standard deviation of the windows that will be put together, and of those in which brightness is found.
+    gains
+        Whether every image has a gain and an offset of its own.
+    least_share
+        Pixels that fewer of the images show are left out.
+    hidden
+        In which images pixels are hidden, as of `visibility.hide`.
+    """
+    height, width = images.shape
+    view = images.view()
+    window = window_weights(sigma_px)[0, 0]
+    reach = len(window) // 2
+    least = max(2, math.ceil(least_share * len(view.s)))
+    stacks = [images.stack(channel) for channel in range(images.channels)]
+    fields = np.ascontiguousarray(fields)
+    at_a_time = int(_SCRATCH_BYTES / (8 * len(view.s) * width)) - 4 * reach
+    size = max(at_a_time, _LEAST_BAND)
+    for top in range(0, height, size):
+        bottom = min(top + size, height)
+        # Windows reach beyond the band, and so do those of the gains at their pixels.
+        step = _brightness_step(window)
+        first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
+        products = np.zeros((PRODUCTS, end - first, width))
+        for stack in stacks:
+            _add_channel(stack, view, fields, hidden, first, window if gains else None, least, products)
+        yield Band(products, first, top, bottom)
+
+
+def pieces(first: int, end: int) -> list[tuple[int, int]]:
+    """Return the rows that each thread takes in turn."""
+    return [(row, min(row + _ROWS, end)) for row in range(first, end, _ROWS)]
+
+
+def _add_channel(
+    coefficients: NDArray[np.float32],
+    view: View,
+    fields: Map,
+    hidden: NDArray[np.uint8],
+    first: int,
+    window: Map | None,
+    least: int,
+    products: Map,
+) -> None:
+    """Add the normal equations of one channel's images for the rows of a band."""
+    _, rows, width = products.shape
+    count = len(coefficients)
+    warped = np.empty((count, rows, width), dtype=np.float32)
+    gradient = np.empty((2, rows, width), dtype=np.float32)
+    parts = pieces(0, rows)
+    in_threads(partial(warp_rows, coefficients, view, fields, hidden, first, warped, gradient), parts)
+    if window is not None:
+        texture, even = np.empty((rows, width), dtype=np.float32), np.empty_like(warped)
+        in_threads(partial(mean_texture, warped, least, texture), parts)
+        weights = window.astype(np.float32)
+        step = _brightness_step(window)
+
+        def correct(number: int) -> None:
+            correct_brightness(warped[number], texture, weights, step, first, even[number])
+
+        in_threads(correct, range(count))
+        warped = even
+    in_threads(partial(add_products, view, fields, warped, gradient, first, least, products), parts)
+
+
+def _brightness_step(window: Map) -> int:
+    """Return how far apart gain and offset are found: six times in a window's half width."""
+    return max(1, len(window) // 12)

@@ -1,0 +1,154 @@
+"""Kernel that fits windows to those of their pixels that belong to the surface in their middle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.kernels.warp import View
+from scenetruth.estimators.refined.kernels.windows import _MOMENTS, _POWERS, _SUMS, Fit, Model, _fit_window, _work
+
+__all__ = ["solve_members"]
+
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+
+_D = 6
+_ALL = 7
+
+
+@_jit
+def _belongs(theta: Any, x: float, y: float, own: Any, product: Any, limit: float, reach: Any, step: Any) -> bool:
+    """Tell whether a pixel at (x, y) from a window's centre shows the surface that is fitted there.
+
+    It does if the surface's parameters at the pixel hardly move it against its own ones, and explain its images.
+    """
+    x_x, x_y, y_y = x * x, x * y, y * y
+    if not product[14] <= limit * product[15]:
+        return False
+    step[0] = (theta[0] + theta[1] * x + theta[2] * y + theta[3] * x_x + theta[4] * x_y + theta[5] * y_y) - own[0]
+    for k in range(3):
+        step[1 + k] = theta[_D + 3 * k] + theta[_D + 1 + 3 * k] * x + theta[_D + 2 + 3 * k] * y - own[1 + k]
+    moved = abs(step[0]) * reach[0]
+    along = abs(own[0]) * reach[1]
+    for k in range(3):
+        moved = max(moved, abs(step[1 + k]) * along * (reach[2] if k == 2 else 1.0))
+    if not moved < reach[3]:
+        return False
+    # b = (M p + b) - M p; squares after the step are e - 2 b step + step M step.
+    total, n = product[14], 0
+    for k in range(4):
+        total -= 2.0 * step[k] * product[10 + k]
+        for m in range(k, 4):
+            pair = product[n]
+            if m == k:
+                total += pair * (step[k] * step[k] + 2.0 * step[k] * own[k])
+            else:
+                total += 2.0 * pair * (step[k] * step[m] + step[k] * own[m] + step[m] * own[k])
+            n += 1
+    return bool(total <= limit * product[15])
+
+
+@_jit
+def solve_members(
+    products: NDArray[np.float64],
+    limit: NDArray[np.float64],
+    fields: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    model: Model,
+    view: View,
+    first_row: int,
+    fit: Fit,
+    pixels: NDArray[np.int64],
+    shares: NDArray[np.float64],
+    part: tuple[int, int],
+) -> None:
+    """Fit surface and motion around some pixels to those of their windows' pixels that belong to the same surface.
+
+    Parameters
+    ----------
+    products
+        The pixels' normal equations, as of `warp.add_products`, shape (rows, width, 28).
+    limit
+        Largest mean square that is left where a pixel is explained, shape (rows, width).
+    fields
+        The own d and q of the image's pixels, shape (4, height, width).
+    reach
+        The farthest camera in steps, the longest time in frames, half an image over the focal length, and by how much a
+        pixel may be moved against its own parameters, in px.
+    weights
+        As of `windows.solve_rows`.
+    model
+        What is fitted.
+    view
+        Focal length and principal point.
+    first_row
+        Row of the image at which the products begin.
+    fit
+        Read, and written at the pixels, of the whole image.
+    pixels
+        Rows and columns in the image, shape (n, 2).
+    shares
+        Output: share of the window that belongs to the surface, and distance of the middle of its texture (weighted by
+        the squared gradient) from the window's, in px, shape (n, 2).
+    part
+        First and last + 1 of the pixels.
+    """
+    rows, width = limit.shape
+    around = weights.shape[2] // 2
+    window, squared = weights[0], weights[1]
+    moments, seconds = np.empty((_MOMENTS, 1)), np.empty((_MOMENTS, 1))
+    sums, second_sums = np.empty((_SUMS, _POWERS)), np.empty((10, _POWERS))
+    work, step, middle = _work(), np.empty(4), np.empty(3)
+    theta, own = np.empty(15), np.empty(4)
+    powers = 4 if model.gradient > 0 and model.surface > 1 else 3
+    if model.surface == _D:
+        powers = _POWERS
+    whole = window[0].sum() ** 2
+    for number in range(part[0], part[1]):
+        y, x = pixels[number]
+        for k in range(15):
+            theta[k] = fit.theta[k, y, x]
+        moments[:], seconds[:], middle[:] = 0.0, 0.0, 0.0
+        row = y - first_row
+        for v in range(max(row - around, 0), min(row + around + 1, rows)):
+            sums[:], second_sums[:] = 0.0, 0.0
+            met = False
+            for u in range(max(x - around, 0), min(x + around + 1, width)):
+                product = products[v, u]
+                if product[16] == 0.0:
+                    continue
+                for k in range(4):
+                    own[k] = fields[k, v + first_row, u]
+                if not _belongs(theta, u - x, v - row, own, product, limit[v, u], reach, step):
+                    continue
+                met = True
+                for j in range(powers):
+                    w = window[j, u - x + around]
+                    for n in range(_SUMS):
+                        sums[n, j] += w * product[n]
+                    w = squared[j, u - x + around]
+                    for n in range(10):
+                        second_sums[n, j] += w * product[_SUMS + n]
+            if not met:
+                continue
+            at = v - row + around
+            for k in range(powers):
+                for n in range(_SUMS):
+                    for j in range(powers - k):
+                        moments[(n * _POWERS + j) * _POWERS + k, 0] += window[k, at] * sums[n, j]
+                for n in range(10):
+                    for j in range(powers - k):
+                        seconds[(n * _POWERS + j) * _POWERS + k, 0] += squared[k, at] * second_sums[n, j]
+        first = 17 * _POWERS**2
+        gradient = moments[first, 0]
+        known = moments[16 * _POWERS**2, 0]
+        shares[number, 0] = known / whole
+        if gradient > 0.0:
+            shares[number, 1] = np.hypot(moments[first + _POWERS, 0], moments[first + 1, 0]) / gradient
+        else:
+            shares[number, 1] = np.inf
+        _fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, _ALL, work)

@@ -1,0 +1,129 @@
+"""Which of several surfaces every pixel shows: models of its neighbours are offered, and the images judge."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.bands import pieces
+from scenetruth.estimators.refined.images import Images
+from scenetruth.estimators.refined.kernels.judge import SIDES, judge_rows
+from scenetruth.estimators.refined.rounds import FIELDS
+from scenetruth.estimators.refined.seen import local_means
+from scenetruth.estimators.threads import in_threads
+
+__all__ = ["Selection", "carried"]
+
+Map = NDArray[np.float64]
+
+# The images of one side alone must agree better by this than all of them do.
+_SIDE_COST = 1.05
+# So much of a pixel's neighbourhood must be judged.
+_LEAST = 0.3
+# Models that move a point by more than this in any image are of different surfaces.
+_DIFFERENT_PX = 0.5
+
+
+def carried(theta: Map, right: int, down: int) -> Map:
+    """Return parameters at every pixel as the model of a pixel beside it has them.
+
+    Parameters
+    ----------
+    theta
+        Parameters of the full model, shape (15, y, x).
+    right, down
+        By how many pixels they are carried, in columns and rows; NaN where they would come from outside.
+    """
+    height, width = theta.shape[1:]
+    out = np.full_like(theta, np.nan)
+    if abs(right) >= width or abs(down) >= height:
+        return out
+    rows, columns = slice(max(down, 0), height + min(down, 0)), slice(max(right, 0), width + min(right, 0))
+    from_rows = slice(max(-down, 0), height + min(-down, 0))
+    p = theta[:, from_rows, max(-right, 0) : width + min(-right, 0)]
+    moved = out[:, rows, columns]
+    moved[:] = p
+    x, y = float(right), float(down)
+    moved[0] += p[1] * x + p[2] * y + p[3] * x * x + p[4] * x * y + p[5] * y * y
+    moved[1] += 2.0 * p[3] * x + p[4] * y
+    moved[2] += p[4] * x + 2.0 * p[5] * y
+    for k in FIELDS[1:]:
+        moved[k] += p[k + 1] * x + p[k + 2] * y
+    return out
+
+
+class Selection:
+    """The best model of every pixel so far.
+
+    Parameters
+    ----------
+    images
+        The images that judge.
+    theta
+        Parameters to begin with, shape (15, y, x).
+    where
+        Pixels to be judged, shape (y, x).
+    noise
+        Standard deviation of what the images leave by noise alone.
+    """
+
+    def __init__(self, images: Images, theta: Map, where: NDArray[np.bool_], noise: float) -> None:
+        self._images, self._where, self._square = images, where, noise**2
+        self._stacks = [images.stack(channel) for channel in range(images.channels)]
+        self.theta = theta.copy()
+        self.cost = self._judge(theta)
+        """What the images leave with it, in squares of the noise."""
+        self.rival = np.full(images.shape, np.inf, dtype=np.float32)
+        """The same for the best model of another surface that was offered."""
+
+    def offer(self, theta: Map) -> None:
+        """Take models where they explain the images better.
+
+        Parameters
+        ----------
+        theta
+            Parameters, shape (15, y, x); NaN where there are none.
+        """
+        cost = self._judge(theta)
+        fields = list(FIELDS)
+        with np.errstate(invalid="ignore"):
+            moved = self._images.moved_px(self.theta[fields], theta[fields])
+            other = ~(moved <= _DIFFERENT_PX)
+            # No worse than by what noise may do: models that came first stay.
+            better = cost < self.cost - 0.03
+        worse = np.where(better, self.cost, cost)
+        self.rival[other] = np.minimum(self.rival, worse)[other]
+        self.theta[:, better] = theta[:, better]
+        self.cost[better] = cost[better]
+
+    def spread(self, distance: int) -> None:
+        """Offer every pixel the models of eight others in turn.
+
+        Parameters
+        ----------
+        distance
+            How far away they are, in rows and columns.
+        """
+        for down in (-distance, 0, distance):
+            for right in (-distance, 0, distance):
+                if right or down:
+                    self.offer(carried(self.theta, right, down))
+
+    def _judge(self, theta: Map) -> NDArray[np.float32]:
+        fields = np.where(self._where, theta[list(FIELDS)], np.nan)
+        sides = np.empty((SIDES, *self._images.shape), dtype=np.float32)
+        best = np.full(self._images.shape, np.inf, dtype=np.float32)
+        totals = np.zeros_like(sides)
+        for stack in self._stacks:
+            judge = partial(judge_rows, stack, self._images.view(), fields, sides)
+            in_threads(judge, pieces(0, self._images.shape[0]))
+            totals += sides / len(self._stacks)
+        for side in range(SIDES):
+            known = np.isfinite(totals[side])
+            share = local_means(known.astype(np.float32))
+            mean = local_means(np.where(known, totals[side], 0.0)) / np.maximum(share, _LEAST)
+            cost = np.where(share > _LEAST, mean, np.inf) * (1.0 if side == 0 else _SIDE_COST)
+            best = np.minimum(best, cost / self._square)
+        return best
