@@ -20,7 +20,7 @@ class Board:
     rows: tuple[float, float] = (-1e9, 1e9)
     flow: tuple[float, float] = (0.0, 0.0)
     approach: float = 0.0
-    """Growth of disparity per frame, as a share of it."""
+    """Share of its distance that it comes nearer per frame."""
 
 
 def _texture(x: Array, y: Array, seed: int) -> Array:
@@ -40,7 +40,7 @@ def draw(
     """Return the image of a camera, nearest boards first, with grey values of standard deviation 0.2.
 
     A board's point at (X, Y) from the middle of the reference's image at time 0 is seen at time t at
-    ((X + u t) g - d g s, (Y + v t) g) with g = 1 + approach t.
+    ((X + u t - d s) g, (Y + v t) g) with g = 1 / (1 - approach t): d q_Z / f = -approach.
     """
     height, width = size
     y, x = np.mgrid[:height, :width].astype(np.float64)
@@ -48,7 +48,7 @@ def draw(
     image = np.zeros(size)
     open_ = np.ones(size, dtype=bool)
     for number, board in enumerate(boards):
-        g = 1 + board.approach * t
+        g = 1 / (1 - board.approach * t)
         there_x = x / g + board.disparity * position - board.flow[0] * t
         there_y = y / g - board.flow[1] * t
         column, row = there_x + (width - 1) / 2, there_y + (height - 1) / 2

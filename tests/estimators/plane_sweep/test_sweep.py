@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 import scenetruth as st
 from scenetruth.errors import EstimateError
 from scenetruth.estimators.plane_sweep import volume
+from scenetruth.estimators.plane_sweep.strips import strips_of
 from scenetruth.estimators.plane_sweep.sweep import sweep
 from scenetruth.schema import make_recording
 from tests.estimators.plane_sweep.boards import Board, away_from_outlines, images_of, true_disparity
@@ -106,7 +109,7 @@ def test_strips_hardly_show(monkeypatch: pytest.MonkeyPatch) -> None:
     size = (150, 64)
     images = images_of(BOARDS, size, RIGS["five"])
     whole = sweep(images, RIGS["five"], ranges=[(0.0, 12.0)])
-    monkeypatch.setattr(volume, "_ROWS", 20)
+    monkeypatch.setattr(volume, "strips_of", partial(strips_of, rows=20))
     strips = sweep(images, RIGS["five"], ranges=[(0.0, 12.0)])
     monkeypatch.setattr(volume, "_STRIPS_BYTES", 0)
     one_by_one = sweep(images, RIGS["five"], ranges=[(0.0, 12.0)])

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.plane_sweep.hypotheses import spread
+from scenetruth.estimators.plane_sweep.resolution import averaged
 from scenetruth.estimators.plane_sweep.views import Row
 from scenetruth.estimators.plane_sweep.volume import Chosen, choose
 
@@ -42,7 +43,7 @@ def disparity_ranges(images: NDArray[np.float32], row: Row) -> list[tuple[float,
         factor //= 2
     ranges: list[tuple[float, float]] = []
     while factor >= 1:
-        small = _averaged(images, factor)
+        small = averaged(images, factor)
         height, width = small.shape[1:]
         step = min(0.5, 1 / row.farthest)
         widest = (width - max(_COMMON, _COMMON_SHARE * width)) / float(np.abs(row.nearest).min())
@@ -67,12 +68,3 @@ def _ranges(chosen: Chosen, sure: NDArray[np.bool_], step: float, widest: float)
     found = np.flatnonzero((around >= least) & (counts > 0)) * step
     runs = np.split(found, np.flatnonzero(np.diff(found) > _WIDER) + 1) if len(found) else []
     return [(max(float(run[0]) - _WIDER, 0.0), min(float(run[-1]) + _WIDER, widest)) for run in runs]
-
-
-def _averaged(images: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
-    """Return means over squares of pixels; what does not fill a square is left out."""
-    if factor == 1:
-        return images
-    count, height, width = (size // scale for size, scale in zip(images.shape, (1, factor, factor), strict=True))
-    squares = images[:, : height * factor, : width * factor].reshape(count, height, factor, width, factor)
-    return np.asarray(squares.mean(axis=(2, 4)), dtype=np.float32)

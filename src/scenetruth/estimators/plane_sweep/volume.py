@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from scenetruth.estimators.plane_sweep.hypotheses import Hypotheses
 from scenetruth.estimators.plane_sweep.kernels.aggregate import aggregate
 from scenetruth.estimators.plane_sweep.kernels.choose import agreeing, winners
 from scenetruth.estimators.plane_sweep.kernels.costs import COST_OF_BIT, PHASES, census, fill_costs, shifted
+from scenetruth.estimators.plane_sweep.strips import MARGIN, ROWS, Strip, strips_of
 from scenetruth.estimators.plane_sweep.views import Row
 from scenetruth.estimators.threads import in_threads
 
@@ -29,9 +29,6 @@ _EDGE = 15.0
 _MOST_BITS = 15.0
 _SQUARE_PX = 5
 
-# Rows that strips share with their neighbours on either side, and rows of their own.
-_MARGIN = 24
-_ROWS = 120
 # Memory of the strips in work.
 _STRIPS_BYTES = 700e6
 
@@ -55,16 +52,6 @@ class Chosen:
         Of unrelated neighbourhoods, 24 bits differ; the best of many hypotheses finds about 18.
         """
         return self.agreed & (self.distinct > distinctness) & (self.bits < _MOST_BITS)
-
-
-@dataclass(frozen=True)
-class _Strip:
-    first: int
-    last: int
-    """Rows of its own."""
-    top: int
-    bottom: int
-    """Rows with the margins."""
 
 
 def choose(images: Images, row: Row, hypotheses: Hypotheses) -> Chosen:
@@ -96,7 +83,7 @@ def choose(images: Images, row: Row, hypotheses: Hypotheses) -> Chosen:
     distinct, bits = np.empty((2, height, width))
     agreed = np.zeros((height, width), dtype=np.bool_)
 
-    def work(strip: _Strip) -> None:
+    def work(strip: Strip) -> None:
         rows = slice(strip.top, strip.bottom)
         part = images[:, rows]
         reference, views = _censuses(part, row)
@@ -112,18 +99,12 @@ def choose(images: Images, row: Row, hypotheses: Hypotheses) -> Chosen:
         for shift in shifts.T:
             agreeing(own, np.ascontiguousarray(shift), place[rows], tolerance, agreed[rows])
 
-    per_row = width * (3 * count + 8 * (1 + PHASES * len(row.others)) + 12 * count / _ROWS)
-    strips = _strips(height)
-    at_once = max(1, int(_STRIPS_BYTES / (per_row * (_ROWS + 2 * _MARGIN))))
+    per_row = width * (3 * count + 8 * (1 + PHASES * len(row.others)) + 12 * count / ROWS)
+    strips = strips_of(height)
+    at_once = max(1, int(_STRIPS_BYTES / (per_row * (ROWS + 2 * MARGIN))))
     for n in range(0, len(strips), at_once):
         in_threads(work, strips[n : n + at_once])
     return Chosen(hypotheses.at(place), distinct, ndimage.uniform_filter(bits / COST_OF_BIT, _SQUARE_PX), agreed)
-
-
-def _strips(height: int) -> list[_Strip]:
-    count = max(1, round(height / _ROWS))
-    ends = [height * n // count for n in range(count + 1)]
-    return [_Strip(first, last, max(first - _MARGIN, 0), min(last + _MARGIN, height)) for first, last in pairwise(ends)]
 
 
 def _censuses(images: Images, row: Row) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:

@@ -92,8 +92,8 @@ def census(image: Any, out: Any) -> None:
 def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, out: Any) -> None:
     """Compare the reference with all views under every hypothesis.
 
-    Of the views to the left of the reference, those to its right, and all of them, what agrees best counts: what hides
-    a point from some cameras mostly does so on one side.
+    Of the views to the left of the reference and those to its right, the side that agrees better counts: what hides a
+    point from some cameras mostly does so on one side.
 
     Parameters
     ----------
@@ -134,10 +134,9 @@ def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, ou
             for x in range(width):
                 a, b = np.float32(bits[0, x]), np.float32(bits[1, x])
                 m, n = np.float32(seen[0, x]), np.float32(seen[1, x])
-                one, two, both = scale * a / m, scale * b / n, scale * (a + b) / (m + n)
+                one, two = scale * a / m, scale * b / n
                 best = one if m > 0 else largest
                 best = two if n > 0 and two < best else best
-                best = both if m > 0 and both < best else best
                 row[k, x] = np.uint8(best) if m + n > 0 else np.uint8(UNSEEN)
         for x in range(width):
             for k in range(count):
