@@ -206,7 +206,7 @@ def _searched(level: _Level, start: Map, *, first: bool) -> tuple[Map, NDArray[n
 
     q, height = start.copy(), level.reference.shape[0]
     beside = (_BESIDE_PX * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])).tolist()
-    costs = np.empty((1 + len(beside), *level.reference.shape))
+    costs = np.empty((1 + len(beside), *level.reference.shape), dtype=np.float32)
     smooth = (_SMOOTH[0], _SMOOTH[1], _SMOOTH[2] / level.factor)
 
     def work(strip: Strip) -> None:
@@ -227,6 +227,7 @@ def _searched(level: _Level, start: Map, *, first: bool) -> tuple[Map, NDArray[n
     in_threads(work, strips_of(height))
     if level.factor > 1:
         return q, np.zeros(level.reference.shape, dtype=np.bool_)
-    around = np.stack([ndimage.uniform_filter(values, _SQUARE_PX) for values in costs])
-    clear = around[1:].min(axis=0) + _FLOOR_BITS > _DISTINCT * (around[0] + _FLOOR_BITS)
-    return q, clear & (around[0] < _MOST_BITS)
+    for values in costs:
+        ndimage.uniform_filter(values, _SQUARE_PX, output=values)
+    clear = costs[1:].min(axis=0) + _FLOOR_BITS > _DISTINCT * (costs[0] + _FLOOR_BITS)
+    return q, clear & (costs[0] < _MOST_BITS)

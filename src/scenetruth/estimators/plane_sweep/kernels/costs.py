@@ -9,7 +9,7 @@ import numpy as np
 
 from scenetruth.estimators.plane_sweep.kernels.narrow import add, ones
 
-__all__ = ["COST_OF_BIT", "PHASES", "UNSEEN", "census", "fill_costs", "shifted"]
+__all__ = ["COST_OF_BIT", "OTHER_SIDE", "PHASES", "UNSEEN", "census", "fill_costs", "shifted"]
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -17,6 +17,8 @@ PHASES = 8
 """Fractions of a pixel by which views are shifted."""
 COST_OF_BIT = 4
 """Cost of one bit that differs of the 48."""
+OTHER_SIDE = 0.1
+"""Weight of the side that agrees less, which steadies what both see."""
 UNSEEN = 64
 """Cost where no view sees a point: better than what chance finds, worse than what is found."""
 _REACH = 3
@@ -92,8 +94,8 @@ def census(image: Any, out: Any) -> None:
 def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, out: Any) -> None:
     """Compare the reference with all views under every hypothesis.
 
-    Of the views to the left of the reference and those to its right, the side that agrees better counts: what hides a
-    point from some cameras mostly does so on one side.
+    Of the views to the left of the reference and those to its right, the side that agrees better counts, and little
+    the other: what hides a point from some cameras mostly does so on one side.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, ou
     bits = np.empty((2, width), dtype=np.uint32)
     seen = np.empty((2, width), dtype=np.uint32)
     row = np.empty((count, width), dtype=np.uint8)
-    scale, largest = np.float32(COST_OF_BIT), np.float32(255.0)
+    scale, near, far = np.float32(COST_OF_BIT), np.float32(1.0 - OTHER_SIDE), np.float32(OTHER_SIDE)
     for y in range(height):
         here = reference[y]
         for k in range(count):
@@ -135,8 +137,8 @@ def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, ou
                 a, b = np.float32(bits[0, x]), np.float32(bits[1, x])
                 m, n = np.float32(seen[0, x]), np.float32(seen[1, x])
                 one, two = scale * a / m, scale * b / n
-                best = one if m > 0 else largest
-                best = two if n > 0 and two < best else best
+                best = one if m > 0 else two
+                best = near * min(one, two) + far * max(one, two) if m > 0 and n > 0 else best
                 row[k, x] = np.uint8(best) if m + n > 0 else np.uint8(UNSEEN)
         for x in range(width):
             for k in range(count):
