@@ -1,0 +1,45 @@
+"""The plane sweep: disparity of every pixel from all cameras of a frame, without a start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import xarray as xr
+
+from scenetruth.estimators.plane_sweep.settings import PlaneSweepSettings
+from scenetruth.estimators.protocol import Needs, StreamingMethod
+from scenetruth.progress import Progress
+from scenetruth.schema import Put, blank_estimate, put_each
+
+__all__ = ["METHOD"]
+
+
+class _PlaneSweep(StreamingMethod):
+    """Depth by trying disparities: census of all cameras, aggregated semi-globally.
+
+    References
+    ----------
+    R. Zabih and J. Woodfill: Non-parametric Local Transforms for Computing Visual Correspondence. European Conference
+    on Computer Vision, 1994. H. Hirschmüller: Stereo Processing by Semiglobal Matching and Mutual Information. IEEE
+    Transactions on Pattern Analysis and Machine Intelligence 30, 2008.
+    """
+
+    name = "plane_sweep"
+    settings = PlaneSweepSettings
+    gives: frozenset[str] = frozenset({"depth", "disparity"})
+    needs = Needs(cameras=2)
+
+    def blank(self, recording: xr.Dataset, settings: PlaneSweepSettings) -> xr.Dataset:
+        return blank_estimate(["disparity"], like=recording, t=recording["t"].values)
+
+    def fill(
+        self, recording: xr.Dataset, settings: PlaneSweepSettings, put: Put, progress: Progress | None
+    ) -> Mapping[str, Any]:
+        from scenetruth.estimators.plane_sweep.method import disparities
+
+        put_each("disparity", disparities(recording, settings, progress), put, like=recording)
+        return {}
+
+
+METHOD = _PlaneSweep()

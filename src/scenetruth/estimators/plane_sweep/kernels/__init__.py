@@ -1,0 +1,1 @@
+"""Hot loops of the plane sweep, compiled by numba."""
