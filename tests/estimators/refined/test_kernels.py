@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import BSpline
 
-from scenetruth.estimators.refined.kernels import warp, windows
+from scenetruth.estimators.refined.kernels import element, warp, windows
 from scenetruth.estimators.refined.noise import spline_slope_transfer, spline_transfer
 from scenetruth.estimators.refined.rounds import window_weights
 from tests.estimators.refined.surface import MovingPlane, turning
@@ -152,7 +152,9 @@ FIELD = (0,) * 6 + (1,) * 3 + (2,) * 3 + (3,) * 3
 
 
 def blank(theta: Array) -> windows.Fit:
-    return windows.Fit(theta, *(np.full((n, HEIGHT, WIDTH), np.nan) for n in (6, 2, 2)))
+    size, sizes = (HEIGHT, WIDTH), (6, element.VALUES, element.FUNCTIONALS)
+    variance, described, of_element = (np.full((n, *size), np.nan) for n in sizes)
+    return windows.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
 
 
 def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int]) -> tuple[Array, Array]:

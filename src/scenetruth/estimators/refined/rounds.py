@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES
 from scenetruth.estimators.refined.kernels.warp import PRODUCTS, View, add_products, mean_texture, warp_rows
 from scenetruth.estimators.refined.kernels.windows import FULL, Fit, Model, correct_brightness, solve_rows
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
@@ -143,7 +144,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     return Refined(fit, curved, done + 1)
 
 
-# Variances of a fit, with that of growth.
+# Variances of a fit, with those of the surface element.
 _ALL = 7
 _CONSTANT, _PLANE, _CURVED = 1, 3, 6
 _SURFACES = {"constant": [_CONSTANT], "plane": [_PLANE], "curved": [_CURVED], "auto": [_PLANE, _CURVED]}
@@ -257,8 +258,10 @@ def _pieces(first: int, end: int) -> list[tuple[int, int]]:
 
 def _blank(state: Map, *, variances: bool) -> Fit:
     shape = state.shape[1:] if variances else (1, 1)
-    variance, growth = (np.full((count, *shape), np.nan) for count in (6, 2))
-    return Fit(state.copy(), variance, growth, np.full((2, *state.shape[1:]), np.nan))
+    variance = np.full((6, *shape), np.nan)
+    element, of_element = (np.full((count, *shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS))
+    images = np.full(shape, np.nan, dtype=np.float32)
+    return Fit(state.copy(), variance, element, of_element, images, np.full((2, *state.shape[1:]), np.nan))
 
 
 def _kept(state: Map, theta: Map) -> Map:

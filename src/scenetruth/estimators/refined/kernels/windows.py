@@ -8,6 +8,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.kernels.element import (
+    FUNCTIONALS,
+    VALUES,
+    describe_element,
+    metric,
+    tangents_of,
+)
 from scenetruth.estimators.refined.kernels.warp import PRODUCTS, View
 
 __all__ = ["FULL", "Fit", "Model", "correct_brightness", "solve_rows"]
@@ -64,8 +71,12 @@ class Fit(NamedTuple):
     """The full model's parameters, shape (15, height, width)."""
     variance: NDArray[np.float64]
     """Variances of d, d_x, d_y, q_X, q_Y and q_Z in units of the noise's, shape (6, height, width)."""
-    growth: NDArray[np.float64]
-    """Areal growth rate per frame, and its variance, shape (2, height, width)."""
+    element: NDArray[np.float32]
+    """What the surface element is and does, as of `describe_element`, shape (13, height, width)."""
+    element_variance: NDArray[np.float32]
+    """Variances of that in units of the noise's, shape (11, height, width)."""
+    images: NDArray[np.float32]
+    """Mean number of images that show the pixels of the window, shape (height, width)."""
     residual: NDArray[np.float64]
     """Mean squares of what is left, per degree of freedom, and of the texture's gradient, shape (2, height, width)."""
 
@@ -176,7 +187,7 @@ def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places:
     if model.gradient == 1 or model.gradient == 2:
         # q changes by A p over the surface, whose tangents are p_x and p_y; a rotation is A = [w]x, growth is A = e I.
         tangents = np.empty((2, 3))
-        _tangents(theta, x, y, focal, tangents)
+        tangents_of(theta, x, y, focal, tangents)
         for turn in range(3):
             sizes[used + turn] = 4
         sizes[used + 3] = 6
@@ -197,38 +208,15 @@ def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places:
 
 
 @_jit
-def _tangents(theta: Any, x: float, y: float, focal: float, out: Any) -> None:
-    """Write the surface's derivatives along x and y, in baselines: p = (x, y, f) / d."""
-    d = theta[0]
-    for side in range(2):
-        slope = theta[1 + side] / (d * d)
-        out[side, 0] = -x * slope
-        out[side, 1] = -y * slope
-        out[side, 2] = -focal * slope
-        out[side, side] += 1.0 / d
-
-
-@_jit
-def _metric(tangents: Any) -> Any:
-    """Return the first fundamental form E, F, G of two tangents, and its determinant."""
-    e, f, g = 0.0, 0.0, 0.0
-    for k in range(3):
-        e += tangents[0, k] * tangents[0, k]
-        f += tangents[0, k] * tangents[1, k]
-        g += tangents[1, k] * tangents[1, k]
-    return e, f, g, e * g - f * f
-
-
-@_jit
 def _bend(theta: Any, x: float, y: float, focal: float, tangents: Any, bend: Any) -> None:
     """Write the velocity's second-order terms that follow from the surface's: those of ξ², ξη and η², shape (3, 3).
 
     A surface element that turns and grows takes its curvature along: the second derivatives of q are A p_xx, A p_xy and
     A p_yy, where A takes the tangents to the derivatives of q, and the normal to the normal's own rate.
     """
-    _tangents(theta, x, y, focal, tangents)
+    tangents_of(theta, x, y, focal, tangents)
     d = theta[0]
-    e, f, g, area = _metric(tangents)
+    e, f, g, area = metric(tangents)
     n0 = tangents[0, 1] * tangents[1, 2] - tangents[0, 2] * tangents[1, 1]
     n1 = tangents[0, 2] * tangents[1, 0] - tangents[0, 0] * tangents[1, 2]
     n2 = tangents[0, 0] * tangents[1, 1] - tangents[0, 1] * tangents[1, 0]
@@ -391,7 +379,7 @@ def solve_rows(
     chosen
         The model of every pixel of the image, shape (height, width); all of them where it is -1.
     told
-        How many variances are wanted, in the order of `Fit`; 7 for all, with growth and its variance.
+        How many variances are wanted, in the order of `Fit`; 7 for all, with those of the surface element.
     rows
         First and last + 1 row of the products to solve for.
     """
@@ -404,7 +392,10 @@ def solve_rows(
     sizes, bend = np.empty(FULL, dtype=np.int64), np.empty((3, 3))
     small, other, partial = np.empty((FULL, FULL)), np.empty((FULL, FULL)), np.empty(FULL)
     right, scale, solution, column = np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL)
-    whole_column, tangents = np.empty(FULL), np.empty((2, 3))
+    tangents, values_of, gradients = np.empty((2, 3)), np.empty(VALUES), np.zeros((FUNCTIONALS + len(_TOLD), FULL))
+    for k in range(len(_TOLD)):
+        gradients[k, _TOLD[k]] = 1.0
+    every = len(_TOLD) + FUNCTIONALS if told > len(_TOLD) else told
     whole = channels * window[0].sum() ** 2
     curved, bent = False, False
     for m in range(count):
@@ -466,13 +457,17 @@ def solve_rows(
                 for i in range(n):
                     for j in range(n):
                         other[i, j] *= scale[i] * scale[j]
-                for k in range(told):
-                    whole_column[:] = 0.0
-                    if k < len(_TOLD):
-                        whole_column[_TOLD[k]] = 1.0
-                    elif model.gradient > 1 and model.surface > 1:
-                        _growth(theta, from_x, from_y, view.focal, tangents, whole_column)
-                    _along(whole_column, places, values, sizes, n, column)
+                fit.images[y, x] = moments[_FREEDOM, x] / moments[_KNOWN, x] + 1.0
+                if told > len(_TOLD):
+                    described = gradients[len(_TOLD) :]
+                    describe_element(
+                        model.surface, model.gradient, theta, from_x, from_y, view.focal, values_of, described
+                    )
+                    fit.element[:, y, x] = values_of
+                for k in range(every):
+                    if k >= len(_TOLD) and np.isnan(values_of[k - len(_TOLD)]):
+                        continue
+                    _along(gradients[k], places, values, sizes, n, column)
                     for i in range(n):
                         column[i] *= scale[i]
                     _solve(small, n, column)
@@ -485,18 +480,4 @@ def solve_rows(
                     if k < len(_TOLD):
                         fit.variance[k, y, x] = total
                     else:
-                        fit.growth[1, y, x] = total
-                        total = 0.0
-                        for q in range(FULL):
-                            total += whole_column[q] * theta[q]
-                        fit.growth[0, y, x] = total
-
-
-@_jit
-def _growth(theta: Any, x: float, y: float, focal: float, tangents: Any, out: Any) -> None:
-    """Write the functional of the parameters that is the areal growth rate: the surface divergence of q."""
-    _tangents(theta, x, y, focal, tangents)
-    e, f, g, area = _metric(tangents)
-    for k in range(3):
-        out[_D + 3 * k + 1] = (g * tangents[0, k] - f * tangents[1, k]) / area
-        out[_D + 3 * k + 2] = (e * tangents[1, k] - f * tangents[0, k]) / area
+                        fit.element_variance[k - len(_TOLD), y, x] = total
