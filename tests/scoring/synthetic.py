@@ -13,6 +13,12 @@ from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL, Intrinsics, int
 
 BASELINE_MM = 5.0
 
+HELD = (
+    *("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y"),
+    "velocity_endpoint",
+)
+"""What is scored of the estimates here: keys of `QUANTITIES`, the only one that is no scalar last."""
+
 
 @dataclass(frozen=True)
 class Case:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scenetruth.scoring.outliers import RATES, meaningful_rates, outlier_rates
-from scenetruth.scoring.quantities import Pair
+from scenetruth.scoring.reading import Pair
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 from scenetruth.schema import KIND_FULL
-from scenetruth.scoring.quantities import QUANTITIES, full_pixels, read_quantity, read_std
+from scenetruth.scoring.quantities import QUANTITIES
+from scenetruth.scoring.reading import full_pixels, read_quantity, read_std
 from tests.scoring.synthetic import Case
 
 

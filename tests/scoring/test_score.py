@@ -17,12 +17,13 @@ import pytest
 
 from scenetruth.errors import ScoreError
 from scenetruth.schema import KIND_FULL
-from scenetruth.scoring import QUANTITIES, Score, score
+from scenetruth.scoring import Score, score
 from scenetruth.scoring._format import format_number
 from scenetruth.scoring.outliers import RATES
 from scenetruth.scoring.statistics import STATISTICS
 from scenetruth.settings import ScoreSettings
 from tests.scoring.synthetic import (
+    HELD,
     Case,
     make_case,
     make_growing_case,
@@ -32,7 +33,7 @@ from tests.scoring.synthetic import (
     with_regions,
 )
 
-NAMES = (*QUANTITIES, "velocity_endpoint", "outliers")
+NAMES = (*HELD, "outliers")
 BARRED = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z")
 EDGES = ("edge_0_5", "edge_5_10", "edge_10_20", "edge_20_inf")
 SLOPES = ("slope_0_20", "slope_20_45", "slope_45_70", "slope_70_90")

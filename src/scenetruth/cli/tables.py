@@ -51,7 +51,7 @@ def print_score(scored: Score, method: str = "") -> None:
 
     from scenetruth.errors import visible
     from scenetruth.scoring import units_of
-    from scenetruth.scoring.quantities import GROWTH_QUANTITIES
+    from scenetruth.scoring.summary import shown_quantities
 
     headings = {
         "bias": "bias",
@@ -69,13 +69,14 @@ def print_score(scored: Score, method: str = "") -> None:
     table.add_column("unit")
     for name in headings.values():
         table.add_column(name, justify="right")
-    for quantity, values in scored.regions["interior"].items():
-        if quantity == "outliers" or (quantity in GROWTH_QUANTITIES and not scored.grows):
-            continue
-        cells = [values.get(name) for name in headings]
+    for quantity in shown_quantities(scored.regions, grows=scored.grows):
+        cells = [scored.regions["interior"][quantity].get(name) for name in headings]
         table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
     console().print(table)
     _print_regions(scored)
+
+
+_GROWTH = ("growth_rate", "growth_rate_windowed")
 
 
 def _print_regions(scored: Score) -> None:
@@ -84,13 +85,13 @@ def _print_regions(scored: Score) -> None:
 
     from scenetruth.errors import visible
     from scenetruth.scoring import units_of
-    from scenetruth.scoring.quantities import GROWTH_QUANTITIES
+    from scenetruth.scoring.summary import shown_quantities
 
+    shown = shown_quantities(scored.regions, grows=scored.grows)
     names = [
         name
-        for name in ("depth", "flow_x", "velocity_z", "velocity_endpoint", "growth_rate", "growth_rate_windowed")
-        if name in scored.regions["all"]
-        and (name not in GROWTH_QUANTITIES or scored.grows)
+        for name in ("depth", "normal", "flow_x", "velocity_z", "velocity_endpoint", *_GROWTH)
+        if name in shown
         # Flow stands for motion where there is nothing better.
         and (name != "flow_x" or "velocity_z" not in scored.regions["all"])
     ]

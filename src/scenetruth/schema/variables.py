@@ -52,6 +52,23 @@ _SURFACE = {
     "flow": Variable(("image_component", *_MAP), "px/frame", "optical flow (dx/dt, dy/dt) in the camera's image"),
 }
 
+_ELEMENT = {
+    "slope": Variable(("slope_component", *_MAP), "1", "slopes of the surface, dZ/dX and dZ/dY"),
+    "rotation_rate": Variable(("component", *_MAP), "rad/frame", "rotation vector per frame of the surface element"),
+    "growth_rate": Variable(_MAP, "1/frame", "relative rate of growth of the area of the surface element"),
+    "growth_principal": Variable(
+        ("principal", *_MAP), "1/frame", "relative rates of growth of length, the largest and the least"
+    ),
+    "growth_direction": Variable(
+        ("component", *_MAP), "1", "unit vector along which length grows most; either sign stands for both"
+    ),
+}
+
+
+def _std(dims: tuple[str, ...], units: str, what: str) -> Variable:
+    return Variable(dims, units, f"standard deviation of {what} that follows from the images' noise")
+
+
 _KINDS = {"flag_values": [KIND_NONE, KIND_NORMAL, KIND_FULL], "flag_meanings": "none normal full"}
 
 VARIABLES: Mapping[str, Mapping[str, Variable]] = {
@@ -75,19 +92,9 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             "where the surface point is in the camera's image of t - 1, minus the pixel",
         ),
         "normal": Variable(("component", *_MAP), "1", "unit normal of the surface, towards the camera"),
-        "slope": Variable(("slope_component", *_MAP), "1", "slopes of the surface, dZ/dX and dZ/dY"),
+        **_ELEMENT,
         "curvature": Variable(
             ("principal", *_MAP), "1/mm", "principal curvatures, positive where the surface bulges towards the camera"
-        ),
-        "rotation_rate": Variable(
-            ("component", *_MAP), "rad/frame", "rotation vector per frame of the surface element"
-        ),
-        "growth_rate": Variable(_MAP, "1/frame", "relative rate of growth of the area of the surface element"),
-        "growth_principal": Variable(
-            ("principal", *_MAP), "1/frame", "relative rates of growth of length, the largest and the least"
-        ),
-        "growth_direction": Variable(
-            ("component", *_MAP), "1", "unit vector along which length grows most; either sign stands for both"
         ),
         "object_id": Variable(_MAP, "1", "index of the object in the scene", {"no_surface": NO_SURFACE}),
         "face_id": Variable(_MAP, "1", "index of the triangle in its object's mesh", {"no_surface": NO_SURFACE}),
@@ -116,25 +123,35 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     },
     "estimate": {
         **_SURFACE,
-        "slope": Variable(("slope_component", *_MAP), "1", "slopes of the surface, dZ/dX and dZ/dY"),
+        **_ELEMENT,
         "normal": Variable(("component", *_MAP), "1", "unit normal of the surface, towards the camera"),
-        "growth_rate": Variable(_MAP, "1/frame", "relative rate of growth of the area of the surface element"),
-        "growth_rate_std": Variable(
-            _MAP, "1/frame", "standard deviation of the growth rate that follows from the images' noise"
+        "mean_curvature": Variable(
+            _MAP, "1/mm", "mean of the principal curvatures, positive where the surface bulges towards the camera"
         ),
+        "gaussian_curvature": Variable(_MAP, "1/mm^2", "product of the principal curvatures"),
+        "slope_std": _std(("slope_component", *_MAP), "1", "the slopes"),
+        "mean_curvature_std": _std(_MAP, "1/mm", "the mean curvature"),
+        "gaussian_curvature_std": _std(_MAP, "1/mm^2", "the Gaussian curvature"),
+        "rotation_rate_std": _std(("component", *_MAP), "rad/frame", "the rotation vector"),
+        "growth_rate_std": _std(_MAP, "1/frame", "the growth rate"),
+        "growth_principal_std": _std(("principal", *_MAP), "1/frame", "the growth rates of length"),
+        "growth_direction_std": _std(_MAP, "rad", "the angle of the direction of growth in the surface"),
+        "surface_model": Variable(
+            _MAP,
+            "1",
+            "order of the surface that was fitted",
+            {"flag_values": [0, 1, 2, 3], "flag_meanings": "none constant plane curved"},
+        ),
+        "images_used": Variable(_MAP, "1", "mean number of images that show the pixels of the window"),
         "residual": Variable(_MAP, "1", "standard deviation of the images around the fitted model, in grey values"),
         "divergence": Variable(_MAP, "1/frame", "divergence u_z = -U_Z / Z of the optical flow"),
         "kind": Variable(_MAP, "1", "what could be estimated: the lesser of disparity and motion", _KINDS),
         "kind_disparity": Variable(_MAP, "1", "what could be estimated of disparity and depth", _KINDS),
         "kind_motion": Variable(_MAP, "1", "what could be estimated of flow and divergence", _KINDS),
         "model_violation": Variable(_MAP, "1", "images contradict one surface in one motion: occlusion, motion edge"),
-        "depth_std": Variable(_MAP, "mm", "standard deviation of depth that follows from the images' noise"),
-        "velocity_std": Variable(
-            ("component", *_MAP), "mm/frame", "standard deviation of velocity that follows from the images' noise"
-        ),
-        "disparity_std": Variable(
-            _MAP, "px/step", "standard deviation of disparity that follows from the images' noise"
-        ),
+        "depth_std": _std(_MAP, "mm", "depth"),
+        "velocity_std": _std(("component", *_MAP), "mm/frame", "velocity"),
+        "disparity_std": _std(_MAP, "px/step", "disparity"),
         "confidence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),
         "working_point": Variable(_MAP, "px/step", "integer disparity at which the images were registered"),
         "eigenvalues": Variable(("rank", *_MAP), "1", "eigenvalues l1 >= ... >= l5 of the structure tensor"),

@@ -21,7 +21,7 @@ from scenetruth.scoring.gathering import Gathering
 from scenetruth.scoring.growth import growth_pairs, knows_growth
 from scenetruth.scoring.outliers import meaningful_rates_of
 from scenetruth.scoring.parts import aligned_parts, part_count
-from scenetruth.scoring.quantities import Pairs
+from scenetruth.scoring.reading import Pairs
 from scenetruth.scoring.regions import further_regions, main_regions, seen_throughout
 from scenetruth.scoring.score import Score
 from scenetruth.settings import ScoreSettings
@@ -68,11 +68,14 @@ def score(
       percentile of abs(e), relative rms, density and count (see `error_statistics`);
     - ``velocity_endpoint``, the same of the distance ‖U_estimate - U_truth‖ (see `endpoint_statistics`);
     - ``calibration`` and ``within_2_std``, where the estimate states standard deviations (``depth_std``,
-      ``disparity_std``, ``velocity_std``): whether the errors are as large as they say;
+      ``velocity_std``, ``growth_rate_std`` and so on): whether the errors are as large as they say;
     - ``outliers``, the shares of gross errors, where they can tell a good estimate from a poor one (see `outlier_rates`
       and `meaningful_rates`);
+    - slopes, the angle between the normals, mean and Gaussian curvature, the rotation rate, and the largest and least
+      growth of length and its direction, where the estimate has them and the truth tells them (see `QUANTITIES`);
     - ``growth_rate`` and ``growth_rate_windowed`` in % per hour, where the truth has ``growth_rate`` and the estimate
-      depth and velocity (see `surface_growth` and `growth_pairs`).
+      depth and velocity (see `surface_growth` and `growth_pairs`), or a growth rate of its own, which then is the
+      former.
 
     A pixel counts where truth and estimate are finite and the estimate claims to know the quantity: ``kind_disparity``
     is full for depth and disparity, ``kind_motion`` for optical flow, both for velocity and outliers. Where the

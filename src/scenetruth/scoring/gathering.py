@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.scoring.outliers import Outliers, OutlierTally
-from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, Pair, stacked
+from scenetruth.scoring.quantities import OUTLIERS, QUANTITIES
+from scenetruth.scoring.reading import Pair
 from scenetruth.scoring.statistics import Scored, Statistics, Tally
 
 __all__ = ["Gathering"]
 
 Mask = NDArray[np.bool_]
-
-_VELOCITY = ("velocity_x", "velocity_y", "velocity_z")
 
 
 class Gathering:
@@ -40,11 +39,12 @@ class Gathering:
         Parameters
         ----------
         pairs
-            The quantities, and perhaps further scalar quantities by their names; they are looked up once or twice each.
+            The quantities by the keys of `QUANTITIES`; they are looked up once or twice each.
         regions
             Where each region lies, shape (t, y, x).
         """
-        for quantity, scored in _scored(pairs):
+        for quantity, pair in pairs.items():
+            scored = Scored.of(pair, QUANTITIES[quantity].error)
             for name, region in regions.items():
                 own = self._tallies.setdefault(name, {})
                 tally = own.setdefault(quantity, Tally(single=self._single))
@@ -61,8 +61,7 @@ class Gathering:
     def regions(self) -> dict[str, dict[str, Statistics]]:
         """Return the statistics by region and quantity.
 
-        Quantities are those of `QUANTITIES`, ``velocity_endpoint`` where there is a velocity, further ones, and
-        ``outliers`` if there are rates to report.
+        Quantities are those that were counted, and ``outliers`` if there are rates to report.
         """
         found = {
             region: {name: item.statistics() if isinstance(item, Tally) else item for name, item in tallies.items()}
@@ -71,15 +70,3 @@ class Gathering:
         for region, tally in self._outliers.items():
             found[region][OUTLIERS] = tally.rates()
         return found
-
-
-def _scored(pairs: Mapping[str, Pair]) -> Iterator[tuple[str, Scored]]:
-    """Give what is scored, in the order in which it is reported."""
-    for name in pairs:
-        if name in QUANTITIES:
-            yield name, Scored.of(pairs[name])
-    if _VELOCITY[-1] in pairs:
-        yield ENDPOINT, Scored.of_vectors(stacked(pairs, _VELOCITY))
-    for name in pairs:
-        if name not in QUANTITIES:
-            yield name, Scored.of(pairs[name])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.scoring.differences import difference, length
-from scenetruth.scoring.quantities import Pair, stacked
+from scenetruth.scoring.reading import Pair, stacked
 
 __all__ = [
     "OUTLIER_FRACTION",

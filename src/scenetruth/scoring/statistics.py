@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scoring.differences import difference, diverged, length
+from scenetruth.scoring.differences import angle_deg, difference, diverged, length
 from scenetruth.scoring.quantiles import Quantiles
-from scenetruth.scoring.quantities import Pair
+from scenetruth.scoring.quantities import ErrorKind
+from scenetruth.scoring.reading import Pair
 
 __all__ = [
     "STATISTICS",
@@ -105,7 +106,7 @@ def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | No
     dict
         By the names of `STATISTICS`.
     """
-    return _statistics(Scored.of_vectors(Pair(estimate, truth, full)), region)
+    return _statistics(Scored.of(Pair(estimate, truth, full), "distance"), region)
 
 
 @diverged
@@ -143,7 +144,7 @@ class Scored:
     scored
         Where estimate and truth are both known, a map; the following belong to these pixels, in their order.
     error, expected
-        Errors, or distances, and true values or lengths.
+        Errors, distances or angles, and true values or lengths; 0 for angles, which have nothing to compare with.
     std
         The standard deviations that the estimate states, or None.
     """
@@ -155,25 +156,22 @@ class Scored:
     std: Map | None
 
     @classmethod
-    def of(cls, pair: Pair) -> Scored:
-        """Return the errors of a scalar quantity."""
-        known = np.isfinite(pair.truth)
-        scored = known & np.isfinite(pair.estimate)
+    def of(cls, pair: Pair, error: ErrorKind = "difference") -> Scored:
+        """Return the errors of a quantity: vectors, of which distances and angles are taken, have components first."""
+        known: Mask = np.isfinite(pair.truth)
+        finite: Mask = np.isfinite(pair.estimate)
+        if error != "difference":
+            known, finite = np.asarray(known.all(axis=0)), np.asarray(finite.all(axis=0))
+        scored: Mask = known & finite
         if pair.full is not None:
             scored &= pair.full
-        expected = pair.truth[scored]
+        found, expected = pair.estimate[..., scored], pair.truth[..., scored]
         std = None if pair.std is None else pair.std[scored]
-        return cls(known, scored, difference(pair.estimate[scored], expected), expected, std)
-
-    @classmethod
-    def of_vectors(cls, pair: Pair) -> Scored:
-        """Return the distances between vectors, shape (component, ...)."""
-        known: Mask = np.asarray(np.isfinite(pair.truth).all(axis=0))
-        scored: Mask = known & np.isfinite(pair.estimate).all(axis=0)
-        if pair.full is not None:
-            scored &= pair.full
-        expected = pair.truth[:, scored]
-        return cls(known, scored, length(difference(pair.estimate[:, scored], expected)), length(expected), None)
+        if error == "difference":
+            return cls(known, scored, difference(found, expected), expected, std)
+        if error == "distance":
+            return cls(known, scored, length(difference(found, expected)), length(expected), std)
+        return cls(known, scored, angle_deg(found, expected, lines=error == "axis_angle"), np.zeros(scored.sum()), std)
 
 
 class Tally:

@@ -8,8 +8,8 @@ from html import escape
 from scenetruth.scoring._format import format_count, format_number, format_percent
 from scenetruth.scoring.quantities import (
     ENDPOINT,
-    GROWTH_QUANTITIES,
     OUTLIERS,
+    QUANTITIES,
     QUANTITY_GROUPS,
     title_of,
     units_of,
@@ -37,7 +37,7 @@ _COLUMNS: Mapping[str, tuple[str, Callable[[float | None], str]]] = {
 
 def shown_quantities(regions: Regions, *, grows: bool) -> list[str]:
     """Return the quantities of a score that have errors; growth only where something grows."""
-    return [name for name in regions["all"] if name != OUTLIERS and (grows or name not in GROWTH_QUANTITIES)]
+    return [name for name in regions["all"] if name != OUTLIERS and (grows or not QUANTITIES[name].is_growth)]
 
 
 def line_summary(regions: Regions, *, grows: bool) -> str:

@@ -11,7 +11,7 @@ from scipy import ndimage
 from scipy.interpolate import BSpline
 
 from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
-from scenetruth.estimators.refined.kernels import warp, windows
+from scenetruth.estimators.refined.kernels import brightness, element, solving, warp, windows
 from scenetruth.estimators.refined.noise import spline_slope_transfer, spline_transfer
 from tests.estimators.refined.surface import MovingPlane, turning
 
@@ -151,11 +151,13 @@ MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), *((0, 0), (1, 0), (
 FIELD = (0,) * 6 + (1,) * 3 + (2,) * 3 + (3,) * 3
 
 
-def blank(theta: Array) -> windows.Fit:
-    return windows.Fit(theta, *(np.full((n, HEIGHT, WIDTH), np.nan) for n in (6, 2, 2)))
+def blank(theta: Array) -> solving.Fit:
+    size, sizes = (HEIGHT, WIDTH), (6, element.VALUES, element.FUNCTIONALS)
+    variance, described, of_element = (np.full((n, *size), np.nan) for n in sizes)
+    return solving.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
 
 
-def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int]) -> tuple[Array, Array]:
+def plain_fit(products: Array, fields: Array, x: int, y: int, sigma: float, columns: list[int]) -> tuple[Array, Array]:
     """Solve one window by a design over all of its pixels; return the parameters and their variances."""
     reach = int(np.ceil(2 * sigma))
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
@@ -171,7 +173,8 @@ def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int])
         design[field, p] = u**j * v**k
     design = design[:, columns]
     h = np.einsum("yx,apyx,abyx,bqyx->pq", weights, design, m, design, optimize=True)
-    h2 = np.einsum("yx,apyx,abyx,bqyx->pq", weights**2, design, m, design, optimize=True)
+    b = around[10:14] - np.einsum("abyx,byx->ayx", m, fields[:, y - reach : y + reach + 1, x - reach : x + reach + 1])
+    h2 = np.einsum("yx,apyx,ayx,byx,bqyx->pq", weights**2, design, b, b, design, optimize=True)
     right = np.einsum("yx,apyx,ayx->p", weights, design, around[10:14])
     inverse = np.linalg.inv(h)
     return inverse @ right, np.diag(inverse @ h2 @ inverse)
@@ -189,12 +192,12 @@ def test_windows_are_solved(fields: Array, warped: Warped, surface: int, columns
     # So far away that its tangents bend by nothing.
     theta[0] = 1e6
     fit = blank(theta)
-    model = windows.Model(surface, 3, gradient)
+    model = solving.Model(surface, 3, gradient)
     every = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
     windows.solve_rows(products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, 7, (0, HEIGHT))
     chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15)))
     for y, x in ((20, 28), (17, 24), (22, 31)):
-        expected, variance = plain_fit(products, x, y, sigma, chosen)
+        expected, variance = plain_fit(products, fields, x, y, sigma, chosen)
         np.testing.assert_allclose(fit.theta[chosen, y, x], expected, rtol=1e-6, atol=1e-9)
         told = [chosen.index(p) for p in (0, 1, 2, 6, 9, 12)]
         np.testing.assert_allclose(fit.variance[:, y, x], variance[told], rtol=1e-6)
@@ -223,7 +226,7 @@ def test_a_turning_surface_bends_its_velocity(seed: int) -> None:
         (velocity(0, h) - 2 * velocity(0, 0) + velocity(0, -h)) / (2 * h**2),
     ]
     bend = np.empty((3, 3))
-    windows._bend(theta, x0, y0, focal, np.empty((2, 3)), bend)
+    solving._bend(theta, x0, y0, focal, np.empty((2, 3)), bend)
     # Differences over 0.05 px err by rounding of 1e-13 over h².
     np.testing.assert_allclose(bend, second, atol=1e-3 * np.abs(second).max() + 1e-9)
 
@@ -236,7 +239,7 @@ def test_brightness_is_taken_from_each_window(step: int, first_row: int) -> None
     image[10:14, 5:9] = np.nan
     out = np.empty_like(image)
     window = window_weights(3.0)[0, 0].astype(np.float32)
-    windows.correct_brightness(image, texture, window, step, first_row, out)
+    brightness.correct_brightness(image, texture, window, step, first_row, out)
     known = np.isfinite(image)
     np.testing.assert_allclose(out[known], texture[known], atol=0.01)
     assert np.isnan(out[~known]).all()
@@ -258,9 +261,9 @@ def test_brightness_is_that_of_a_regression() -> None:
     offset = (g - gain * h) / n
     single = [values.astype(np.float32) for values in (image, texture, weights)]
     out = np.empty((40, 50), dtype=np.float32)
-    windows.correct_brightness(*single, 1, 0, out)
+    brightness.correct_brightness(*single, 1, 0, out)
     np.testing.assert_allclose(out, (image - offset) / gain, atol=0.01)
-    windows.correct_brightness(*single, 2, 0, out)
+    brightness.correct_brightness(*single, 2, 0, out)
     expected = [values.copy() for values in (gain, offset)]
     for values in expected:
         values[1:-1:2] = (values[:-2:2] + values[2::2]) / 2

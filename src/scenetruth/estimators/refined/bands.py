@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.images import Images
+from scenetruth.estimators.refined.kernels.brightness import correct_brightness
 from scenetruth.estimators.refined.kernels.warp import PRODUCTS, View, add_products, mean_texture, warp_rows
-from scenetruth.estimators.refined.kernels.windows import correct_brightness
 from scenetruth.estimators.threads import in_threads
 
 __all__ = ["NOTHING_HIDDEN", "Band", "bands", "pieces", "window_weights"]

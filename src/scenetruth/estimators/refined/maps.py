@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from scenetruth.estimators.refined.images import Images
+from scenetruth.estimators.refined.kernels.solving import Fit
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
 from scenetruth.estimators.refined.outlines import FARTHEST, Beside
 from scenetruth.estimators.refined.rounds import Refined
@@ -23,6 +24,8 @@ Map = NDArray[np.float64]
 _SHIFT_PX = 0.25
 # Beyond this, disparity or flow is not known.
 _LARGEST_STD_PX = 0.5
+# Values of ``surface_model``.
+_NONE, _CONSTANT, _PLANE, _CURVED = range(4)
 
 
 def types_of(cameras: int, frames: int, settings: RefinedSettings) -> Mapping[str, tuple[tuple[int, ...], DTypeLike]]:
@@ -37,16 +40,34 @@ def types_of(cameras: int, frames: int, settings: RefinedSettings) -> Mapping[st
     }
     if cameras > 1:
         found |= {"depth_std": ((), single), "disparity_std": ((), single)}
+        found |= {"surface_model": ((), np.uint8)}
         if settings.surface != "constant":
-            found |= {"slope": ((2,), single), "normal": ((3,), single)}
+            found |= {"slope": ((2,), single), "slope_std": ((2,), single), "normal": ((3,), single)}
+        if settings.surface in ("curved", "auto"):
+            found |= _with_std("mean_curvature", ()) | _with_std("gaussian_curvature", ())
     if frames > 1:
         found |= {"divergence": ((), single)}
     if cameras > 1 and frames > 1:
         found |= {"velocity_std": ((3,), single)}
-        if settings.motion in ("growing", "affine") and settings.surface != "constant":
-            found |= {"growth_rate": ((), single), "growth_rate_std": ((), single)}
-    found |= {"residual": ((), single), "kind": ((), np.uint8), "model_violation": ((), np.bool_)}
+        motion = "translation" if settings.surface == "constant" else settings.motion
+        if motion != "translation":
+            found |= _with_std("rotation_rate", (3,))
+        if motion in ("growing", "affine"):
+            found |= _with_std("growth_rate", ())
+        if motion == "affine":
+            found |= _with_std("growth_principal", (2,))
+            found |= {"growth_direction": ((3,), single), "growth_direction_std": ((), single)}
+    found |= {
+        "residual": ((), single),
+        "images_used": ((), single),
+        "kind": ((), np.uint8),
+        "model_violation": ((), np.bool_),
+    }
     return found
+
+
+def _with_std(name: str, components: tuple[int, ...]) -> dict[str, tuple[tuple[int, ...], DTypeLike]]:
+    return {name: (components, np.float32), f"{name}_std": (components, np.float32)}
 
 
 def maps_of(
@@ -102,7 +123,7 @@ def maps_of(
             known &= (depth > 0) & (std[0] < _LARGEST_STD_PX)
             found |= {"disparity": d * step_px, "disparity_std": std[0] * step_px}
             found |= {"depth": depth, "depth_std": depth / np.abs(d) * std[0]}
-            found |= _surface(theta, x, y, focal)
+            found |= {"normal": _normal(theta, x, y, focal)}
         if frames > 1:
             known &= np.abs(d) * std[3:5].max(axis=0) < _LARGEST_STD_PX
             rate = -d * q[2] / focal if cameras > 1 else 0.5 * (theta[7] + theta[11])
@@ -110,10 +131,13 @@ def maps_of(
             found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:] * abs(baseline_mm)}
-            found |= {"growth_rate": fit.growth[0], "growth_rate_std": np.sqrt(fit.growth[1]) / spline_transfer()}
+        found |= _element(fit, baseline_mm)
+    order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
     # These are told everywhere.
     maps: dict[str, NDArray[Any]] = {
         "residual": left,
+        "images_used": fit.images,
+        "surface_model": np.where(known, order, _NONE),
         "kind": np.where(known, KIND_FULL, KIND_NONE),
         "model_violation": violated,
     }
@@ -140,17 +164,38 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: int, sigma_px: flo
     return np.asarray(textured(texture, noise, images) | (middle_px < FARTHEST * sigma_px))
 
 
-def _surface(theta: Map, x: Map, y: Map, focal: float) -> dict[str, Map]:
-    """Return slopes dZ/dX and dZ/dY, and the unit normal towards the camera.
+def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:
+    """Return the unit normal towards the camera.
 
     With the plane d(x, y) = d_0 + d_x ξ + d_y η in the image, the surface is N · P = const with
     N = (f d_x, f d_y, d_0 - d_x x - d_y y).
     """
-    along, down = focal * theta[1], focal * theta[2]
-    ahead = theta[0] - theta[1] * x - theta[2] * y
-    normal = np.stack([along, down, ahead])
+    normal = np.stack([focal * theta[1], focal * theta[2], theta[0] - theta[1] * x - theta[2] * y])
     normal /= np.linalg.norm(normal, axis=0)
     # Towards the camera: against the line of sight (x, y, f).
     facing = normal[0] * x + normal[1] * y + normal[2] * focal
     normal *= -np.sign(facing)
-    return {"slope": np.stack([-along / ahead, -down / ahead]), "normal": normal}
+    return normal
+
+
+def _element(fit: Fit, baseline_mm: float) -> dict[str, Map]:
+    """Return what the surface element is and does, with standard deviations; see `describe_element`."""
+    values, std = fit.element.astype(np.float64), np.sqrt(fit.element_variance) / spline_transfer()
+    # Where baselines are negative, so are disparities.
+    for place, unit in ((2, abs(baseline_mm)), (3, baseline_mm**2)):
+        values[place] /= unit
+        std[place] /= unit
+    direction = values[10:]
+    # Of both signs that with X > 0, as in the truth.
+    direction *= np.where(direction[0] < 0, -1.0, 1.0)
+    parts: dict[str, int | slice] = {
+        "slope": slice(0, 2),
+        "mean_curvature": 2,
+        "gaussian_curvature": 3,
+        "rotation_rate": slice(4, 7),
+        "growth_rate": 7,
+        "growth_principal": slice(8, 10),
+    }
+    found = {name: values[part] for name, part in parts.items()}
+    found |= {f"{name}_std": std[part] for name, part in parts.items()}
+    return found | {"growth_direction": direction, "growth_direction_std": std[10]}

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, Band, bands, window_weights
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.members import solve_members
+from scenetruth.estimators.refined.kernels.solving import Fit, Model
 from scenetruth.estimators.refined.kernels.visibility import hide
-from scenetruth.estimators.refined.kernels.windows import Fit, Model
 from scenetruth.estimators.refined.noise import noise_of, textured
 from scenetruth.estimators.refined.rounds import (
     FIELDS,
@@ -116,13 +116,18 @@ def refit_beside_outlines(
     square, gradient = refined.fit.residual
     fitted = square < np.maximum((settings.acceptance * noise) ** 2, _EXPLAINED_PX**2 * gradient)
     where &= refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True)
-    final = Fit(*(np.where(where, new, old) for new, old in zip(fit, refined.fit, strict=True)))
+    final = _chosen(where, fit, refined.fit)
     explained = seen.square <= np.maximum((settings.acceptance * noise) ** 2, _EXPLAINED_PX**2 * seen.gradient)
     own = textured(seen.gradient.astype(np.float64), noise, len(images.view().s))
     sound = where & explained & (shares[0] > _LEAST_SHARE) & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
     sound &= ~_mixed(images, np.where(where, final.theta, whole))
     result = Refined(final, refined.curved & ~where, refined.rounds, refined.seen, refined.uneven)
     return result, Beside(where, sound)
+
+
+def _chosen(where: Mask, fit: Fit, other: Fit) -> Fit:
+    """Return one fit where it is chosen, and another elsewhere."""
+    return Fit(*(np.where(where, getattr(fit, name), getattr(other, name)) for name in Fit._fields))
 
 
 def _unexplained(seen: Seen, noise: float) -> Mask:
@@ -211,7 +216,7 @@ def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: Refi
                 _solve(images, band, fields, noise, finer, model, fine, inner)
         theta = np.where(where & sound_step(theta, fit.theta), fit.theta, theta)
     uneven = differ(fit, fine, finer)
-    return Fit(*(np.where(uneven, small, large) for large, small in zip(fit, fine, strict=True))), seen, shares
+    return _chosen(uneven, fine, fit), seen, shares
 
 
 def _solve(

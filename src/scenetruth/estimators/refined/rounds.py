@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.bands import bands, pieces, window_weights
 from scenetruth.estimators.refined.images import Images
-from scenetruth.estimators.refined.kernels.windows import FULL, Fit, Model, solve_rows
+from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES
+from scenetruth.estimators.refined.kernels.solving import FULL, Fit, Model
+from scenetruth.estimators.refined.kernels.windows import solve_rows
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
 from scenetruth.estimators.refined.seen import Seen
 from scenetruth.estimators.refined.settings import RefinedSettings
@@ -120,7 +122,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     return Refined(fit, curved, done + 1, seen, uneven)
 
 
-# Variances of a fit, with that of growth.
+# Variances of a fit, with those of the surface element.
 ALL_VARIANCES = 7
 _CONSTANT, _PLANE, _CURVED = 1, 3, 6
 _SURFACES = {"constant": [_CONSTANT], "plane": [_PLANE], "curved": [_CURVED], "auto": [_PLANE, _CURVED]}
@@ -207,8 +209,10 @@ def fit_round(
 def blank_fit(state: Map, *, variances: bool) -> Fit:
     """Return a fit that starts from some parameters."""
     shape = state.shape[1:] if variances else (1, 1)
-    variance, growth = (np.full((count, *shape), np.nan) for count in (6, 2))
-    return Fit(state.copy(), variance, growth, np.full((2, *state.shape[1:]), np.nan))
+    variance = np.full((6, *shape), np.nan)
+    element, of_element = (np.full((count, *shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS))
+    images = np.full(shape, np.nan, dtype=np.float32)
+    return Fit(state.copy(), variance, element, of_element, images, np.full((2, *state.shape[1:]), np.nan))
 
 
 def sound_step(state: Map, theta: Map) -> NDArray[np.bool_]:

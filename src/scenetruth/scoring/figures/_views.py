@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scenetruth.schema import KIND_NONE, Intrinsics, intrinsics_of
 from scenetruth.scoring.alignment import align, check_alignable, check_estimate, check_recording, select_pixels
 from scenetruth.scoring.pixel_coordinates import PixelCoordinates, coordinates_of, surface_points
-from scenetruth.scoring.quantities import QUANTITIES, full_pixels, has_std, quantities_of, read_quantity, read_std
+from scenetruth.scoring.quantities import QUANTITIES
+from scenetruth.scoring.reading import full_pixels, has_std, quantities_of, read_quantity, read_std, tells
 
 __all__ = ["Views", "views_of"]
 
@@ -66,8 +67,8 @@ class Views:
     intrinsics
         Of the estimate.
     estimate, truth
-        Maps by the names of `QUANTITIES`: those that the estimate has. The estimate is NaN wherever its kind is not
-        full (see `full_pixels`). Without truth, that is empty.
+        Maps by the names of `QUANTITIES`: the scalars that the estimate has, and those of them that the truth tells.
+        The estimate is NaN wherever its kind is not full (see `full_pixels`). Without truth, that is empty.
     mixed
         The truth's mixed pixels; none without truth.
     stds
@@ -163,7 +164,10 @@ def views_of(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | No
         grid=coordinates_of(estimate),
         intrinsics=intrinsics_of(estimate),
         estimate=_ReadWhenNeeded(names, lambda name: known(name, read_quantity(estimate, name))),
-        truth=_ReadWhenNeeded(() if truth is None else names, lambda name: read_quantity(exact, name)[0]),
+        truth=_ReadWhenNeeded(
+            () if truth is None else [name for name in names if tells(truth, name)],
+            lambda name: read_quantity(exact, name)[0],
+        ),
         mixed=np.zeros(grey.shape, dtype=bool) if truth is None else truth["mixed"].values[0].astype(bool),
         stds=_ReadWhenNeeded([name for name in names if has_std(estimate, name)], std),
         confidence=estimate["confidence"].values[0].astype(np.float64) if "confidence" in estimate else None,

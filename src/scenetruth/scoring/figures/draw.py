@@ -160,6 +160,7 @@ def _plan(
     """Return the figures that the estimate knows enough for, in reading order."""
     views = views_of(recording, estimate, truth)
     depth, velocity = views.knows("depth"), views.knows("velocity_z")
+    growth = (depth and velocity) or views.knows("growth_rate")
     plan: list[tuple[str, bool, Draw]] = [
         ("image", True, lambda: draw_image(views, target)),
         ("surface", depth, lambda: draw_surface(views, target)),
@@ -171,11 +172,10 @@ def _plan(
         ("disparity", views.knows("disparity") and not depth, lambda: draw_disparity(views, target)),
     ]
     if truth is None or score is None:
-        plan.append(("growth_rate", depth and velocity, lambda: draw_growth_alone(views, estimate, target)))
+        plan.append(("growth_rate", growth, lambda: draw_growth_alone(views, estimate, target)))
     else:
-        grows = depth and velocity and score.grows
         plan += [
-            ("growth_rate", grows, lambda: draw_growth(views, estimate, truth, score, target)),
+            ("growth_rate", growth and score.grows, lambda: draw_growth(views, estimate, truth, score, target)),
             ("error_histograms", True, lambda: draw_error_histograms(estimate, truth, score, target)),
         ]
     plan += [

@@ -27,7 +27,8 @@ from scenetruth.scoring.figures._common import (
 )
 from scenetruth.scoring.figures._views import Views
 from scenetruth.scoring.parts import aligned_parts
-from scenetruth.scoring.quantities import QUANTITIES, quantities_of, read_pair, read_std
+from scenetruth.scoring.quantities import QUANTITIES
+from scenetruth.scoring.reading import quantities_of, read_pair, read_std
 from scenetruth.scoring.regions import main_regions
 from scenetruth.scoring.score import Score
 from scenetruth.scoring.statistics import Scored, standardised
@@ -92,7 +93,9 @@ def _interior_ratios(estimate: xr.Dataset, truth: xr.Dataset, score: Score) -> d
     for found, exact in aligned_parts(estimate, truth):
         interior = main_regions(exact, margin_px)["interior"]
         for name in quantities_of(found):
-            std = None if name not in _COLOURS else read_std(found, name)
+            # A score of earlier days may lack what the estimate has.
+            shown = name in _COLOURS and name in score.regions["interior"]
+            std = read_std(found, name) if shown else None
             if std is None:
                 continue
             scored = Scored.of(read_pair(found, exact, name))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,12 @@ from numpy.typing import NDArray
 from scenetruth.scoring.figures._common import BLUE, GREY, FigureInfo, new_figure, save
 from scenetruth.scoring.parts import aligned_parts, part_count
 from scenetruth.scoring.quantiles import Quantiles
-from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES, Pairs, stacked, units_of
+from scenetruth.scoring.quantities import QUANTITIES, units_of
+from scenetruth.scoring.reading import Pairs
 from scenetruth.scoring.regions import main_regions
 from scenetruth.scoring.score import Score
 from scenetruth.scoring.statistics import Scored
+from scenetruth.scoring.summary import shown_quantities
 
 __all__ = ["draw_error_histograms"]
 
@@ -38,7 +39,8 @@ _STYLES: tuple[dict[str, Any], ...] = (
 def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path) -> FigureInfo:
     """Draw the histogram of every quantity's errors in both regions, over all frames."""
     margin_px = float(score.metadata.get("margin_px", 20.0))
-    edges, counts = _histograms(estimate, truth, margin_px)
+    names = shown_quantities(score.regions, grows=score.grows)
+    edges, counts = _histograms(estimate, truth, names, margin_px)
 
     # A fixed layout: finding one for eight logarithmic axes takes longer than all else here.
     rows, columns = math.ceil(len(counts) / 4), min(len(counts), 4)
@@ -64,18 +66,18 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
 
 
 def _histograms(
-    estimate: xr.Dataset, truth: xr.Dataset, margin_px: float
+    estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
 ) -> tuple[dict[str, Map], dict[str, dict[str, Counts]]]:
     """Return the edges of every quantity's bins, and how many errors lie in each by region."""
     edges: dict[str, Map] = {}
     single = part_count(estimate) == 1
     if not single:
         sizes: dict[str, dict[str, Quantiles]] = {}
-        for name, samples in _samples(estimate, truth, margin_px):
+        for name, samples in _samples(estimate, truth, names, margin_px):
             _add(sizes.setdefault(name, {}), samples, single=False)
         edges = {name: _edges(name, regions) for name, regions in sizes.items()}
     counts: dict[str, dict[str, Counts]] = {}
-    for name, samples in _samples(estimate, truth, margin_px):
+    for name, samples in _samples(estimate, truth, names, margin_px):
         if single:
             edges[name] = _edges(name, _add({}, samples, single=True))
         own = counts.setdefault(name, {})
@@ -91,37 +93,30 @@ def _add(sizes: dict[str, Quantiles], samples: Mapping[str, Map], *, single: boo
     return sizes
 
 
-def _samples(estimate: xr.Dataset, truth: xr.Dataset, margin_px: float) -> Iterator[tuple[str, dict[str, Map]]]:
-    """Give the errors of every quantity and of the velocity's endpoint in both regions, part by part."""
+def _samples(
+    estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
+) -> Iterator[tuple[str, dict[str, Map]]]:
+    """Give the errors of every quantity that the data sets hold in both regions, part by part."""
     for found, exact in aligned_parts(estimate, truth):
         masks = main_regions(exact, margin_px)
         pairs = Pairs(found, exact)
-        scored = {name: partial(_scored, pairs, name) for name in pairs}
-        if "velocity_z" in pairs:
-            scored[ENDPOINT] = partial(_scored_endpoint, pairs)
-        for name, read in scored.items():
-            one = read()
-            yield name, {region: one.error[mask[one.scored]] for region, mask in masks.items()}
-
-
-def _scored(pairs: Pairs, name: str) -> Scored:
-    return Scored.of(pairs[name])
-
-
-def _scored_endpoint(pairs: Pairs) -> Scored:
-    return Scored.of_vectors(stacked(pairs, ("velocity_x", "velocity_y", "velocity_z")))
+        for name in names:
+            if name in pairs:
+                one = Scored.of(pairs[name], QUANTITIES[name].error)
+                yield name, {region: one.error[mask[one.scored]] for region, mask in masks.items()}
 
 
 def _edges(name: str, sizes: Mapping[str, Quantiles]) -> Map:
     """Return the edges of the bins; the interior decides on their range, if anything is scored there."""
     bound = next((value for region in ("interior", "all") if np.isfinite(value := sizes[region].at([99])[0])), 0.0)
     bound = _RANGE * bound or 1.0
-    return np.linspace(0.0 if name == ENDPOINT else -bound, bound, _BINS + 1)
+    return np.linspace(-bound if QUANTITIES[name].error == "difference" else 0.0, bound, _BINS + 1)
 
 
 def _draw_panel(axes: Any, name: str, counts: Mapping[str, Counts], edges: Map, score: Score) -> None:
-    symbol = "distance" if name == ENDPOINT else f"error of ${QUANTITIES[name].symbol}$"
-    axes.set_title("Velocity, endpoint" if name == ENDPOINT else QUANTITIES[name].title)
+    entry = QUANTITIES[name]
+    symbol = {"difference": f"error of ${entry.symbol}$", "distance": "distance"}.get(entry.error, "angle")
+    axes.set_title(entry.title)
     axes.set_xlabel(f"{symbol} [{units_of(name)}]")
     axes.locator_params(axis="x", nbins=5)
     axes.set_yscale("log")

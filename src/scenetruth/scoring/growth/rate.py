@@ -9,14 +9,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, ScoreError
-from scenetruth.schema import Intrinsics, intrinsics_of
+from scenetruth.schema import intrinsics_of
 from scenetruth.scoring.growth.patches import surface_patches
 from scenetruth.scoring.growth.window import windowed_growth
 from scenetruth.scoring.pixel_coordinates import coordinates_of, surface_points
-from scenetruth.scoring.quantities import Pair, full_pixels
+from scenetruth.scoring.reading import Pair, full_pixels, percent_per_hour
 from scenetruth.settings import ScoreSettings
 
-__all__ = ["GrowthMaps", "growth_maps", "growth_pairs", "knows_growth", "percent_per_hour", "surface_growth"]
+__all__ = ["GrowthMaps", "growth_maps", "growth_pairs", "knows_growth", "surface_growth"]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -144,10 +144,11 @@ def knows_growth(estimate: xr.Dataset, truth: xr.Dataset) -> bool:
 
 
 def growth_pairs(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> dict[str, Pair]:
-    """Return what is scored of the growth rate, in % per hour.
+    """Return what is scored of the growth rate that follows from depth and velocity, in % per hour.
 
     ``growth_rate`` compares with the truth of every pixel, ``growth_rate_windowed`` with the truth in the same window:
-    the error of the former is that of the latter plus the bias of the window.
+    the error of the former is that of the latter plus the bias of the window. (Of an estimate with a growth rate of its
+    own, `Pairs` takes that for the former.)
 
     Parameters
     ----------
@@ -161,11 +162,6 @@ def growth_pairs(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSetting
         "growth_rate": Pair(found, factor * maps.truth),
         "growth_rate_windowed": Pair(found, factor * maps.truth_windowed),
     }
-
-
-def percent_per_hour(intrinsics: Intrinsics) -> float:
-    """Return the factor from 1/frame to % per hour."""
-    return 100.0 * 3600.0 / intrinsics.frame_interval_s
 
 
 def _known(dataset: xr.Dataset) -> Mask:

@@ -20,6 +20,8 @@ _HEADLINES = (
     ("Disparity", "disparity", "rms"),
     ("Velocity in Z", "velocity_z", "rms"),
     ("Velocity endpoint", ENDPOINT, "rms"),
+    ("Normal", "normal", "rms"),
+    ("Growth rate", "growth_rate", "rms"),
     ("Growth rate, windowed", "growth_rate_windowed", "rms"),
     ("Density of depth", "depth", "density"),
     ("Scene flow outliers", OUTLIERS, "scene_flow_rate"),
@@ -30,9 +32,14 @@ _HEADLINES_OF_FLOW = (
     ("Density of optical flow", "flow_x", "density"),
 )
 """Of an estimate without depth and velocity, flow is all that there is."""
-_BY_REGION = ("depth", "disparity", "velocity_z", ENDPOINT, "growth_rate", "growth_rate_windowed")
+_BY_REGION = ("depth", "disparity", "normal", "velocity_z", ENDPOINT, "growth_rate", "growth_rate_windowed")
 """Quantities whose rms errors are shown for every region."""
-_SHORT = {ENDPOINT: "U, endpoint", "growth_rate": "growth rate", "growth_rate_windowed": "growth, windowed"}
+_SHORT = {
+    ENDPOINT: "U, endpoint",
+    "normal": "normal",
+    "growth_rate": "growth rate",
+    "growth_rate_windowed": "growth, windowed",
+}
 _RATES = {"disparity_rate": "disparity", "flow_rate": "optical flow", "scene_flow_rate": "scene flow"}
 
 

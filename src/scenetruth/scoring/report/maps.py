@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from scenetruth.schema import intrinsics_of
 from scenetruth.scoring.alignment import check_estimate
-from scenetruth.scoring.growth import percent_per_hour, surface_growth
+from scenetruth.scoring.growth import surface_growth
 from scenetruth.scoring.parts import part_count, parts_of
 from scenetruth.scoring.quantiles import Quantiles
-from scenetruth.scoring.quantities import QUANTITIES, full_pixels, quantities_of, read_quantity, read_std, units_of
+from scenetruth.scoring.quantities import QUANTITIES, title_of, units_of
+from scenetruth.scoring.reading import full_pixels, percent_per_hour, quantities_of, read_quantity, read_std
 
 __all__ = ["MapSummary", "describe_maps"]
 
@@ -49,10 +50,11 @@ class MapSummary:
 
 
 def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
-    """Return the summaries of what an estimate holds: the keys of `QUANTITIES`, and ``growth_rate``.
+    """Return the summaries of the scalars that an estimate holds, by the keys of `QUANTITIES`.
 
-    A pixel counts where the estimate is finite and claims to know the quantity (see `full_pixels`). Growth follows from
-    depth and velocity, in % per hour (see `surface_growth`); it is left out where no window holds enough.
+    A pixel counts where the estimate is finite and claims to know the quantity (see `full_pixels`). Where the estimate
+    has no ``growth_rate`` of its own, it follows from depth and velocity (see `surface_growth`), if any window holds
+    enough.
 
     Raises
     ------
@@ -67,11 +69,10 @@ def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
             full = full_pixels(part, QUANTITIES[name].variable)
             values = np.where(full, read_quantity(part, name), np.nan)
             found.setdefault(name, _Values(single=single)).add(values, read_std(part, name))
-        if {"depth", "velocity"} <= set(part):
+        if "growth_rate" not in part and {"depth", "velocity"} <= set(part):
             growth = percent_per_hour(intrinsics_of(part)) * surface_growth(part).values
             found.setdefault("growth_rate", _Values(single=single)).add(growth, None)
-    titles = {name: QUANTITIES[name].title for name in quantities_of(estimate)} | {"growth_rate": "Growth rate"}
-    summaries = {name: values.summary(titles[name], units_of(name)) for name, values in found.items()}
+    summaries = {name: values.summary(title_of(name), units_of(name)) for name, values in found.items()}
     return {name: item for name, item in summaries.items() if name != "growth_rate" or item.count}
 
 

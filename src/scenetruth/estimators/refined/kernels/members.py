@@ -8,14 +8,24 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.kernels.solving import (
+    CURVED,
+    GRADIENTS,
+    KNOWN,
+    MOMENTS,
+    POWERS,
+    SUMS,
+    Fit,
+    Model,
+    fit_window,
+    work_space,
+)
 from scenetruth.estimators.refined.kernels.warp import View
-from scenetruth.estimators.refined.kernels.windows import _MOMENTS, _POWERS, _SUMS, Fit, Model, _fit_window, _work
 
 __all__ = ["solve_members"]
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
-_D = 6
 _ALL = 7
 
 
@@ -30,7 +40,7 @@ def _belongs(theta: Any, x: float, y: float, own: Any, product: Any, limit: floa
         return False
     step[0] = (theta[0] + theta[1] * x + theta[2] * y + theta[3] * x_x + theta[4] * x_y + theta[5] * y_y) - own[0]
     for k in range(3):
-        step[1 + k] = theta[_D + 3 * k] + theta[_D + 1 + 3 * k] * x + theta[_D + 2 + 3 * k] * y - own[1 + k]
+        step[1 + k] = theta[CURVED + 3 * k] + theta[CURVED + 1 + 3 * k] * x + theta[CURVED + 2 + 3 * k] * y - own[1 + k]
     moved = abs(step[0]) * reach[0]
     along = abs(own[0]) * reach[1]
     for k in range(3):
@@ -100,13 +110,13 @@ def solve_members(
     rows, width = limit.shape
     around = weights.shape[2] // 2
     window, squared = weights[0], weights[1]
-    moments, seconds = np.empty((_MOMENTS, 1)), np.empty((_MOMENTS, 1))
-    sums, second_sums = np.empty((_SUMS, _POWERS)), np.empty((10, _POWERS))
-    work, step, middle = _work(), np.empty(4), np.empty(3)
+    moments, seconds = np.empty((MOMENTS, 1)), np.empty((MOMENTS, 1))
+    sums, second_sums = np.empty((SUMS, POWERS)), np.empty((10, POWERS))
+    work, step, middle = work_space(), np.empty(4), np.empty(3)
     theta, own = np.empty(15), np.empty(4)
     powers = 4 if model.gradient > 0 and model.surface > 1 else 3
-    if model.surface == _D:
-        powers = _POWERS
+    if model.surface == CURVED:
+        powers = POWERS
     whole = window[0].sum() ** 2
     for number in range(part[0], part[1]):
         y, x = pixels[number]
@@ -128,27 +138,26 @@ def solve_members(
                 met = True
                 for j in range(powers):
                     w = window[j, u - x + around]
-                    for n in range(_SUMS):
+                    for n in range(SUMS):
                         sums[n, j] += w * product[n]
                     w = squared[j, u - x + around]
                     for n in range(10):
-                        second_sums[n, j] += w * product[_SUMS + n]
+                        second_sums[n, j] += w * product[SUMS + n]
             if not met:
                 continue
             at = v - row + around
             for k in range(powers):
-                for n in range(_SUMS):
+                for n in range(SUMS):
                     for j in range(powers - k):
-                        moments[(n * _POWERS + j) * _POWERS + k, 0] += window[k, at] * sums[n, j]
+                        moments[(n * POWERS + j) * POWERS + k, 0] += window[k, at] * sums[n, j]
                 for n in range(10):
                     for j in range(powers - k):
-                        seconds[(n * _POWERS + j) * _POWERS + k, 0] += squared[k, at] * second_sums[n, j]
-        first = 17 * _POWERS**2
-        gradient = moments[first, 0]
-        known = moments[16 * _POWERS**2, 0]
+                        seconds[(n * POWERS + j) * POWERS + k, 0] += squared[k, at] * second_sums[n, j]
+        gradient = moments[GRADIENTS, 0]
+        known = moments[KNOWN, 0]
         shares[number, 0] = known / whole
         if gradient > 0.0:
-            shares[number, 1] = np.hypot(moments[first + _POWERS, 0], moments[first + 1, 0]) / gradient
+            shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
         else:
             shares[number, 1] = np.inf
-        _fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, _ALL, work)
+        fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, _ALL, work)

@@ -1,0 +1,340 @@
+"""Kernel that fits one window from the sums over it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES, describe_element, metric, tangents_of
+from scenetruth.estimators.refined.kernels.warp import View
+
+__all__ = [
+    "CURVED",
+    "FULL",
+    "GRADIENTS",
+    "KNOWN",
+    "MOMENTS",
+    "POWERS",
+    "SUMS",
+    "Fit",
+    "Model",
+    "fit_window",
+    "work_space",
+]
+
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+
+
+FULL = 15
+"""Parameters of the full model: d, d_x, d_y, d_xx, d_xy, d_yy; q_X, its slopes along x and y, q_Y alike, q_Z alike."""
+CURVED = 6
+
+# Monomials x^j y^k of the disparity's parameters, then of each velocity component's, and the fields of all.
+_J = np.array((0, 1, 0, 2, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0))
+_K = np.array((0, 0, 1, 0, 1, 2, 0, 0, 1, 0, 0, 1, 0, 0, 1))
+_FIELD = np.repeat([0, 1, 2, 3], [CURVED, 3, 3, 3])
+# Which of the ten products belongs to a pair of fields.
+_PAIR = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
+# Moments are numbered by product, power of x, power of y: those of pairs of parameters, of the right sides, and of
+# parameters with the second powers of each velocity component. (Tuples would be copied at every look.)
+POWERS = 5
+SUMS = 18
+MOMENTS = SUMS * POWERS**2
+
+
+def _number(product: Any, j: Any, k: Any) -> NDArray[np.int64]:
+    return np.asarray((product * POWERS + j) * POWERS + k)
+
+
+_OF_PAIR = _number(_PAIR[_FIELD[:, None], _FIELD], _J[:, None] + _J, _K[:, None] + _K)
+_OF_RIGHT = _number(10 + _FIELD, _J, _K)
+_OF_BEND = _number(
+    _PAIR[_FIELD, 1:][:, None, :].repeat(3, axis=1),
+    _J[:, None, None] + np.array([2, 1, 0])[:, None],
+    _K[:, None, None] + np.array([0, 1, 2])[:, None],
+)
+_SQUARES, _FREEDOM, KNOWN, GRADIENTS = (int(_number(n, 0, 0)) for n in (14, 15, 16, 17))
+# Parameters whose variances are told.
+_TOLD = np.array([0, 1, 2, 6, 9, 12])
+
+
+class Model(NamedTuple):
+    """Which surface and which motion are fitted."""
+
+    surface: int
+    """Parameters of disparity: 0 (none), 1 (constant), 3 (slopes), 6 (curvature)."""
+    components: int
+    """Components of velocity: 0 (none), 2 (X and Y) or 3."""
+    gradient: int
+    """Velocity gradient: 0 (none), 1 (rotation), 2 (rotation and isotropic growth), 3 (all six)."""
+
+
+class Fit(NamedTuple):
+    """What `solve_rows` writes, each with the rows and columns of the image last."""
+
+    theta: NDArray[np.float64]
+    """The full model's parameters, shape (15, height, width)."""
+    variance: NDArray[np.float64]
+    """Variances of d, d_x, d_y, q_X, q_Y and q_Z, shape (6, height, width)."""
+    element: NDArray[np.float32]
+    """What the surface element is and does, as of `describe_element`, shape (13, height, width)."""
+    element_variance: NDArray[np.float32]
+    """Variances of that, shape (11, height, width)."""
+    images: NDArray[np.float32]
+    """Mean number of images that show the pixels of the window, shape (height, width)."""
+    residual: NDArray[np.float64]
+    """Mean squares of what is left, per degree of freedom, and of the texture's gradient, shape (2, height, width)."""
+
+
+@_jit
+def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places: Any, values: Any, sizes: Any) -> int:
+    """Write the basis of what is fitted, the places and values of each column's numbers; return the columns' number."""
+    used = 0
+    for k in range(model.surface):
+        places[used, 0], values[used, 0], sizes[used] = k, 1.0, 1
+        used += 1
+    for c in range(model.components):
+        for side in range(3 if model.gradient == 3 else 1):
+            places[used, 0], values[used, 0], sizes[used] = CURVED + 3 * c + side, 1.0, 1
+            used += 1
+    if model.gradient == 1 or model.gradient == 2:
+        # q changes by A p over the surface, whose tangents are p_x and p_y; a rotation is A = [w]x, growth is A = e I.
+        tangents = np.empty((2, 3))
+        tangents_of(theta, x, y, focal, tangents)
+        for turn in range(3):
+            sizes[used + turn] = 4
+        sizes[used + 3] = 6
+        for side in range(2):
+            at = CURVED + 1 + side
+            for turn in range(3):
+                one, other = (turn + 1) % 3, (turn + 2) % 3
+                places[used + turn, 2 * side], values[used + turn, 2 * side] = at + 3 * one, -tangents[side, other]
+                places[used + turn, 2 * side + 1], values[used + turn, 2 * side + 1] = (
+                    at + 3 * other,
+                    tangents[side, one],
+                )
+            if model.gradient == 2:
+                for k in range(3):
+                    places[used + 3, 3 * side + k], values[used + 3, 3 * side + k] = at + 3 * k, tangents[side, k]
+        used += 3 + (model.gradient == 2)
+    return used
+
+
+@_jit
+def _bend(theta: Any, x: float, y: float, focal: float, tangents: Any, bend: Any) -> None:
+    """Write the velocity's second-order terms that follow from the surface's: those of ξ², ξη and η², shape (3, 3).
+
+    A surface element that turns and grows takes its curvature along: the second derivatives of q are A p_xx, A p_xy and
+    A p_yy, where A takes the tangents to the derivatives of q, and the normal to the normal's own rate.
+    """
+    tangents_of(theta, x, y, focal, tangents)
+    d = theta[0]
+    e, f, g, area = metric(tangents)
+    n0 = tangents[0, 1] * tangents[1, 2] - tangents[0, 2] * tangents[1, 1]
+    n1 = tangents[0, 2] * tangents[1, 0] - tangents[0, 0] * tangents[1, 2]
+    n2 = tangents[0, 0] * tangents[1, 1] - tangents[0, 1] * tangents[1, 0]
+    # How fast the tangents turn towards the normal.
+    along = n0 * theta[CURVED + 1] + n1 * theta[CURVED + 4] + n2 * theta[CURVED + 7]
+    down = n0 * theta[CURVED + 2] + n1 * theta[CURVED + 5] + n2 * theta[CURVED + 8]
+    for term in range(3):
+        i, j = (0, 0) if term == 0 else ((0, 1) if term == 1 else (1, 1))
+        second = (2.0 * theta[3], theta[4], 2.0 * theta[5])[term]
+        slope_i, slope_j = theta[1 + i] / (d * d), theta[1 + j] / (d * d)
+        own = 2.0 * theta[1 + i] * theta[1 + j] / d**3 - second / (d * d)
+        v0, v1, v2 = x * own, y * own, focal * own
+        v0 -= (slope_j if i == 0 else 0.0) + (slope_i if j == 0 else 0.0)
+        v1 -= (slope_j if i == 1 else 0.0) + (slope_i if j == 1 else 0.0)
+        a = v0 * tangents[0, 0] + v1 * tangents[0, 1] + v2 * tangents[0, 2]
+        b = v0 * tangents[1, 0] + v1 * tangents[1, 1] + v2 * tangents[1, 2]
+        c = (v0 * n0 + v1 * n1 + v2 * n2) / area
+        a, b = (g * a - f * b) / area, (e * b - f * a) / area
+        half = 1.0 if term == 1 else 0.5
+        # The normal n, as long as the area, turns by -(p^x (n q_x) + p^y (n q_y)), with the dual tangents p^x and p^y.
+        for k in range(3):
+            dual_x = (g * tangents[0, k] - f * tangents[1, k]) / area
+            dual_y = (e * tangents[1, k] - f * tangents[0, k]) / area
+            turned = -(dual_x * along + dual_y * down)
+            bend[term, k] = half * (a * theta[CURVED + 1 + 3 * k] + b * theta[CURVED + 2 + 3 * k] + c * turned)
+
+
+@_jit
+def _factorise(a: Any, n: int) -> bool:
+    """Factorise a symmetric matrix in place, L Lᵀ; return whether it is positive definite."""
+    for j in range(n):
+        total = a[j, j]
+        for k in range(j):
+            total -= a[j, k] * a[j, k]
+        if not total > 1e-12:
+            return False
+        a[j, j] = np.sqrt(total)
+        for i in range(j + 1, n):
+            total = a[i, j]
+            for k in range(j):
+                total -= a[i, k] * a[j, k]
+            a[i, j] = total / a[j, j]
+    return True
+
+
+@_jit
+def _solve(factor: Any, n: int, x: Any) -> None:
+    """Solve L Lᵀ x = x in place."""
+    for i in range(n):
+        for k in range(i):
+            x[i] -= factor[i, k] * x[k]
+        x[i] /= factor[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= factor[k, i] * x[k]
+        x[i] /= factor[i, i]
+
+
+@_jit
+def _reduce(moments: Any, x: int, places: Any, values: Any, sizes: Any, n: int, scratch: Any, out: Any) -> None:
+    """Write Cᵀ H C with the full model's normal matrix H at a pixel."""
+    for j in range(n):
+        for p in range(FULL):
+            total = 0.0
+            for k in range(sizes[j]):
+                q = places[j, k]
+                total += values[j, k] * moments[_OF_PAIR[p, q], x]
+            scratch[p] = total
+        for i in range(j, n):
+            total = 0.0
+            for k in range(sizes[i]):
+                total += values[i, k] * scratch[places[i, k]]
+            out[i, j] = out[j, i] = total
+
+
+@_jit
+def _along(column: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) -> None:
+    """Write Cᵀ times a vector of the full model's parameters."""
+    for i in range(n):
+        out[i] = 0.0
+        for k in range(sizes[i]):
+            out[i] += values[i, k] * column[places[i, k]]
+
+
+class WorkSpace(NamedTuple):
+    """Arrays that the fit of one window writes to."""
+
+    places: NDArray[np.int64]
+    values: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    bend: NDArray[np.float64]
+    tangents: NDArray[np.float64]
+    matrices: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+    element: NDArray[np.float64]
+    gradients: NDArray[np.float64]
+
+
+@_jit
+def work_space() -> Any:
+    """Return arrays for `fit_window`."""
+    gradients = np.zeros((len(_TOLD) + FUNCTIONALS, FULL))
+    for k in range(len(_TOLD)):
+        gradients[k, _TOLD[k]] = 1.0
+    return WorkSpace(
+        np.empty((FULL, 6), dtype=np.int64),
+        np.empty((FULL, 6)),
+        np.empty(FULL, dtype=np.int64),
+        np.empty((3, 3)),
+        np.empty((2, 3)),
+        np.empty((2, FULL, FULL)),
+        np.empty((5, FULL)),
+        np.empty(VALUES),
+        gradients,
+    )
+
+
+@_jit
+def fit_window(
+    moments: Any,
+    seconds: Any,
+    place: int,
+    model: Model,
+    view: View,
+    enough: bool,
+    fit: Fit,
+    x: int,
+    y: int,
+    told: int,
+    work: Any,
+) -> None:
+    """Fit a model to the moments of the window around the pixel (x, y), which stand in some column, if they suffice."""
+    places, values, sizes, bend, tangents = work.places, work.values, work.sizes, work.bend, work.tangents
+    small, other = work.matrices[0], work.matrices[1]
+    partial, right, scale = work.vectors[0], work.vectors[1], work.vectors[2]
+    solution, column, element = work.vectors[3], work.vectors[4], work.element
+    fit.residual[:, y, x] = np.nan
+    theta = fit.theta[:, y, x]
+    if not enough:
+        theta[:] = np.nan
+        return
+    from_x, from_y = x - view.centre_x, y - view.centre_y
+    n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
+    _reduce(moments, place, places, values, sizes, n, partial, small)
+    for p in range(FULL):
+        right[p] = moments[_OF_RIGHT[p], place]
+    if model.surface == 0:
+        for p in range(FULL):
+            right[p] -= moments[_OF_PAIR[p, 0], place] * theta[0]
+    if model.gradient > 0 and model.surface > 1:
+        _bend(theta, from_x, from_y, view.focal, tangents, bend)
+        for p in range(FULL):
+            for term in range(3):
+                for c in range(3):
+                    right[p] -= bend[term, c] * moments[_OF_BEND[p, term, c], place]
+    _along(right, places, values, sizes, n, solution)
+    good = True
+    for i in range(n):
+        good = good and small[i, i] > 0.0
+        scale[i] = 1.0 / np.sqrt(small[i, i]) if small[i, i] > 0.0 else 0.0
+        solution[i] *= scale[i]
+    for i in range(n):
+        for j in range(n):
+            small[i, j] *= scale[i] * scale[j]
+    if not good or not _factorise(small, n):
+        theta[:] = np.nan
+        return
+    _solve(small, n, solution)
+    # Without depth, d is a unit: it stays.
+    theta[1 if model.surface == 0 else 0 :] = 0.0
+    for i in range(n):
+        for k in range(sizes[i]):
+            theta[places[i, k]] += values[i, k] * solution[i] * scale[i]
+    fit.residual[0, y, x] = moments[_SQUARES, place] / max(moments[_FREEDOM, place], 1e-300)
+    fit.residual[1, y, x] = moments[GRADIENTS, place] / moments[KNOWN, place]
+    if told == 0:
+        return
+    # Cov = H^-1 S H^-1 with the sums H of the weights, and S of b b^T with their squares.
+    _reduce(seconds, place, places, values, sizes, n, partial, other)
+    for i in range(n):
+        for j in range(n):
+            other[i, j] *= scale[i] * scale[j]
+    fit.images[y, x] = moments[_FREEDOM, place] / moments[KNOWN, place] + 1.0
+    several = len(_TOLD)
+    if told > several:
+        own = work.gradients[several:]
+        describe_element(model.surface, model.gradient, theta, from_x, from_y, view.focal, element, own)
+        fit.element[:, y, x] = element
+    for k in range(several + FUNCTIONALS if told > several else told):
+        if k >= several and np.isnan(element[k - several]):
+            continue
+        _along(work.gradients[k], places, values, sizes, n, column)
+        for i in range(n):
+            column[i] *= scale[i]
+        _solve(small, n, column)
+        total = 0.0
+        for i in range(n):
+            share = 0.0
+            for j in range(n):
+                share += other[i, j] * column[j]
+            total += column[i] * share
+        if k < several:
+            fit.variance[k, y, x] = total
+        else:
+            fit.element_variance[k - several, y, x] = total
