@@ -106,7 +106,8 @@ def refit_beside_outlines(
     where = _around(_unexplained(refined.seen, noise) | _jumps(images, whole), reach) | refined.uneven
     if not where.any() or not np.isfinite(noise):
         return refined, Beside(where, np.zeros_like(where))
-    selection = Selection(images.few(), whole, where, noise)
+    steady = ~where if settings.brightness == "per_image" else None
+    selection = Selection(images.few(), whole, where, noise, steady)
     selection.offer(_small_windows(images, start, where, settings))
     for distance in sorted({round(1.6 * sigma), round(sigma), round(sigma / 2), 2, 1} - {0}, reverse=True):
         selection.spread(distance)

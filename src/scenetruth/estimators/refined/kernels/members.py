@@ -81,7 +81,7 @@ def solve_members(
     Parameters
     ----------
     products
-        The pixels' normal equations, as of `warp.add_products`, shape (rows, width, 28).
+        The pixels' normal equations, as of `warp.add_products`, shape (rows, width, 22).
     limit
         Largest mean square that is left where a pixel is explained, shape (rows, width).
     fields
@@ -142,7 +142,7 @@ def solve_members(
                         sums[n, j] += w * product[n]
                     w = squared[j, u - x + around]
                     for n in range(10):
-                        second_sums[n, j] += w * product[SUMS + n]
+                        second_sums[n, j] += w * product[n]
             if not met:
                 continue
             at = v - row + around
