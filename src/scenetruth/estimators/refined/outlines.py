@@ -206,14 +206,15 @@ def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: Refi
     for number in range(_ROUNDS):
         fields = np.ascontiguousarray(theta[list(FIELDS)])
         hidden = _hidden(images, fields)
-        fit, fine = (blank_fit(theta, variances=True) for _ in range(2))
+        last = number == _ROUNDS - 1
+        fit, fine = (blank_fit(theta, variances=last) for _ in range(2))
         wanted = np.where(_around(where, reach), fields, np.nan)
         for band in bands(images, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
             seen.put(band)
             inner = np.zeros(images.shape, dtype=np.bool_)
             inner[band.top : band.bottom] = where[band.top : band.bottom]
             shares[:, inner] = _solve(images, band, fields, noise, sigma, model, fit, inner)
-            if number == _ROUNDS - 1:
+            if last:
                 _solve(images, band, fields, noise, finer, model, fine, inner)
         theta = np.where(where & sound_step(theta, fit.theta), fit.theta, theta)
     uneven = differ(fit, fine, finer)
