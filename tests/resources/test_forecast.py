@@ -146,7 +146,7 @@ def test_the_refined_method_tells_what_it_takes() -> None:
     from scenetruth.estimators import MethodChoice
     from scenetruth.pipeline import effort_of
 
-    effort = effort_of([MethodChoice(method=name) for name in ("refined", "structure_tensor")])
+    effort = effort_of([MethodChoice.model_validate({"method": name}) for name in ("refined", "structure_tensor")])
     short, long = (foresee(Recorded(640 * 480, 5, frames, 2, effort), ["estimate"], 1.0) for frames in (9, 90))
     assert 1 / 1.5 < short.memory_bytes / 1069e6 < 1.5
     assert long.memory_bytes == short.memory_bytes

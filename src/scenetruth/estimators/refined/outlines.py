@@ -52,6 +52,8 @@ _PIXELS = 2000
 # Of the images so many must show a pixel, of a window so much must be known, and of its texture's middle not be farther
 # from the window's than so many standard deviations: at a straight outline it is 0.8.
 _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
+# Neighbours on whose other surface a pixel in front may show in part.
+_MIXED_BY = ((1, 0), (-1, 0), (0, 1), (0, -1), (2, 0), (-2, 0), (0, 2), (0, -2))
 # Beside outlines, estimates are given where a shift by so many px would leave as much.
 _EXPLAINED_PX = 0.17
 
@@ -160,10 +162,10 @@ def _jumps(images: Images, theta: Map) -> Mask:
 
 
 def _mixed(images: Images, theta: Map) -> Mask:
-    """Tell which pixels lie in front right at a jump: blur carries the nearer surface one pixel too far."""
+    """Tell which pixels lie in front within 2 px of a jump: the outline's blur carries the nearer surface too far."""
     fields = list(FIELDS)
     found = np.zeros(images.shape, dtype=np.bool_)
-    for right, down in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+    for right, down in _MIXED_BY:
         beside = carried(theta, right, down)[fields]
         with np.errstate(invalid="ignore"):
             found |= (images.moved_px(theta[fields], beside) > _JUMP_PX) & (np.abs(theta[0]) > np.abs(beside[0]))
