@@ -78,6 +78,8 @@ def beside(found: xr.Dataset, truth: xr.Dataset, first: float, last: float) -> l
     away = truth["boundary_distance"].values
     region = (away >= first) & (away < last) & np.isfinite(truth["depth"].values)
     known = region & (found["kind"].values == 2)
+    if not known.any():
+        return []
     error = np.abs(found["depth"].values - truth["depth"].values)[known].astype(np.float64)
     scaled = error / found["depth_std"].values[known]
     cells = [f"{known.sum() / region.sum():.2f}", both(error), f"{100 * np.mean(error < 0.2):.0f}"]
@@ -106,7 +108,8 @@ def main() -> None:
             print(f"| {' | '.join([label, method, f'{seconds:.1f}', *row(found, one, inside)])} |", flush=True)
             for first, last in BESIDE_PX:
                 cells = beside(found, one, first, last)
-                outlines.append(f"| {' | '.join([label, method, f'{first:g} to {last:g}', *cells])} |")
+                if cells:
+                    outlines.append(f"| {' | '.join([label, method, f'{first:g} to {last:g}', *cells])} |")
     head = "scene | method | px from outlines | known | Z, mm | under 0.2 mm, % | within 2, % | beyond 6, %"
     print(f"\n| {head} |\n|{head.count('|') * '---|'}---|")
     print("\n".join(outlines))
