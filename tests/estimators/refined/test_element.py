@@ -12,6 +12,7 @@ import scenetruth
 from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES, describe_element
 from tests.estimators.refined.surface import MovingPlane, turning
 from tests.estimators.refined.test_rounds import curved
+from tests.nightly import nightly
 
 Array = NDArray[np.float64]
 FOCAL = 300.0
@@ -215,6 +216,7 @@ def test_growth_along_two_directions_is_found_in_images() -> None:
     assert (inside["images_used"] == 45).all()
 
 
+@nightly
 def test_error_bars_of_the_element_are_those_of_its_errors() -> None:
     """White noise, as in the tests of the plane: some 20 windows that share none, ten quantities and two seeds.
 

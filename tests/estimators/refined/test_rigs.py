@@ -24,7 +24,7 @@ def off(found: np.ndarray, name: str) -> float:
 
 @pytest.mark.parametrize("cameras", [2, 3, 5])
 def test_one_frame_gives_depth_and_slopes(cameras: int) -> None:
-    found = st.estimate(PLANE.recording(cameras, 1), "refined", window_sigma_px=4).isel(t=0)
+    found = st.estimate(PLANE.recording(cameras, 1), "refined", window_sigma_px=4, outlines=False).isel(t=0)
     assert off(found["depth"].values, "depth") < 0.1
     assert off(found["slope"].values, "slope") < 0.03
     assert np.isnan(found["velocity"]).all()
@@ -35,7 +35,7 @@ def test_one_frame_gives_depth_and_slopes(cameras: int) -> None:
 def test_one_camera_gives_flow(frames: int) -> None:
     """Divergence is that of the flow: U_Z and slopes both show in it."""
     recording = PLANE.recording(1, frames)
-    found = st.estimate(recording, "refined", window_sigma_px=4).isel(t=0)
+    found = st.estimate(recording, "refined", window_sigma_px=4, outlines=False).isel(t=0)
     assert found["t"] == 0
     assert off(found["flow"].values, "flow") < 3e-3
     flow = TRUTH["flow"]
@@ -46,14 +46,14 @@ def test_one_camera_gives_flow(frames: int) -> None:
 
 @pytest.mark.parametrize(("cameras", "frames"), [(2, 2), (2, 9), (3, 3)])
 def test_few_cameras_and_frames_give_everything(cameras: int, frames: int) -> None:
-    found = st.estimate(PLANE.recording(cameras, frames), "refined", window_sigma_px=4).sel(t=0)
+    found = st.estimate(PLANE.recording(cameras, frames), "refined", window_sigma_px=4, outlines=False).sel(t=0)
     assert off(found["depth"].values, "depth") < 0.2
     assert off(found["velocity"].values, "velocity") < 0.1
     assert np.abs(found["velocity"].values - TRUTH["velocity"])[(slice(2), *INSIDE)].max() < 3e-3
 
 
 def test_every_frame_or_those_with_whole_windows() -> None:
-    recording = PLANE.recording(3, 6)
+    recording = PLANE.recording(3, 5)
     whole = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, outlines=False)
     every = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, outlines=False, frames="all")
     assert whole["t"].values.tolist() == recording["t"].values[1:-1].tolist()
@@ -96,21 +96,27 @@ def test_every_second_pixel_has_the_cameras_units() -> None:
     plane = MovingPlane(size=(144, 192), wavelengths_px=(12.0, 40.0), gradient=turning(2e-3, -1e-3, 3e-3))
     truth = plane.truth()
     recording = plane.recording(5, 3).isel(x=slice(0, None, 2), y=slice(0, None, 2))
-    found = st.estimate(recording, "refined", window_sigma_px=4).sel(t=0)
+    found = st.estimate(recording, "refined", window_sigma_px=4, outlines=False).sel(t=0)
     for name in ("disparity", "flow"):
         expected = truth[name][..., ::2, ::2]
         assert np.abs(found[name].values - expected)[(..., *INSIDE)].max() < 0.01
 
 
-@pytest.mark.parametrize(("cameras", "frames"), [(3, 5), (1, 3), (3, 1)])
+@pytest.mark.parametrize(("cameras", "frames"), [(3, 4), (1, 3), (3, 1)])
 def test_streams_from_a_folder_to_a_folder(tmp_path: Path, cameras: int, frames: int) -> None:
     """Frame by frame, with the same maps in the same types."""
     recording = PLANE.recording(cameras, frames)
     st.save(recording, tmp_path / "recording.zarr")
-    work = prepare(st.open_store(tmp_path / "recording.zarr", "recording"), "refined", window_frames=3)
+    work = prepare(
+        st.open_store(tmp_path / "recording.zarr", "recording"),
+        "refined",
+        window_frames=3,
+        window_sigma_px=3,
+        outlines=False,
+    )
     write_estimate(work, tmp_path / "estimate.zarr")
     streamed = st.load(tmp_path / "estimate.zarr", "estimate")
-    kept = st.estimate(recording, "refined", window_frames=3)
+    kept = st.estimate(recording, "refined", **settings)
     xr.testing.assert_identical(streamed.drop_attrs(), kept.drop_attrs())
     assert streamed.attrs["rounds"] == kept.attrs["rounds"]
 
