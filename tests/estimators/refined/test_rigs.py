@@ -107,13 +107,8 @@ def test_streams_from_a_folder_to_a_folder(tmp_path: Path, cameras: int, frames:
     """Frame by frame, with the same maps in the same types."""
     recording = PLANE.recording(cameras, frames)
     st.save(recording, tmp_path / "recording.zarr")
-    work = prepare(
-        st.open_store(tmp_path / "recording.zarr", "recording"),
-        "refined",
-        window_frames=3,
-        window_sigma_px=3,
-        outlines=False,
-    )
+    settings: dict[str, Any] = {"window_frames": 3, "window_sigma_px": 3, "outlines": False}
+    work = prepare(st.open_store(tmp_path / "recording.zarr", "recording"), "refined", **settings)
     write_estimate(work, tmp_path / "estimate.zarr")
     streamed = st.load(tmp_path / "estimate.zarr", "estimate")
     kept = st.estimate(recording, "refined", **settings)
