@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 
 import scenetruth as st
 from scenetruth.pipeline import STAGES
-from scenetruth.resources.demand import Demand, Recorded, demand_of, parts_of
+from scenetruth.resources.demand import Demand, Effort, Recorded, demand_of, parts_of
 from scenetruth.resources.forecast import Forecast, StageForecast, foresee
 from tests.scenes import SCENES
 
@@ -53,9 +53,14 @@ def test_larger_images_are_never_foreseen_less(demand: Demand, times: int) -> No
     assert all(b >= a for a, b in zip(figures(demand), figures(grown), strict=True))
 
 
+def _with(demand: Demand, name: str, *, flag: bool) -> Demand:
+    changes: dict[str, Any] = {name: flag}
+    return replace(demand, **changes)
+
+
 @given(demands(), some.sampled_from(["ideal", "lit", "complete"]))
 def test_what_is_added_costs_something(demand: Demand, name: str) -> None:
-    less, more = (figures(replace(demand, **{name: flag})) for flag in (False, True))
+    less, more = (figures(_with(demand, name, flag=flag)) for flag in (False, True))
     assert all(b >= a for a, b in zip(less, more, strict=True))
     assert more != less
 
@@ -131,9 +136,21 @@ def test_methods_of_opencv_do_not_take_much_more_than_is_foreseen(recorded: Reco
 
 
 def test_methods_that_hold_all_frames_are_foreseen_to_need_them() -> None:
-    recorded = Recorded(640 * 480, 1, 200, 2, in_memory=True)
+    recorded = Recorded(640 * 480, 1, 200, 2, Effort(in_memory=True))
     # OpenCV's flow took 5.6 GB when it held all frames.
     assert 1 / 1.5 < foresee(recorded, ["estimate"], 1.0).memory_bytes / 5.59e9 < 2.0
+
+
+def test_the_refined_method_tells_what_it_takes() -> None:
+    """Peak memory of one run, the rosette in 5 x 9 images; no more for more frames, which it takes one by one."""
+    from scenetruth.estimators import MethodChoice
+    from scenetruth.pipeline import effort_of
+
+    effort = effort_of([MethodChoice.model_validate({"method": name}) for name in ("refined", "structure_tensor")])
+    short, long = (foresee(Recorded(640 * 480, 5, frames, 2, effort), ["estimate"], 1.0) for frames in (9, 90))
+    assert 1 / 1.5 < short.memory_bytes / 1069e6 < 1.5
+    assert long.memory_bytes == short.memory_bytes
+    assert long.seconds > 50 * short.seconds
 
 
 def test_stages_follow_each_other() -> None:

@@ -27,7 +27,7 @@ _UNKNOWN = "unknown"
 
 def print_check(scene: Scene, file: Path, limits: Limits) -> None:
     """Validate a scene and print what will be made from it, and what that takes; nothing large is made for it."""
-    from scenetruth.pipeline import STAGES, run_problems, streams
+    from scenetruth.pipeline import STAGES, effort_of, run_problems
     from scenetruth.resources import bounded_parts, demand_of, foresee, machine_at, machine_problems
     from scenetruth.resources.glimpse import glimpse_of, without_interior
     from scenetruth.scene.check import describe_scene
@@ -38,7 +38,7 @@ def print_check(scene: Scene, file: Path, limits: Limits) -> None:
         report = describe_scene(scene, glimpse.world, glimpse.depth, glimpse.times)
     except SceneError as error:
         raise SceneError(error.problems, source=file) from error
-    demand = replace(demand_of(scene, parts), in_memory=not streams(scene.estimate))
+    demand = replace(demand_of(scene, parts), effort=effort_of([scene.estimate]))
     forecast, machine = foresee(demand, STAGES), machine_at(Path())
     _print_table(scene, file, report, {part.item.name: part.size.faces for part in parts})
     _print_forecast(forecast, machine)

@@ -162,6 +162,13 @@ class StreamingMethod(Method):
     are read when they are selected (`scenetruth.estimators.frame_reader` reads windows of frames).
     """
 
+    bytes_per_pixel: float = 195.0
+    """Memory for a pixel of the frames that are estimated together, as measured: that of the structure tensor."""
+    pixels_at_once: float = 2.3e6
+    """Pixels of all frames that are estimated together, if one frame has no more."""
+    seconds_per_sample: float = 1.6e-6
+    """Time for a pixel of one image of an estimated frame, on two processors, as measured."""
+
     def blank(self, recording: xr.Dataset, settings: Any) -> xr.Dataset:
         """Return the estimate that `fill` will make, with all frames, its maps still blank (`schema.blank_map`)."""
         raise NotImplementedError

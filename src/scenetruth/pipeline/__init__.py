@@ -2,7 +2,7 @@
 
 from scenetruth.pipeline.figure_help import FigureHelper, figure_help
 from scenetruth.pipeline.folder import MethodFiles, RunFolder
-from scenetruth.pipeline.requirements import method_choices, run_problems, streams
+from scenetruth.pipeline.requirements import effort_of, method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
 from scenetruth.pipeline.scene_run import STAGES, Stage, run_scene
 from scenetruth.pipeline.verifying import Verdict, verify_folder
@@ -16,10 +16,10 @@ __all__ = [
     "Runner",
     "Stage",
     "Verdict",
+    "effort_of",
     "figure_help",
     "method_choices",
     "run_problems",
     "run_scene",
-    "streams",
     "verify_folder",
 ]

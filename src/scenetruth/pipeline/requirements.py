@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import xarray as xr
 
 from scenetruth.errors import Problem
 from scenetruth.estimators import MethodChoice, StreamingMethod, choose, find_method, requirements
 from scenetruth.provenance import blank_recording
-from scenetruth.resources import Recorded
+from scenetruth.resources import Effort, Recorded
 from scenetruth.scene import Scene
 
-__all__ = ["method_choices", "recorded_of", "run_problems", "streams"]
+__all__ = ["effort_of", "method_choices", "recorded_of", "run_problems"]
 
 
 def method_choices(scene: Scene, methods: Sequence[str | MethodChoice]) -> list[MethodChoice]:
@@ -41,20 +42,37 @@ def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]
     return list(dict.fromkeys(found))
 
 
-def streams(choice: MethodChoice) -> bool:
-    """Return whether a method estimates some frames at a time."""
-    return isinstance(find_method(choice.method), StreamingMethod)
+def effort_of(choices: Sequence[MethodChoice]) -> Effort:
+    """Return what the methods that estimate a recording one after the other take at most.
+
+    Parameters
+    ----------
+    choices
+        The methods.
+    """
+    efforts = []
+    for choice in choices:
+        method = find_method(choice.method)
+        if isinstance(method, StreamingMethod):
+            efforts.append(Effort(False, method.bytes_per_pixel, method.pixels_at_once, method.seconds_per_sample))
+        else:
+            efforts.append(Effort(in_memory=True))
+    if not efforts:
+        return Effort()
+    most = max(efforts, key=lambda effort: effort.bytes_per_pixel)
+    seconds = sum(effort.seconds_per_sample for effort in efforts)
+    return replace(most, in_memory=any(effort.in_memory for effort in efforts), seconds_per_sample=seconds)
 
 
-def recorded_of(recording: xr.Dataset, *, in_memory: bool = False) -> Recorded:
+def recorded_of(recording: xr.Dataset, effort: Effort | None = None) -> Recorded:
     """Return what the work on a recording grows with.
 
     Parameters
     ----------
     recording
         The recording.
-    in_memory
-        Whether the method of estimation holds all frames.
+    effort
+        What the method of estimation takes; that of the structure tensor if not given.
     """
     sizes = recording["image"].sizes
     return Recorded(
@@ -62,5 +80,5 @@ def recorded_of(recording: xr.Dataset, *, in_memory: bool = False) -> Recorded:
         positions=sizes["s"] * sizes.get("s_y", 1),
         frames=sizes["t"],
         sample_bytes=recording["image"].dtype.itemsize * sizes.get("channel", 1),
-        in_memory=in_memory,
+        effort=effort or Effort(),
     )

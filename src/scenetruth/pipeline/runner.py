@@ -19,11 +19,11 @@ from scenetruth.errors import MismatchError, Problem, SceneError, ScenetruthErro
 from scenetruth.estimators import MethodChoice, choose, prepare
 from scenetruth.pipeline.estimating import write_estimate
 from scenetruth.pipeline.folder import MethodFiles, RunFolder, claim_of, claim_run
-from scenetruth.pipeline.requirements import recorded_of, streams
+from scenetruth.pipeline.requirements import effort_of, recorded_of
 from scenetruth.placing import Claimed, check_output, claim_pictures, hold, sweep_inside, write_aside
 from scenetruth.progress import Progress
 from scenetruth.provenance import scene_hash
-from scenetruth.resources import Limits, foresee, machine_at, refuse_resources
+from scenetruth.resources import Effort, Limits, foresee, machine_at, refuse_resources
 from scenetruth.scene import Scene
 from scenetruth.scene.load import apply_overrides
 from scenetruth.schema import check_same_run, digest, identity_of, scene_of
@@ -203,7 +203,7 @@ class Runner:
         """Estimate with a method."""
         target = self.folder.of(choice.method).estimate
         self._refuse_existing(target)
-        self._refuse_resources("estimate", in_memory=not streams(choice))
+        self._refuse_resources("estimate", effort_of([choice]))
         with self._timed("estimate" if choice.method == self.folder.own_method else f"estimate {choice.method}"):
             try:
                 with write_aside(target, overwrite=self.overwrite, claim=claim_store) as aside:
@@ -333,9 +333,9 @@ class Runner:
         for target in targets:
             check_output(target, overwrite=self.overwrite, claim=_claim)
 
-    def _refuse_resources(self, stage: str, *, in_memory: bool = False) -> None:
+    def _refuse_resources(self, stage: str, effort: Effort | None = None) -> None:
         """Refuse a stage that is foreseen to take more than the machine has."""
-        forecast = foresee(recorded_of(self.recording, in_memory=in_memory), [stage])
+        forecast = foresee(recorded_of(self.recording, effort), [stage])
         refuse_resources(forecast, machine_at(self.folder.path), self.limits)
 
     def _forget(self) -> None:

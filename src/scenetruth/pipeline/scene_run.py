@@ -11,7 +11,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.estimators import MethodChoice
 from scenetruth.pipeline.figure_help import figure_help
 from scenetruth.pipeline.folder import RunFolder
-from scenetruth.pipeline.requirements import method_choices, run_problems, streams
+from scenetruth.pipeline.requirements import effort_of, method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
 from scenetruth.progress import Progress
 from scenetruth.resources import Limits, bounded_parts, demand_of, foresee, machine_at, refuse_resources
@@ -143,7 +143,7 @@ def run_scene(
             complete=truth_content == "complete",
             ideal=ideal,
         )
-        demand = replace(demand, in_memory=any(not streams(choice) for choice in choices))
+        demand = replace(demand, effort=effort_of(choices))
         refuse_resources(foresee(demand, stages), machine_at(Path(folder)), allowed)
     truth = TruthChoice(truth_views, truth_poses, truth_content)
     with (

@@ -18,7 +18,17 @@ from scenetruth.scene.mesh import MeshSize, TriangleMesh
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.texture.image import ImageTexture
 
-__all__ = ["Demand", "Part", "Recorded", "bound_problems", "demand_of", "part_problems", "parts_of", "sharp_images"]
+__all__ = [
+    "Demand",
+    "Effort",
+    "Part",
+    "Recorded",
+    "bound_problems",
+    "demand_of",
+    "part_problems",
+    "parts_of",
+    "sharp_images",
+]
 
 SKETCHED_FACES = 1_000
 """Triangles of a sketch of an object."""
@@ -56,6 +66,28 @@ class Part:
 
 
 @dataclass(frozen=True)
+class Effort:
+    """What a method of estimation takes.
+
+    Parameters
+    ----------
+    in_memory
+        Whether it holds all frames.
+    bytes_per_pixel
+        Memory for a pixel of the frames that are estimated together.
+    pixels_at_once
+        Pixels of all frames that are estimated together, if one frame has no more.
+    seconds_per_sample
+        Time for a pixel of one image of an estimated frame, on two processors.
+    """
+
+    in_memory: bool = False
+    bytes_per_pixel: float = 195.0
+    pixels_at_once: float = 2.3e6
+    seconds_per_sample: float = 1.6e-6
+
+
+@dataclass(frozen=True)
 class Recorded:
     """What the work on a recording grows with.
 
@@ -69,15 +101,15 @@ class Recorded:
         Frames.
     sample_bytes
         Bytes of a pixel.
-    in_memory
-        Whether the method of estimation holds all frames.
+    effort
+        What the method of estimation takes.
     """
 
     pixels: float
     positions: int
     frames: int
     sample_bytes: int
-    in_memory: bool = False
+    effort: Effort = Effort()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -218,11 +218,12 @@ def _rendered_by(demand: Demand, backend: _Backend) -> tuple[float, float]:
 
 
 # What follows reads a few frames at a time. Measured on the cube: 5 x 9 images of 640 x 480 and of 2464 x 2056 px, and
-# 200 frames of one camera (tests/resources/test_forecast.py), estimated by the structure tensor. The methods made of
-# OpenCV take 0.3 to 0.4 of the same memory in small images, and 0.4 to 1.2 of it in large ones.
-_ESTIMATE_START_S, _ESTIMATE_S, _ESTIMATE_START_BYTES, _ESTIMATE_BYTES = 2.8, 1.6e-6, 2.8e8, 195.0
-_LOST_FRAMES, _ESTIMATED_AT_ONCE = 8, 2_300_000
-"""Frames at both ends that have no estimate, and pixels of all frames that are estimated together."""
+# 200 frames of one camera (tests/resources/test_forecast.py), estimated by the structure tensor; what another method
+# takes, it tells itself (`Effort`). The methods made of OpenCV take 0.3 to 0.4 of the same memory in small images, and
+# 0.4 to 1.2 of it in large ones.
+_ESTIMATE_START_S, _ESTIMATE_START_BYTES = 2.8, 2.8e8
+_LOST_FRAMES = 8
+"""Frames at both ends that have no estimate."""
 _WHOLE_BYTES = 150.0
 """For a pixel of every image, where a method (a function, one that is no `StreamingMethod`) holds all frames."""
 _STORED_ESTIMATE_BYTES, _STORED_ESTIMATE_AT_MOST_BYTES = 15.0, 100.0
@@ -235,18 +236,18 @@ _STORED_PICTURES_BYTES, _STORED_PICTURE_PIXEL_BYTES = 4e6, 13.0
 
 def _estimated(recorded: Recorded) -> float:
     """Return how many pixels all frames of the estimate have."""
-    lost = 0 if recorded.in_memory else _LOST_FRAMES
+    lost = 0 if recorded.effort.in_memory else _LOST_FRAMES
     return recorded.pixels * max(recorded.frames - lost, 1)
 
 
 def _estimate(recorded: Recorded) -> StageForecast:
-    estimated, pixels = _estimated(recorded), recorded.pixels
-    at_once = min(estimated, max(pixels, _ESTIMATED_AT_ONCE))
+    estimated, pixels, effort = _estimated(recorded), recorded.pixels, recorded.effort
+    at_once = min(estimated, max(pixels, effort.pixels_at_once))
     window = min(at_once / pixels + _LOST_FRAMES, recorded.frames) * recorded.positions * recorded.sample_bytes * pixels
-    memory = _ESTIMATE_START_BYTES + _ESTIMATE_BYTES * at_once + window
-    if recorded.in_memory:
+    memory = _ESTIMATE_START_BYTES + effort.bytes_per_pixel * at_once + window
+    if effort.in_memory:
         memory += _WHOLE_BYTES * recorded.frames * recorded.positions * pixels
-    seconds = _ESTIMATE_START_S + _ESTIMATE_S * recorded.positions * estimated
+    seconds = _ESTIMATE_START_S + effort.seconds_per_sample * recorded.positions * estimated
     stored = pixels * recorded.frames
     return StageForecast(memory, _STORED_ESTIMATE_BYTES * stored, seconds, _STORED_ESTIMATE_AT_MOST_BYTES * stored)
 

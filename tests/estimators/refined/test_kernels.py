@@ -157,7 +157,7 @@ def blank(theta: Array) -> solving.Fit:
     return solving.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
 
 
-def plain_fit(products: Array, fields: Array, x: int, y: int, sigma: float, columns: list[int]) -> tuple[Array, Array]:
+def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int]) -> tuple[Array, Array]:
     """Solve one window by a design over all of its pixels; return the parameters and their variances."""
     reach = int(np.ceil(2 * sigma))
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
@@ -173,8 +173,11 @@ def plain_fit(products: Array, fields: Array, x: int, y: int, sigma: float, colu
         design[field, p] = u**j * v**k
     design = design[:, columns]
     h = np.einsum("yx,apyx,abyx,bqyx->pq", weights, design, m, design, optimize=True)
-    b = around[10:14] - np.einsum("abyx,byx->ayx", m, fields[:, y - reach : y + reach + 1, x - reach : x + reach + 1])
-    h2 = np.einsum("yx,apyx,ayx,byx,bqyx->pq", weights**2, design, b, b, design, optimize=True)
+    # What b has in place of its part of white noise, and no less than what is left.
+    left = np.sum(weights * around[14]) / np.sum(weights * around[15])
+    squares = np.array([np.sum(weights * around[18 + k]) / np.sum(weights * m[k, k]) for k in range(4)])
+    noise = np.sqrt(np.maximum(squares, left))[np.asarray(FIELD)[columns]]
+    h2 = np.einsum("yx,apyx,abyx,bqyx->pq", weights**2, design, m, design, optimize=True) * np.outer(noise, noise)
     right = np.einsum("yx,apyx,ayx->p", weights, design, around[10:14])
     inverse = np.linalg.inv(h)
     return inverse @ right, np.diag(inverse @ h2 @ inverse)
@@ -197,7 +200,7 @@ def test_windows_are_solved(fields: Array, warped: Warped, surface: int, columns
     windows.solve_rows(products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, 7, (0, HEIGHT))
     chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15)))
     for y, x in ((20, 28), (17, 24), (22, 31)):
-        expected, variance = plain_fit(products, fields, x, y, sigma, chosen)
+        expected, variance = plain_fit(products, x, y, sigma, chosen)
         np.testing.assert_allclose(fit.theta[chosen, y, x], expected, rtol=1e-6, atol=1e-9)
         told = [chosen.index(p) for p in (0, 1, 2, 6, 9, 12)]
         np.testing.assert_allclose(fit.variance[:, y, x], variance[told], rtol=1e-6)

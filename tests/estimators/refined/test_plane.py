@@ -88,7 +88,9 @@ def test_error_bars_are_those_of_the_errors(motion: str) -> None:
     ratios = []
     for seed in (1, 2):
         plane = MovingPlane(gradient=GRADIENTS[motion], seed=seed, size=(96, 128))
-        found = estimated(plane, plane.recording(noise_std=0.01, seed=seed), motion=motion, surface="plane")
+        found = estimated(
+            plane, plane.recording(noise_std=0.01, seed=seed), motion=motion, surface="plane", outlines=False
+        )
         scaled = [errors(found, plane, "depth") / found["depth_std"].isel(INSIDE).values]
         scaled.append(errors(found, plane, "velocity") / found["velocity_std"].isel(INSIDE).values)
         if motion == "growing":

@@ -54,8 +54,8 @@ def test_few_cameras_and_frames_give_everything(cameras: int, frames: int) -> No
 
 def test_every_frame_or_those_with_whole_windows() -> None:
     recording = PLANE.recording(3, 6)
-    whole = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3)
-    every = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, frames="all")
+    whole = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, outlines=False)
+    every = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, outlines=False, frames="all")
     assert whole["t"].values.tolist() == recording["t"].values[1:-1].tolist()
     assert every["t"].values.tolist() == recording["t"].values.tolist()
     np.testing.assert_array_equal(every["depth"].sel(t=whole["t"]), whole["depth"])
@@ -66,8 +66,10 @@ def test_every_frame_or_those_with_whole_windows() -> None:
 
 def test_colours_are_taken_together() -> None:
     """Three channels of different texture have three times the information, the same channel thrice as much."""
-    grey = st.estimate(PLANE.recording(5, 3, noise_std=0.01), "refined", window_sigma_px=4).sel(t=0)
-    colour = st.estimate(PLANE.recording(5, 3, channels=3, noise_std=0.01), "refined", window_sigma_px=4).sel(t=0)
+    grey = st.estimate(PLANE.recording(5, 3, noise_std=0.01), "refined", window_sigma_px=4, outlines=False).sel(t=0)
+    colour = st.estimate(
+        PLANE.recording(5, 3, channels=3, noise_std=0.01), "refined", window_sigma_px=4, outlines=False
+    ).sel(t=0)
     ratio = float(np.median((grey["depth_std"] / colour["depth_std"]).values[INSIDE]))
     assert ratio == pytest.approx(np.sqrt(3), rel=0.15)
     error = (colour["depth"].values - TRUTH["depth"])[INSIDE]
@@ -77,8 +79,10 @@ def test_colours_are_taken_together() -> None:
 def test_a_part_of_the_image_has_the_cameras_pixels() -> None:
     """A crop knows less only where windows and other images reach beyond it."""
     recording = PLANE.recording(3, 3)
-    whole = st.estimate(recording, "refined", window_sigma_px=3)
-    part = st.estimate(recording.isel(x=slice(10, None), y=slice(6, None)), "refined", window_sigma_px=3)
+    whole = st.estimate(recording, "refined", window_sigma_px=3, outlines=False)
+    part = st.estimate(
+        recording.isel(x=slice(10, None), y=slice(6, None)), "refined", window_sigma_px=3, outlines=False
+    )
     assert part["x"].values[0] == 10
     inner = {"x": slice(40, 60), "y": slice(30, 50)}
     both = [

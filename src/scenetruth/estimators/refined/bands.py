@@ -32,7 +32,7 @@ class Band:
     """Normal equations of some rows."""
 
     products: Map
-    """As of `add_products`, shape (28, rows, width)."""
+    """As of `add_products`, shape (22, rows, width)."""
     first: int
     """Row of the image at which they begin."""
     top: int

@@ -76,7 +76,7 @@ def fill_estimate(
     from scenetruth.estimators.refined.images import Images
     from scenetruth.estimators.refined.outlines import nothing_beside, refit_beside_outlines
     from scenetruth.estimators.refined.rounds import refine
-    from scenetruth.estimators.refined.start import start_fields
+    from scenetruth.estimators.refined.start import Rig, swept_fields, tensor_fields
 
     grid = pixel_grid_of(recording)
     intrinsics = grid.in_columns(intrinsics_of(recording))
@@ -88,6 +88,8 @@ def fill_estimate(
     cameras = reader.shape[1]
     baseline_mm = intrinsics_of(recording).baseline_mm if cameras > 1 else 1.0
     positions = recording["stage_x_mm"].values / baseline_mm
+    placed = positions if cameras > 1 else np.zeros(1)
+    rig = Rig(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
     splines, times = Splines(reader), recording["t"].values.astype(np.float64)
     needed = _needed(reader.shape[2], settings)
     rounds, curved = [], []
@@ -95,15 +97,20 @@ def fill_estimate(
         told = None if progress is None else _later(progress, number, len(needed), settings.rounds)
         if told is not None:
             told(0)
-        part = recording.isel(t=slice(frames.first, frames.last))
-        start = start_fields(part, frames.output - frames.first, baseline_mm)
-        start[0] /= grid.step_px if cameras > 1 else 1.0
-        if cameras == 1:
-            start[1:] /= grid.step_px
+        taken = times[frames.first : frames.last] - times[frames.output]
+        if settings.start == "plane_sweep":
+            first, last = max(frames.output - 1, frames.first), min(frames.output + 2, frames.last)
+            near = reader.frames(first, last).astype(np.float32, copy=False)
+            start = swept_fields(near, frames.output - first, times[first:last] - times[frames.output], rig)
+        else:
+            part = recording.isel(t=slice(frames.first, frames.last))
+            start = tensor_fields(part, frames.output - frames.first, baseline_mm)
+            # From the camera's pixels to columns.
+            start[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
         images = Images(
             splines.frames(frames.first, frames.last),
-            positions if cameras > 1 else np.zeros(1),
-            times[frames.first : frames.last] - times[frames.output],
+            placed,
+            taken,
             intrinsics.focal_length_px,
             intrinsics.principal_point_px,
         )

@@ -52,6 +52,8 @@ _PIXELS = 2000
 # Of the images so many must show a pixel, of a window so much must be known, and of its texture's middle not be farther
 # from the window's than so many standard deviations: at a straight outline it is 0.8.
 _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
+# Neighbours on whose other surface a pixel in front may show in part.
+_MIXED_BY = ((1, 0), (-1, 0), (0, 1), (0, -1), (2, 0), (-2, 0), (0, 2), (0, -2))
 # Beside outlines, estimates are given where a shift by so many px would leave as much.
 _EXPLAINED_PX = 0.17
 
@@ -106,7 +108,8 @@ def refit_beside_outlines(
     where = _around(_unexplained(refined.seen, noise) | _jumps(images, whole), reach) | refined.uneven
     if not where.any() or not np.isfinite(noise):
         return refined, Beside(where, np.zeros_like(where))
-    selection = Selection(images.few(), whole, where, noise)
+    steady = ~where if settings.brightness == "per_image" else None
+    selection = Selection(images.few(), whole, where, noise, steady)
     selection.offer(_small_windows(images, start, where, settings))
     for distance in sorted({round(1.6 * sigma), round(sigma), round(sigma / 2), 2, 1} - {0}, reverse=True):
         selection.spread(distance)
@@ -159,10 +162,10 @@ def _jumps(images: Images, theta: Map) -> Mask:
 
 
 def _mixed(images: Images, theta: Map) -> Mask:
-    """Tell which pixels lie in front right at a jump: blur carries the nearer surface one pixel too far."""
+    """Tell which pixels lie in front within 2 px of a jump: the outline's blur carries the nearer surface too far."""
     fields = list(FIELDS)
     found = np.zeros(images.shape, dtype=np.bool_)
-    for right, down in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+    for right, down in _MIXED_BY:
         beside = carried(theta, right, down)[fields]
         with np.errstate(invalid="ignore"):
             found |= (images.moved_px(theta[fields], beside) > _JUMP_PX) & (np.abs(theta[0]) > np.abs(beside[0]))
@@ -205,14 +208,15 @@ def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: Refi
     for number in range(_ROUNDS):
         fields = np.ascontiguousarray(theta[list(FIELDS)])
         hidden = _hidden(images, fields)
-        fit, fine = (blank_fit(theta, variances=True) for _ in range(2))
+        last = number == _ROUNDS - 1
+        fit, fine = (blank_fit(theta, variances=last) for _ in range(2))
         wanted = np.where(_around(where, reach), fields, np.nan)
         for band in bands(images, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
             seen.put(band)
             inner = np.zeros(images.shape, dtype=np.bool_)
             inner[band.top : band.bottom] = where[band.top : band.bottom]
             shares[:, inner] = _solve(images, band, fields, noise, sigma, model, fit, inner)
-            if number == _ROUNDS - 1:
+            if last:
                 _solve(images, band, fields, noise, finer, model, fine, inner)
         theta = np.where(where & sound_step(theta, fit.theta), fit.theta, theta)
     uneven = differ(fit, fine, finer)

@@ -172,8 +172,8 @@ def fit_round(
     chosen
         Which model fits every pixel; without, all do.
     finer
-        Windows of another standard deviation, and what the first model finds in them with the variance of disparity:
-        is written, if given.
+        Windows of another standard deviation, and what the chosen models find in them, with the variance of
+        disparity: is written, if given.
     seen
         Is written, if given.
     """
@@ -197,9 +197,16 @@ def fit_round(
         solve = partial(solve_rows, band.products, windows, *pair, chosen, variances)
         in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
         if finer is not None:
-            pair = (models[0], models[0]), 1, view, images.channels, band.first, _LEAST_SHARE, (finer[1], finer[1])
-            every = np.full(images.shape, -1, dtype=np.int8)
-            solve = partial(solve_rows, band.products, window_weights(finer[0]), *pair, every, 1)
+            pair = (
+                (models[0], models[-1]),
+                len(models),
+                view,
+                images.channels,
+                band.first,
+                _LEAST_SHARE,
+                (finer[1],) * 2,
+            )
+            solve = partial(solve_rows, band.products, window_weights(finer[0]), *pair, chosen, 1)
             in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
         if seen is not None:
             seen.put(band)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.bands import pieces
+from scenetruth.estimators.refined.blocks import BLOCK_PX, brightness_of_blocks, even_brightness
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.judge import SIDES, judge_rows
 from scenetruth.estimators.refined.rounds import FIELDS
@@ -67,11 +68,25 @@ class Selection:
         Pixels to be judged, shape (y, x).
     noise
         Standard deviation of what the images leave by noise alone.
+    steady
+        Pixels that tell the images' brightness, shape (y, x); without, it is the same in all.
     """
 
-    def __init__(self, images: Images, theta: Map, where: NDArray[np.bool_], noise: float) -> None:
+    def __init__(
+        self,
+        images: Images,
+        theta: Map,
+        where: NDArray[np.bool_],
+        noise: float,
+        steady: NDArray[np.bool_] | None = None,
+    ) -> None:
         self._images, self._where, self._square = images, where, noise**2
         self._stacks = [images.stack(channel) for channel in range(images.channels)]
+        view, fields = images.view(), np.ascontiguousarray(theta[list(FIELDS)])
+        self._brightness = [
+            even_brightness(len(stack)) if steady is None else brightness_of_blocks(stack, view, fields, steady)
+            for stack in self._stacks
+        ]
         self.theta = theta.copy()
         self.cost = self._judge(theta)
         """What the images leave with it, in squares of the noise."""
@@ -116,8 +131,8 @@ class Selection:
         sides = np.empty((SIDES, *self._images.shape), dtype=np.float32)
         best = np.full(self._images.shape, np.inf, dtype=np.float32)
         totals = np.zeros_like(sides)
-        for stack in self._stacks:
-            judge = partial(judge_rows, stack, self._images.view(), fields, sides)
+        for stack, brightness in zip(self._stacks, self._brightness, strict=True):
+            judge = partial(judge_rows, stack, self._images.view(), fields, *brightness, BLOCK_PX, sides)
             in_threads(judge, pieces(0, self._images.shape[0]))
             totals += sides / len(self._stacks)
         for side in range(SIDES):

@@ -29,6 +29,9 @@ class RefinedSettings(MethodSettings):
     surface; by any gradient. One camera sees the last only."""
     brightness: Literal["per_image", "none"] = "per_image"
     """Whether every image has a gain and an offset of its own in every window: light may change and shadows move."""
+    start: Literal["plane_sweep", "structure_tensor"] = "plane_sweep"
+    """Where the fit starts: disparities and motions that are tried one by one, which need no luck; or the structure
+    tensor's estimate, which takes half the time and holds for smooth scenes that move slowly."""
     outlines: bool = True
     """Whether windows that hold more than one surface are fitted anew to the pixels of the surface in their middle."""
     rounds: Annotated[int, Field(ge=2, le=50)] = 10

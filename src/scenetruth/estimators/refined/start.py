@@ -1,6 +1,8 @@
-"""Where the refined estimator starts: the structure tensor's estimate, with its holes filled."""
+"""Where the refined estimator starts: a plane sweep, or the structure tensor's estimate with its holes filled."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -8,13 +10,82 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import EstimateError, Problem
 
-__all__ = ["filled", "start_fields"]
+__all__ = ["Rig", "filled", "swept_fields", "tensor_fields"]
 
 _MEDIAN_PX = 7
 
 
-def start_fields(recording: xr.Dataset, frame: int, baseline_mm: float) -> NDArray[np.float64]:
-    """Return disparity and velocity of every pixel to start from.
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """What a start needs to know of the cameras, in columns of the images."""
+
+    positions: NDArray[np.float64]
+    """Of the cameras, in steps."""
+    baseline_mm: float
+    """Distance of two positions."""
+    focal: float
+    """Focal length in columns."""
+    centre: tuple[float, float]
+    """Column and row of the principal point."""
+
+
+def swept_fields(
+    images: NDArray[np.float32], estimated: int, times: NDArray[np.float64], rig: Rig
+) -> NDArray[np.float64]:
+    """Return disparity and velocity of every pixel by trying disparities, then motions.
+
+    Parameters
+    ----------
+    images
+        The estimated frame and those beside it, shape (channel, s, t, y, x).
+    estimated
+        Place along t of the frame to be estimated.
+    times
+        Times of the frames after it.
+    rig
+        The cameras.
+
+    Returns
+    -------
+    numpy.ndarray
+        Disparity in columns per step and velocity (X, Y, Z) in baselines per frame, shape (4, y, x), finite. With one
+        camera, disparity is 1 and velocity is flow in columns per frame.
+
+    Raises
+    ------
+    EstimateError
+        If no disparity is found.
+    """
+    from scenetruth.estimators.plane_sweep.motion import sweep_motion
+    from scenetruth.estimators.plane_sweep.sweep import sweep
+
+    fields = np.zeros((4, *images.shape[3:]))
+    fields[0] = 1.0
+    several = len(rig.positions) > 1
+    if several:
+        found = sweep(images[:, :, estimated], rig.positions, rig.baseline_mm)
+        if not found.ranges:
+            raise EstimateError([Problem("image", "shows no texture in which cameras see the same: no depth to start")])
+        fields[0] = found.disparity
+    beside = [n for n in (estimated - 1, estimated + 1) if 0 <= n < images.shape[2]]
+    if beside:
+        reference = images[:, int(np.argmin(np.abs(rig.positions))), estimated]
+        moved = sweep_motion(
+            reference,
+            [images[:, :, n] for n in beside],
+            times[beside],
+            rig.positions,
+            fields[0] if several else None,
+            rig.focal,
+            rig.centre,
+        )
+        if moved.known.any():
+            fields[1:] = filled(moved.velocity, moved.known)
+    return fields
+
+
+def tensor_fields(recording: xr.Dataset, frame: int, baseline_mm: float) -> NDArray[np.float64]:
+    """Return disparity and velocity of every pixel as the structure tensor finds them.
 
     Parameters
     ----------

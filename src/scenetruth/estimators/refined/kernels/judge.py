@@ -23,6 +23,9 @@ def judge_rows(
     coefficients: NDArray[np.float32],
     view: View,
     fields: NDArray[np.float64],
+    gain: NDArray[np.float32],
+    offset: NDArray[np.float32],
+    block: int,
     out: NDArray[np.float32],
     rows: tuple[int, int],
 ) -> None:
@@ -32,6 +35,11 @@ def judge_rows(
     ----------
     coefficients, view, fields, rows
         As of `warp.warp_rows`.
+    gain, offset
+        What takes the images to one brightness, (value - offset) / gain, in blocks of pixels, shape (n, rows of blocks,
+        columns of blocks); linear in between.
+    block
+        Edge of a block in px.
     out
         Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (5, height, width).
     """
@@ -39,6 +47,7 @@ def judge_rows(
     wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
     dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
     sums = np.empty((SIDES, 3))
+    _, down, across = gain.shape
     for y in range(rows[0], rows[1]):
         for x in range(width):
             out[:, y, x] = np.nan
@@ -46,6 +55,13 @@ def judge_rows(
             if np.isnan(d):
                 continue
             sums[:] = 0.0
+            # The four middles of blocks around the pixel.
+            row = min(max((y + 0.5) / block - 0.5, 0.0), down - 1.0)
+            column = min(max((x + 0.5) / block - 0.5, 0.0), across - 1.0)
+            above, beside = int(row), int(column)
+            below, right = min(above + 1, down - 1), min(beside + 1, across - 1)
+            v1, u1 = np.float32(row - above), np.float32(column - beside)
+            v0, u0 = np.float32(1.0) - v1, np.float32(1.0) - u1
             origin, met = 0.0, False
             for i in range(count):
                 s, s_y, t = view.s[i], view.s_y[i], view.t[i]
@@ -63,6 +79,12 @@ def judge_rows(
                     for j in range(TAPS):
                         a += wx[j] * coefficients[i, top + k - REACH, left + j - REACH]
                     value += wy[k] * a
+                g, o = gain[i], offset[i]
+                scaled = v0 * (u0 * g[above, beside] + u1 * g[above, right])
+                scaled += v1 * (u0 * g[below, beside] + u1 * g[below, right])
+                shifted = v0 * (u0 * o[above, beside] + u1 * o[above, right])
+                shifted += v1 * (u0 * o[below, beside] + u1 * o[below, right])
+                value = (value - shifted) / scaled
                 if not met:
                     origin, met = float(value), True
                 v = value - origin

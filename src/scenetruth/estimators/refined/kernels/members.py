@@ -27,16 +27,29 @@ __all__ = ["solve_members"]
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 _ALL = 7
+# Place of the number of channels that are known, among the products.
+_IN_USE = 16
 
 
 @_jit
-def _belongs(theta: Any, x: float, y: float, own: Any, product: Any, limit: float, reach: Any, step: Any) -> bool:
+def _belongs(
+    theta: Any,
+    x: float,
+    y: float,
+    own: Any,
+    products: Any,
+    v: int,
+    u: int,
+    limit: float,
+    reach: Any,
+    step: Any,
+) -> bool:
     """Tell whether a pixel at (x, y) from a window's centre shows the surface that is fitted there.
 
     It does if the surface's parameters at the pixel hardly move it against its own ones, and explain its images.
     """
     x_x, x_y, y_y = x * x, x * y, y * y
-    if not product[14] <= limit * product[15]:
+    if not products[v, u, 14] <= limit * products[v, u, 15]:
         return False
     step[0] = (theta[0] + theta[1] * x + theta[2] * y + theta[3] * x_x + theta[4] * x_y + theta[5] * y_y) - own[0]
     for k in range(3):
@@ -48,17 +61,17 @@ def _belongs(theta: Any, x: float, y: float, own: Any, product: Any, limit: floa
     if not moved < reach[3]:
         return False
     # b = (M p + b) - M p; squares after the step are e - 2 b step + step M step.
-    total, n = product[14], 0
+    total, n = products[v, u, 14], 0
     for k in range(4):
-        total -= 2.0 * step[k] * product[10 + k]
+        total -= 2.0 * step[k] * products[v, u, 10 + k]
         for m in range(k, 4):
-            pair = product[n]
+            pair = products[v, u, n]
             if m == k:
                 total += pair * (step[k] * step[k] + 2.0 * step[k] * own[k])
             else:
                 total += 2.0 * pair * (step[k] * step[m] + step[k] * own[m] + step[m] * own[k])
             n += 1
-    return bool(total <= limit * product[15])
+    return bool(total <= limit * products[v, u, 15])
 
 
 @_jit
@@ -81,7 +94,7 @@ def solve_members(
     Parameters
     ----------
     products
-        The pixels' normal equations, as of `warp.add_products`, shape (rows, width, 28).
+        The pixels' normal equations, as of `warp.add_products`, shape (rows, width, 22).
     limit
         Largest mean square that is left where a pixel is explained, shape (rows, width).
     fields
@@ -98,7 +111,7 @@ def solve_members(
     first_row
         Row of the image at which the products begin.
     fit
-        Read, and written at the pixels, of the whole image.
+        Read, and written at the pixels, of the whole image; with variances if there is room for them.
     pixels
         Rows and columns in the image, shape (n, 2).
     shares
@@ -111,12 +124,16 @@ def solve_members(
     around = weights.shape[2] // 2
     window, squared = weights[0], weights[1]
     moments, seconds = np.empty((MOMENTS, 1)), np.empty((MOMENTS, 1))
-    sums, second_sums = np.empty((SUMS, POWERS)), np.empty((10, POWERS))
+    # One power of the distance after the other, so that the products of a pixel are taken at once.
+    sums, second_sums = np.empty((POWERS, SUMS)), np.empty((POWERS, 10))
     work, step, middle = work_space(), np.empty(4), np.empty(3)
     theta, own = np.empty(15), np.empty(4)
     powers = 4 if model.gradient > 0 and model.surface > 1 else 3
+    fewer = 3
     if model.surface == CURVED:
-        powers = POWERS
+        powers = fewer = POWERS
+    told = _ALL if fit.variance.shape[1] > 1 else 0
+    fewer = fewer if told > 0 else 0
     whole = window[0].sum() ** 2
     for number in range(part[0], part[1]):
         y, x = pixels[number]
@@ -128,31 +145,31 @@ def solve_members(
             sums[:], second_sums[:] = 0.0, 0.0
             met = False
             for u in range(max(x - around, 0), min(x + around + 1, width)):
-                product = products[v, u]
-                if product[16] == 0.0:
+                if products[v, u, _IN_USE] == 0.0:
                     continue
                 for k in range(4):
                     own[k] = fields[k, v + first_row, u]
-                if not _belongs(theta, u - x, v - row, own, product, limit[v, u], reach, step):
+                if not _belongs(theta, u - x, v - row, own, products, v, u, limit[v, u], reach, step):
                     continue
                 met = True
                 for j in range(powers):
                     w = window[j, u - x + around]
                     for n in range(SUMS):
-                        sums[n, j] += w * product[n]
+                        sums[j, n] += w * products[v, u, n]
+                for j in range(fewer):
                     w = squared[j, u - x + around]
                     for n in range(10):
-                        second_sums[n, j] += w * product[SUMS + n]
+                        second_sums[j, n] += w * products[v, u, n]
             if not met:
                 continue
             at = v - row + around
             for k in range(powers):
                 for n in range(SUMS):
                     for j in range(powers - k):
-                        moments[(n * POWERS + j) * POWERS + k, 0] += window[k, at] * sums[n, j]
+                        moments[(n * POWERS + j) * POWERS + k, 0] += window[k, at] * sums[j, n]
                 for n in range(10):
-                    for j in range(powers - k):
-                        seconds[(n * POWERS + j) * POWERS + k, 0] += squared[k, at] * second_sums[n, j]
+                    for j in range(max(fewer - k, 0)):
+                        seconds[(n * POWERS + j) * POWERS + k, 0] += squared[k, at] * second_sums[j, n]
         gradient = moments[GRADIENTS, 0]
         known = moments[KNOWN, 0]
         shares[number, 0] = known / whole
@@ -160,4 +177,4 @@ def solve_members(
             shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
         else:
             shares[number, 1] = np.inf
-        fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, _ALL, work)
+        fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, told, work)

@@ -41,7 +41,7 @@ _PAIR = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 # Moments are numbered by product, power of x, power of y: those of pairs of parameters, of the right sides, and of
 # parameters with the second powers of each velocity component. (Tuples would be copied at every look.)
 POWERS = 5
-SUMS = 18
+SUMS = 22
 MOMENTS = SUMS * POWERS**2
 
 
@@ -57,6 +57,8 @@ _OF_BEND = _number(
     _K[:, None, None] + np.array([0, 1, 2])[:, None],
 )
 _SQUARES, _FREEDOM, KNOWN, GRADIENTS = (int(_number(n, 0, 0)) for n in (14, 15, 16, 17))
+# Squares of b of the four fields, and what white noise of 1 would make of them.
+_LEFT, _EXPECTED = _number(np.arange(18, 22), 0, 0), _number(np.array([0, 4, 7, 9]), 0, 0)
 # Parameters whose variances are told.
 _TOLD = np.array([0, 1, 2, 6, 9, 12])
 
@@ -192,15 +194,17 @@ def _solve(factor: Any, n: int, x: Any) -> None:
 
 
 @_jit
-def _reduce(moments: Any, x: int, places: Any, values: Any, sizes: Any, n: int, scratch: Any, out: Any) -> None:
-    """Write Cᵀ H C with the full model's normal matrix H at a pixel."""
+def _reduce(
+    moments: Any, x: int, places: Any, values: Any, sizes: Any, n: int, scratch: Any, out: Any, weights: Any
+) -> None:
+    """Write Cᵀ W H W C with the full model's normal matrix H at a pixel, and weights W of the four fields."""
     for j in range(n):
         for p in range(FULL):
             total = 0.0
             for k in range(sizes[j]):
                 q = places[j, k]
-                total += values[j, k] * moments[_OF_PAIR[p, q], x]
-            scratch[p] = total
+                total += values[j, k] * moments[_OF_PAIR[p, q], x] * weights[_FIELD[q]]
+            scratch[p] = total * weights[_FIELD[p]]
         for i in range(j, n):
             total = 0.0
             for k in range(sizes[i]):
@@ -229,6 +233,8 @@ class WorkSpace(NamedTuple):
     vectors: NDArray[np.float64]
     element: NDArray[np.float64]
     gradients: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    ones: NDArray[np.float64]
 
 
 @_jit
@@ -247,6 +253,8 @@ def work_space() -> Any:
         np.empty((5, FULL)),
         np.empty(VALUES),
         gradients,
+        np.empty(4),
+        np.ones(4),
     )
 
 
@@ -276,7 +284,7 @@ def fit_window(
         return
     from_x, from_y = x - view.centre_x, y - view.centre_y
     n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
-    _reduce(moments, place, places, values, sizes, n, partial, small)
+    _reduce(moments, place, places, values, sizes, n, partial, small, work.ones)
     for p in range(FULL):
         right[p] = moments[_OF_RIGHT[p], place]
     if model.surface == 0:
@@ -310,8 +318,13 @@ def fit_window(
     fit.residual[1, y, x] = moments[GRADIENTS, place] / moments[KNOWN, place]
     if told == 0:
         return
-    # Cov = H^-1 S H^-1 with the sums H of the weights, and S of b b^T with their squares.
-    _reduce(seconds, place, places, values, sizes, n, partial, other)
+    # Cov = H^-1 S H^-1 with the sums H of the weights, and S of their squares times what b has in place of its part of
+    # white noise: what the images leave may go the same way in many of them.
+    for field in range(4):
+        expected = moments[_EXPECTED[field], place]
+        square = moments[_LEFT[field], place] / expected if expected > 0.0 else 0.0
+        work.noise[field] = np.sqrt(max(square, fit.residual[0, y, x]))
+    _reduce(seconds, place, places, values, sizes, n, partial, other, work.noise)
     for i in range(n):
         for j in range(n):
             other[i, j] *= scale[i] * scale[j]

@@ -13,7 +13,7 @@ __all__ = ["PRODUCTS", "REACH", "TAPS", "View", "add_products", "mean_texture", 
 # Reassociation and contraction only: NaN must stay NaN.
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
-PRODUCTS = 28
+PRODUCTS = 22
 """Maps that `add_products` fills."""
 TAPS = 6
 REACH = 2  # taps before the sample's whole coordinate
@@ -174,9 +174,9 @@ def add_products(
     least
         Pixels that fewer images show are left out.
     products
-        Sums to be added to, shape (28, rows, width): the 10 products of M, row by row above the diagonal, then the 4 of
-        M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 10 products of b bᵀ. Nothing
-        is added where a pixel is left out.
+        Sums to be added to, shape (22, rows, width): the 10 products of M, row by row above the diagonal, then the 4 of
+        M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 4 squares of b. Nothing is
+        added where a pixel is left out.
     """
     count, _, width = warped.shape
     a, mean = np.empty((count, 4)), np.empty(4)
@@ -230,11 +230,8 @@ def add_products(
                     for m in range(k, 4):
                         out[n] += own * (a[i, m] - mean[m])
                         n += 1
-            n = 0
             for k in range(4):
-                for m in range(k, 4):
-                    out[18 + n] = out[10 + k] * out[10 + m]
-                    n += 1
+                out[18 + k] = out[10 + k] * out[10 + k]
             n = 0
             for k in range(4):
                 for m in range(k, 4):

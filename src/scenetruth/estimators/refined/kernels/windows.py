@@ -85,7 +85,7 @@ def solve_rows(
     Parameters
     ----------
     products
-        The pixels' normal equations, as of `add_products`, shape (28, rows, width).
+        The pixels' normal equations, as of `add_products`, shape (22, rows, width).
     weights
         Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
         (2, 5, 2 r + 1).
@@ -120,7 +120,7 @@ def solve_rows(
         y = row + first_row
         _window_sums(products, SUMS, window, row, curved, bent, scratch, moments)
         if told > 0:
-            _window_sums(products[SUMS:], 10, squared, row, curved, False, scratch, seconds)
+            _window_sums(products, 10, squared, row, curved, False, scratch, seconds)
         for m in range(count):
             for x in range(width):
                 if chosen[y, x] < 0 or chosen[y, x] == m:

@@ -1,0 +1,191 @@
+"""The kernels for pixels beside outlines, beside plain readings and the fit of whole windows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
+from scenetruth.estimators.refined.blocks import BLOCK_PX, brightness_of_blocks, even_brightness
+from scenetruth.estimators.refined.kernels import element, judge, members, solving, visibility, warp, windows
+from tests.estimators.refined.test_kernels import COUNT, HEIGHT, VIEW, WIDTH, fields, images, warped
+
+__all__ = ["fields", "images", "warped"]
+
+Array = NDArray[np.float64]
+Warped = tuple[NDArray[np.float32], NDArray[np.float32]]
+MODEL = solving.Model(3, 3, 2)
+
+
+def blank() -> solving.Fit:
+    size = (HEIGHT, WIDTH)
+    theta = np.zeros((15, *size))
+    theta[0] = 3.0
+    variance = np.full((6, *size), np.nan)
+    described, of_element = (np.full((n, *size), np.nan) for n in (element.VALUES, element.FUNCTIONALS))
+    return solving.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
+
+
+def fitted_to_members(products: Array, fields: Array, limit: float, reach: float) -> tuple[solving.Fit, Array]:
+    fit, pixels = blank(), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
+    shares = np.empty((len(pixels), 2))
+    limits, bounds = np.full((HEIGHT, WIDTH), limit), np.array([1.0, 1.0, 0.1, reach])
+    rows = np.ascontiguousarray(products.transpose(1, 2, 0))
+    members.solve_members(
+        rows, limits, fields, bounds, window_weights(3.0), MODEL, VIEW, 0, fit, pixels, shares, (0, len(pixels))
+    )
+    return fit, shares.T.reshape(2, HEIGHT, WIDTH)
+
+
+def fitted_to_all(products: Array) -> solving.Fit:
+    fit, every = blank(), np.zeros((HEIGHT, WIDTH), dtype=np.int8)
+    weights = window_weights(3.0)
+    windows.solve_rows(products, weights, (MODEL, MODEL), 1, VIEW, 1, 0, 0.0, (fit, fit), every, 7, (0, HEIGHT))
+    return fit
+
+
+@pytest.fixture(scope="module")
+def products(fields: Array, warped: Warped) -> Array:
+    found = np.zeros((warp.PRODUCTS, HEIGHT, WIDTH))
+    warp.add_products(VIEW, fields, *warped, 0, COUNT, found, (0, HEIGHT))
+    return found
+
+
+def test_windows_of_members_are_whole_windows_if_all_belong(products: Array, fields: Array) -> None:
+    fit, shares = fitted_to_members(products, fields, np.inf, np.inf)
+    whole = fitted_to_all(products)
+    for name in fit._fields:
+        np.testing.assert_allclose(getattr(fit, name), getattr(whole, name), rtol=1e-6, atol=1e-9, err_msg=name)
+    # As much as is known of the windows, and as the texture's middle in plain sums.
+    weights = window_weights(3.0)[0]
+    y, x = 17, 24
+    reach = weights.shape[1] // 2
+    around = products[:, y - reach : y + reach + 1, x - reach : x + reach + 1]
+    plane = np.outer(weights[0], weights[0])
+    assert shares[0, y, x] == pytest.approx((plane * around[16]).sum())
+    texture = np.outer(weights[0], weights[0]) * around[17]
+    step = np.arange(-reach, reach + 1)
+    middle = [(texture.sum(axis=axis) * step).sum() / texture.sum() for axis in (0, 1)]
+    assert shares[1, y, x] == pytest.approx(np.hypot(*middle))
+
+
+def test_pixels_that_are_not_explained_are_left_out(products: Array, fields: Array) -> None:
+    """Windows beside pixels with large squares are those of images that do not show these pixels."""
+    bad = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    bad[:, 30:] = True
+    spoilt, cut = products.copy(), products.copy()
+    spoilt[14, bad] = 1e9
+    cut[:, bad] = 0.0
+    fit, _ = fitted_to_members(spoilt, fields, 1e6, np.inf)
+    whole = fitted_to_all(cut)
+    np.testing.assert_allclose(fit.theta[:, :, :29], whole.theta[:, :, :29], rtol=1e-6, atol=1e-9)
+
+
+def test_pixels_that_would_be_moved_are_left_out(products: Array, fields: Array) -> None:
+    """A pixel belongs if the fit there moves it by less than the reach in all images: by d, q_X and q_Y here."""
+    theta, own = np.zeros(15), np.array([3.0, 0.2, 0.1, 0.5])
+    theta[[0, 1, 6, 9, 12]] = [3.0, 0.05, 0.2, 0.1, 0.5]
+    product, step = np.zeros((1, 1, warp.PRODUCTS)), np.empty(4)
+    product[0, 0, 15] = 5.0
+    for x, expected in ((3.9, True), (4.1, False), (-3.9, True), (-4.1, False)):
+        # 0.05 px of disparity per px: beyond 4 px, the camera one step aside sees it 0.2 px off.
+        reach = np.array([1.0, 0.0, 0.1, 0.2])
+        assert members._belongs(theta, x, 0.0, own, product, 0, 0, 1.0, reach, step) is expected
+
+
+def test_squares_after_a_step_are_those_of_the_normal_equations() -> None:
+    """E(step) = e - 2 b step + step M step must be within the limit, with M (d, q) + b as it is stored."""
+    generator = np.random.default_rng(3)
+    a = generator.normal(0, 1, (6, 4))
+    m, b = a.T @ a, generator.normal(0, 1, 4)
+    own, theta = generator.normal(0, 1, 4), np.zeros(15)
+    product = np.zeros(warp.PRODUCTS)
+    product[:10] = m[np.triu_indices(4)]
+    product[10:14] = m @ own + b
+    product[14], product[15] = 30.0, 1.0
+    for scale in (0.5, 1.0, 2.0):
+        step = scale * generator.normal(0, 1, 4)
+        theta[[0, 6, 9, 12]] = own + step
+        left = float(30.0 - 2 * b @ step + step @ m @ step)
+        reach = np.array([1.0, 1.0, 0.1, np.inf])
+        for limit in (max(left, 30.0) + 1e-6, max(left, 30.0) - 1e-6):
+            expected = left <= limit and limit >= 30.0
+            assert (
+                members._belongs(theta, 0.0, 0.0, own, product[None, None], 0, 0, limit, reach, np.empty(4)) == expected
+            )
+
+
+def test_images_are_judged_by_their_variance(images: Array, fields: Array, warped: Warped) -> None:
+    coefficients = _coefficients(images)
+    out = np.empty((judge.SIDES, HEIGHT, WIDTH), dtype=np.float32)
+    judge.judge_rows(coefficients, VIEW, fields, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
+    sides = [np.ones(COUNT, bool), VIEW.s <= 0, VIEW.s >= 0, VIEW.t <= 0, VIEW.t >= 0]
+    for found, side in zip(out, sides, strict=True):
+        seen = warped[0][side].astype(np.float64)
+        count = np.isfinite(seen).sum(axis=0)
+        several = count >= 3
+        np.testing.assert_array_equal(np.isfinite(found), several)
+        expected = np.nanvar(seen[:, several], axis=0, ddof=1)
+        np.testing.assert_allclose(found[several], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_gains_and_offsets_are_taken_away(images: Array, fields: Array) -> None:
+    """Images of one texture with gains and offsets of their own: found in blocks, none of it is left to judge."""
+    texture = _coefficients(images[:1])[0]
+    generator = np.random.default_rng(5)
+    gain, offset = generator.uniform(0.5, 1.5, COUNT), generator.uniform(-3, 3, COUNT)
+    # An offset of all coefficients is one of all grey values.
+    coefficients = (gain[:, None, None] * texture + offset[:, None, None]).astype(np.float32)
+    still = np.zeros_like(fields)
+    good = np.ones((HEIGHT, WIDTH), dtype=bool)
+    found = brightness_of_blocks(coefficients, VIEW, still, good)
+    np.testing.assert_allclose(found.gain[:, 0, 0], gain / gain.mean(), rtol=1e-4)
+    out = np.empty((judge.SIDES, HEIGHT, WIDTH), dtype=np.float32)
+    judge.judge_rows(coefficients, VIEW, still, *found, BLOCK_PX, out, (0, HEIGHT))
+    assert np.nanmax(out) < 1e-6
+    judge.judge_rows(coefficients, VIEW, still, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
+    assert np.nanmedian(out) > 1.0
+    # Blocks without good pixels have the brightness of others; without any, it is even.
+    good[:, : WIDTH // 2] = False
+    np.testing.assert_allclose(brightness_of_blocks(coefficients, VIEW, still, good).gain[:, 0, 0], found.gain[:, 0, 1])
+    assert (brightness_of_blocks(coefficients, VIEW, still, ~np.ones_like(good)).gain == 1).all()
+
+
+def test_what_stands_behind_is_hidden() -> None:
+    """A board of disparity 8 before a wall of 5: the camera s sees the wall at x - 5 s, and the board at x - 8 s."""
+    fields = np.zeros((4, HEIGHT, WIDTH))
+    fields[0] = 5.0
+    board = slice(20, 30)
+    fields[0, :, board] = 8.0
+    hidden = np.empty((1, HEIGHT, WIDTH), dtype=np.uint8)
+    view = warp.View(np.array([0.0, 1.0, -1.0]), np.zeros(3), np.zeros(3), 200.0, 26.5, 18.0)
+    visibility.hide(view, fields, 0.5, hidden, 0)
+    x = np.arange(WIDTH)
+    on_board = np.isin(x, np.arange(20, 30))
+    for image, s in ((0, 0.0), (1, 1.0), (2, -1.0)):
+        at = x - 5.0 * s
+        seen = (at >= 0) & (at < WIDTH - 1)
+        # From one pixel before the board's image to one behind it, and one that a splat covers.
+        first, last = 20 - 8 * s, 29 - 8 * s
+        behind = (at >= first - 1) & (at <= last + 2) & ~on_board & seen & (s != 0)
+        found = (hidden[0] >> image & 1).astype(bool)
+        # The last row is at the image's end.
+        np.testing.assert_array_equal(found[:-1], np.broadcast_to(behind, (HEIGHT - 1, WIDTH)))
+    # Hidden images are not fetched.
+    values = np.empty((3, HEIGHT, WIDTH), dtype=np.float32)
+    texture = np.ones((3, HEIGHT, WIDTH), dtype=np.float32)
+    warp.warp_rows(texture, view, fields, hidden, 0, values, np.empty((2, HEIGHT, WIDTH), np.float32), (0, HEIGHT))
+    free = np.empty_like(values)
+    warp.warp_rows(
+        texture, view, fields, NOTHING_HIDDEN, 0, free, np.empty((2, HEIGHT, WIDTH), np.float32), (0, HEIGHT)
+    )
+    for image in range(3):
+        bit = (hidden[0] >> image & 1).astype(bool)
+        np.testing.assert_array_equal(np.isnan(values[image]), bit | np.isnan(free[image]))
+
+
+def _coefficients(images: Array) -> NDArray[np.float32]:
+    from scipy import ndimage
+
+    return np.array([ndimage.spline_filter(image, 5, mode="mirror") for image in images], dtype=np.float32)
