@@ -80,7 +80,8 @@ def test_light_that_changes_is_not_taken_for_motion() -> None:
     assert np.nanmax(np.abs(errors(plain, plane, "velocity")[2])) > 0.02
 
 
-@pytest.mark.parametrize("motion", ["growing", pytest.param("rigid", marks=nightly)])
+@nightly
+@pytest.mark.parametrize("motion", ["growing", "rigid"])
 def test_error_bars_are_those_of_the_errors(motion: str) -> None:
     """White noise: errors over stated standard deviations have a mean square of 1.
 
