@@ -142,6 +142,14 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             "order of the surface that was fitted",
             {"flag_values": [0, 1, 2, 3], "flag_meanings": "none constant plane curved"},
         ),
+        "image_shift": Variable(
+            ("image_component", "s", "t"), "px", "how far an image is from where it should be beside the reference's"
+        ),
+        "image_roll": Variable(("s", "t"), "rad", "how far an image is turned from x to y beside the reference's"),
+        "image_scale": Variable(("s", "t"), "1", "by what share an image is larger than it should be"),
+        "image_shift_std": _std(("image_component", "s", "t"), "px", "the shift of the image"),
+        "image_roll_std": _std(("s", "t"), "rad", "the roll of the image"),
+        "image_scale_std": _std(("s", "t"), "1", "the scale of the image"),
         "images_used": Variable(_MAP, "1", "mean number of images that show the pixels of the window"),
         "residual": Variable(_MAP, "1", "standard deviation of the images around the fitted model, in grey values"),
         "divergence": Variable(_MAP, "1/frame", "divergence u_z = -U_Z / Z of the optical flow"),

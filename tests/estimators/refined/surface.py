@@ -32,19 +32,23 @@ class MovingPlane:
     wavelengths_px: tuple[float, float] = (5.0, 20.0)
     seed: int = 0
 
-    def _rays(self) -> Array:
+    def _rays(self, moved: Array | None = None) -> Array:
         height, width = self.size
         y, x = np.mgrid[:height, :width].astype(np.float64)
         x, y = x - (width - 1) / 2, y - (height - 1) / 2
+        if moved is not None:
+            right, down, roll, larger = moved
+            inverse = np.linalg.inv([[1 + larger, -roll], [roll, 1 + larger]])
+            x, y = np.einsum("ij,jyx->iyx", inverse, np.stack([x - right, y - down]))
         return np.stack([x / self.focal_px, y / self.focal_px, np.ones_like(x)], axis=-1)
 
-    def _hit(self, stage_x_mm: float, t: float) -> tuple[Array, Array]:
+    def _hit(self, stage_x_mm: float, t: float, off: Array | None = None) -> tuple[Array, Array]:
         """Return the material coordinates (a, b) that each pixel sees, and the depth there."""
         tangents = np.array([[1.0, 0.0, self.slopes[0]], [0.0, 1.0, self.slopes[1]]])
         moved = tangents @ (np.eye(3) + t * self.gradient).T
         centre = np.array([0.0, 0.0, self.depth_mm]) + t * np.array(self.velocity_mm) - [stage_x_mm, 0.0, 0.0]
         # centre + a p + b q = k r, for every ray r.
-        rays = self._rays()
+        rays = self._rays(off)
         matrix = np.empty((*rays.shape[:2], 3, 3))
         matrix[..., 0], matrix[..., 1], matrix[..., 2] = moved[0], moved[1], -rays
         found = np.asarray(
@@ -52,10 +56,14 @@ class MovingPlane:
         )
         return found[..., :2], found[..., 2]
 
-    def image(self, stage_x_mm: float, t: float, channel: int = 0) -> Array:
-        """Return grey values between about 0 and 1 from a place on the stage at a time."""
+    def image(self, stage_x_mm: float, t: float, channel: int = 0, moved: Array | None = None) -> Array:
+        """Return grey values between about 0 and 1 from a place on the stage at a time.
+
+        An image that is not where it should be is moved along x and y in px, rolled from x to y in rad, and larger by a
+        share: the four of ``moved``.
+        """
         generator = np.random.default_rng((self.seed, channel))
-        material, _ = self._hit(stage_x_mm, t)
+        material, _ = self._hit(stage_x_mm, t, moved)
         shortest, longest = (float(np.log(length)) for length in self.wavelengths_px)
         lengths = np.exp(generator.uniform(shortest, longest, self.waves)) * self.depth_mm / self.focal_px
         angles, phases = generator.uniform(0, 2 * np.pi, (2, self.waves))
@@ -65,14 +73,27 @@ class MovingPlane:
         )
 
     def recording(
-        self, cameras: int = 5, frames: int = 9, channels: int = 1, noise_std: float = 0.0, seed: int = 1
+        self,
+        cameras: int = 5,
+        frames: int = 9,
+        channels: int = 1,
+        noise_std: float = 0.0,
+        seed: int = 1,
+        moved: Array | None = None,
     ) -> xr.Dataset:
-        """Return the recording of cameras around the reference, with white noise."""
+        """Return the recording of cameras around the reference, with white noise.
+
+        ``moved`` tells how far every image is from where it should be, shape (cameras, frames, 4).
+        """
+        off = np.zeros((cameras, frames, 4)) if moved is None else moved
         images = np.array(
             [
                 [
-                    [self.image(s * self.baseline_mm, t, channel) for t in centred_indices(frames)]
-                    for s in centred_indices(cameras)
+                    [
+                        self.image(s * self.baseline_mm, t, channel, off[i, j])
+                        for j, t in enumerate(centred_indices(frames))
+                    ]
+                    for i, s in enumerate(centred_indices(cameras))
                 ]
                 for channel in range(channels)
             ]

@@ -159,7 +159,7 @@ def test_what_stands_behind_is_hidden() -> None:
     board = slice(20, 30)
     fields[0, :, board] = 8.0
     hidden = np.empty((1, HEIGHT, WIDTH), dtype=np.uint8)
-    view = warp.View(np.array([0.0, 1.0, -1.0]), np.zeros(3), np.zeros(3), 200.0, 26.5, 18.0)
+    view = warp.View(np.array([0.0, 1.0, -1.0]), np.zeros(3), np.zeros(3), np.zeros((3, 4)), 200.0, 26.5, 18.0)
     visibility.hide(view, fields, 0.5, hidden, 0)
     x = np.arange(WIDTH)
     on_board = np.isin(x, np.arange(20, 30))

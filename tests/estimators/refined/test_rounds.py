@@ -23,7 +23,14 @@ def images_of(plane: MovingPlane, cameras: int = 5, frames: int = 9) -> Images:
     recording = plane.recording(cameras, frames)
     splines = Splines(FrameReader(recording)).frames(0, frames)
     positions, times = recording["s"].values.astype(float), recording["t"].values.astype(float)
-    return Images(splines, positions, times, plane.focal_px, ((plane.size[1] - 1) / 2, (plane.size[0] - 1) / 2))
+    return Images(
+        splines,
+        positions,
+        times,
+        plane.focal_px,
+        ((plane.size[1] - 1) / 2, (plane.size[0] - 1) / 2),
+        np.zeros((len(positions) * len(times), 4)),
+    )
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.cameras.shifts import Shifts
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.brightness import correct_brightness
 from scenetruth.estimators.refined.kernels.warp import PRODUCTS, View, add_products, mean_texture, warp_rows
@@ -70,6 +71,7 @@ def bands(
     gains: bool,
     least_share: float = 0.5,
     hidden: NDArray[np.uint8] = NOTHING_HIDDEN,
+    shifts: Shifts | None = None,
 ) -> Iterator[Band]:
     """Warp all images by what is known of every pixel, and yield the pixels' normal equations band by band.
 
@@ -87,6 +89,8 @@ def bands(
         Pixels that fewer of the images show are left out.
     hidden
         In which images pixels are hidden, as of `visibility.hide`.
+    shifts
+        Is added to, if given.
     """
     height, width = images.shape
     view = images.view()
@@ -104,7 +108,11 @@ def bands(
         first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS, end - first, width))
         for stack in stacks:
-            _add_channel(stack, view, fields, hidden, first, window if gains else None, least, products)
+            even, gradient = _channel(stack, view, fields, hidden, first, window if gains else None, least, end - first)
+            parts = pieces(0, end - first)
+            in_threads(partial(add_products, view, fields, even, gradient, first, least, products), parts)
+            if shifts is not None:
+                shifts.add(even, gradient, least, first, (top, bottom))
         yield Band(products, first, top, bottom)
 
 
@@ -113,7 +121,7 @@ def pieces(first: int, end: int) -> list[tuple[int, int]]:
     return [(row, min(row + _ROWS, end)) for row in range(first, end, _ROWS)]
 
 
-def _add_channel(
+def _channel(
     coefficients: NDArray[np.float32],
     view: View,
     fields: Map,
@@ -121,11 +129,10 @@ def _add_channel(
     first: int,
     window: Map | None,
     least: int,
-    products: Map,
-) -> None:
-    """Add the normal equations of one channel's images for the rows of a band."""
-    _, rows, width = products.shape
-    count = len(coefficients)
+    rows: int,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return one channel's images for the rows of a band, as bright as their mean, and that one's gradient."""
+    count, _, width = coefficients.shape
     warped = np.empty((count, rows, width), dtype=np.float32)
     gradient = np.empty((2, rows, width), dtype=np.float32)
     parts = pieces(0, rows)
@@ -141,7 +148,7 @@ def _add_channel(
 
         in_threads(correct, range(count))
         warped = even
-    in_threads(partial(add_products, view, fields, warped, gradient, first, least, products), parts)
+    return warped, gradient
 
 
 def _brightness_step(window: Map) -> int:

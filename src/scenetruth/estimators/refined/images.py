@@ -28,6 +28,8 @@ class Images:
         Times of the frames after the estimated one.
     focal, centre
         Focal length, and principal point (x, y), in columns and rows.
+    moved
+        How far every image is from where it should be, in the order of `stack`, as of `warp.corrected`, shape (n, 4).
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -35,6 +37,7 @@ class Images:
     times: Map
     focal: float
     centre: tuple[float, float]
+    moved: Map
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -72,7 +75,8 @@ class Images:
 
     def _of(self, frames: NDArray[np.intp]) -> Images:
         kept = [self.coefficients[n] for n in frames]
-        return Images(kept, self.positions, self.times[frames], self.focal, self.centre)
+        moved = self.moved.reshape(len(self.times), -1, 4)[frames].reshape(-1, 4)
+        return Images(kept, self.positions, self.times[frames], self.focal, self.centre, moved)
 
     def stack(self, channel: int) -> NDArray[np.float32]:
         """Return the coefficients of one channel, camera by camera within each frame, shape (n, y, x)."""
@@ -82,7 +86,7 @@ class Images:
         """Return where and when all images were taken, in the order of `stack`."""
         s = np.tile(self.positions, len(self.times))
         t = np.repeat(self.times, len(self.positions))
-        return View(s, np.zeros_like(s), t, self.focal, *self.centre)
+        return View(s, np.zeros_like(s), t, self.moved, self.focal, *self.centre)
 
     def moved_px(self, before: Map, after: Map) -> Map:
         """Return by how much a change of d and q, shape (4, ...) each, moves points where it moves them most, in px."""

@@ -8,17 +8,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from scenetruth.estimators.refined.cameras.corrections import Cameras
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.solving import Fit
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
 from scenetruth.estimators.refined.outlines import FARTHEST, Beside
-from scenetruth.estimators.refined.rounds import Refined
+from scenetruth.estimators.refined.rounds import FIELDS, Refined
 from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.estimators.refined.start import filled
 from scenetruth.schema.variables import KIND_FULL, KIND_NONE
 
-__all__ = ["maps_of", "types_of"]
+__all__ = ["CORRECTIONS", "corrections_of", "maps_of", "types_of"]
 
 Map = NDArray[np.float64]
+
+CORRECTIONS: Mapping[str, tuple[int, ...]] = {
+    f"{name}{end}": components
+    for name, components in {"image_shift": (2,), "image_roll": (), "image_scale": ()}.items()
+    for end in ("", "_std")
+}
+"""What is told of the images of the estimated frame if they may be off: dimensions beside camera and frame."""
 
 # Residuals that a texture shifted by this many px would leave are not told from noise.
 _SHIFT_PX = 0.25
@@ -111,7 +120,11 @@ def maps_of(
     with np.errstate(invalid="ignore", divide="ignore"):
         left = np.sqrt(fit.residual[0]) / spline_transfer()
         usual = noise_of(left)
-        std = np.sqrt(fit.variance) / spline_transfer()
+        variance = fit.variance / spline_transfer() ** 2
+        if refined.cameras is not None:
+            finite = filled(theta[list(FIELDS)], np.asarray(np.isfinite(theta).all(axis=0)))
+            variance[[0, 3, 4, 5]] += refined.cameras.effect(images, finite).variance
+        std = np.sqrt(variance)
         limit = np.maximum(settings.acceptance * usual, _SHIFT_PX * np.sqrt(fit.residual[1]))
         known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, cameras * frames)
         known &= _in_texture(refined.seen.gradient, usual, cameras * frames, settings.window_sigma_px)
@@ -147,6 +160,32 @@ def maps_of(
             values = found.get(name, np.full((*components, height, width), np.nan))
             maps[name] = np.where(known, values, np.nan)
     return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
+
+
+def corrections_of(cameras: Cameras, images: Images, step_px: float) -> dict[str, Map]:
+    """Return how far the images of the estimated frame are from where they should be.
+
+    Parameters
+    ----------
+    cameras
+        What was found.
+    images
+        The images that were fitted.
+    step_px
+        Distance of two columns in the camera's pixels.
+
+    Returns
+    -------
+    dict
+        The variables of `CORRECTIONS` with the cameras as last dimension.
+    """
+    frame = np.flatnonzero(images.view().t == 0.0)
+    found: dict[str, Map] = {}
+    for end, each in (("", cameras.values), ("_std", cameras.std)):
+        of_frame = each[frame].T
+        found |= {f"image_shift{end}": of_frame[:2] * step_px, f"image_roll{end}": of_frame[2]}
+        found |= {f"image_scale{end}": of_frame[3]}
+    return found
 
 
 def _in_texture(gradient: NDArray[Any], noise: float, images: int, sigma_px: float) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ import xarray as xr
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.frame_reader import FrameReader
 from scenetruth.estimators.refined.frames import FramesNeeded, Splines, frames_needed
-from scenetruth.estimators.refined.maps import maps_of, types_of
+from scenetruth.estimators.refined.maps import CORRECTIONS, corrections_of, maps_of, types_of
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, blank_map, intrinsics_of, label, pixel_grid_of
@@ -35,14 +35,14 @@ def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Datas
     frames = min(sizes["t"], settings.window_frames)
     types = types_of(sizes["s"], frames, settings)
     x, y = (recording[name].values if name in recording.coords else None for name in ("x", "y"))
-    return label(
-        "estimate",
-        {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in types.items()},
-        intrinsics_of(recording),
-        t=recording["t"].values[places],
-        x=x,
-        y=y,
-    )
+    maps = {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in types.items()}
+    cameras: dict[str, Any] = {}
+    if settings.corrections is not None:
+        for name, components in CORRECTIONS.items():
+            maps[name] = blank_map(np.float64, (*components, sizes["s"], len(places)))
+        cameras = {name: recording[name].values for name in ("s", "stage_x_mm")}
+    times = recording["t"].values[places]
+    return label("estimate", maps, intrinsics_of(recording), t=times, x=x, y=y, **cameras)
 
 
 def fill_estimate(
@@ -90,6 +90,8 @@ def fill_estimate(
     positions = recording["stage_x_mm"].values / baseline_mm
     placed = positions if cameras > 1 else np.zeros(1)
     rig = Rig(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
+    if settings.corrections is not None:
+        settings = settings.model_copy(update={"corrections": settings.corrections.in_columns(grid.step_px)})
     splines, times = Splines(reader), recording["t"].values.astype(np.float64)
     needed = _needed(reader.shape[2], settings)
     rounds, curved = [], []
@@ -113,13 +115,17 @@ def fill_estimate(
             taken,
             intrinsics.focal_length_px,
             intrinsics.principal_point_px,
+            np.zeros((len(placed) * len(taken), 4)),
         )
         found = refine(images, start, settings, told)
-        beside = nothing_beside(images.shape)
+        images, beside = found.images, nothing_beside(images.shape)
         if settings.outlines:
             found, beside = refit_beside_outlines(images, start, found, settings, told)
         for name, values in maps_of(images, found, beside, settings, grid.step_px, baseline_mm).items():
             put(name, {"t": number}, values)
+        if found.cameras is not None:
+            for name, values in corrections_of(found.cameras, images, grid.step_px).items():
+                put(name, {"t": number}, values)
         rounds.append(found.rounds)
         curved.append(round(float(found.curved.mean()), 4))
         if told is not None:

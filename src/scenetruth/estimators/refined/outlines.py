@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -124,7 +124,7 @@ def refit_beside_outlines(
     own = textured(seen.gradient.astype(np.float64), noise, len(images.view().s))
     sound = where & explained & (shares[0] > _LEAST_SHARE) & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
     sound &= ~_mixed(images, np.where(where, final.theta, whole))
-    result = Refined(final, refined.curved & ~where, refined.rounds, refined.seen, refined.uneven)
+    result = replace(refined, fit=final, curved=refined.curved & ~where)
     return result, Beside(where, sound)
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.bands import bands, pieces, window_weights
+from scenetruth.estimators.refined.cameras.corrections import Cameras
+from scenetruth.estimators.refined.cameras.shifts import Shifts
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES
 from scenetruth.estimators.refined.kernels.solving import FULL, Fit, Model
@@ -67,6 +69,10 @@ class Refined:
     """What every pixel shows by itself."""
     uneven: NDArray[np.bool_]
     """Where smaller windows find another disparity: the surface is not what the model takes it for."""
+    images: Images
+    """The images, where they turned out to be."""
+    cameras: Cameras | None
+    """How far they are from where they should be, if that was asked for."""
 
 
 def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable[[int], None] | None = None) -> Refined:
@@ -87,20 +93,28 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     """
     models, sigma, gains = models_of(images, settings), settings.window_sigma_px, settings.brightness == "per_image"
     plain = models[0]._replace(gradient=0) if models[0].surface > 0 else models[0]
+    cameras = None if settings.corrections is None else Cameras(settings.corrections, images)
     span = float(np.abs(images.times).max())
-    stages = [(images.within(reach), plain) for reach in STAGES if reach < span]
+    stages = [(reach, plain) for reach in STAGES if reach < span]
     state = np.zeros((FULL, *images.shape))
     state[list(FIELDS)] = start
     done, left = 0, settings.rounds - len(models)
-    for part, model in [*stages, (images, plain), *[(images, models[0])] * left]:
+    for reach, model in [*stages, (span, plain), *[(span, models[0])] * left]:
         if done >= left:
             break
-        (fit,) = fit_round(part, state, [model], sigma, gains=gains)
+        part = images.within(reach)
+        shifts = None if cameras is None else Shifts.blank(images.shape, len(part.view().s))
+        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts)
         before, state = state, kept(state, fit.theta)
+        moved = 0.0
+        if cameras is not None and shifts is not None:
+            moved = cameras.update(shifts, before[list(FIELDS)], part)
+            images = replace(images, moved=cameras.values)
         done += 1
         if told is not None:
             told(done)
-        if model is models[0] and _still(before, state, fit, images, settings.tolerance_px):
+        still = moved < settings.tolerance_px and _still(before, state, fit, images, settings.tolerance_px)
+        if model is models[0] and still:
             break
     curved = np.full(images.shape, models[0].surface == _CURVED)
     chosen = np.zeros(images.shape, dtype=np.int8)
@@ -119,7 +133,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     uneven = differ(fit, finer, _FINER * sigma)
     if told is not None:
         told(done + 1)
-    return Refined(fit, curved, done + 1, seen, uneven)
+    return Refined(fit, curved, done + 1, seen, uneven, images, cameras)
 
 
 # Variances of a fit, with those of the surface element.
@@ -152,6 +166,7 @@ def fit_round(
     chosen: NDArray[np.int8] | None = None,
     finer: tuple[float, Fit] | None = None,
     seen: Seen | None = None,
+    shifts: Shifts | None = None,
 ) -> list[Fit]:
     """Warp all images by what is known of every pixel, and fit each model anew, or the one that is chosen.
 
@@ -176,6 +191,8 @@ def fit_round(
         disparity: is written, if given.
     seen
         Is written, if given.
+    shifts
+        Is added to, if given.
     """
     view, windows = images.view(), window_weights(sigma_px)
     if chosen is None:
@@ -183,7 +200,7 @@ def fit_round(
         fits = [blank_fit(state, variances=variances > 0) for _ in models]
     else:
         fits = [blank_fit(state, variances=variances > 0)] * len(models)
-    for band in bands(images, state[list(FIELDS)], sigma_px, gains=gains):
+    for band in bands(images, state[list(FIELDS)], sigma_px, gains=gains, shifts=shifts):
         # Always two, so that the kernel is compiled once.
         pair = (
             (models[0], models[-1]),

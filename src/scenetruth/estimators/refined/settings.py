@@ -2,13 +2,53 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from scenetruth.estimators.protocol import MethodSettings
+from scenetruth.model import FrozenModel, NonNegative
 
-__all__ = ["RefinedSettings"]
+__all__ = ["CorrectionPriors", "RefinedSettings"]
+
+
+class CorrectionPriors(FrozenModel):
+    """How far images may be from where they should be: standard deviations, as the stage's data sheet has them.
+
+    A position that is off by δX along the stage moves its image by f δX / Z px, a camera turned by an angle by f times
+    that. Errors of a position are the same at every visit of the stage.
+    """
+
+    x_px: NonNegative = 0.0
+    """Of a position's image along x: yaw, and position along the stage."""
+    y_px: NonNegative = 0.0
+    """Of a position's image along y: pitch, and straightness."""
+    roll_urad: NonNegative = 0.0
+    """Of a position's rotation about the optical axis."""
+    scale_ppm: NonNegative = 0.0
+    """Of the scale of a position's image: focal length, and position along the optical axis."""
+    repeatability_px: NonNegative = 0.0
+    """Along x and along y, of every single image: what is new at each visit of a position."""
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not any(self.model_dump().values()):
+            msg = (
+                f"corrects nothing: make at least one of {', '.join(type(self).model_fields)} positive, or leave it out"
+            )
+            raise ValueError(msg)
+        return self
+
+    def in_columns(self, step_px: float) -> CorrectionPriors:
+        """Return the same in columns of the images.
+
+        Parameters
+        ----------
+        step_px
+            Distance of two columns in the camera's pixels.
+        """
+        lengths = {name: getattr(self, name) / step_px for name in ("x_px", "y_px", "repeatability_px")}
+        return self.model_copy(update=lengths)
 
 
 class RefinedSettings(MethodSettings):
@@ -34,6 +74,8 @@ class RefinedSettings(MethodSettings):
     tensor's estimate, which takes half the time and holds for smooth scenes that move slowly."""
     outlines: bool = True
     """Whether windows that hold more than one surface are fitted anew to the pixels of the surface in their middle."""
+    corrections: CorrectionPriors | None = None
+    """How far images may be from where they should be; how far they are is then estimated from all points together."""
     rounds: Annotated[int, Field(ge=2, le=50)] = 10
     """How often images are warped and the fit is repeated, at most."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3

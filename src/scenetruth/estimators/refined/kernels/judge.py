@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import REACH, TAPS, View, weights
+from scenetruth.estimators.refined.kernels.warp import REACH, TAPS, View, corrected, weights
 
 __all__ = ["SIDES", "judge_rows"]
 
@@ -66,8 +66,9 @@ def judge_rows(
             for i in range(count):
                 s, s_y, t = view.s[i], view.s_y[i], view.t[i]
                 scale = 1.0 / (1.0 + t * d * fields[3, y, x] / view.focal)
-                at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale + view.centre_x
-                at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale + view.centre_y
+                at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale
+                at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale
+                at_x, at_y = corrected(view, i, at_x, at_y)
                 if not (at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
                     continue
                 left, top = int(at_x), int(at_y)

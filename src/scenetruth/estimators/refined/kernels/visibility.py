@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import View
+from scenetruth.estimators.refined.kernels.warp import View, corrected
 
 __all__ = ["hide"]
 
@@ -23,8 +23,9 @@ def _place(view: View, i: int, fields: Any, y: int, x: int) -> Any:
     """Return where an image shows the point of a pixel, and the point's disparity there."""
     d, s, s_y, t = fields[0, y, x], view.s[i], view.s_y[i], view.t[i]
     scale = 1.0 / (1.0 + t * d * fields[3, y, x] / view.focal)
-    at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale + view.centre_x
-    at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale + view.centre_y
+    at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale
+    at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale
+    at_x, at_y = corrected(view, i, at_x, at_y)
     return at_x, at_y, abs(d * scale)
 
 

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PRODUCTS", "REACH", "TAPS", "View", "add_products", "mean_texture", "warp_rows", "weights"]
+__all__ = ["PRODUCTS", "REACH", "TAPS", "View", "add_products", "corrected", "mean_texture", "warp_rows", "weights"]
 
 # Reassociation and contraction only: NaN must stay NaN.
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -28,12 +28,28 @@ class View(NamedTuple):
     """Position across the stage in the same steps, shape (n,)."""
     t: NDArray[np.float64]
     """Time in frames, shape (n,)."""
+    moved: NDArray[np.float64]
+    """How far the images are from where they should be, as of `corrected`, shape (n, 4)."""
     focal: float
     """Focal length in columns."""
     centre_x: float
     """Column of the principal point."""
     centre_y: float
     """Row of the principal point."""
+
+
+@numba.njit(inline="always")
+def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
+    """Return column and row at which an image shows what it should show at (x, y) from the principal point.
+
+    It is moved by x and y in px, rolled from x towards y by an angle in rad, and larger by a share, in this order in
+    ``view.moved``: to the first order.
+    """
+    right, down, roll, larger = view.moved[i, 0], view.moved[i, 1], view.moved[i, 2], view.moved[i, 3]
+    return (
+        x + right - roll * y + larger * x + view.centre_x,
+        y + down + roll * x + larger * y + view.centre_y,
+    )
 
 
 @numba.njit(inline="always")
@@ -85,7 +101,8 @@ def warp_rows(
 
         x' = (x + d (t q_X - s)) / (1 + t d q_Z / f)        y' = (y + d (t q_Y - s_y)) / (1 + t d q_Z / f)
 
-    with the disparity d in px per step and the velocity q in steps per frame (paper, eq. 2 and 3).
+    with the disparity d in px per step and the velocity q in steps per frame (paper, eq. 2 and 3), and shows it where
+    `corrected` says.
 
     Parameters
     ----------
@@ -121,8 +138,9 @@ def warp_rows(
             for x in range(width):
                 d = fields[0, y, x]
                 scale = 1.0 / (1.0 + t * d * fields[3, y, x] / view.focal)
-                at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale + view.centre_x
-                at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale + view.centre_y
+                at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale
+                at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale
+                at_x, at_y = corrected(view, i, at_x, at_y)
                 seen = not some or (hidden[i >> 3, y, x] >> (i & 7)) & 1 == 0
                 if not (seen and at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
                     warped[i, row, x] = np.float32(np.nan)
