@@ -27,7 +27,7 @@ def row(name: str, recording: Any, truth: Any, seeds: int, inner: dict[str, slic
     method = settings.setdefault("method", "structure_tensor")
     if method == "structure_tensor":
         settings["flow_working_point_px"] = (0, 0)
-    found = calibration(recording, truth, seeds, inner, **settings)
+    found = calibration(recording, truth, seeds, inner, told_only=True, **settings)
     ratios = " | ".join(f"{found[part][0]:.2f}" for part in PARTS)
     shares = " | ".join(f"{100 * found[part][1]:.1f}" for part in PARTS)
     print(f"| {name} | {method} | {ratios} | {shares} |", flush=True)
