@@ -1,17 +1,18 @@
-"""Measure what each imperfection of camera, stage, light and sensor costs on the noise cube; print a table.
+"""Measure what each imperfection of camera, stage, light and sensor costs both methods on the noise cube.
 
-Run it from the top of the repository: ``python -m benchmarks.imperfections [NAME ...]``; about ten minutes.
+Run it from the top of the repository: ``python -m benchmarks.imperfections [NAME ...]``; 640 x 480 pixels, 5 cameras, 9
+frames, of which one is estimated; pixels 20 px and more from edges. Options of all benchmarks: `benchmarks.jobs`.
 """
 
 from __future__ import annotations
 
-import sys
-import time
-from pathlib import Path
+from collections.abc import Sequence
+
+from benchmarks.beside import METHODS, scene_of
+from benchmarks.jobs import arguments, ends, heading, line
 
 import scenetruth as st
 
-SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
 IDEAL = ["sensor=ideal", "render.backend=raycast", "render.supersampling=4"]
 
 # Each effect alone, at the size it has on a common rig; fewer samples per pixel where many images are averaged.
@@ -38,24 +39,27 @@ EFFECTS: dict[str, list[str]] = {
     "brightness drifting 1 % per frame": ["lighting.drift_per_frame=0.01"],
 }
 QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y")
+COLUMNS = ("depth mm", "disparity px/step", "U_X mm/frame", "U_Y", "U_Z", "flow x px/frame", "y", "seen")
 
 
-def main(names: list[str]) -> None:
-    """Simulate, estimate and score every effect."""
-    print(
-        "| effect, alone | depth mm | disparity px/step | U_X mm/frame | U_Y | U_Z | flow x px/frame | y | seen | s |"
-    )
-    print("|---|" + 9 * "---|")
-    for name, changes in EFFECTS.items():
-        if names and not any(part in name for part in names):
-            continue
-        start = time.perf_counter()
-        recording, truth = st.simulate(st.load_scene(SCENE, IDEAL + changes))
-        table = st.score(st.estimate(recording), truth).to_frame().loc["interior"]
-        cells = [f"{table.loc[quantity, 'rms']:.2g}" for quantity in QUANTITIES]
-        share = table.loc["depth", "density"]
-        print(f"| {name} | {' | '.join(cells)} | {share:.2f} | {time.perf_counter() - start:.0f} |", flush=True)
+def rows(name: str, changes: Sequence[str]) -> list[list[str]]:
+    """Simulate an effect, and return what each method makes of it, by its defaults."""
+    recording, truth = st.simulate(scene_of("cube", [*IDEAL, *EFFECTS[name], *changes]))
+    cells = []
+    for method in METHODS:
+        scores = st.score(st.estimate(recording, method), truth).regions["interior"]
+        told = [f"{scores[quantity]['rms'] or float('nan'):.2g}" for quantity in QUANTITIES]
+        cells.append([name, method, *told, f"{float(scores['depth']['density'] or 0):.2f}"])
+    return cells
+
+
+def main() -> None:
+    """Print the table, effect by effect."""
+    given = arguments(__doc__).parse_args()
+    print(heading(("effect, alone", "method", *COLUMNS)), flush=True)
+    for _, cells in ends(rows, {name: (name, given.set) for name in EFFECTS}, given):
+        print("\n".join(map(line, cells)), flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -1,58 +1,61 @@
-"""What the estimator makes of the leaf and the rosette, region by region: the tables of docs/living.md.
+"""What both methods make of the leaf and the rosette, region by region: the tables of docs/living.md.
 
-Run it from the top of the repository: ``python -m benchmarks.living``.
+Run it from the top of the repository: ``python -m benchmarks.living [leaf | rosette]``; 640 x 480 pixels, 5 cameras, 9
+frames, of which one is estimated, in three cases each. Options of all benchmarks: `benchmarks.jobs`.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
+
+from benchmarks.beside import METHODS, estimated, scene_of
+from benchmarks.jobs import arguments, ends, heading, line, number, pair
 
 import scenetruth as st
-from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 
-SCENES = Path(__file__).parents[1] / "scenes"
+Regions = dict[str, dict[str, dict[str, float | None]]]
 # Frames a minute apart as the scenes have them; a quarter of an hour apart; and that in light without shadows.
-CASES = (
-    ("frames.frame_interval_s=60",),
-    ("frames.frame_interval_s=900",),
-    ("frames.frame_interval_s=900", "lighting.lights=[]", "lighting.ambient=0.8"),
-)
-HEADINGS = ("A: Z", "U_Z", "growth", "B: U_Z", "growth", "C: U_Z", "growth")
+CASES = {
+    "A": ("frames.frame_interval_s=60",),
+    "B": ("frames.frame_interval_s=900",),
+    "C": ("frames.frame_interval_s=900", "lighting.lights=[]", "lighting.ambient=0.8"),
+}
+NAMES = ("leaf", "rosette")
+HEADINGS = ("region", "method", "pixels", "known, %", "A: Z", "U_Z", "growth", "B: U_Z", "growth", "C: U_Z", "growth")
+QUANTITIES = ("depth", "velocity_z", "growth_rate_windowed")
 
 
-def scores(name: str, changes: tuple[str, ...]) -> st.Score:
-    """Render, estimate and score a changed scene."""
-    scene = st.load_scene(SCENES / f"{name}.yaml", list(changes))
+def scores(name: str, changes: Sequence[str]) -> dict[str, Regions]:
+    """Render a changed scene; estimate and score it by each method."""
+    scene = scene_of(name, changes)
     recording, truth = st.simulate(scene)
-    chosen = (scene.estimate or StructureTensorSettings()).model_dump()
-    return st.score(st.estimate(recording, **chosen), truth, recording)
+    return {method: st.score(estimated(recording, method, scene), truth, recording).regions for method in METHODS}
 
 
-def number(value: float | int | None) -> str:
-    """Spell a number with two digits."""
-    return "–" if value is None else f"{float(f'{value:.1e}'):g}"
-
-
-def row(region: str, results: list[st.Score]) -> str | None:
+def row(region: str, method: str, cases: Sequence[dict[str, Regions]]) -> str | None:
     """Return median / rms error of the quantities in a region, for every case; None if it is empty."""
-    first = results[0].regions.get(region)
-    if first is None or not first["depth"]["count"]:
+    depth = cases[0][method].get(region, {}).get("depth", {})
+    if not depth.get("count"):
         return None
-    cells = [f"`{region}`", f"{first['depth']['count']:,}", number(100 * float(first["depth"]["density"] or 0))]
-    for index, result in enumerate(results):
-        for quantity in ("depth", "velocity_z", "growth_rate_windowed")[index > 0 :]:
-            values = result.regions.get(region, {}).get(quantity, {})
-            cells.append(f"{number(values.get('median_abs'))} / {number(values.get('rms'))}")
-    return f"| {' | '.join(cells)} |"
+    cells = [f"`{region}`", method, f"{depth['count']:,}", number(100 * float(depth["density"] or 0))]
+    for index, case in enumerate(cases):
+        cells += [pair(case[method].get(region, {}).get(quantity, {})) for quantity in QUANTITIES[index > 0 :]]
+    return line(cells)
 
 
 def main() -> None:
     """Print both tables."""
-    for name in ("leaf", "rosette"):
-        results = [scores(name, changes) for changes in CASES]
-        print(f"\n## {name}\n\n| region | pixels | known, % | {' | '.join(HEADINGS)} |\n|{10 * '---|'}")
-        rows = (row(region, results) for region in results[0].regions)
-        print("\n".join(filter(None, rows)), flush=True)
+    given = arguments(__doc__).parse_args()
+    jobs = {f"{name} {case}": (name, [*changes, *given.set]) for name in NAMES for case, changes in CASES.items()}
+    made: dict[str, list[dict[str, Regions]]] = {}
+    for job, regions in ends(scores, jobs, given):
+        name = job.split()[0]
+        made.setdefault(name, []).append(regions)
+        if len(made[name]) == len(CASES):
+            cases = made[name]
+            print(f"\n## {name}\n\n{heading(HEADINGS)}")
+            told = [row(region, method, cases) for region in cases[0][METHODS[0]] for method in METHODS]
+            print("\n".join(filter(None, told)), flush=True)
 
 
 if __name__ == "__main__":

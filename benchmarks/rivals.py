@@ -34,6 +34,7 @@ METHODS: tuple[tuple[str, str, dict[str, Any]], ...] = (
         {"working_point_px": 37, "flow_working_point_px": (0, 0), "divergence": "paper"},
     ),
     ("4D structure tensor, working point per pixel", "structure_tensor", {}),
+    ("refined", "refined", {}),
 )
 COLUMNS = {"disparity": "px", "depth": "mm", "flow_x": "px", "flow_y": "px", "velocity_z": "mm/frame"}
 

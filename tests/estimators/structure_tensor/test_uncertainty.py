@@ -30,9 +30,18 @@ def with_noise(recording: xr.Dataset, seed: int, sigma: float = NOISE) -> xr.Dat
 
 
 def calibration(
-    recording: xr.Dataset, truth: dict[str, Any], seeds: int, inner: dict[str, slice], **settings: Any
+    recording: xr.Dataset,
+    truth: dict[str, Any],
+    seeds: int,
+    inner: dict[str, slice],
+    *,
+    told_only: bool = False,
+    **settings: Any,
 ) -> dict[str, tuple[float, float]]:
-    """Return, of depth and every component of velocity, scatter over predicted std and the share within 2 std."""
+    """Return, of depth and every component of velocity, scatter over predicted std and the share within 2 std.
+
+    Of all pixels, which must all be told, or of those that all estimates tell.
+    """
     found: dict[str, list[Array]] = {"depth": [], "velocity": []}
     predicted: dict[str, list[Array]] = {"depth": [], "velocity": []}
     for seed in range(seeds):
@@ -47,9 +56,10 @@ def calibration(
         if name == "depth":
             values, std, exact = values[:, None], std[:, None], exact[None]
         for index, part in enumerate(["Z"] if name == "depth" else ["U_X", "U_Y", "U_Z"]):
-            scatter = np.sqrt(np.mean(values[:, index].var(axis=0, ddof=1)))
-            ratio = scatter / np.sqrt(np.mean(std[:, index] ** 2))
-            within = np.mean(np.abs(values[:, index] - exact[index]) <= 2 * std[:, index])
+            each, bar = values[:, index], std[:, index]
+            kept = np.isfinite(each).all(axis=0) if told_only else np.ones(each.shape[1:], dtype=np.bool_)
+            ratio = np.sqrt(np.mean(each.var(axis=0, ddof=1)[kept]) / np.mean(bar[:, kept] ** 2))
+            within = np.mean((np.abs(each - exact[index]) <= 2 * bar)[:, kept])
             result[part] = (float(ratio), float(within))
     return result
 
