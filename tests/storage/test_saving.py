@@ -14,6 +14,10 @@ import xarray as xr
 import zarr
 
 import scenetruth as st
+from scenetruth.schema import blank_map, label
+from scenetruth.schema.attributes import Intrinsics
+from scenetruth.storage import open_store
+from scenetruth.storage.store_writer import StoreWriter
 
 KINDS: tuple[Literal["recording", "truth", "estimate"], ...] = ("recording", "truth", "estimate")
 
@@ -150,3 +154,18 @@ def test_only_stores_of_ours_are_replaced(data: dict[str, xr.Dataset], tmp_path:
     assert (tmp_path / "thesis" / "chapter.txt").read_text() == "all my work"
     # A foreign file is no damage.
     assert st.load(tmp_path / "x.zarr").identical(data["recording"])
+
+
+def test_what_has_no_pixels_is_written_part_by_part(tmp_path: Path) -> None:
+    blank = label(
+        "estimate",
+        {"depth": blank_map(np.float32, (2, 4, 5)), "image_roll": blank_map(np.float64, (3, 2))},
+        Intrinsics(500.0, (2.0, 1.5), 5.0, 1.0),
+        t=[0, 1],
+    )
+    with StoreWriter(tmp_path / "estimate.zarr", blank) as writer:
+        for t in (0, 1):
+            writer.put("depth", {"t": t}, np.full((4, 5), t, dtype=np.float32))
+            writer.put("image_roll", {"t": t}, np.array([1e-6, 0.0, 2e-6 * t]))
+    found = open_store(tmp_path / "estimate.zarr")
+    np.testing.assert_array_equal(found["image_roll"].values, [[1e-6, 1e-6], [0.0, 0.0], [0.0, 2e-6]])

@@ -111,7 +111,10 @@ def _form_problems(dataset: xr.Dataset, kind: str) -> Iterator[Problem]:
     if "s" not in dataset.dims:
         return
     if kind == "estimate":
-        yield Problem("estimate.s", "must not be a dimension; an estimate belongs to the reference camera")
+        # What is told of the cameras themselves has no pixels.
+        if any({"s", "x"} <= set(item.dims) for item in dataset.data_vars.values()):
+            message = "must not be a dimension of maps; an estimate belongs to the reference camera"
+            yield Problem("estimate.s", message)
     elif "s" not in dataset.coords or list(dataset["s"].values).count(0) != 1:
         yield Problem(f"{kind}.s", "must hold the reference camera s = 0 once")
 

@@ -38,8 +38,8 @@ class StoreWriter:
     path
         The store, which does not exist yet; `write_aside` gives such paths.
     like
-        A data set with the variables, coordinates and attributes that the store will have. Variables without pixels are
-        written at once; of those with pixels only the form is taken, so that they may be views of a single value.
+        A data set with the variables, coordinates and attributes that the store will have. Of variables with pixels
+        only the form is taken, so that they may be views of a single value; others hold until something is put there.
     zipped
         Whether the store is one zip file in the end.
     narrow
@@ -71,6 +71,7 @@ class StoreWriter:
         self._encoders: dict[Hashable, Any] = {}
         self._files: dict[Hashable, ShardFile] = {}
         self._variables = {name: like.variables[name] for name in like.data_vars if is_mapped(like[name].dims)}
+        self._small: dict[str, NDArray[Any]] = {}
         self._pending: deque[tuple[ShardFile, tuple[int, ...], int, Future[bytes]]] = deque()
         self._pending_bytes = 0
         self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="store")
@@ -132,6 +133,11 @@ class StoreWriter:
             What belongs there, with the other dimensions in their order. They must not be changed afterwards: they are
             packed in the background.
         """
+        if name not in self._variables:
+            # Without pixels it is small, and is written when all is known.
+            small = self._small.setdefault(name, np.array(self._like[name].values))
+            small[tuple(at.get(str(dim), slice(None)) for dim in self._like[name].dims)] = values
+            return
         variable, file, encoder = self._variables[name], self._files[name], self._encoders[name]
         chunks = chunk_shape(variable.dims, variable.shape)
         grid = [size // chunk for size, chunk in zip(variable.shape, chunks, strict=True)]
@@ -170,6 +176,8 @@ class StoreWriter:
                 msg = f"{name}: {file.missing} chunks were never put"
                 raise ValueError(msg)
             file.close()
+        for name, values in self._small.items():
+            self._group[name][...] = values
         with without_warnings():
             # Without consolidated metadata, xarray alone would warn when it opens the store.
             zarr.consolidate_metadata(self._path, zarr_format=3)

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import scenetruth as st
 from scenetruth.errors import EstimateError
@@ -143,3 +144,15 @@ def test_images_with_holes_are_refused() -> None:
     recording = make_recording(images, focal_length_px=800.0, baseline_mm=5.0)
     with pytest.raises(EstimateError, match="holds 1 values that are not finite"):
         st.estimate(recording, "plane_sweep")
+
+
+@pytest.mark.parametrize("disparity", [0, 1, 2])
+def test_what_is_far_away_is_told_or_left_out(disparity: int) -> None:
+    texture = ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(48, 144)), 1.5)
+    images = np.stack([texture[:, 40 + disparity * s : 104 + disparity * s] for s in (-1, 0, 1)])[None]
+    found = sweep(images.astype(np.float32), np.array([-1.0, 0.0, 1.0]), 1.0)
+    assert (found.disparity > 0).all()
+    told = found.disparity[found.known]
+    # What does not move from camera to camera has no depth.
+    assert disparity == 0 or told.size > 0.8 * texture[:, :64].size
+    assert np.abs(told - disparity).max(initial=0.0) < 0.25

@@ -63,7 +63,8 @@ def _ranges(chosen: Chosen, sure: NDArray[np.bool_], step: float, widest: float)
     places = np.rint(chosen.disparity[sure] / step).astype(np.int64)
     counts = np.bincount(np.clip(places, 0, None), minlength=1)
     # As many within a column to either side.
-    around = np.convolve(counts, np.ones(2 * round(1 / step) + 1), mode="same")
+    reach = round(1 / step)
+    around = np.convolve(counts, np.ones(2 * reach + 1))[reach : reach + len(counts)]
     least = max(_LEAST_PIXELS, _LEAST_SHARE * sure.size)
     found = np.flatnonzero((around >= least) & (counts > 0)) * step
     runs = np.split(found, np.flatnonzero(np.diff(found) > _WIDER) + 1) if len(found) else []

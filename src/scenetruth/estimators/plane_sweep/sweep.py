@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Swept", "sweep"]
 
+# Least disparity that is told, in steps of those that are tried.
+_FARTHEST = 0.5
 _MEDIAN_PX = 3
 
 
@@ -71,7 +73,11 @@ def sweep(
         return Swept(np.full(grey.shape[1:], np.nan), np.zeros(grey.shape[1:], dtype=np.bool_), [])
     chosen = choose(grey, row, spread(searched, _step(row.farthest)))
     disparity = ndimage.median_filter(chosen.disparity, _MEDIAN_PX)
-    return Swept(disparity * turn, chosen.sure(distinctness), [(low * turn, high * turn) for low, high in searched])
+    # What is as far away as anything, or farther, has no depth.
+    least = _FARTHEST * _step(row.farthest)
+    known = chosen.sure(distinctness) & (disparity > least)
+    disparity = np.maximum(disparity, least) * turn
+    return Swept(disparity, known, [(low * turn, high * turn) for low, high in searched])
 
 
 def _step(farthest: float) -> float:
