@@ -60,9 +60,11 @@ def from_start(wavelengths: tuple[float, float], what: str, off_px: float) -> fl
         plane = MovingPlane(focal_px=FOCAL_PX, depth_mm=DEPTH_MM, wavelengths_px=wavelengths, seed=seed)
         recording, truth = plane.recording(CAMERAS, FRAMES, noise_std=NOISE), plane.truth()
         splines = Splines(FrameReader(recording)).frames(0, FRAMES)
-        places = [np.array(centred_indices(count), dtype=np.float64) for count in (CAMERAS, FRAMES)]
+        across, times = (np.array(centred_indices(count), dtype=np.float64) for count in (CAMERAS, FRAMES))
+        places = np.stack([across, np.zeros(CAMERAS)], axis=-1)
         height, width = plane.size
-        images = Images(splines, *places, plane.focal_px, ((width - 1) / 2, (height - 1) / 2))
+        centre, moved = ((width - 1) / 2, (height - 1) / 2), np.zeros((CAMERAS * FRAMES, 4))
+        images = Images(splines, places, times, plane.focal_px, centre, moved)
         x = np.arange(width) - (width - 1) / 2
         y = (np.arange(height) - (height - 1) / 2)[:, None]
         for field, sign in WAYS[what]:

@@ -27,6 +27,7 @@ OUTLINE_PX = 5
 METHODS: tuple[tuple[str, dict[str, object]], ...] = (
     ("structure_tensor", {"tau": "auto"}),
     ("plane_sweep", {}),
+    ("refined", {"unfitted": "nothing"}),
     ("refined", {}),
 )
 SEMI_GLOBAL = "SGBM"
@@ -127,21 +128,19 @@ def timed(function: Callable[[], Map]) -> tuple[Map, float]:
 
 
 def told(recording: xr.Dataset, name: str, settings: dict[str, object]) -> Map:
-    """Return the disparity that a method of the package tells, NaN elsewhere."""
+    """Return the disparity that a method of the package tells, NaN elsewhere; rough ones where it fits nothing, too."""
     found = st.estimate(recording, name, settings).isel(t=0)
-    return np.where(found["kind"].values == 2, found["disparity"].values, np.nan)
+    least = 1 if name == "refined" else 2
+    return np.where(found["kind"].values >= least, found["disparity"].values, np.nan)
 
 
 def estimates(recording: xr.Dataset, truth: Map) -> Iterator[tuple[str, Map, float]]:
     """Give name, disparity (NaN is unknown) and seconds of every method."""
-    made: dict[str, tuple[Map, float]] = {}
     for name, settings in METHODS:
         # What is compiled on first use is no part of the time.
         told(recording.isel(y=slice(0, 100), x=slice(0, 140)), name, settings)
-        made[name] = timed(lambda name=name, settings=settings: told(recording, name, settings))
-        yield name, *made[name]
-    (fitted, seconds), (swept, more) = made["refined"], made["plane_sweep"]
-    yield "refined, else plane_sweep", np.where(np.isfinite(fitted), fitted, swept), seconds + more
+        spelled = ", ".join([name, *(f"{key}: {value}" for key, value in settings.items() if key != "tau")])
+        yield spelled, *timed(lambda name=name, settings=settings: told(recording, name, settings))
     range_px = (float(np.nanmin(truth)), float(np.nanmax(truth)))
     for kind in (SEMI_GLOBAL, BLOCKS):
         chosen = best(kind, recording, truth)

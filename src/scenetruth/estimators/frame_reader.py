@@ -29,15 +29,14 @@ class FrameReader:
     """
 
     def __init__(self, recording: xr.Dataset) -> None:
-        image = recording["image"]
-        # A grid of one row is a row.
-        self._image = image.isel(s_y=0) if "s_y" in image.dims else image
-        sizes = self._image.sizes
+        self._image = image = recording["image"]
+        sizes = image.sizes
         native = image.dtype.newbyteorder("=")
         self.dtype = native if native in (np.uint8, np.uint16) else np.dtype(np.float32)
         """Type in which images are given: uint8 and uint16 as recorded, all other types as float32."""
-        self.shape = (sizes.get("channel", 1), sizes["s"], sizes["t"], sizes["y"], sizes["x"])
-        """Numbers of channels, cameras, frames, rows and columns."""
+        cameras = sizes.get("s_y", 1) * sizes["s"]
+        self.shape = (sizes.get("channel", 1), cameras, sizes["t"], sizes["y"], sizes["x"])
+        """Numbers of channels, cameras (of a grid row by row), frames, rows and columns."""
         self._first = 0
         self._held: NDArray[Any] = np.empty((*self.shape[:2], 0, *self.shape[3:]), dtype=self.dtype)
 
@@ -83,5 +82,6 @@ class FrameReader:
     def _read(self, first: int, last: int) -> NDArray[Any]:
         values = self._image.isel(t=slice(first, last)).values
         values = np.moveaxis(values, -1, 0) if "channel" in self._image.dims else values[None]
+        values = values.reshape(self.shape[0], self.shape[1], last - first, *self.shape[3:])
         with np.errstate(over="ignore"):
             return values.astype(self.dtype, copy=False)

@@ -42,11 +42,11 @@ class MovingPlane:
             x, y = np.einsum("ij,jyx->iyx", inverse, np.stack([x - right, y - down]))
         return np.stack([x / self.focal_px, y / self.focal_px, np.ones_like(x)], axis=-1)
 
-    def _hit(self, stage_x_mm: float, t: float, off: Array | None = None) -> tuple[Array, Array]:
+    def _hit(self, stage_mm: tuple[float, float], t: float, off: Array | None = None) -> tuple[Array, Array]:
         """Return the material coordinates (a, b) that each pixel sees, and the depth there."""
         tangents = np.array([[1.0, 0.0, self.slopes[0]], [0.0, 1.0, self.slopes[1]]])
         moved = tangents @ (np.eye(3) + t * self.gradient).T
-        centre = np.array([0.0, 0.0, self.depth_mm]) + t * np.array(self.velocity_mm) - [stage_x_mm, 0.0, 0.0]
+        centre = np.array([0.0, 0.0, self.depth_mm]) + t * np.array(self.velocity_mm) - [*stage_mm, 0.0]
         # centre + a p + b q = k r, for every ray r.
         rays = self._rays(off)
         matrix = np.empty((*rays.shape[:2], 3, 3))
@@ -56,14 +56,14 @@ class MovingPlane:
         )
         return found[..., :2], found[..., 2]
 
-    def image(self, stage_x_mm: float, t: float, channel: int = 0, moved: Array | None = None) -> Array:
-        """Return grey values between about 0 and 1 from a place on the stage at a time.
+    def image(self, stage_mm: tuple[float, float], t: float, channel: int = 0, moved: Array | None = None) -> Array:
+        """Return grey values between about 0 and 1 from a place (X, Y) on the stage at a time.
 
         An image that is not where it should be is moved along x and y in px, rolled from x to y in rad, and larger by a
         share: the four of ``moved``.
         """
         generator = np.random.default_rng((self.seed, channel))
-        material, _ = self._hit(stage_x_mm, t, moved)
+        material, _ = self._hit(stage_mm, t, moved)
         shortest, longest = (float(np.log(length)) for length in self.wavelengths_px)
         lengths = np.exp(generator.uniform(shortest, longest, self.waves)) * self.depth_mm / self.focal_px
         angles, phases = generator.uniform(0, 2 * np.pi, (2, self.waves))
@@ -80,31 +80,32 @@ class MovingPlane:
         noise_std: float = 0.0,
         seed: int = 1,
         moved: Array | None = None,
+        rows: int = 1,
     ) -> xr.Dataset:
-        """Return the recording of cameras around the reference, with white noise.
+        """Return the recording of cameras around the reference, with white noise; of a grid if there are several rows.
 
         ``moved`` tells how far every image is from where it should be, shape (cameras, frames, 4).
         """
         off = np.zeros((cameras, frames, 4)) if moved is None else moved
+        across, below = (self.baseline_mm * centred_indices(count) for count in (cameras, rows))
         images = np.array(
             [
-                [
-                    [
-                        self.image(s * self.baseline_mm, t, channel, off[i, j])
-                        for j, t in enumerate(centred_indices(frames))
-                    ]
-                    for i, s in enumerate(centred_indices(cameras))
-                ]
+                self.image((x_mm, y_mm), t, channel, off[i, j])
                 for channel in range(channels)
+                for y_mm in below
+                for i, x_mm in enumerate(across)
+                for j, t in enumerate(centred_indices(frames))
             ]
-        )
+        ).reshape(channels, rows, cameras, frames, *self.size)
         images = images[0] if channels == 1 else np.moveaxis(images, 0, -1)
         images += np.random.default_rng(seed).normal(0.0, noise_std, images.shape) if noise_std else 0.0
-        return make_recording(images, self.focal_px, self.baseline_mm)
+        stage_y_mm = below if rows > 1 else None
+        images = images if rows > 1 else images[0]
+        return make_recording(images, self.focal_px, self.baseline_mm, stage_y_mm=stage_y_mm)
 
     def truth(self) -> dict[str, Array]:
         """Return the maps of the reference image."""
-        _, depth = self._hit(0.0, 0.0)
+        _, depth = self._hit((0.0, 0.0), 0.0)
         points = self._rays() * depth[..., None]
         velocity = np.array(self.velocity_mm) + (points - [0.0, 0.0, self.depth_mm]) @ self.gradient.T
         tangents = np.array([[1.0, 0.0, self.slopes[0]], [0.0, 1.0, self.slopes[1]]])

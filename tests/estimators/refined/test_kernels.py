@@ -292,7 +292,7 @@ def test_the_plane_of_the_tests_is_seen_as_the_formulas_say() -> None:
     plane = MovingPlane(gradient=turning(1e-3, 2e-3, -1e-3))
     truth = plane.truth()
     y, x = np.mgrid[: plane.size[0], : plane.size[1]].astype(float)
-    reference = plane.image(0.0, 0.0)
+    reference = plane.image((0.0, 0.0), 0.0)
     for s, t in ((1, 0), (-2, 3)):
         depth = truth["depth"] + t * truth["velocity"][2]
         centre = (plane.size[1] - 1) / 2, (plane.size[0] - 1) / 2
@@ -301,5 +301,5 @@ def test_the_plane_of_the_tests_is_seen_as_the_formulas_say() -> None:
             1000 * (points[1] + t * truth["velocity"][1]) / depth + centre[1],
             1000 * (points[0] + t * truth["velocity"][0] - s * 4.0) / depth + centre[0],
         ]
-        seen = ndimage.map_coordinates(plane.image(s * 4.0, t), at, order=5, mode="mirror")[14:-14, 34:-34]
+        seen = ndimage.map_coordinates(plane.image((s * 4.0, 0.0), t), at, order=5, mode="mirror")[14:-14, 34:-34]
         assert np.abs(seen - reference[14:-14, 34:-34]).max() < 2e-3

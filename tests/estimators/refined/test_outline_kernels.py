@@ -120,7 +120,8 @@ def test_images_are_judged_by_their_variance(images: Array, fields: Array, warpe
     coefficients = _coefficients(images)
     out = np.empty((judge.SIDES, HEIGHT, WIDTH), dtype=np.float32)
     judge.judge_rows(coefficients, VIEW, fields, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
-    sides = [np.ones(COUNT, bool), VIEW.s <= 0, VIEW.s >= 0, VIEW.t <= 0, VIEW.t >= 0]
+    sides = [np.ones(COUNT, bool)]
+    sides += [side for where in (VIEW.s, VIEW.t, VIEW.s_y) for side in (where <= 0, where >= 0)]
     for found, side in zip(out, sides, strict=True):
         seen = warped[0][side].astype(np.float64)
         count = np.isfinite(seen).sum(axis=0)

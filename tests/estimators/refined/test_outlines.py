@@ -42,9 +42,9 @@ def recordings() -> tuple[xr.Dataset, xr.Dataset]:
     images = np.empty((2, 5, 5, *SIZE))
     for i, s in enumerate(range(-2, 3)):
         for j, t in enumerate(range(-2, 3)):
-            inside = np.abs(NEAR._hit(s * 4.0, t)[0][..., 0]) < HALF_MM
-            near = NEAR.image(s * 4.0, t)
-            for n, far in enumerate((FAR.image(s * 4.0, t), np.full_like(near, 0.5))):
+            inside = np.abs(NEAR._hit((s * 4.0, 0.0), t)[0][..., 0]) < HALF_MM
+            near = NEAR.image((s * 4.0, 0.0), t)
+            for n, far in enumerate((FAR.image((s * 4.0, 0.0), t), np.full_like(near, 0.5))):
                 fine = np.where(inside, near, far)
                 images[n, i, j] = fine.reshape(SIZE[0], FINE, SIZE[1], FINE).mean(axis=(1, 3))
     images += np.random.default_rng(7).normal(0.0, NOISE_STD, images.shape)

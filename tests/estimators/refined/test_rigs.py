@@ -45,6 +45,33 @@ def test_one_camera_gives_flow(frames: int) -> None:
     assert np.isnan(found["depth"]).all()
 
 
+def test_rows_of_cameras_are_taken_together() -> None:
+    settings = {"window_sigma_px": 4, "outlines": False}
+    clean, generator = PLANE.recording(3, 3, rows=3), np.random.default_rng(0)
+    scaled: dict[str, list[float]] = {"disparity": [], "velocity": []}
+    for _ in range(6):
+        grid = clean.assign(image=clean["image"] + generator.normal(0, 0.002, clean["image"].shape))
+        found = st.estimate(grid, "refined", settings).sel(t=0)
+        for name, squares in scaled.items():
+            error = (found[name].values - TRUTH[name])[(..., *INSIDE)]
+            squares.append(float(np.square(error / found[f"{name}_std"].values[(..., *INSIDE)]).mean()))
+    for squares in scaled.values():
+        # Some six windows in each, which share no pixels, draw 36 errors: 0.12 is a standard deviation.
+        assert np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=0.4)
+    row = st.estimate(grid.sel(s_y=0), "refined", settings).sel(t=0)
+    # With gradients that are as large along y as along x, information goes with the sum of s² + s_y²: 12 against 2.
+    less = np.median((found["disparity_std"] / row["disparity_std"]).values[INSIDE])
+    assert less == pytest.approx(np.sqrt(2 / 12), rel=0.15)
+    # Motion is seen three times as often.
+    less = np.median((found["velocity_std"] / row["velocity_std"]).values[:2][(..., *INSIDE)])
+    assert less == pytest.approx(np.sqrt(1 / 3), rel=0.15)
+
+
+def test_a_column_of_cameras_is_refused() -> None:
+    with pytest.raises(st.EstimateError, match="cameras in one column show no disparity along x"):
+        st.estimate(PLANE.recording(1, 2, rows=2), "refined", window_sigma_px=4)
+
+
 @pytest.mark.parametrize(("cameras", "frames"), [(2, 2), (2, 9), (3, 3)])
 def test_few_cameras_and_frames_give_everything(cameras: int, frames: int) -> None:
     found = st.estimate(PLANE.recording(cameras, frames), "refined", window_sigma_px=4, outlines=False).sel(t=0)

@@ -22,7 +22,8 @@ SETTINGS = RefinedSettings(window_sigma_px=4.0, surface="plane", rounds=12)
 def images_of(plane: MovingPlane, cameras: int = 5, frames: int = 9) -> Images:
     recording = plane.recording(cameras, frames)
     splines = Splines(FrameReader(recording)).frames(0, frames)
-    positions, times = recording["s"].values.astype(float), recording["t"].values.astype(float)
+    positions = np.stack([recording["s"].values, np.zeros(cameras)], axis=-1)
+    times = recording["t"].values.astype(float)
     return Images(
         splines,
         positions,

@@ -24,7 +24,7 @@ class _Refined(StreamingMethod):
     name = "refined"
     settings = RefinedSettings
     gives: frozenset[str] = frozenset({"depth", "disparity", "flow", "velocity"})
-    needs = Needs(images=2)
+    needs = Needs(images=2, grid=True)
     # Measured on the rosette, 5 x 9 images of 640 x 480: most of it beside outlines.
     bytes_per_pixel = 2400.0
     pixels_at_once = 1.0
@@ -44,6 +44,9 @@ class _Refined(StreamingMethod):
                 message = f"must be at least {least} px, the width of a window; a smaller window_sigma_px needs less"
                 problems.append(Problem(name, message, size))
         places = recording["stage_x_mm"].values
+        if sizes["s"] == 1 and sizes.get("s_y", 1) > 1:
+            message = "cameras in one column show no disparity along x, where the fit starts: 2 positions are needed"
+            problems.append(Problem("stage.positions", message, 1))
         if sizes["s"] > 1 and not np.isclose(places, 0.0, atol=1e-9).any():
             message = "needs a camera at 0, where estimates are given; or start: structure_tensor, which needs none"
             problems.append(Problem("stage_x_mm", message, places.tolist()))

@@ -23,7 +23,7 @@ class Images:
     coefficients
         Coefficients of their splines by frame, shape (channel, s, y, x) each.
     positions
-        Positions of the cameras in steps.
+        Positions (s, s_y) of the cameras in steps, shape (cameras, 2).
     times
         Times of the frames after the estimated one.
     focal, centre
@@ -53,7 +53,7 @@ class Images:
     @property
     def farthest(self) -> float:
         """Distance of the farthest camera, in steps."""
-        return float(np.abs(self.positions).max())
+        return float(np.hypot(*self.positions.T).max())
 
     @property
     def longest(self) -> float:
@@ -84,9 +84,9 @@ class Images:
 
     def view(self) -> View:
         """Return where and when all images were taken, in the order of `stack`."""
-        s = np.tile(self.positions, len(self.times))
+        s, s_y = np.tile(self.positions.T, len(self.times))
         t = np.repeat(self.times, len(self.positions))
-        return View(s, np.zeros_like(s), t, self.moved, self.focal, *self.centre)
+        return View(s, s_y, t, self.moved, self.focal, *self.centre)
 
     def moved_px(self, before: Map, after: Map) -> Map:
         """Return by how much a change of d and q, shape (4, ...) each, moves points where it moves them most, in px."""

@@ -15,8 +15,8 @@ from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textu
 from scenetruth.estimators.refined.outlines import FARTHEST, Beside
 from scenetruth.estimators.refined.rounds import FIELDS, Refined
 from scenetruth.estimators.refined.settings import RefinedSettings
-from scenetruth.estimators.refined.start import filled
-from scenetruth.schema.variables import KIND_FULL, KIND_NONE
+from scenetruth.estimators.refined.start import Start, filled
+from scenetruth.schema.variables import KIND_FULL, KIND_NONE, KIND_NORMAL
 
 __all__ = ["CORRECTIONS", "corrections_of", "maps_of", "types_of"]
 
@@ -31,6 +31,9 @@ CORRECTIONS: Mapping[str, tuple[int, ...]] = {
 
 # Residuals that a texture shifted by this many px would leave are not told from noise.
 _SHIFT_PX = 0.25
+# Values of quintic B-splines at whole pixels; and what texture of a pixel itself is, in a window of this many px.
+_QUINTIC = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0
+_OWN_PX, _OWN_GRADIENT = 2.0, 2.0
 # Beyond this, disparity or flow is not known.
 _LARGEST_STD_PX = 0.5
 # Values of ``surface_model``.
@@ -83,6 +86,7 @@ def maps_of(
     images: Images,
     refined: Refined,
     beside: Beside,
+    start: Start,
     settings: RefinedSettings,
     step_px: float,
     baseline_mm: float,
@@ -97,6 +101,8 @@ def maps_of(
         What was found.
     beside
         What is known beside outlines.
+    start
+        Where the fit started: some of its disparities are told where no fit is.
     settings
         What counts as an estimate.
     step_px
@@ -145,13 +151,16 @@ def maps_of(
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm)
+    rough = start.known & ~known & (settings.unfitted == "plane_sweep")
+    if rough.any():
+        rough &= _own_texture(images, usual)
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
     # These are told everywhere.
     maps: dict[str, NDArray[Any]] = {
         "residual": left,
         "images_used": fit.images,
         "surface_model": np.where(known, order, _NONE),
-        "kind": np.where(known, KIND_FULL, KIND_NONE),
+        "kind": np.where(known, KIND_FULL, np.where(rough, KIND_NORMAL, KIND_NONE)),
         "model_violation": violated,
     }
     types = types_of(cameras, frames, settings)
@@ -159,6 +168,9 @@ def maps_of(
         if name not in maps:
             values = found.get(name, np.full((*components, height, width), np.nan))
             maps[name] = np.where(known, values, np.nan)
+    if rough.any():
+        swept = start.fields[0][rough]
+        maps["disparity"][rough], maps["depth"][rough] = swept * step_px, focal * baseline_mm / swept
     return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
 
 
@@ -201,6 +213,23 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: int, sigma_px: flo
     aside = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
     middle_px = sigma_px**2 * np.hypot(*aside)
     return np.asarray(textured(texture, noise, images) | (middle_px < FARTHEST * sigma_px))
+
+
+def _own_texture(images: Images, noise: float) -> NDArray[np.bool_]:
+    """Tell where the reference's image has more gradient than noise would give it: twice as much, over some 5 px."""
+    from scipy.ndimage import convolve1d, gaussian_filter
+
+    view = images.view()
+    reference = int(np.argmin(np.abs(view.s) + np.abs(view.s_y) + np.abs(view.t)))
+    square = np.zeros(images.shape)
+    for channel in range(images.channels):
+        frame, camera = divmod(reference, len(images.positions))
+        image = images.coefficients[frame][channel, camera].astype(np.float64)
+        for axis in (0, 1):
+            image = convolve1d(image, _QUINTIC, axis=axis, mode="mirror")
+        square += sum(np.square(each) for each in np.gradient(image))
+    # Half the difference of two values has half their variance, along x and along y.
+    return np.asarray(gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels)
 
 
 def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:

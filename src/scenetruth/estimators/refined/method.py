@@ -33,14 +33,15 @@ def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Datas
     places = [frames.output for frames in _needed(sizes["t"], settings)]
     shape = (len(places), sizes["y"], sizes["x"])
     frames = min(sizes["t"], settings.window_frames)
-    types = types_of(sizes["s"], frames, settings)
+    types = types_of(sizes.get("s_y", 1) * sizes["s"], frames, settings)
     x, y = (recording[name].values if name in recording.coords else None for name in ("x", "y"))
     maps = {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in types.items()}
     cameras: dict[str, Any] = {}
     if settings.corrections is not None:
         for name, components in CORRECTIONS.items():
-            maps[name] = blank_map(np.float64, (*components, sizes["s"], len(places)))
-        cameras = {name: recording[name].values for name in ("s", "stage_x_mm")}
+            maps[name] = blank_map(np.float64, (*components, *_cameras(recording), len(places)))
+        names = ("s", "stage_x_mm", *(("stage_y_mm",) if "s_y" in recording["image"].dims else ()))
+        cameras = {name: recording[name].values for name in names}
     times = recording["t"].values[places]
     return label("estimate", maps, intrinsics_of(recording), t=times, x=x, y=y, **cameras)
 
@@ -87,8 +88,10 @@ def fill_estimate(
         raise EstimateError([Problem("image", message)])
     cameras = reader.shape[1]
     baseline_mm = intrinsics_of(recording).baseline_mm if cameras > 1 else 1.0
-    positions = recording["stage_x_mm"].values / baseline_mm
-    placed = positions if cameras > 1 else np.zeros(1)
+    across_mm = recording["stage_x_mm"].values
+    below_mm = recording["stage_y_mm"].values if "s_y" in recording["image"].dims else np.zeros(1)
+    placed = np.stack([np.tile(across_mm, len(below_mm)), np.repeat(below_mm, len(across_mm))], axis=-1) / baseline_mm
+    placed = placed if cameras > 1 else np.zeros((1, 2))
     rig = Rig(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
     if settings.corrections is not None:
         settings = settings.model_copy(update={"corrections": settings.corrections.in_columns(grid.step_px)})
@@ -106,9 +109,10 @@ def fill_estimate(
             start = swept_fields(near, frames.output - first, times[first:last] - times[frames.output], rig)
         else:
             part = recording.isel(t=slice(frames.first, frames.last))
+            part = part.sel(s_y=0) if "s_y" in part.dims else part
             start = tensor_fields(part, frames.output - frames.first, baseline_mm)
             # From the camera's pixels to columns.
-            start[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
+            start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
         images = Images(
             splines.frames(frames.first, frames.last),
             placed,
@@ -117,20 +121,25 @@ def fill_estimate(
             intrinsics.principal_point_px,
             np.zeros((len(placed) * len(taken), 4)),
         )
-        found = refine(images, start, settings, told)
+        found = refine(images, start.fields, settings, told)
         images, beside = found.images, nothing_beside(images.shape)
         if settings.outlines:
-            found, beside = refit_beside_outlines(images, start, found, settings, told)
-        for name, values in maps_of(images, found, beside, settings, grid.step_px, baseline_mm).items():
+            found, beside = refit_beside_outlines(images, start.fields, found, settings, told)
+        for name, values in maps_of(images, found, beside, start, settings, grid.step_px, baseline_mm).items():
             put(name, {"t": number}, values)
         if found.cameras is not None:
             for name, values in corrections_of(found.cameras, images, grid.step_px).items():
-                put(name, {"t": number}, values)
+                put(name, {"t": number}, values.reshape(*values.shape[:-1], *_cameras(recording)))
         rounds.append(found.rounds)
         curved.append(round(float(found.curved.mean()), 4))
         if told is not None:
             told(settings.rounds)
     return {"rounds": rounds, "curved_share": curved}
+
+
+def _cameras(recording: xr.Dataset) -> list[int]:
+    """Return the numbers of rows, if there are such, and columns of cameras."""
+    return [recording.sizes[dim] for dim in ("s_y", "s") if dim in recording["image"].dims]
 
 
 def _needed(count: int, settings: RefinedSettings) -> list[FramesNeeded]:

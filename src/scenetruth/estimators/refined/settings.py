@@ -76,6 +76,9 @@ class RefinedSettings(MethodSettings):
     """Whether windows that hold more than one surface are fitted anew to the pixels of the surface in their middle."""
     corrections: CorrectionPriors | None = None
     """How far images may be from where they should be; how far they are is then estimated from all points together."""
+    unfitted: Literal["plane_sweep", "nothing"] = "plane_sweep"
+    """What is told where no fit is: the disparity of the plane sweep that the fit started from, to a fraction of a
+    pixel, without motion and standard deviations (``kind`` is 1 there); or nothing."""
     rounds: Annotated[int, Field(ge=2, le=50)] = 10
     """How often images are warped and the fit is repeated, at most."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3

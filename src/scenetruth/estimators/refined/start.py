@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import EstimateError, Problem
 
-__all__ = ["Rig", "filled", "swept_fields", "tensor_fields"]
+__all__ = ["Rig", "Start", "filled", "swept_fields", "tensor_fields"]
 
 _MEDIAN_PX = 7
 
@@ -20,7 +20,7 @@ class Rig:
     """What a start needs to know of the cameras, in columns of the images."""
 
     positions: NDArray[np.float64]
-    """Of the cameras, in steps."""
+    """Of the cameras (s, s_y), in steps, shape (cameras, 2)."""
     baseline_mm: float
     """Distance of two positions."""
     focal: float
@@ -29,10 +29,19 @@ class Rig:
     """Column and row of the principal point."""
 
 
-def swept_fields(
-    images: NDArray[np.float32], estimated: int, times: NDArray[np.float64], rig: Rig
-) -> NDArray[np.float64]:
-    """Return disparity and velocity of every pixel by trying disparities, then motions.
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the fit starts."""
+
+    fields: NDArray[np.float64]
+    """Disparity and velocity (X, Y, Z) in baselines per frame, shape (4, y, x), finite. With one camera, disparity is 1
+    and velocity is flow in columns per frame."""
+    known: NDArray[np.bool_]
+    """Where a plane sweep is sure of the disparity, shape (y, x)."""
+
+
+def swept_fields(images: NDArray[np.float32], estimated: int, times: NDArray[np.float64], rig: Rig) -> Start:
+    """Find disparity and velocity of every pixel by trying disparities, then motions.
 
     Parameters
     ----------
@@ -47,9 +56,8 @@ def swept_fields(
 
     Returns
     -------
-    numpy.ndarray
-        Disparity in columns per step and velocity (X, Y, Z) in baselines per frame, shape (4, y, x), finite. With one
-        camera, disparity is 1 and velocity is flow in columns per frame.
+    Start
+        Disparity in columns per step.
 
     Raises
     ------
@@ -61,31 +69,35 @@ def swept_fields(
 
     fields = np.zeros((4, *images.shape[3:]))
     fields[0] = 1.0
-    several = len(rig.positions) > 1
+    known = np.zeros(images.shape[3:], dtype=np.bool_)
+    # Rows above and below take part in the fit only.
+    row = rig.positions[:, 1] == 0.0
+    positions, images = rig.positions[row, 0], images[:, row]
+    several = len(positions) > 1
     if several:
-        found = sweep(images[:, :, estimated], rig.positions, rig.baseline_mm)
+        found = sweep(images[:, :, estimated], positions, rig.baseline_mm)
         if not found.ranges:
             raise EstimateError([Problem("image", "shows no texture in which cameras see the same: no depth to start")])
-        fields[0] = found.disparity
+        fields[0], known = found.disparity, found.known
     beside = [n for n in (estimated - 1, estimated + 1) if 0 <= n < images.shape[2]]
     if beside:
-        reference = images[:, int(np.argmin(np.abs(rig.positions))), estimated]
+        reference = images[:, int(np.argmin(np.abs(positions))), estimated]
         moved = sweep_motion(
             reference,
             [images[:, :, n] for n in beside],
             times[beside],
-            rig.positions,
+            positions,
             fields[0] if several else None,
             rig.focal,
             rig.centre,
         )
         if moved.known.any():
             fields[1:] = filled(moved.velocity, moved.known)
-    return fields
+    return Start(fields, known)
 
 
-def tensor_fields(recording: xr.Dataset, frame: int, baseline_mm: float) -> NDArray[np.float64]:
-    """Return disparity and velocity of every pixel as the structure tensor finds them.
+def tensor_fields(recording: xr.Dataset, frame: int, baseline_mm: float) -> Start:
+    """Find disparity and velocity of every pixel as the structure tensor does.
 
     Parameters
     ----------
@@ -98,9 +110,8 @@ def tensor_fields(recording: xr.Dataset, frame: int, baseline_mm: float) -> NDAr
 
     Returns
     -------
-    numpy.ndarray
-        Disparity in px per step and velocity (X, Y, Z) in baselines per frame, shape (4, y, x), finite. With one
-        camera, disparity is 1 and velocity is flow in px per frame.
+    Start
+        Disparity in px per step.
 
     Raises
     ------
@@ -128,7 +139,7 @@ def tensor_fields(recording: xr.Dataset, frame: int, baseline_mm: float) -> NDAr
     if not known.any():
         message = "shows no texture in which the structure tensor finds depth and motion to start from"
         raise EstimateError([Problem("image", message)])
-    return filled(fields, known, _MEDIAN_PX)
+    return Start(filled(fields, known, _MEDIAN_PX), np.zeros_like(known))
 
 
 def filled(fields: NDArray[np.float64], known: NDArray[np.bool_], median_px: int = 1) -> NDArray[np.float64]:

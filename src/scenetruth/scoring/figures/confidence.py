@@ -55,7 +55,8 @@ def draw_confidence(views: Views, folder: Path) -> FigureInfo | None:
         legend += [swatch(_CODES[code][0], f"kind {_CODES[code][1]}") for code in (KIND_FULL, KIND_NORMAL)]
         caption += (
             " The kind tells what could be estimated: everything (full), only the part along the grey value gradient "
-            f"(normal, the aperture problem), or nothing (none). Shares of the image: {_shares(kinds)}."
+            "(normal: the aperture problem), or, by methods that fit surfaces, a rough disparity; or nothing (none). "
+            f"Shares of the image: {_shares(kinds)}."
         )
     if views.model_violation is not None:
         panels.append(_violation_panel(views.image, views.model_violation, extent))

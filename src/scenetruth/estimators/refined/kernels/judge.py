@@ -12,8 +12,8 @@ __all__ = ["SIDES", "judge_rows"]
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
-SIDES = 5
-"""All images; those with s ≤ 0, s ≥ 0, t ≤ 0, t ≥ 0: what hides a point hides it on one side."""
+SIDES = 7
+"""All images; those with s ≤ 0, s ≥ 0, t ≤ 0, t ≥ 0, s_y ≤ 0, s_y ≥ 0: what hides a point hides it on one side."""
 # A variance needs that many images.
 _LEAST = 3
 
@@ -41,7 +41,7 @@ def judge_rows(
     block
         Edge of a block in px.
     out
-        Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (5, height, width).
+        Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (7, height, width).
     """
     count, height, width = coefficients.shape
     wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
@@ -96,6 +96,8 @@ def judge_rows(
                         or (side == 2 and s >= 0.0)
                         or (side == 3 and t <= 0.0)
                         or (side == 4 and t >= 0.0)
+                        or (side == 5 and s_y <= 0.0)
+                        or (side == 6 and s_y >= 0.0)
                     ):
                         sums[side, 0] += 1.0
                         sums[side, 1] += v
