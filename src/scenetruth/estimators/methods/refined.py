@@ -24,7 +24,7 @@ class _Refined(StreamingMethod):
     name = "refined"
     settings = RefinedSettings
     gives: frozenset[str] = frozenset({"depth", "disparity", "flow", "velocity"})
-    needs = Needs(images=2)
+    needs = Needs(images=2, mask=True)
     # Measured on the rosette, 5 x 9 images of 640 x 480: most of it beside outlines.
     bytes_per_pixel = 2400.0
     pixels_at_once = 1.0

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimators.frame_reader import FrameReader
 from scenetruth.estimators.refined.frames import FramesNeeded, Splines, frames_needed
 from scenetruth.estimators.refined.maps import maps_of, types_of
 from scenetruth.estimators.refined.settings import RefinedSettings
@@ -71,8 +69,9 @@ def fill_estimate(
     RecordingError
         If the recording's pixels are no even grid.
     EstimateError
-        If the images hold values that are not finite, or show nothing to start from.
+        If the images show nothing to start from.
     """
+    from scenetruth.estimators.refined.bad.pixels import SoundFrames
     from scenetruth.estimators.refined.images import Images
     from scenetruth.estimators.refined.outlines import nothing_beside, refit_beside_outlines
     from scenetruth.estimators.refined.rounds import refine
@@ -80,11 +79,7 @@ def fill_estimate(
 
     grid = pixel_grid_of(recording)
     intrinsics = grid.in_columns(intrinsics_of(recording))
-    reader = FrameReader(recording)
-    missing = reader.missing()
-    if missing:
-        message = f"holds {missing} values that are not finite in float32; the splines would spread them"
-        raise EstimateError([Problem("image", message)])
+    reader = SoundFrames(recording)
     cameras = reader.shape[1]
     baseline_mm = intrinsics_of(recording).baseline_mm if cameras > 1 else 1.0
     positions = recording["stage_x_mm"].values / baseline_mm
@@ -103,7 +98,7 @@ def fill_estimate(
             near = reader.frames(first, last).astype(np.float32, copy=False)
             start = swept_fields(near, frames.output - first, times[first:last] - times[frames.output], rig)
         else:
-            part = recording.isel(t=slice(frames.first, frames.last))
+            part = reader.part(frames.first, frames.last)
             start = tensor_fields(part, frames.output - frames.first, baseline_mm)
             # From the camera's pixels to columns.
             start[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
@@ -113,6 +108,7 @@ def fill_estimate(
             taken,
             intrinsics.focal_length_px,
             intrinsics.principal_point_px,
+            reader.bad(frames.first, frames.last),
         )
         found = refine(images, start, settings, told)
         beside = nothing_beside(images.shape)
@@ -124,7 +120,7 @@ def fill_estimate(
         curved.append(round(float(found.curved.mean()), 4))
         if told is not None:
             told(settings.rounds)
-    return {"rounds": rounds, "curved_share": curved}
+    return {"rounds": rounds, "curved_share": curved, "pixels_masked": reader.counts}
 
 
 def _needed(count: int, settings: RefinedSettings) -> list[FramesNeeded]:
