@@ -16,7 +16,7 @@ from scenetruth.estimators.refined.rounds import Refined
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.schema.variables import KIND_FULL, KIND_NONE
 
-__all__ = ["maps_of", "types_of"]
+__all__ = ["maps_of", "types_of", "unknown_maps"]
 
 Map = NDArray[np.float64]
 
@@ -24,6 +24,8 @@ Map = NDArray[np.float64]
 _SHIFT_PX = 0.25
 # Beyond this, disparity or flow is not known.
 _LARGEST_STD_PX = 0.5
+# A disparity is told from zero, and depth from infinity, by so many standard deviations.
+_CLEAR_OF_ZERO = 3.0
 # Values of ``surface_model``.
 _NONE, _CONSTANT, _PLANE, _CURVED = range(4)
 
@@ -70,6 +72,24 @@ def _with_std(name: str, components: tuple[int, ...]) -> dict[str, tuple[tuple[i
     return {name: (components, np.float32), f"{name}_std": (components, np.float32)}
 
 
+def unknown_maps(cameras: int, frames: int, settings: RefinedSettings, shape: tuple[int, int]) -> dict[str, Any]:
+    """Return the maps of one frame of which nothing is known.
+
+    Parameters
+    ----------
+    cameras, frames, settings
+        As of `types_of`.
+    shape
+        Rows and columns.
+    """
+    types = types_of(cameras, frames, settings).items()
+    nothing = {name: np.zeros((*components, *shape), dtype=dtype) for name, (components, dtype) in types}
+    for name, values in nothing.items():
+        if values.dtype.kind == "f" and name != "images_used":
+            values[:] = np.nan
+    return nothing
+
+
 def maps_of(
     images: Images,
     refined: Refined,
@@ -113,14 +133,14 @@ def maps_of(
         usual = noise_of(left)
         std = np.sqrt(fit.variance) / spline_transfer()
         limit = np.maximum(settings.acceptance * usual, _SHIFT_PX * np.sqrt(fit.residual[1]))
-        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, cameras * frames)
-        known &= _in_texture(refined.seen.gradient, usual, cameras * frames, settings.window_sigma_px)
+        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count)
+        known &= _in_texture(refined.seen.gradient, usual, images.count, settings.window_sigma_px)
         violated = known & np.where(beside.where, ~beside.sound, left > limit)
         known &= ~violated
         found: dict[str, Any] = {"residual": left}
         depth = focal * baseline_mm / d
         if cameras > 1:
-            known &= (depth > 0) & (std[0] < _LARGEST_STD_PX)
+            known &= (depth > 0) & (std[0] < np.minimum(_LARGEST_STD_PX, np.abs(d) / _CLEAR_OF_ZERO))
             found |= {"disparity": d * step_px, "disparity_std": std[0] * step_px}
             found |= {"depth": depth, "depth_std": depth / np.abs(d) * std[0]}
             found |= {"normal": _normal(theta, x, y, focal)}

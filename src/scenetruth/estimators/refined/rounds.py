@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.bad.images import strangers
 from scenetruth.estimators.refined.bands import bands, pieces, window_weights
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES
@@ -67,6 +68,8 @@ class Refined:
     """What every pixel shows by itself."""
     uneven: NDArray[np.bool_]
     """Where smaller windows find another disparity: the surface is not what the model takes it for."""
+    left_out: frozenset[tuple[int, int]] = frozenset()
+    """Images that were left out, as of `strangers`."""
 
 
 def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable[[int], None] | None = None) -> Refined:
@@ -92,16 +95,20 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     state = np.zeros((FULL, *images.shape))
     state[list(FIELDS)] = start
     done, left = 0, settings.rounds - len(models)
+    left_out: frozenset[tuple[int, int]] = frozenset()
     for part, model in [*stages, (images, plain), *[(images, models[0])] * left]:
         if done >= left:
             break
-        (fit,) = fit_round(part, state, [model], sigma, gains=gains)
+        if done <= len(stages):
+            left_out = strangers(images, state[list(FIELDS)], sigma, part)
+        (fit,) = fit_round(part.without(left_out), state, [model], sigma, gains=gains)
         before, state = state, kept(state, fit.theta)
         done += 1
         if told is not None:
             told(done)
         if model is models[0] and _still(before, state, fit, images, settings.tolerance_px):
             break
+    images = images.without(strangers(images, state[list(FIELDS)], sigma, images))
     curved = np.full(images.shape, models[0].surface == _CURVED)
     chosen = np.zeros(images.shape, dtype=np.int8)
     if len(models) > 1:
@@ -119,7 +126,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     uneven = differ(fit, finer, _FINER * sigma)
     if told is not None:
         told(done + 1)
-    return Refined(fit, curved, done + 1, seen, uneven)
+    return Refined(fit, curved, done + 1, seen, uneven, images.left_out)
 
 
 # Variances of a fit, with those of the surface element.
@@ -251,7 +258,7 @@ def _still(before: Map, after: Map, fit: Fit, images: Images, tolerance_px: floa
     """Tell whether almost no pixel that is fitted well moved by more than a tolerance in any image."""
     moved = images.moved_px(before[list(FIELDS)], after[list(FIELDS)])
     left = np.sqrt(fit.residual[0]) / spline_transfer()
-    count = len(images.positions) * len(images.times)
+    count = images.count
     with np.errstate(invalid="ignore"):
         fitted = textured(fit.residual[1], noise_of(left), count) & (left < _FITTED * noise_of(left))
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)
