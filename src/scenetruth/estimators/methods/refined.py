@@ -38,6 +38,9 @@ class _Refined(StreamingMethod):
 
             return requirements(StructureTensorSettings(), sizes["s"], sizes["t"], sizes["x"], sizes["y"])
         problems = []
+        if sizes["s"] == 1 and 1 in (settings.window_frames, sizes["t"]):
+            message = "one camera shows motion only, between two frames at least"
+            problems.append(Problem("window_frames", message, min(settings.window_frames, sizes["t"])))
         least = 2 * math.ceil(2 * settings.window_sigma_px) + 1
         for name, size in (("camera.width", sizes["x"]), ("camera.height", sizes["y"])):
             if size < least:

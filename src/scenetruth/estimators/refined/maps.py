@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from scenetruth.estimators.refined.bad.images import fine_contrast
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.solving import Fit
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
@@ -26,6 +27,8 @@ _SHIFT_PX = 0.25
 _LARGEST_STD_PX = 0.5
 # A disparity is told from zero, and depth from infinity, by so many standard deviations.
 _CLEAR_OF_ZERO = 3.0
+# If fewer pixels fit, over those that do not, none is told.
+_BY_CHANCE = 0.05
 # Values of ``surface_model``.
 _NONE, _CONSTANT, _PLANE, _CURVED = range(4)
 
@@ -132,11 +135,14 @@ def maps_of(
         left = np.sqrt(fit.residual[0]) / spline_transfer()
         usual = noise_of(left)
         std = np.sqrt(fit.variance) / spline_transfer()
-        limit = np.maximum(settings.acceptance * usual, _SHIFT_PX * np.sqrt(fit.residual[1]))
+        shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
+        limit = np.maximum(settings.acceptance * usual, shifted)
+        most = np.maximum(settings.acceptance * fine_contrast(images, settings.window_sigma_px), shifted)
         known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count)
         known &= _in_texture(refined.seen.gradient, usual, images.count, settings.window_sigma_px)
-        violated = known & np.where(beside.where, ~beside.sound, left > limit)
-        known &= ~violated
+        violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
+        # Where hardly anything fits, what does fits by chance.
+        known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
         found: dict[str, Any] = {"residual": left}
         depth = focal * baseline_mm / d
         if cameras > 1:

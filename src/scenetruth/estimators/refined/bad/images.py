@@ -13,7 +13,7 @@ from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.warp import warp_rows
 from scenetruth.estimators.threads import in_threads
 
-__all__ = ["Agreement", "agreement", "strangers"]
+__all__ = ["Agreement", "agreement", "fine_contrast", "strangers"]
 
 # Blocks are windows' squares; so many rows of them are looked at.
 _CUT, _ROWS = 2.0, 6
@@ -26,7 +26,7 @@ _LEAST_IMAGES = 3
 _TEXTURED, _UPPER = 0.25, 90
 # An image is left out whose correlation, in the median block, is below this share of the median image's; or of which
 # less than this share can be used.
-_FAR_BELOW, _LEAST_USABLE = 0.3, 0.1
+_FAR_BELOW, _LEAST_USABLE = 0.5, 0.1
 # Of images that are not blank, so many must remain, of several cameras and frames so many, and less than this share may
 # be left out.
 _REMAIN, _REMAIN_OF_BOTH, _MOST_LEFT = 4, 7, 1 / 4
@@ -102,8 +102,8 @@ def agreement(images: Images, fields: Map, sigma_px: float, *, even: bool = Fals
 def strangers(images: Images, fields: Map, sigma_px: float, part: Images) -> frozenset[tuple[int, int]]:
     """Return the images that do not show what the others show, as places of their frames and cameras.
 
-    Their correlation with the mean of the others is below three tenths of what is usual: that is a shift by a quarter
-    of a texture's wavelength in most windows, another scene, or no contrast at all. Few images do not tell which of
+    Their correlation with the mean of the others is below half of what is usual: that is a shift by a sixth of a
+    texture's wavelength in most windows, another scene, or no contrast at all. Few images do not tell which of
     them is wrong: a reference that is shifted agrees with all frames of a second camera and one frame of its own, with
     another depth and a motion in depth. So four must remain, of several cameras and frames seven, and more than three
     of four; blank images are not counted.
@@ -125,7 +125,7 @@ def strangers(images: Images, fields: Map, sigma_px: float, part: Images) -> fro
     cameras = len(images.positions)
     least = _REMAIN if min(cameras, len(images.times)) == 1 else _REMAIN_OF_BOTH
     if len(part.times) * cameras <= least and len(part.times) < len(images.times):
-        places = {frame: n for n, frame in enumerate(np.flatnonzero(np.isin(images.times, part.times)))}
+        places = {int(frame): n for n, frame in enumerate(np.flatnonzero(np.isin(images.times, part.times)))}
         every = strangers(images, fields, sigma_px, images)
         return frozenset((places[frame], camera) for frame, camera in every if frame in places)
     found = {
@@ -179,3 +179,39 @@ def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
         square = float(others @ others)
         out[n] = plain[n, own] @ others / np.sqrt(square * counts[n]) if square > 0 else np.nan
     return out, float(np.median(contrast[shown])) if shown.any() else 0.0
+
+
+def fine_contrast(images: Images, sigma_px: float) -> Map:
+    """Return what one image holds of noise and finest texture around every pixel, as a standard deviation.
+
+    Fits that are right leave no more than that; if they are wrong everywhere, what they leave does not tell. Second
+    differences along x of those along y, over 6, leave white noise as it is, and little of texture.
+
+    Parameters
+    ----------
+    images
+        The images; the nearest to the reference counts that is not left out.
+    sigma_px
+        Standard deviation of the windows.
+
+    Returns
+    -------
+    numpy.ndarray
+        In grey values, infinite where too few pixels can be used, shape (y, x).
+    """
+    from scipy.ndimage import convolve1d, gaussian_filter
+
+    cameras = len(images.positions)
+    view = images.view()
+    order = np.lexsort((np.abs(view.s), np.abs(view.t)))
+    place = next(int(n) for n in order if (int(n) // cameras, int(n) % cameras) not in images.left_out)
+    frame, camera = place // cameras, place % cameras
+    usable = 1.0 - (images.bad[frame][camera] > 0) if images.bad else np.ones(images.shape)
+    squares = np.zeros(images.shape)
+    # The spline's values at the pixels, and second differences of them.
+    values = np.convolve(np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0, np.array([1.0, -2.0, 1.0]) / np.sqrt(6.0))
+    for channel in images.coefficients[frame][:, camera].astype(np.float64):
+        squares += convolve1d(convolve1d(channel, values, 0, mode="mirror"), values, 1, mode="mirror") ** 2
+    share = gaussian_filter(usable, sigma_px)
+    mean = gaussian_filter(usable * squares, sigma_px) / images.channels / np.maximum(share, _LEAST_USABLE)
+    return np.where(share > _LEAST_USABLE, np.sqrt(mean), np.inf)
