@@ -37,6 +37,9 @@ class Needs:
         The number of colour channels that the method takes; None for any, 1 for grey images only.
     grid
         Whether it takes the cameras of a grid (several rows ``s_y``) together.
+    mask
+        Whether it leaves out the pixels that a recording's ``mask`` marks. Recordings that have one are refused by all
+        other methods, which would use these pixels.
     """
 
     cameras: int = 1
@@ -44,6 +47,7 @@ class Needs:
     images: int = 1
     channels: int | None = None
     grid: bool = False
+    mask: bool = False
 
     def __str__(self) -> str:
         parts = [f"{self.cameras} cameras"] if self.cameras > 1 else []
@@ -71,6 +75,9 @@ class Needs:
         if self.channels is not None and channels != self.channels:
             message = f"'{name}' takes images of {self.channels} channel{'s' if self.channels > 1 else ''}"
             problems.append(Problem("channel", message, channels))
+        if "mask" in recording and not self.mask:
+            message = f"'{name}' would use the pixels that it marks; method 'refined' leaves them out, or give all to "
+            problems.append(Problem("mask", message + "be used: recording.drop_vars('mask')"))
         return problems
 
 

@@ -9,6 +9,7 @@ import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.schema.attribute_types import attribute_problems, is_finite_number
+from scenetruth.schema.masking import mask_problems
 from scenetruth.schema.pixels import pixel_grid_problems
 from scenetruth.schema.variables import REQUIRED, REQUIRED_ANY, VARIABLES
 
@@ -29,7 +30,7 @@ def check_dataset(dataset: xr.Dataset, kind: str) -> None:
     ------
     RecordingError
         With every deviation: missing variables, wrong dimensions, missing or impossible intrinsics; of a
-        recording also pixels that are no even grid.
+        recording also pixels that are no even grid, and a mask that does not fit its images.
     """
     if not isinstance(dataset, xr.Dataset):
         raise RecordingError([Problem("", "must be an xarray.Dataset", type(dataset).__name__)], source=kind)
@@ -58,6 +59,9 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         )
     for name, entry in VARIABLES[kind].items():
         if name not in dataset:
+            continue
+        if (kind, name) == ("recording", "mask"):
+            problems += mask_problems(dataset)
             continue
         dims = tuple(map(str, dataset.variables[name].dims))
         if kind == "recording" and dims[-1:] == ("channel",):

@@ -23,6 +23,7 @@ from scenetruth.schema.inputs import (
     without_repeats,
 )
 from scenetruth.schema.labelling import label
+from scenetruth.schema.masking import mask_from
 
 __all__ = ["image_to_grey", "make_recording"]
 
@@ -37,6 +38,7 @@ def make_recording(
     stage_x_mm: ArrayLike | None = None,
     stage_y_mm: ArrayLike | None = None,
     full_scale: float | None = None,
+    mask: ArrayLike | xr.DataArray | None = None,
     attrs: Mapping[str, Any] | None = None,
     copy: bool = True,
 ) -> xr.Dataset:
@@ -63,6 +65,10 @@ def make_recording(
         The largest value that an image can hold; if not given, 1 for floats, which must then lie in [-1, 1], and the
         type's largest for integers.
         The grey values of the paper, in [-1, 1], are ``2 image / full_scale - 1``.
+    mask
+        Pixels that must not be used, as booleans: True where an image must not be trusted, as in NumPy's masked arrays.
+        Of shape (y, x) for all images, (s, y, x) for each camera, or (s, t, y, x), where s and t may be 1; in a grid,
+        ``s_y`` comes before ``s``. A DataArray says by its own names which of these dimensions it has.
     attrs
         More attributes to keep with the recording.
     copy
@@ -72,7 +78,7 @@ def make_recording(
     Returns
     -------
     xarray.Dataset
-        ``image`` ([s_y, ]s, t, y, x[, channel]) with coordinates, units and intrinsics.
+        ``image`` ([s_y, ]s, t, y, x[, channel]) with coordinates, units and intrinsics; ``mask`` if given.
 
     Raises
     ------
@@ -114,6 +120,8 @@ def make_recording(
         problems.append(Problem("images", message))
     positions = None if stage_x_mm is None else numbers_from("stage_x_mm", stage_x_mm, count_s, "cameras", problems)
     rows = None if stage_y_mm is None else numbers_from("stage_y_mm", stage_y_mm, len(values), "rows", problems)
+    dims = ("s_y", "s", "t", "y", "x")[not grid :]
+    masked = None if mask is None else mask_from(mask, dict(zip(dims, values.shape, strict=False)), problems)
     if problems:
         raise RecordingError(problems, source="images of a recording")
     if scale is None:
@@ -128,6 +136,8 @@ def make_recording(
         stage_y_mm=rows,
         attrs={"full_scale": scale, **more},
     )
+    if masked is not None:
+        dataset["mask"] = masked
     check_dataset(dataset, "recording")
     return dataset
 

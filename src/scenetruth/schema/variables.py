@@ -75,6 +75,9 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     "recording": {
         "image": Variable(("s", *_MAP), "1", "image: linear radiance, or digital numbers of the sensor"),
         "ideal": Variable(("s", *_MAP), "1", "linear radiance before the sensor"),
+        "mask": Variable(
+            ("s", *_MAP), "1", "pixels that must not be used", {"flag_values": [0, 1], "flag_meanings": "usable masked"}
+        ),
     },
     "truth": {
         **_SURFACE,
@@ -166,7 +169,7 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     },
 }
 """Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``. Where cameras stand in rows,
-``s_y`` comes before ``s``."""
+``s_y`` comes before ``s``. The mask of a recording may lack dimensions along which it is the same."""
 
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     "recording": ("image",),

@@ -11,6 +11,7 @@ from scipy import ndimage
 from scipy.interpolate import BSpline
 
 from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
+from scenetruth.estimators.refined.images import NOTHING_BAD
 from scenetruth.estimators.refined.kernels import brightness, element, solving, warp, windows
 from scenetruth.estimators.refined.noise import spline_slope_transfer, spline_transfer
 from tests.estimators.refined.surface import MovingPlane, turning
@@ -48,7 +49,7 @@ def warped(images: Array, fields: Array) -> Warped:
     coefficients = np.array([ndimage.spline_filter(image, 5, mode="mirror") for image in images], dtype=np.float32)
     values = np.empty((COUNT, HEIGHT, WIDTH), dtype=np.float32)
     gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
-    warp.warp_rows(coefficients, VIEW, fields, NOTHING_HIDDEN, 0, values, gradient, (0, HEIGHT))
+    warp.warp_rows(coefficients, VIEW, fields, NOTHING_HIDDEN, NOTHING_BAD, 0, values, gradient, (0, HEIGHT))
     return values, gradient
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
 from scenetruth.estimators.refined.blocks import BLOCK_PX, brightness_of_blocks, even_brightness
+from scenetruth.estimators.refined.images import NOTHING_BAD
 from scenetruth.estimators.refined.kernels import element, judge, members, solving, visibility, warp, windows
 from tests.estimators.refined.test_kernels import COUNT, HEIGHT, VIEW, WIDTH, fields, images, warped
 
@@ -119,7 +120,7 @@ def test_squares_after_a_step_are_those_of_the_normal_equations() -> None:
 def test_images_are_judged_by_their_variance(images: Array, fields: Array, warped: Warped) -> None:
     coefficients = _coefficients(images)
     out = np.empty((judge.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    judge.judge_rows(coefficients, VIEW, fields, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
+    judge.judge_rows(coefficients, VIEW, fields, NOTHING_BAD, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
     sides = [np.ones(COUNT, bool)]
     sides += [side for where in (VIEW.s, VIEW.t, VIEW.s_y) for side in (where <= 0, where >= 0)]
     for found, side in zip(out, sides, strict=True):
@@ -140,17 +141,19 @@ def test_gains_and_offsets_are_taken_away(images: Array, fields: Array) -> None:
     coefficients = (gain[:, None, None] * texture + offset[:, None, None]).astype(np.float32)
     still = np.zeros_like(fields)
     good = np.ones((HEIGHT, WIDTH), dtype=bool)
-    found = brightness_of_blocks(coefficients, VIEW, still, good)
+    found = brightness_of_blocks(coefficients, VIEW, still, NOTHING_BAD, good)
     np.testing.assert_allclose(found.gain[:, 0, 0], gain / gain.mean(), rtol=1e-4)
     out = np.empty((judge.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    judge.judge_rows(coefficients, VIEW, still, *found, BLOCK_PX, out, (0, HEIGHT))
+    judge.judge_rows(coefficients, VIEW, still, NOTHING_BAD, *found, BLOCK_PX, out, (0, HEIGHT))
     assert np.nanmax(out) < 1e-6
-    judge.judge_rows(coefficients, VIEW, still, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
+    judge.judge_rows(coefficients, VIEW, still, NOTHING_BAD, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
     assert np.nanmedian(out) > 1.0
     # Blocks without good pixels have the brightness of others; without any, it is even.
     good[:, : WIDTH // 2] = False
-    np.testing.assert_allclose(brightness_of_blocks(coefficients, VIEW, still, good).gain[:, 0, 0], found.gain[:, 0, 1])
-    assert (brightness_of_blocks(coefficients, VIEW, still, ~np.ones_like(good)).gain == 1).all()
+    np.testing.assert_allclose(
+        brightness_of_blocks(coefficients, VIEW, still, NOTHING_BAD, good).gain[:, 0, 0], found.gain[:, 0, 1]
+    )
+    assert (brightness_of_blocks(coefficients, VIEW, still, NOTHING_BAD, ~np.ones_like(good)).gain == 1).all()
 
 
 def test_what_stands_behind_is_hidden() -> None:
@@ -176,10 +179,20 @@ def test_what_stands_behind_is_hidden() -> None:
     # Hidden images are not fetched.
     values = np.empty((3, HEIGHT, WIDTH), dtype=np.float32)
     texture = np.ones((3, HEIGHT, WIDTH), dtype=np.float32)
-    warp.warp_rows(texture, view, fields, hidden, 0, values, np.empty((2, HEIGHT, WIDTH), np.float32), (0, HEIGHT))
+    warp.warp_rows(
+        texture, view, fields, hidden, NOTHING_BAD, 0, values, np.empty((2, HEIGHT, WIDTH), np.float32), (0, HEIGHT)
+    )
     free = np.empty_like(values)
     warp.warp_rows(
-        texture, view, fields, NOTHING_HIDDEN, 0, free, np.empty((2, HEIGHT, WIDTH), np.float32), (0, HEIGHT)
+        texture,
+        view,
+        fields,
+        NOTHING_HIDDEN,
+        NOTHING_BAD,
+        0,
+        free,
+        np.empty((2, HEIGHT, WIDTH), np.float32),
+        (0, HEIGHT),
     )
     for image in range(3):
         bit = (hidden[0] >> image & 1).astype(bool)

@@ -24,7 +24,7 @@ class _Refined(StreamingMethod):
     name = "refined"
     settings = RefinedSettings
     gives: frozenset[str] = frozenset({"depth", "disparity", "flow", "velocity"})
-    needs = Needs(images=2, grid=True)
+    needs = Needs(images=2, grid=True, mask=True)
     # Measured on the rosette, 5 x 9 images of 640 x 480: most of it beside outlines.
     bytes_per_pixel = 2400.0
     pixels_at_once = 1.0
@@ -38,6 +38,9 @@ class _Refined(StreamingMethod):
 
             return requirements(StructureTensorSettings(), sizes["s"], sizes["t"], sizes["x"], sizes["y"])
         problems = []
+        if sizes["s"] == 1 and 1 in (settings.window_frames, sizes["t"]):
+            message = "one camera shows motion only, between two frames at least"
+            problems.append(Problem("window_frames", message, min(settings.window_frames, sizes["t"])))
         least = 2 * math.ceil(2 * settings.window_sigma_px) + 1
         for name, size in (("camera.width", sizes["x"]), ("camera.height", sizes["y"])):
             if size < least:

@@ -25,6 +25,8 @@ class Swept:
     """Where the images tell it beyond doubt, shape (y, x)."""
     ranges: list[tuple[float, float]]
     """The ranges that were searched."""
+    far: NDArray[np.bool_]
+    """Where disparity is nearer to zero than can be told, shape (y, x)."""
 
 
 def sweep(
@@ -70,14 +72,16 @@ def sweep(
     else:
         searched = [(min(low * turn, high * turn), max(low * turn, high * turn)) for low, high in ranges]
     if not searched:
-        return Swept(np.full(grey.shape[1:], np.nan), np.zeros(grey.shape[1:], dtype=np.bool_), [])
+        nowhere = np.zeros(grey.shape[1:], dtype=np.bool_)
+        return Swept(np.full(grey.shape[1:], np.nan), nowhere, [], nowhere)
     chosen = choose(grey, row, spread(searched, _step(row.farthest)))
     disparity = ndimage.median_filter(chosen.disparity, _MEDIAN_PX)
     # What is as far away as anything, or farther, has no depth.
     least = _FARTHEST * _step(row.farthest)
-    known = chosen.sure(distinctness) & (disparity > least)
+    far = disparity <= least
+    known = chosen.sure(distinctness) & ~far
     disparity = np.maximum(disparity, least) * turn
-    return Swept(disparity, known, [(low * turn, high * turn) for low, high in searched])
+    return Swept(disparity, known, [(low * turn, high * turn) for low, high in searched], far)
 
 
 def _step(farthest: float) -> float:

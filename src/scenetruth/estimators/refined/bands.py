@@ -96,7 +96,8 @@ def bands(
     view = images.view()
     window = window_weights(sigma_px)[0, 0]
     reach = len(window) // 2
-    least = max(2, math.ceil(least_share * len(view.s)))
+    least = max(2, math.ceil(least_share * images.count))
+    bad = images.bad_stack()
     stacks = [images.stack(channel) for channel in range(images.channels)]
     fields = np.ascontiguousarray(fields)
     at_a_time = int(_SCRATCH_BYTES / (8 * len(view.s) * width)) - 4 * reach
@@ -108,9 +109,10 @@ def bands(
         first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS, end - first, width))
         for stack in stacks:
-            even, gradient = _channel(stack, view, fields, hidden, first, window if gains else None, least, end - first)
-            parts = pieces(0, end - first)
-            in_threads(partial(add_products, view, fields, even, gradient, first, least, products), parts)
+            count = end - first
+            brightness = window if gains else None
+            even, gradient = _channel(stack, view, fields, hidden, bad, first, brightness, least, count)
+            in_threads(partial(add_products, view, fields, even, gradient, first, least, products), pieces(0, count))
             if shifts is not None:
                 shifts.add(even, gradient, least, first, (top, bottom))
         yield Band(products, first, top, bottom)
@@ -126,6 +128,7 @@ def _channel(
     view: View,
     fields: Map,
     hidden: NDArray[np.uint8],
+    bad: NDArray[np.uint8],
     first: int,
     window: Map | None,
     least: int,
@@ -136,7 +139,7 @@ def _channel(
     warped = np.empty((count, rows, width), dtype=np.float32)
     gradient = np.empty((2, rows, width), dtype=np.float32)
     parts = pieces(0, rows)
-    in_threads(partial(warp_rows, coefficients, view, fields, hidden, first, warped, gradient), parts)
+    in_threads(partial(warp_rows, coefficients, view, fields, hidden, bad, first, warped, gradient), parts)
     if window is not None:
         texture, even = np.empty((rows, width), dtype=np.float32), np.empty_like(warped)
         in_threads(partial(mean_texture, warped, least, texture), parts)

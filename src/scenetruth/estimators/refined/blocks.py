@@ -40,13 +40,17 @@ def even_brightness(count: int) -> Brightness:
 
 
 def brightness_of_blocks(
-    coefficients: NDArray[np.float32], view: View, fields: NDArray[np.float64], good: NDArray[np.bool_]
+    coefficients: NDArray[np.float32],
+    view: View,
+    fields: NDArray[np.float64],
+    bad: NDArray[np.uint8],
+    good: NDArray[np.bool_],
 ) -> Brightness:
     """Find the images' gains and offsets against their mean by regression in blocks.
 
     Parameters
     ----------
-    coefficients, view, fields
+    coefficients, view, fields, bad
         As of `warp_rows`.
     good
         Pixels that are asked, shape (y, x).
@@ -61,27 +65,23 @@ def brightness_of_blocks(
     gain = np.full((count, down, across), np.nan, dtype=np.float32)
     offset = np.full_like(gain, np.nan)
     asked = np.where(good, fields, np.nan)
+    # Images that are left out as a whole have no brightness.
+    used = ~bad.all(axis=(1, 2)) if bad.shape[0] > 0 else np.ones(count, dtype=np.bool_)
 
     def regress(block: int) -> None:
         first = block * BLOCK_PX
         rows = min(BLOCK_PX, height - first)
         warped = np.empty((count, rows, width), dtype=np.float32)
-        warp_rows(
-            coefficients, view, asked, NOTHING_HIDDEN, first, warped, np.empty((2, rows, width), np.float32), (0, rows)
-        )
+        gradient = np.empty((2, rows, width), dtype=np.float32)
+        warp_rows(coefficients, view, asked, NOTHING_HIDDEN, bad, first, warped, gradient, (0, rows))
         for column in range(across):
             part = warped[:, :, column * BLOCK_PX : (column + 1) * BLOCK_PX].reshape(count, -1).astype(np.float64)
-            part = part[:, np.isfinite(part).all(axis=0)]
-            if part.shape[1] < _LEAST:
-                continue
-            texture = part.mean(axis=0)
-            spread = texture - texture.mean()
-            square = float(spread @ spread)
-            if square > 0:
-                gain[:, block, column] = part @ spread / square
-                offset[:, block, column] = part.mean(axis=1) - gain[:, block, column] * texture.mean()
+            found = _in_block(part[used], some_bad=bad.shape[0] > 0)
+            if found is not None:
+                gain[used, block, column], offset[used, block, column] = found
 
     in_threads(regress, range(down))
+    gain[~used], offset[~used] = 1.0, 0.0
     known = np.isfinite(gain).all(axis=0) & (gain > 0.1).all(axis=0)
     if not known.any():
         return even_brightness(count)
@@ -89,3 +89,24 @@ def brightness_of_blocks(
 
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return Brightness(*(np.ascontiguousarray(values[:, nearest[0], nearest[1]]) for values in (gain, offset)))
+
+
+def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return gains and offsets of images against their mean, from grey values (n, pixels), NaN where unknown."""
+    known = np.isfinite(values)
+    # Pixels that all images show have one texture; if bad ones lie between, every image is asked where it is known.
+    values = values[:, known.mean(axis=0) >= 0.5 if some_bad else known.all(axis=0)]
+    known = np.isfinite(values)
+    counts = known.sum(axis=1)
+    if counts.min(initial=values.shape[1]) < _LEAST:
+        return None
+    means = np.where(known, values, 0.0).sum(axis=1) / counts
+    around = np.where(known, values - means[:, None], 0.0)
+    texture = around.sum(axis=0) / known.sum(axis=0)
+    # Over the pixels that each image shows.
+    middle = known @ texture / counts
+    squares = known @ texture**2 - counts * middle**2
+    if squares.min(initial=np.inf) <= 0:
+        return None
+    gain = (around @ texture) / squares
+    return gain, means - gain * (middle + means.mean())

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.frame_reader import FrameReader
+from scenetruth.estimators.refined.bad.pixels import SoundFrames
 from scenetruth.estimators.threads import in_threads
 
 __all__ = ["FramesNeeded", "Splines", "frames_needed"]
@@ -71,7 +71,7 @@ class Splines:
         Reads the images.
     """
 
-    def __init__(self, images: FrameReader) -> None:
+    def __init__(self, images: SoundFrames) -> None:
         self._images = images
         self._held: dict[int, NDArray[np.float32]] = {}
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.warp import View
 
-__all__ = ["Images"]
+__all__ = ["NOTHING_BAD", "Images"]
+
+NOTHING_BAD = np.zeros((0, 0, 0), dtype=np.uint8)
 
 Map = NDArray[np.float64]
 
@@ -30,6 +33,10 @@ class Images:
         Focal length, and principal point (x, y), in columns and rows.
     moved
         How far every image is from where it should be, in the order of `stack`, as of `warp.corrected`, shape (n, 4).
+    bad
+        Not 0 at pixels around which nothing must be fetched, by frame, shape (s, y, x) each; empty if there are none.
+    left_out
+        Images that are left out as a whole, as places of their frames and cameras.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -38,6 +45,8 @@ class Images:
     focal: float
     centre: tuple[float, float]
     moved: Map
+    bad: list[NDArray[np.uint8]] = field(default_factory=list)
+    left_out: frozenset[tuple[int, int]] = frozenset()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -74,13 +83,43 @@ class Images:
         return self._of(np.unique([np.argmin(self.times), np.argmin(np.abs(self.times)), np.argmax(self.times)]))
 
     def _of(self, frames: NDArray[np.intp]) -> Images:
-        kept = [self.coefficients[n] for n in frames]
-        moved = self.moved.reshape(len(self.times), -1, 4)[frames].reshape(-1, 4)
-        return Images(kept, self.positions, self.times[frames], self.focal, self.centre, moved)
+        return replace(
+            self,
+            coefficients=[self.coefficients[n] for n in frames],
+            times=self.times[frames],
+            moved=self.moved.reshape(len(self.times), -1, 4)[frames].reshape(-1, 4),
+            bad=[self.bad[n] for n in frames] if self.bad else [],
+            left_out=frozenset((place, s) for place, n in enumerate(frames) for t, s in self.left_out if t == n),
+        )
+
+    def without(self, left_out: Iterable[tuple[int, int]]) -> Images:
+        """Return the images with others left out than now.
+
+        Parameters
+        ----------
+        left_out
+            Places of their frames and cameras.
+        """
+        return replace(self, left_out=frozenset(left_out))
+
+    @property
+    def count(self) -> int:
+        """How many images there are that are not left out."""
+        return len(self.times) * len(self.positions) - len(self.left_out)
 
     def stack(self, channel: int) -> NDArray[np.float32]:
         """Return the coefficients of one channel, camera by camera within each frame, shape (n, y, x)."""
         return np.concatenate([part[channel] for part in self.coefficients])
+
+    def bad_stack(self) -> NDArray[np.uint8]:
+        """Return where nothing must be fetched, in the order of `stack`, shape (n, y, x); (0, 0, 0) if nowhere."""
+        if not self.bad and not self.left_out:
+            return NOTHING_BAD
+        shape = (len(self.positions), *self.shape)
+        found = np.concatenate(self.bad or [np.zeros(shape, dtype=np.uint8)] * len(self.times))
+        for frame, camera in self.left_out:
+            found[frame * len(self.positions) + camera] = 1
+        return found
 
     def view(self) -> View:
         """Return where and when all images were taken, in the order of `stack`."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from scenetruth.estimators.refined.bad.images import fine_contrast
 from scenetruth.estimators.refined.cameras.corrections import Cameras
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.solving import Fit
@@ -18,7 +19,7 @@ from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import Start, filled
 from scenetruth.schema.variables import KIND_FULL, KIND_NONE, KIND_NORMAL
 
-__all__ = ["CORRECTIONS", "corrections_of", "maps_of", "types_of"]
+__all__ = ["CORRECTIONS", "corrections_of", "maps_of", "types_of", "unknown_maps"]
 
 Map = NDArray[np.float64]
 
@@ -36,6 +37,12 @@ _QUINTIC = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0
 _OWN_PX, _OWN_GRADIENT = 2.0, 2.0
 # Beyond this, disparity or flow is not known.
 _LARGEST_STD_PX = 0.5
+# A disparity is told from zero, and depth from infinity, by so many standard deviations.
+_CLEAR_OF_ZERO = 6.0
+# Rough disparities move a point by more than this in the farthest camera.
+_CLEAR_OF_ZERO_PX = 1.0
+# If fewer pixels fit, over those that do not, none is told.
+_BY_CHANCE = 0.05
 # Values of ``surface_model``.
 _NONE, _CONSTANT, _PLANE, _CURVED = range(4)
 
@@ -80,6 +87,24 @@ def types_of(cameras: int, frames: int, settings: RefinedSettings) -> Mapping[st
 
 def _with_std(name: str, components: tuple[int, ...]) -> dict[str, tuple[tuple[int, ...], DTypeLike]]:
     return {name: (components, np.float32), f"{name}_std": (components, np.float32)}
+
+
+def unknown_maps(cameras: int, frames: int, settings: RefinedSettings, shape: tuple[int, int]) -> dict[str, Any]:
+    """Return the maps of one frame of which nothing is known.
+
+    Parameters
+    ----------
+    cameras, frames, settings
+        As of `types_of`.
+    shape
+        Rows and columns.
+    """
+    types = types_of(cameras, frames, settings).items()
+    nothing = {name: np.zeros((*components, *shape), dtype=dtype) for name, (components, dtype) in types}
+    for name, values in nothing.items():
+        if values.dtype.kind == "f" and name != "images_used":
+            values[:] = np.nan
+    return nothing
 
 
 def maps_of(
@@ -131,15 +156,18 @@ def maps_of(
             finite = filled(theta[list(FIELDS)], np.asarray(np.isfinite(theta).all(axis=0)))
             variance[[0, 3, 4, 5]] += refined.cameras.effect(images, finite).variance
         std = np.sqrt(variance)
-        limit = np.maximum(settings.acceptance * usual, _SHIFT_PX * np.sqrt(fit.residual[1]))
-        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, cameras * frames)
-        known &= _in_texture(refined.seen.gradient, usual, cameras * frames, settings.window_sigma_px)
-        violated = known & np.where(beside.where, ~beside.sound, left > limit)
-        known &= ~violated
+        shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
+        limit = np.maximum(settings.acceptance * usual, shifted)
+        most = np.maximum(settings.acceptance * fine_contrast(images, settings.window_sigma_px), shifted)
+        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count)
+        known &= _in_texture(refined.seen.gradient, usual, images.count, settings.window_sigma_px)
+        violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
+        # Where hardly anything fits, what does fits by chance.
+        known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
         found: dict[str, Any] = {"residual": left}
         depth = focal * baseline_mm / d
         if cameras > 1:
-            known &= (depth > 0) & (std[0] < _LARGEST_STD_PX)
+            known &= (depth > 0) & (std[0] < np.minimum(_LARGEST_STD_PX, np.abs(d) / _CLEAR_OF_ZERO))
             found |= {"disparity": d * step_px, "disparity_std": std[0] * step_px}
             found |= {"depth": depth, "depth_std": depth / np.abs(d) * std[0]}
             found |= {"normal": _normal(theta, x, y, focal)}
@@ -151,9 +179,13 @@ def maps_of(
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm)
-    rough = start.known & ~known & (settings.unfitted == "plane_sweep")
-    if rough.any():
+    rough = np.zeros_like(known)
+    if settings.unfitted == "plane_sweep" and cameras > 1:
+        # Of what stands at infinity, there is no depth.
+        rough = start.known & ~known & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX)
         rough &= _own_texture(images, usual)
+        # Where hardly anything fits, images do not show one scene.
+        rough &= known.sum() > rough.sum()
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
     # These are told everywhere.
     maps: dict[str, NDArray[Any]] = {
@@ -216,20 +248,21 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: int, sigma_px: flo
 
 
 def _own_texture(images: Images, noise: float) -> NDArray[np.bool_]:
-    """Tell where the reference's image has more gradient than noise would give it: twice as much, over some 5 px."""
+    """Tell where the reference's image may be used and has twice the gradient that noise would give it, over 5 px."""
     from scipy.ndimage import convolve1d, gaussian_filter
 
     view = images.view()
     reference = int(np.argmin(np.abs(view.s) + np.abs(view.s_y) + np.abs(view.t)))
     square = np.zeros(images.shape)
+    frame, camera = divmod(reference, len(images.positions))
+    usable = images.bad[frame][camera] == 0 if images.bad else np.ones(images.shape, dtype=np.bool_)
     for channel in range(images.channels):
-        frame, camera = divmod(reference, len(images.positions))
         image = images.coefficients[frame][channel, camera].astype(np.float64)
         for axis in (0, 1):
             image = convolve1d(image, _QUINTIC, axis=axis, mode="mirror")
         square += sum(np.square(each) for each in np.gradient(image))
     # Half the difference of two values has half their variance, along x and along y.
-    return np.asarray(gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels)
+    return np.asarray(usable & (gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels))
 
 
 def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:

@@ -9,9 +9,8 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimators.frame_reader import FrameReader
 from scenetruth.estimators.refined.frames import FramesNeeded, Splines, frames_needed
-from scenetruth.estimators.refined.maps import CORRECTIONS, corrections_of, maps_of, types_of
+from scenetruth.estimators.refined.maps import CORRECTIONS, corrections_of, maps_of, types_of, unknown_maps
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, blank_map, intrinsics_of, label, pixel_grid_of
@@ -65,27 +64,26 @@ def fill_estimate(
     Returns
     -------
     dict
-        Attributes: the rounds that each frame took, and the share of its pixels with a curved surface.
+        Attributes: the rounds that each frame took, the share of its pixels with a curved surface, how many pixels of
+        the images were not used for which cause, which images were left out, and of which frames nothing is known and
+        why.
 
     Raises
     ------
     RecordingError
         If the recording's pixels are no even grid.
-    EstimateError
-        If the images hold values that are not finite, or show nothing to start from.
     """
+    from scenetruth.estimators.refined.bad.pixels import SoundFrames
+    from scenetruth.estimators.refined.bad.start import sound_start
+    from scenetruth.estimators.refined.bad.telling import Told, nothing_to_tell
     from scenetruth.estimators.refined.images import Images
     from scenetruth.estimators.refined.outlines import nothing_beside, refit_beside_outlines
     from scenetruth.estimators.refined.rounds import refine
-    from scenetruth.estimators.refined.start import Rig, swept_fields, tensor_fields
+    from scenetruth.estimators.refined.start import Rig, tensor_fields
 
     grid = pixel_grid_of(recording)
     intrinsics = grid.in_columns(intrinsics_of(recording))
-    reader = FrameReader(recording)
-    missing = reader.missing()
-    if missing:
-        message = f"holds {missing} values that are not finite in float32; the splines would spread them"
-        raise EstimateError([Problem("image", message)])
+    reader = SoundFrames(recording)
     cameras = reader.shape[1]
     baseline_mm = intrinsics_of(recording).baseline_mm if cameras > 1 else 1.0
     across_mm = recording["stage_x_mm"].values
@@ -97,22 +95,12 @@ def fill_estimate(
         settings = settings.model_copy(update={"corrections": settings.corrections.in_columns(grid.step_px)})
     splines, times = Splines(reader), recording["t"].values.astype(np.float64)
     needed = _needed(reader.shape[2], settings)
-    rounds, curved = [], []
+    rounds, curved, noted = [], [], Told(recording)
     for number, frames in enumerate(needed):
         told = None if progress is None else _later(progress, number, len(needed), settings.rounds)
         if told is not None:
             told(0)
         taken = times[frames.first : frames.last] - times[frames.output]
-        if settings.start == "plane_sweep":
-            first, last = max(frames.output - 1, frames.first), min(frames.output + 2, frames.last)
-            near = reader.frames(first, last).astype(np.float32, copy=False)
-            start = swept_fields(near, frames.output - first, times[first:last] - times[frames.output], rig)
-        else:
-            part = recording.isel(t=slice(frames.first, frames.last))
-            part = part.sel(s_y=0) if "s_y" in part.dims else part
-            start = tensor_fields(part, frames.output - frames.first, baseline_mm)
-            # From the camera's pixels to columns.
-            start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
         images = Images(
             splines.frames(frames.first, frames.last),
             placed,
@@ -120,9 +108,33 @@ def fill_estimate(
             intrinsics.focal_length_px,
             intrinsics.principal_point_px,
             np.zeros((len(placed) * len(taken), 4)),
+            reader.bad(frames.first, frames.last),
         )
+        try:
+            reason = nothing_to_tell(images)
+            if reason:
+                raise EstimateError([Problem("image", reason)])
+            if settings.start == "plane_sweep":
+                start = sound_start(reader, frames, images, rig, settings.window_sigma_px)
+            else:
+                part = reader.part(frames.first, frames.last)
+                part = part.sel(s_y=0) if "s_y" in part.dims else part
+                start = tensor_fields(part, frames.output - frames.first, baseline_mm)
+                # From the camera's pixels to columns.
+                start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
+        except EstimateError as error:
+            noted.nothing_known(frames.output, error.problems[0].message)
+            for name, values in unknown_maps(cameras, len(taken), settings, images.shape).items():
+                put(name, {"t": number}, values)
+            if settings.corrections is not None:
+                for name, components in CORRECTIONS.items():
+                    put(name, {"t": number}, np.full((*components, *_cameras(recording)), np.nan))
+            rounds.append(0)
+            curved.append(0.0)
+            continue
         found = refine(images, start.fields, settings, told)
-        images, beside = found.images, nothing_beside(images.shape)
+        images, beside = found.images, nothing_beside(found.images.shape)
+        noted.leave_out(frames.first, images.left_out)
         if settings.outlines:
             found, beside = refit_beside_outlines(images, start.fields, found, settings, told)
         for name, values in maps_of(images, found, beside, start, settings, grid.step_px, baseline_mm).items():
@@ -134,7 +146,7 @@ def fill_estimate(
         curved.append(round(float(found.curved.mean()), 4))
         if told is not None:
             told(settings.rounds)
-    return {"rounds": rounds, "curved_share": curved}
+    return {"rounds": rounds, "curved_share": curved, "pixels_masked": reader.counts, **noted.attributes()}
 
 
 def _cameras(recording: xr.Dataset) -> list[int]:

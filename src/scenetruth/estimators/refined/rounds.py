@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.bad.images import strangers
 from scenetruth.estimators.refined.bands import bands, pieces, window_weights
 from scenetruth.estimators.refined.cameras.corrections import Cameras
 from scenetruth.estimators.refined.cameras.shifts import Shifts
@@ -99,10 +100,14 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     state = np.zeros((FULL, *images.shape))
     state[list(FIELDS)] = start
     done, left = 0, settings.rounds - len(models)
+    left_out: frozenset[tuple[int, int]] = frozenset()
     for reach, model in [*stages, (span, plain), *[(span, models[0])] * left]:
         if done >= left:
             break
         part = images.within(reach)
+        if done <= len(stages):
+            left_out = strangers(images, state[list(FIELDS)], sigma, part)
+        part = part.without(left_out)
         shifts = None if cameras is None else Shifts.blank(images.shape, len(part.view().s))
         (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts)
         before, state = state, kept(state, fit.theta)
@@ -116,6 +121,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
         still = moved < settings.tolerance_px and _still(before, state, fit, images, settings.tolerance_px)
         if model is models[0] and still:
             break
+    images = images.without(strangers(images, state[list(FIELDS)], sigma, images))
     curved = np.full(images.shape, models[0].surface == _CURVED)
     chosen = np.zeros(images.shape, dtype=np.int8)
     if len(models) > 1:
@@ -268,7 +274,7 @@ def _still(before: Map, after: Map, fit: Fit, images: Images, tolerance_px: floa
     """Tell whether almost no pixel that is fitted well moved by more than a tolerance in any image."""
     moved = images.moved_px(before[list(FIELDS)], after[list(FIELDS)])
     left = np.sqrt(fit.residual[0]) / spline_transfer()
-    count = len(images.positions) * len(images.times)
+    count = images.count
     with np.errstate(invalid="ignore"):
         fitted = textured(fit.residual[1], noise_of(left), count) & (left < _FITTED * noise_of(left))
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)

@@ -82,9 +82,12 @@ class Selection:
     ) -> None:
         self._images, self._where, self._square = images, where, noise**2
         self._stacks = [images.stack(channel) for channel in range(images.channels)]
+        self._bad = images.bad_stack()
         view, fields = images.view(), np.ascontiguousarray(theta[list(FIELDS)])
         self._brightness = [
-            even_brightness(len(stack)) if steady is None else brightness_of_blocks(stack, view, fields, steady)
+            even_brightness(len(stack))
+            if steady is None
+            else brightness_of_blocks(stack, view, fields, self._bad, steady)
             for stack in self._stacks
         ]
         self.theta = theta.copy()
@@ -132,7 +135,7 @@ class Selection:
         best = np.full(self._images.shape, np.inf, dtype=np.float32)
         totals = np.zeros_like(sides)
         for stack, brightness in zip(self._stacks, self._brightness, strict=True):
-            judge = partial(judge_rows, stack, self._images.view(), fields, *brightness, BLOCK_PX, sides)
+            judge = partial(judge_rows, stack, self._images.view(), fields, self._bad, *brightness, BLOCK_PX, sides)
             in_threads(judge, pieces(0, self._images.shape[0]))
             totals += sides / len(self._stacks)
         for side in range(SIDES):

@@ -13,6 +13,8 @@ from scenetruth.errors import EstimateError, Problem
 __all__ = ["Rig", "Start", "filled", "swept_fields", "tensor_fields"]
 
 _MEDIAN_PX = 7
+# If more of the image is as far away as anything can be, cameras tell no depth.
+_FAR_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ def swept_fields(images: NDArray[np.float32], estimated: int, times: NDArray[np.
     Raises
     ------
     EstimateError
-        If no disparity is found.
+        If no disparity is found, or almost none that is not zero.
     """
     from scenetruth.estimators.plane_sweep.motion import sweep_motion
     from scenetruth.estimators.plane_sweep.sweep import sweep
@@ -78,6 +80,8 @@ def swept_fields(images: NDArray[np.float32], estimated: int, times: NDArray[np.
         found = sweep(images[:, :, estimated], positions, rig.baseline_mm)
         if not found.ranges:
             raise EstimateError([Problem("image", "shows no texture in which cameras see the same: no depth to start")])
+        if found.far.mean() > _FAR_SHARE:
+            raise EstimateError([Problem("image", "shows the same from all cameras: no disparity that tells a depth")])
         fields[0], known = found.disparity, found.known
     beside = [n for n in (estimated - 1, estimated + 1) if 0 <= n < images.shape[2]]
     if beside:

@@ -23,6 +23,7 @@ def judge_rows(
     coefficients: NDArray[np.float32],
     view: View,
     fields: NDArray[np.float64],
+    bad: NDArray[np.uint8],
     gain: NDArray[np.float32],
     offset: NDArray[np.float32],
     block: int,
@@ -33,7 +34,7 @@ def judge_rows(
 
     Parameters
     ----------
-    coefficients, view, fields, rows
+    coefficients, view, fields, bad, rows
         As of `warp.warp_rows`.
     gain, offset
         What takes the images to one brightness, (value - offset) / gain, in blocks of pixels, shape (n, rows of blocks,
@@ -48,6 +49,7 @@ def judge_rows(
     dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
     sums = np.empty((SIDES, 3))
     _, down, across = gain.shape
+    some_bad = bad.shape[0] > 0
     for y in range(rows[0], rows[1]):
         for x in range(width):
             out[:, y, x] = np.nan
@@ -70,6 +72,8 @@ def judge_rows(
                 at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale
                 at_x, at_y = corrected(view, i, at_x, at_y)
                 if not (at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
+                    continue
+                if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
                     continue
                 left, top = int(at_x), int(at_y)
                 weights(at_x - left, wx, dx)

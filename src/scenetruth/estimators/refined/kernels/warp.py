@@ -90,6 +90,7 @@ def warp_rows(
     view: View,
     fields: NDArray[np.float64],
     hidden: NDArray[np.uint8],
+    bad: NDArray[np.uint8],
     first_row: int,
     warped: NDArray[np.float32],
     gradient: NDArray[np.float32],
@@ -114,10 +115,14 @@ def warp_rows(
         d, q_X, q_Y, q_Z of every pixel, shape (4, height, width); NaN where none is wanted.
     hidden
         In which images other surfaces hide the points, as of `visibility.hide`; of shape (0, 0, 0), none is hidden.
+    bad
+        Not 0 at pixels of the images around which nothing must be fetched, shape (n, height, width); of shape
+        (0, 0, 0), there are none.
     first_row
         Row of the images at which the output begins.
     warped
-        Output: grey values, NaN where a point lies outside the image or is hidden, shape (n, rows, width).
+        Output: grey values, NaN where a point lies outside the image, is hidden, or falls on bad pixels, shape
+        (n, rows, width).
     gradient
         Output: mean over the images of the grey values' derivatives along x and y, shape (2, rows, width).
     rows
@@ -127,7 +132,7 @@ def warp_rows(
     wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
     dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
     used = np.empty(width, dtype=np.int64)
-    some = hidden.shape[0] > 0
+    some, some_bad = hidden.shape[0] > 0, bad.shape[0] > 0
     for row in range(rows[0], rows[1]):
         y = row + first_row
         used[:] = 0
@@ -143,6 +148,9 @@ def warp_rows(
                 at_x, at_y = corrected(view, i, at_x, at_y)
                 seen = not some or (hidden[i >> 3, y, x] >> (i & 7)) & 1 == 0
                 if not (seen and at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
+                    warped[i, row, x] = np.float32(np.nan)
+                    continue
+                if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
                     warped[i, row, x] = np.float32(np.nan)
                     continue
                 left, top = int(at_x), int(at_y)

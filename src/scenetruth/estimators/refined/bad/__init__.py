@@ -1,0 +1,1 @@
+"""Pixels and images that must not be used, found before and while surfaces are fitted."""
