@@ -101,6 +101,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     state[list(FIELDS)] = start
     done, left = 0, settings.rounds - len(models)
     left_out: frozenset[tuple[int, int]] = frozenset()
+    settled = cameras is None
     for reach, model in [*stages, (span, plain), *[(span, models[0])] * left]:
         if done >= left:
             break
@@ -108,18 +109,18 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
         if done <= len(stages):
             left_out = strangers(images, state[list(FIELDS)], sigma, part)
         part = part.without(left_out)
-        shifts = None if cameras is None else Shifts.blank(images.shape, len(part.view().s))
+        shifts = None if cameras is None or settled else Shifts.blank(images.shape, len(part.view().s))
         (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts)
         before, state = state, kept(state, fit.theta)
-        moved = 0.0
         if cameras is not None and shifts is not None:
             moved = cameras.update(shifts, before[list(FIELDS)], part)
             images = replace(images, moved=cameras.values)
+            # What images cannot tell would move on for ever, by little, and all surfaces with it.
+            settled = reach == span and moved < settings.tolerance_px
         done += 1
         if told is not None:
             told(done)
-        still = moved < settings.tolerance_px and _still(before, state, fit, images, settings.tolerance_px)
-        if model is models[0] and still:
+        if model is models[0] and settled and _still(before, state, fit, images, settings.tolerance_px):
             break
     images = images.without(strangers(images, state[list(FIELDS)], sigma, images))
     curved = np.full(images.shape, models[0].surface == _CURVED)

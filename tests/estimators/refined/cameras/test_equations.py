@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.estimators.refined.cameras.equations import Blocks, blocks_of, eliminated, misfit
+from scenetruth.estimators.refined.cameras.equations import Blocks, Elimination, blocks_of
 from scenetruth.estimators.refined.cameras.points import moves_of
 from scenetruth.estimators.refined.cameras.shifts import BLOCK_PX, Shifts
 from scenetruth.estimators.refined.kernels.shifts import add_shifts
@@ -44,7 +44,7 @@ def dense(blocks: Blocks) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_elimination_is_least_squares_with_all_unknowns(blocks: Blocks) -> None:
-    told = eliminated(blocks, VIEW, np.ones(POINTS))
+    told = Elimination(blocks, VIEW).equations(np.ones(POINTS))
     # A prior settles what images cannot tell; roll and scale are of the order of 1 px / 30 px.
     prior = np.diag(np.tile([1e4, 1e4, 1e7, 1e7], COUNT))
     found = np.linalg.solve(told.matrix + prior, told.side)
@@ -56,7 +56,7 @@ def test_elimination_is_least_squares_with_all_unknowns(blocks: Blocks) -> None:
 
 
 def test_what_images_cannot_tell_is_not_told(blocks: Blocks) -> None:
-    told = eliminated(blocks, VIEW, np.ones(POINTS))
+    told = Elimination(blocks, VIEW).equations(np.ones(POINTS))
     scale = np.abs(np.diag(told.matrix)).mean()
     for gauge in (S, T, S * T, np.ones(COUNT)):
         # A shift along x in proportion to s is a disparity, to t a motion; to s t, a motion along the line of sight if
@@ -77,10 +77,10 @@ def test_points_that_agree_leave_noise(blocks: Blocks) -> None:
     noise = np.einsum("pnkl,pnl->pnk", np.linalg.cholesky(blocks.weight), generator.normal(0, 2.0, exact.shape))
     clean = Blocks(blocks.weight, sides, blocks.fields, blocks.at, 2.0)
     noisy = Blocks(blocks.weight, sides + noise, blocks.fields, blocks.at, 2.0)
-    assert misfit(clean, VIEW, corrections) == pytest.approx(0.0, abs=1e-6)
+    assert Elimination(clean, VIEW).misfit(corrections) == pytest.approx(0.0, abs=1e-6)
     # The mean of 30 squares with 12 degrees of freedom each: within 4 standard deviations of 1.
-    assert misfit(noisy, VIEW, corrections).mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / (12 * POINTS)))
-    assert misfit(clean, VIEW, np.zeros((COUNT, 4))).mean() > 5
+    assert Elimination(noisy, VIEW).misfit(corrections).mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / (12 * POINTS)))
+    assert Elimination(clean, VIEW).misfit(np.zeros((COUNT, 4))).mean() > 5
 
 
 def test_sums_over_blocks_are_those_of_plain_loops() -> None:

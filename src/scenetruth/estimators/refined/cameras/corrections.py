@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.cameras.effect import Effect, effect_of
-from scenetruth.estimators.refined.cameras.equations import blocks_of, eliminated, misfit
+from scenetruth.estimators.refined.cameras.equations import Elimination, blocks_of
 from scenetruth.estimators.refined.cameras.points import CORRECTIONS
 from scenetruth.estimators.refined.cameras.shifts import Shifts
 from scenetruth.estimators.refined.images import Images
@@ -18,6 +18,7 @@ __all__ = ["Cameras"]
 # Blocks that leave this many times what half of them leave are left out: what moves there is no point.
 _OUTLIER = 4.0
 _PASSES = 3
+_STILL = 0.1
 
 Array = NDArray[np.float64]
 
@@ -71,6 +72,8 @@ class Cameras:
     def update(self, shifts: Shifts, fields: Array, images: Images) -> float:
         """Take into account what blocks of pixels tell, and return by how many px an image moved at most.
 
+        What stays within a tenth of its standard deviation does not count.
+
         Parameters
         ----------
         shifts
@@ -85,25 +88,29 @@ class Cameras:
             return 0.0
         taken = np.repeat(np.isin(self._times, images.times), CORRECTIONS)
         parts, before = self._parts[taken], self.values
+        elimination = Elimination(blocks, view)
         kept: Array = np.ones(len(blocks.shift))
         excess = 1.0
         unknown: Array = self._unknown
         for _ in range(_PASSES):
-            told = eliminated(blocks, view, kept)
+            told = elimination.equations(kept)
             noise = excess * (blocks.noise / spline_transfer()) ** 2
             matrix = parts.T @ told.matrix @ parts / noise
             side = parts.T @ told.side / noise - self._unknown
             covariance = np.asarray(np.linalg.inv(matrix + np.eye(len(matrix))), dtype=np.float64)
             step = covariance @ side
             unknown = self._unknown + step
-            left = misfit(blocks, view, (parts @ step).reshape(-1, CORRECTIONS))
+            left = elimination.misfit((parts @ step).reshape(-1, CORRECTIONS))
             usual = float(np.median(left))
             kept = (left < _OUTLIER * usual).astype(np.float64)
             # Where blocks leave more than noise, their shifts err by more.
             excess = max(1.0, float(left[kept > 0].mean())) if kept.any() else 1.0
             self._covariance = covariance
         self._unknown = unknown
-        return self._largest(self.values - before, images)
+        change = np.abs(self.values - before)
+        arm = max(images.shape) / 2
+        moved = np.where(change > _STILL * self.std, change, 0.0) * np.array([1.0, 1.0, arm, arm])
+        return float(moved.max())
 
     def effect(self, images: Images, fields: Array) -> Effect:
         """Return what the corrections' uncertainty does to disparity and velocity.
@@ -117,7 +124,3 @@ class Cameras:
         """
         rooted = self._parts @ np.linalg.cholesky(self._covariance)
         return effect_of(images.view(), fields, rooted)
-
-    def _largest(self, change: Array, images: Images) -> float:
-        arm = max(images.shape) / 2
-        return float((np.abs(change) * np.array([1.0, 1.0, arm, arm])).max())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from scenetruth.estimators.refined.cameras.points import CORRECTIONS, moves_of
 from scenetruth.estimators.refined.cameras.shifts import Shifts
 from scenetruth.estimators.refined.kernels.warp import View
 
-__all__ = ["Blocks", "Equations", "blocks_of", "eliminated", "misfit"]
+__all__ = ["Blocks", "Elimination", "Equations", "blocks_of"]
 
 # Blocks that fewer pixels show in the mean of the images say nothing.
 _LEAST_SHARE = 0.5
@@ -20,8 +21,8 @@ _LEAST_SHARE = 0.5
 _UNTOLD = 1e-7
 # Frames from which on acceleration is told from velocity.
 _ACCELERATED = 5
-# Blocks that are taken at a time.
-_PIECE = 256
+# Blocks that are taken at a time, and about how many of all are taken.
+_PIECE, _MOST_BLOCKS = 256, 6000
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,10 @@ def blocks_of(shifts: Shifts, fields: Array) -> Blocks:
     rows, columns = np.minimum(rows, height - 1), np.minimum(columns, width - 1)
     counts = shifts.sums[..., 6].mean(axis=-1)
     told = counts > _LEAST_SHARE * counts.max()
+    apart = math.isqrt(told.size // _MOST_BLOCKS) + 1
+    some = np.zeros_like(told)
+    some[::apart, ::apart] = True
+    told &= some
     sums = shifts.sums[told]
     left = np.sqrt(sums[..., 5].sum(axis=-1) / np.maximum(sums[..., 6].sum(axis=-1), 1.0))
     images = max(sums.shape[1] - 1, 1)
@@ -80,21 +85,8 @@ def blocks_of(shifts: Shifts, fields: Array) -> Blocks:
     )
 
 
-def _pieces(blocks: Blocks, view: View) -> Iterator[tuple[slice, Array, Array, Array]]:
-    """Give derivatives by points and by images, and what takes parameters of points to such that are told apart."""
-    accelerated = len(np.unique(view.t)) >= _ACCELERATED
-    for first in range(0, len(blocks.shift), _PIECE):
-        part = slice(first, first + _PIECE)
-        moves = moves_of(view, blocks.fields[:, part], blocks.at[:, part], accelerated=accelerated)
-        matrix = np.einsum("pnki,pnkl,pnlj->pij", moves.by_point, blocks.weight[part], moves.by_point, optimize=True)
-        size = np.sqrt(np.maximum(np.einsum("pii->pi", matrix), 1e-300))
-        values, vectors = np.linalg.eigh(matrix / (size[:, :, None] * size[:, None]))
-        share = np.where(values > _UNTOLD, 1.0 / np.sqrt(np.maximum(values, _UNTOLD)), 0.0)
-        yield part, moves.by_point, moves.by_image, vectors * share[:, None] / size[:, :, None]
-
-
-def eliminated(blocks: Blocks, view: View, weight: Array) -> Equations:
-    """Return the equations of the corrections alone: those of the points are solved for any of them.
+class Elimination:
+    """The equations of the corrections alone: those of every block's own depth and motion are solved for any of them.
 
     Parameters
     ----------
@@ -102,54 +94,123 @@ def eliminated(blocks: Blocks, view: View, weight: Array) -> Equations:
         What blocks tell.
     view
         Where and when the images were taken.
-    weight
-        Weights of the blocks, shape (blocks,).
     """
-    count = len(view.s)
-    size = CORRECTIONS * count
-    matrix, side = np.zeros((size, size)), np.zeros(size)
-    own = np.zeros((count, CORRECTIONS, CORRECTIONS))
-    for part, by_point, by_image, apart in _pieces(blocks, view):
-        w = weight[part]
-        told = np.einsum("pnkl,pnlj->pnkj", blocks.weight[part], by_image)
-        own += np.einsum("p,pnki,pnkj->nij", w, by_image, told, optimize=True)
-        mixed = np.einsum("pnki,pnkj->pinj", by_point, told).reshape(len(w), -1, size)
-        mixed = np.einsum("pim,pis->pms", apart, mixed, optimize=True)
-        shifts = np.einsum("pim,pnki,pnk->pm", apart, by_point, blocks.shift[part], optimize=True)
-        side += np.einsum("p,pnki,pnk->ni", w, by_image, blocks.shift[part], optimize=True).ravel()
-        side -= np.einsum("p,pms,pm->s", w, mixed, shifts, optimize=True)
-        rooted = (np.sqrt(w)[:, None, None] * mixed).reshape(-1, size)
-        matrix -= rooted.T @ rooted
-    for n in range(count):
-        at = slice(CORRECTIONS * n, CORRECTIONS * (n + 1))
-        matrix[at, at] += own[n]
-    return Equations(matrix, side)
+
+    def __init__(self, blocks: Blocks, view: View) -> None:
+        self._noise = blocks.noise
+        self._size = CORRECTIONS * len(view.s)
+        accelerated = len(np.unique(view.t)) >= _ACCELERATED
+        self._parts = [
+            _part_of(blocks, view, slice(first, first + _PIECE), accelerated=accelerated)
+            for first in range(0, len(blocks.shift), _PIECE)
+        ]
+
+    def equations(self, weight: Array) -> Equations:
+        """Return the equations of all blocks together.
+
+        Parameters
+        ----------
+        weight
+            Weights of the blocks, shape (blocks,).
+        """
+        matrix, side = np.zeros((self._size, self._size)), np.zeros(self._size)
+        own = np.zeros((self._size // CORRECTIONS, CORRECTIONS, CORRECTIONS))
+        for part, w in self._weighted(weight):
+            own += np.tensordot(w, part.own, 1)
+            side += w @ part.side
+            rooted = (np.sqrt(w)[:, None, None] * part.mixed).reshape(-1, self._size)
+            matrix -= rooted.T @ rooted
+        for n in range(len(own)):
+            at = slice(CORRECTIONS * n, CORRECTIONS * (n + 1))
+            matrix[at, at] += own[n]
+        return Equations(matrix, side)
+
+    def misfit(self, corrections: Array) -> Array:
+        """Return what corrections leave of the blocks' shifts when their depth and motion follow.
+
+        Parameters
+        ----------
+        corrections
+            Of every image, shape (n, 4).
+
+        Returns
+        -------
+        numpy.ndarray
+            In squares of the images' noise per free shift, shape (blocks,).
+        """
+        c = corrections.ravel()
+        found = []
+        for part in self._parts:
+            # |shift - c|² in the norm of all unknowns, less what the blocks' own parameters take of it.
+            moved = np.einsum("pnij,nj->pni", part.own, corrections, optimize=True).reshape(len(part.free), -1)
+            square = part.square - 2.0 * part.plain @ c + moved @ c
+            own = part.own_shift - part.mixed @ c
+            found.append((square - (own**2).sum(axis=-1)) / (part.free * self._noise**2))
+        return np.concatenate(found)
+
+    def _weighted(self, weight: Array) -> Iterator[tuple[_Part, Array]]:
+        for number, part in enumerate(self._parts):
+            yield part, weight[number * _PIECE : (number + 1) * _PIECE]
 
 
-def misfit(blocks: Blocks, view: View, corrections: Array) -> Array:
-    """Return what corrections leave of the blocks' shifts when their depth and motion follow: Σ ∇T-weighted squares.
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Products of some blocks, p of them."""
 
-    Parameters
-    ----------
-    blocks, view
-        As of `eliminated`.
-    corrections
-        Of every image, shape (n, 4).
+    own: Array
+    """Σ Eᵀ W E of every image with its corrections' derivatives E, shape (p, n, 4, 4)."""
+    mixed: Array
+    """Those of the blocks' own parameters, told apart, with all corrections, shape (p, m, 4 n)."""
+    plain: Array
+    """Σ Eᵀ W δ, shape (p, 4 n)."""
+    own_shift: Array
+    """The same of the own parameters, shape (p, m)."""
+    square: Array
+    """Σ δᵀ W δ, shape (p,)."""
+    free: Array
+    """How many shifts there are, less the own parameters, at least 1, shape (p,)."""
 
-    Returns
-    -------
-    numpy.ndarray
-        In squares of the images' noise per free shift, shape (blocks,).
-    """
-    found = np.empty(len(blocks.shift))
-    for part, by_point, by_image, apart in _pieces(blocks, view):
-        weight = blocks.weight[part]
-        left = blocks.shift[part] - np.einsum("pnkl,pnlj,nj->pnk", weight, by_image, corrections, optimize=True)
-        shifts = np.einsum("pim,pnki,pnk->pm", apart, by_point, left, optimize=True)
-        values, vectors = np.linalg.eigh(weight)
-        along = np.einsum("pnkm,pnk->pnm", vectors, left)
-        least = 1e-3 * values[..., 1:]
-        square = np.where(values > least, along**2 / np.maximum(values, least + 1e-300), 0.0).sum(axis=(1, 2))
-        free = (values > least).sum(axis=(1, 2)) - (apart**2 > 0).any(axis=1).sum(axis=-1)
-        found[part] = (square - (shifts**2).sum(axis=-1)) / (np.maximum(free, 1) * blocks.noise**2)
-    return found
+    @property
+    def side(self) -> Array:
+        """Right side of the corrections' equations, shape (p, 4 n)."""
+        return np.asarray(self.plain - np.einsum("pms,pm->ps", self.mixed, self.own_shift, optimize=True))
+
+
+def _part_of(blocks: Blocks, view: View, part: slice, *, accelerated: bool) -> _Part:
+    moves = moves_of(view, blocks.fields[:, part], blocks.at[:, part], accelerated=accelerated)
+    weight, shift = blocks.weight[part], blocks.shift[part]
+    a, e = moves.by_point, moves.by_image
+    count = len(weight)
+    weighted = np.matmul(weight, a)
+    matrix = np.matmul(a.reshape(count, -1, a.shape[-1]).swapaxes(1, 2), weighted.reshape(count, -1, a.shape[-1]))
+    size = np.sqrt(np.maximum(np.einsum("pii->pi", matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / (size[:, :, None] * size[:, None]))
+    told = values > _UNTOLD
+    apart = vectors * np.where(told, 1.0 / np.sqrt(np.maximum(values, _UNTOLD)), 0.0)[:, None] / size[:, :, None]
+    by_image = np.matmul(weight, e)
+    mixed = np.einsum("pnki,pnkj->pinj", a, by_image, optimize=True).reshape(count, a.shape[-1], -1)
+    square, shifts = _squares(weight, shift)
+    return _Part(
+        np.matmul(e.swapaxes(-1, -2), by_image),
+        np.matmul(apart.swapaxes(1, 2), mixed),
+        np.einsum("pnki,pnk->pni", e, shift, optimize=True).reshape(count, -1),
+        np.einsum("pim,pnki,pnk->pm", apart, a, shift, optimize=True),
+        square,
+        np.maximum(shifts - told.sum(axis=1), 1).astype(np.float64),
+    )
+
+
+def _squares(weight: Array, shift: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Return Σ bᵀ W⁻¹ b of every block, and how many shifts its images tell: two each, or one along a gradient."""
+    a, b, c = weight[..., 0, 0], weight[..., 0, 1], weight[..., 1, 1]
+    half, spread = (a + c) / 2, np.hypot((a - c) / 2, b)
+    largest = half + spread
+    determinant = a * c - b * b
+    both = determinant > 1e-3 * largest**2
+    x, y = shift[..., 0], shift[..., 1]
+    whole = (c * x * x - 2.0 * b * x * y + a * y * y) / np.where(both, determinant, 1.0)
+    # Along the gradient alone, b lies in its direction, but for rounding.
+    some = largest > 0
+    along = (x * x + y * y) / np.where(some, largest, 1.0)
+    square = np.where(both, whole, np.where(some, along, 0.0)).sum(axis=1)
+    return square, (2 * both + (some & ~both)).sum(axis=1)
