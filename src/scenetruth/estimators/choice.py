@@ -66,7 +66,7 @@ class MethodChoice(BaseModel):
                 method = find_method(entry.name)
             except EstimateError:
                 continue
-            variant = method.settings.model_json_schema()
+            variant = _in_place(method.settings.model_json_schema())
             named = {"const": entry.name, "description": "The method.", "title": "Method", "type": "string"}
             if entry.name == DEFAULT_METHOD:
                 named["default"] = entry.name
@@ -75,6 +75,25 @@ class MethodChoice(BaseModel):
             variant["properties"] = {"method": named, **variant.get("properties", {})}
             variants.append(variant)
         return {"oneOf": variants}
+
+
+def _in_place(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a JSON Schema in which models within models stand where they are used: its own $defs cannot be kept."""
+    definitions = schema.pop("$defs", {})
+
+    def spelled(part: Any, within: tuple[str, ...] = ()) -> Any:
+        if isinstance(part, list):
+            return [spelled(each, within) for each in part]
+        if not isinstance(part, dict):
+            return part
+        name = str(part.get("$ref", "")).removeprefix("#/$defs/")
+        rest = {key: spelled(each, within) for key, each in part.items() if key != "$ref"}
+        if name not in definitions:
+            return rest
+        # A model that holds itself is told once.
+        return {**({"type": "object"} if name in within else spelled(definitions[name], (*within, name))), **rest}
+
+    return dict(spelled(schema))
 
 
 def choose(given: Any) -> MethodChoice:

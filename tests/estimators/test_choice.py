@@ -1,0 +1,16 @@
+"""The choice of a method and its settings, as scene files and the JSON Schema have it."""
+
+from __future__ import annotations
+
+from scenetruth.scene import Scene
+
+
+def test_models_within_settings_are_told_in_the_schema() -> None:
+    variants = Scene.model_json_schema()["$defs"]["MethodChoice"]["oneOf"]
+    refined = next(each for each in variants if each["properties"]["method"]["const"] == "refined")
+    assert "$defs" not in refined
+    corrections = refined["properties"]["corrections"]
+    model = next(each for each in corrections["anyOf"] if each["type"] == "object")
+    assert {"x_px", "roll_urad"} < set(model["properties"])
+    assert "yaw" in model["properties"]["x_px"]["description"]
+    assert corrections["description"].startswith("How far images may be")
