@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
+from tests.nightly import nightly
 from tests.scenes import SCENES
 
 # What an independent implementation of the paper's estimator reached on a cube of this kind, with some room.
@@ -68,6 +69,7 @@ def test_consistent_divergence_halves_the_errors_of_velocity(reference: Scores, 
     assert reference["consistent"][figure] <= 0.5 * reference["paper"][figure]
 
 
+@nightly
 def test_pyrender_is_within_ten_percent_of_raycast(reference: Scores) -> None:
     try:
         scores = cube_scores(cube_data("pyrender"), "paper")
@@ -77,6 +79,7 @@ def test_pyrender_is_within_ten_percent_of_raycast(reference: Scores) -> None:
         assert scores["paper"][figure] == pytest.approx(value, rel=0.1), figure
 
 
+@nightly
 def test_working_points_of_each_pixel_are_never_worse_than_the_best_single_one(data: Data) -> None:
     """The best single one is the one that sees depth best; every score of it is met or improved."""
     recording, truth = data

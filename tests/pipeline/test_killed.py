@@ -11,10 +11,9 @@ from tests.pipeline.killing import Killer
 
 
 @by_day
-def test_runs_that_are_killed_and_two_at_once(tmp_path: Path) -> None:
-    with Killer(tmp_path, seed=0) as killer, Killer(tmp_path, seed=1) as other:
+def test_a_run_that_is_killed(tmp_path: Path) -> None:
+    with Killer(tmp_path, seed=0) as killer:
         killer.kill_once(0, earlier=True)
-        killer.two_at_once(other, 0, kill=False)
 
 
 @nightly

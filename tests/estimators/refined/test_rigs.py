@@ -92,7 +92,7 @@ def test_few_cameras_and_frames_give_everything(cameras: int, frames: int) -> No
 
 
 def test_every_frame_or_those_with_whole_windows() -> None:
-    recording = PLANE.recording(3, 5)
+    recording = PLANE.recording(2, 4)
     whole = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, outlines=False)
     every = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, outlines=False, frames="all")
     assert whole["t"].values.tolist() == recording["t"].values[1:-1].tolist()

@@ -17,6 +17,7 @@ from scenetruth.estimators.structure_tensor.texture import STRIDE
 from scenetruth.estimators.structure_tensor.uncertainty import noise_model, texture_transfer
 from scenetruth.schema import KIND_FULL
 from tests.estimators.structure_tensor.analytic import Plane
+from tests.nightly import nightly
 from tests.scenes import cube, plaid
 
 Array = NDArray[np.float64]
@@ -106,6 +107,7 @@ def test_error_bars_on_a_plane(cameras: int, frames: int, settings: dict[str, An
     assert 0.93 <= np.mean([within for _, within in found.values()]) <= 0.97
 
 
+@nightly
 def test_error_bars_on_a_cube() -> None:
     """Slanted faces and a choice of working points: the scatter is still what is predicted."""
     recording, truth = st.simulate(cube(sensor="ideal"))
