@@ -62,18 +62,14 @@ class SoundFrames:
         return dict(zip(CAUSES, self._counts.tolist(), strict=True))
 
     def frames(self, first: int, last: int) -> NDArray[Any]:
-        """Return the filled images of successive frames.
+        """Return the filled images of successive frames, as of `FrameReader.frames`: finite.
+
+        Where nothing is bad, grey values have the type of the recording's, else float32.
 
         Parameters
         ----------
         first, last
-            The first frame, and the one behind the last, as places along t.
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (channel, s, t, y, x), finite; it may be the recording's own memory. Where nothing is bad, grey values
-            have the type of the recording's, else float32.
+            As of `FrameReader.frames`.
         """
         images = self._reader.frames(first, last)
         causes = [self._causes(frame, images[:, :, frame - first]) for frame in range(first, last)]

@@ -6,6 +6,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.kernels.warp import mean_of_row
+
 __all__ = ["SUMS", "add_shifts"]
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -44,23 +46,14 @@ def add_shifts(
         First and last + 1 of the rows of blocks to be summed up; they lie inside the arrays, as far as the image goes.
     """
     count, height, width = warped.shape
-    mean, used = np.empty(width), np.empty(width, dtype=np.int64)
+    mean = np.empty(width)
     for down in range(rows[0], rows[1]):
         for row in range(max(down * block - first_row, 0), min((down + 1) * block - first_row, height)):
-            mean[:] = 0.0
-            used[:] = 0
+            mean_of_row(warped, row, least, mean)
             for i in range(count):
                 for x in range(width):
                     g = warped[i, row, x]
-                    if not np.isnan(g):
-                        mean[x] += g
-                        used[x] += 1
-            for x in range(width):
-                mean[x] /= max(used[x], 1)
-            for i in range(count):
-                for x in range(width):
-                    g = warped[i, row, x]
-                    if np.isnan(g) or used[x] < least:
+                    if np.isnan(g) or np.isnan(mean[x]):
                         continue
                     along, below, left = gradient[0, row, x], gradient[1, row, x], mean[x] - g
                     out = sums[down, x // block, i]

@@ -194,21 +194,31 @@ def _solve(factor: Any, n: int, x: Any) -> None:
 
 
 @_jit
-def _reduce(
-    moments: Any, x: int, places: Any, values: Any, sizes: Any, n: int, scratch: Any, out: Any, weights: Any
-) -> None:
-    """Write Cᵀ W H W C with the full model's normal matrix H at a pixel, and weights W of the four fields."""
+def _full_matrix(moments: Any, place: int, surface: int, out: Any, weights: Any) -> None:
+    """Write W H W with the full model's normal matrix H at a pixel, and weights W of the four fields.
+
+    What a surface of so many parameters has not, is left as it is.
+    """
+    for p in range(FULL):
+        if surface <= p < CURVED:
+            continue
+        for q in range(p, FULL):
+            if surface <= q < CURVED:
+                continue
+            out[p, q] = out[q, p] = moments[_OF_PAIR[p, q], place] * weights[_FIELD[p]] * weights[_FIELD[q]]
+
+
+@_jit
+def _reduce(full: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) -> None:
+    """Write Cᵀ F C with a matrix F of the full model."""
     for j in range(n):
-        for p in range(FULL):
-            total = 0.0
-            for k in range(sizes[j]):
-                q = places[j, k]
-                total += values[j, k] * moments[_OF_PAIR[p, q], x] * weights[_FIELD[q]]
-            scratch[p] = total * weights[_FIELD[p]]
         for i in range(j, n):
             total = 0.0
-            for k in range(sizes[i]):
-                total += values[i, k] * scratch[places[i, k]]
+            for k in range(sizes[j]):
+                line, share = full[places[j, k]], 0.0
+                for m in range(sizes[i]):
+                    share += values[i, m] * line[places[i, m]]
+                total += values[j, k] * share
             out[i, j] = out[j, i] = total
 
 
@@ -249,8 +259,8 @@ def work_space() -> Any:
         np.empty(FULL, dtype=np.int64),
         np.empty((3, 3)),
         np.empty((2, 3)),
-        np.empty((2, FULL, FULL)),
-        np.empty((5, FULL)),
+        np.empty((3, FULL, FULL)),
+        np.empty((4, FULL)),
         np.empty(VALUES),
         gradients,
         np.empty(4),
@@ -274,9 +284,9 @@ def fit_window(
 ) -> None:
     """Fit a model to the moments of the window around the pixel (x, y), which stand in some column, if they suffice."""
     places, values, sizes, bend, tangents = work.places, work.values, work.sizes, work.bend, work.tangents
-    small, other = work.matrices[0], work.matrices[1]
-    partial, right, scale = work.vectors[0], work.vectors[1], work.vectors[2]
-    solution, column, element = work.vectors[3], work.vectors[4], work.element
+    small, other, full = work.matrices[0], work.matrices[1], work.matrices[2]
+    right, scale, solution, column = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
+    element = work.element
     fit.residual[:, y, x] = np.nan
     theta = fit.theta[:, y, x]
     if not enough:
@@ -284,7 +294,8 @@ def fit_window(
         return
     from_x, from_y = x - view.centre_x, y - view.centre_y
     n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
-    _reduce(moments, place, places, values, sizes, n, partial, small, work.ones)
+    _full_matrix(moments, place, model.surface, full, work.ones)
+    _reduce(full, places, values, sizes, n, small)
     for p in range(FULL):
         right[p] = moments[_OF_RIGHT[p], place]
     if model.surface == 0:
@@ -324,7 +335,8 @@ def fit_window(
         expected = moments[_EXPECTED[field], place]
         square = moments[_LEFT[field], place] / expected if expected > 0.0 else 0.0
         work.noise[field] = np.sqrt(max(square, fit.residual[0, y, x]))
-    _reduce(seconds, place, places, values, sizes, n, partial, other, work.noise)
+    _full_matrix(seconds, place, model.surface, full, work.noise)
+    _reduce(full, places, values, sizes, n, other)
     for i in range(n):
         for j in range(n):
             other[i, j] *= scale[i] * scale[j]

@@ -8,7 +8,18 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PRODUCTS", "REACH", "TAPS", "View", "add_products", "corrected", "mean_texture", "warp_rows", "weights"]
+__all__ = [
+    "PRODUCTS",
+    "REACH",
+    "TAPS",
+    "View",
+    "add_products",
+    "corrected",
+    "mean_of_row",
+    "mean_texture",
+    "warp_rows",
+    "weights",
+]
 
 # Reassociation and contraction only: NaN must stay NaN.
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -273,6 +284,22 @@ def add_products(
 
 
 @_jit
+def mean_of_row(warped: Any, row: int, least: int, mean: Any) -> None:
+    """Write the mean of the images that show the pixels of a row, NaN where fewer than ``least`` do."""
+    count, _, width = warped.shape
+    used = np.zeros(width, dtype=np.int64)
+    mean[:] = 0.0
+    for i in range(count):
+        for x in range(width):
+            g = warped[i, row, x]
+            if not np.isnan(g):
+                mean[x] += g
+                used[x] += 1
+    for x in range(width):
+        mean[x] = mean[x] / used[x] if used[x] >= least else np.nan
+
+
+@_jit
 def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.float32], rows: tuple[int, int]) -> None:
     """Compute the mean of the images that show a pixel, NaN where fewer than ``least`` do.
 
@@ -283,16 +310,7 @@ def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.fl
     texture
         Output, shape (rows, width).
     """
-    count, _, width = warped.shape
-    sums, used = np.empty(width), np.empty(width, dtype=np.int64)
+    mean = np.empty(warped.shape[2])
     for row in range(rows[0], rows[1]):
-        sums[:] = 0.0
-        used[:] = 0
-        for i in range(count):
-            for x in range(width):
-                g = warped[i, row, x]
-                if not np.isnan(g):
-                    sums[x] += g
-                    used[x] += 1
-        for x in range(width):
-            texture[row, x] = sums[x] / used[x] if used[x] >= least else np.nan
+        mean_of_row(warped, row, least, mean)
+        texture[row] = mean

@@ -27,42 +27,54 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contra
 
 
 @numba.njit(inline="always")
-def _degree(product: int, curved: bool, bent: bool) -> int:
+def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
     """Return the highest power of the distance by which moments of a product are asked for."""
     surface = 2 if curved else 1
     if product == 0:
         return 2 * surface
+    motion = 1 if turning else 0
     if product < 4:
-        return surface + (2 if bent else 1)
+        return surface + (2 if bent else motion)
     if product < 10:
-        return 3 if bent else 2
+        return motion + (2 if bent else motion)
     if product == 10:
         return surface
-    return 1 if product < 14 else 0
+    return motion if product < 14 else 0
 
 
 @_jit
-def _window_sums(
-    products: Any, count: int, window: Any, y: int, curved: bool, bent: bool, scratch: Any, moments: Any
-) -> None:
+def _add_pairs(out: Any, weight: float, one: Any, other: Any, odd: bool) -> None:
+    """Add what lies at either side of the middle, whose weights are the same, or opposite."""
+    if odd:
+        for x in range(out.size):
+            out[x] += weight * (one[x] - other[x])
+    else:
+        for x in range(out.size):
+            out[x] += weight * (one[x] + other[x])
+
+
+@_jit
+def _window_sums(products: Any, count: int, window: Any, y: int, asked: Any, scratch: Any, moments: Any) -> None:
     """Sum products over windows of a row, times powers of the distance: moments (numbered, x)."""
     _, height, width = products.shape
     reach = window.shape[1] // 2
-    moments[: count * POWERS**2] = 0.0
+    curved, turning, bent = asked
+    middle = scratch[reach : reach + width]
     for n in range(count):
-        degree = _degree(n, curved, bent)
+        degree = _degree(n, curved, turning, bent)
         for k in range(degree + 1):
-            scratch[:] = 0.0
+            middle[:] = 0.0
             for v in range(max(y - reach, 0), min(y + reach + 1, height)):
-                weight = window[k, v - y + reach]
+                weight, line = window[k, v - y + reach], products[n, v]
                 for x in range(width):
-                    scratch[x + reach] += weight * products[n, v, x]
+                    middle[x] += weight * line[x]
             for j in range(degree + 1 - k):
                 out = moments[(n * POWERS + j) * POWERS + k]
-                for u in range(2 * reach + 1):
-                    weight = window[j, u]
-                    for x in range(width):
-                        out[x] += weight * scratch[x + u]
+                for x in range(width):
+                    out[x] = window[j, reach] * middle[x]
+                for u in range(1, reach + 1):
+                    right, left = scratch[reach + u : reach + u + width], scratch[reach - u : reach - u + width]
+                    _add_pairs(out, window[j, reach + u], right, left, j % 2 == 1)
 
 
 @_jit
@@ -110,17 +122,18 @@ def solve_rows(
     """
     width = products.shape[2]
     window, squared = weights[0], weights[1]
-    scratch = np.empty(width + window.shape[1] - 1)
-    moments = np.empty((MOMENTS, width))
-    seconds = np.empty((MOMENTS if told > 0 else 1, width))
+    # Nothing lies beyond the ends of a row.
+    scratch = np.zeros(width + window.shape[1] - 1)
+    moments = np.zeros((MOMENTS, width))
+    seconds = np.zeros((MOMENTS if told > 0 else 1, width))
     work = work_space()
     whole = channels * window[0].sum() ** 2
-    curved, bent = _asked(models, count)
+    curved, turning, bent = _asked(models, count)
     for row in range(rows[0], rows[1]):
         y = row + first_row
-        _window_sums(products, SUMS, window, row, curved, bent, scratch, moments)
+        _window_sums(products, SUMS, window, row, (curved, turning, bent), scratch, moments)
         if told > 0:
-            _window_sums(products, 10, squared, row, curved, False, scratch, seconds)
+            _window_sums(products, 10, squared, row, (curved, turning, False), scratch, seconds)
         for m in range(count):
             for x in range(width):
                 if chosen[y, x] < 0 or chosen[y, x] == m:
@@ -130,9 +143,10 @@ def solve_rows(
 
 @_jit
 def _asked(models: Any, count: int) -> Any:
-    """Tell whether any model has curvature, and whether any has motion of second order."""
-    curved, bent = False, False
+    """Tell whether any model has curvature, any a velocity gradient, and any motion of second order."""
+    curved, turning, bent = False, False, False
     for m in range(count):
         curved = curved or models[m].surface == CURVED
+        turning = turning or models[m].gradient > 0
         bent = bent or (models[m].gradient > 0 and models[m].surface > 1)
-    return curved, bent
+    return curved, turning, bent
