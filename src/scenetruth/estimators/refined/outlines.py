@@ -219,7 +219,7 @@ def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: Refi
             if last:
                 _solve(images, band, fields, noise, finer, model, fine, inner)
         theta = np.where(where & sound_step(theta, fit.theta), fit.theta, theta)
-    uneven = differ(fit, fine, finer)
+    uneven = differ(fit, fine, finer, motion=True)
     return _chosen(uneven, fine, fit), seen, shares
 
 

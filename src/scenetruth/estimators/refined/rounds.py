@@ -137,7 +137,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     seen, finer = Seen.blank(images.shape), blank_fit(state, variances=True)
     final = partial(fit_round, images, state, models, sigma, gains=gains, variances=ALL_VARIANCES, chosen=chosen)
     fit, *_ = final(finer=(_FINER * sigma, finer), seen=seen)
-    uneven = differ(fit, finer, _FINER * sigma)
+    uneven = differ(fit, finer, _FINER * sigma, motion=True)
     if told is not None:
         told(done + 1)
     return Refined(fit, curved, done + 1, seen, uneven, images, cameras)
@@ -230,7 +230,7 @@ def fit_round(
                 _LEAST_SHARE,
                 (finer[1],) * 2,
             )
-            solve = partial(solve_rows, band.products, window_weights(finer[0]), *pair, chosen, 1)
+            solve = partial(solve_rows, band.products, window_weights(finer[0]), *pair, chosen, 6)
             in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
         if seen is not None:
             seen.put(band)
