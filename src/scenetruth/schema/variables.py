@@ -132,6 +132,10 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             _MAP, "1/mm", "mean of the principal curvatures, positive where the surface bulges towards the camera"
         ),
         "gaussian_curvature": Variable(_MAP, "1/mm^2", "product of the principal curvatures"),
+        "acceleration": Variable(
+            ("component", *_MAP), "mm/frame^2", "acceleration of the surface point along the axes of the camera"
+        ),
+        "acceleration_std": _std(("component", *_MAP), "mm/frame^2", "the acceleration"),
         "slope_std": _std(("slope_component", *_MAP), "1", "the slopes"),
         "mean_curvature_std": _std(_MAP, "1/mm", "the mean curvature"),
         "gaussian_curvature_std": _std(_MAP, "1/mm^2", "the Gaussian curvature"),

@@ -18,11 +18,12 @@ Array = NDArray[np.float64]
 class MovingPlane:
     """A plane through (0, 0, depth_mm) whose points move with U = velocity + gradient (P - (0, 0, depth_mm)).
 
-    Its texture is a sum of waves that stick to the material.
+    The velocity may change by an acceleration, the same everywhere. Texture is a sum of waves that stick to the plane.
     """
 
     slopes: tuple[float, float] = (0.3, -0.2)
     velocity_mm: tuple[float, float, float] = (0.05, -0.03, -0.4)
+    acceleration_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gradient: Array = field(default_factory=lambda: np.zeros((3, 3)))
     depth_mm: float = 500.0
     focal_px: float = 1000.0
@@ -47,6 +48,7 @@ class MovingPlane:
         tangents = np.array([[1.0, 0.0, self.slopes[0]], [0.0, 1.0, self.slopes[1]]])
         moved = tangents @ (np.eye(3) + t * self.gradient).T
         centre = np.array([0.0, 0.0, self.depth_mm]) + t * np.array(self.velocity_mm) - [*stage_mm, 0.0]
+        centre += 0.5 * t**2 * np.array(self.acceleration_mm)
         # centre + a p + b q = k r, for every ray r.
         rays = self._rays(off)
         matrix = np.empty((*rays.shape[:2], 3, 3))
@@ -121,6 +123,7 @@ class MovingPlane:
             "divergence": -ahead / depth,
             "slope": np.broadcast_to(np.array(self.slopes)[:, None, None], (2, *depth.shape)),
             "normal": np.broadcast_to(normal[:, None, None], (3, *depth.shape)),
+            "acceleration": np.broadcast_to(np.array(self.acceleration_mm)[:, None, None], (3, *depth.shape)),
             "growth_rate": np.full(depth.shape, np.trace(tangents @ self.gradient @ dual)),
         }
 

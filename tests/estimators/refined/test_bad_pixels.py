@@ -17,9 +17,9 @@ from scenetruth.estimators.refined.images import NOTHING_BAD
 from scenetruth.estimators.refined.kernels import judge, warp
 from scenetruth.estimators.refined.kernels.filling import smooth_over
 from tests.estimators.refined.surface import MovingPlane, turning
-from tests.estimators.refined.test_kernels import COUNT, HEIGHT, VIEW, WIDTH, fields, images, warped
+from tests.estimators.refined.test_kernels import COUNT, HEIGHT, VIEW, WIDTH, accelerated, fields, images, warped
 
-__all__ = ["fields", "images", "warped"]
+__all__ = ["accelerated", "fields", "images", "warped"]
 
 PLANE = MovingPlane(seed=2, size=(90, 120), gradient=turning(4e-3, -3e-3, 5e-3))
 TRUTH = PLANE.truth()

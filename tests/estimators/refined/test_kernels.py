@@ -18,12 +18,12 @@ from tests.estimators.refined.surface import MovingPlane, turning
 
 Array = NDArray[np.float64]
 Warped = tuple[NDArray[np.float32], NDArray[np.float32]]
-HEIGHT, WIDTH, COUNT = 40, 56, 6
+HEIGHT, WIDTH, COUNT = 40, 56, 9
 VIEW = warp.View(
-    np.array([-1.0, 0.0, 1.0, -1.0, 0.0, 1.0]),
-    np.array([0.0, 0.0, 0.0, 0.0, 0.5, 0.0]),
-    np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
-    np.zeros((6, 4)),
+    np.tile([-1.0, 0.0, 1.0], 3),
+    np.array([0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, -0.5]),
+    np.repeat([0.0, 1.0, -1.0], 3),
+    np.zeros((9, 4)),
     200.0,
     26.5,
     18.0,
@@ -37,15 +37,25 @@ def images() -> Array:
 
 
 @pytest.fixture(scope="module")
-def fields() -> Array:
+def accelerated() -> Array:
+    """Return d, q and acceleration of every pixel."""
     generator = np.random.default_rng(1)
-    smooth = ndimage.gaussian_filter(generator.normal(0, 1, (4, HEIGHT, WIDTH)), (0, 6, 6))
-    scale = np.reshape([5.0, 1.0, 1.0, 5.0], (4, 1, 1))
-    return np.array(scale * smooth + np.reshape([3.0, 0.2, -0.1, 1.0], (4, 1, 1)))
+    smooth = ndimage.gaussian_filter(generator.normal(0, 1, (7, HEIGHT, WIDTH)), (0, 6, 6))
+    scale = np.reshape([5.0, 1.0, 1.0, 5.0, 1.0, 1.0, 5.0], (7, 1, 1))
+    return np.array(scale * smooth + np.reshape([3.0, 0.2, -0.1, 1.0, 0.2, -0.3, 2.0], (7, 1, 1)))
+
+
+@pytest.fixture(scope="module")
+def fields(accelerated: Array) -> Array:
+    return np.ascontiguousarray(accelerated[:4])
 
 
 @pytest.fixture(scope="module")
 def warped(images: Array, fields: Array) -> Warped:
+    return warped_by(images, fields)
+
+
+def warped_by(images: Array, fields: Array) -> Warped:
     coefficients = np.array([ndimage.spline_filter(image, 5, mode="mirror") for image in images], dtype=np.float32)
     values = np.empty((COUNT, HEIGHT, WIDTH), dtype=np.float32)
     gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
@@ -63,24 +73,28 @@ def mean_known(values: Array, axis: int) -> Array:
 def places(fields: Array) -> Array:
     """Where each image sees the pixels' points: the paper's equations 2 and 3, shape (image, (y, x), y, x)."""
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(float)
-    d, q_x, q_y, q_z = fields
+    d, *motion = fields
+    q_x, q_y, q_z = motion[:3]
+    a_x, a_y, a_z = motion[3:] or (0.0, 0.0, 0.0)
     # A point at depth 1 / d in units of f times the baseline, and its velocity in baselines.
     depth = VIEW.focal / d
     across, down = (x - VIEW.centre_x) / d, (y - VIEW.centre_y) / d
     seen = []
     for s, s_y, t in zip(VIEW.s, VIEW.s_y, VIEW.t, strict=True):
-        ahead = depth + t * q_z
+        ahead = depth + t * q_z + t**2 / 2 * a_z
         seen.append(
             [
-                VIEW.focal * (down + t * q_y - s_y) / ahead + VIEW.centre_y,
-                VIEW.focal * (across + t * q_x - s) / ahead + VIEW.centre_x,
+                VIEW.focal * (down + t * q_y + t**2 / 2 * a_y - s_y) / ahead + VIEW.centre_y,
+                VIEW.focal * (across + t * q_x + t**2 / 2 * a_x - s) / ahead + VIEW.centre_x,
             ]
         )
     return np.array(seen)
 
 
-def test_images_are_fetched_where_they_see_the_points(images: Array, fields: Array, warped: Warped) -> None:
-    values, gradient = warped
+@pytest.mark.parametrize("count", [4, 7])
+def test_images_are_fetched_where_they_see_the_points(images: Array, accelerated: Array, count: int) -> None:
+    fields = np.ascontiguousarray(accelerated[:count])
+    values, gradient = warped_by(images, fields)
     at = places(fields)
     slopes = []
     for image, place, found in zip(images, at, values, strict=True):
@@ -118,8 +132,8 @@ def plain_products(fields: Array, values: Array, gradient: Array) -> tuple[Array
     """Return M (4, 4, y, x), b (4, y, x) and the sum of squares, with derivatives by differences of the places."""
     step = 1e-6
     jacobian = []
-    for k in range(4):
-        shift = np.zeros((4, 1, 1))
+    for k in range(len(fields)):
+        shift = np.zeros((len(fields), 1, 1))
         shift[k] = step
         jacobian.append((places(fields + shift) - places(fields - shift)) / (2 * step))
     down, across = np.moveaxis(np.array(jacobian), 2, 0)  # each (parameter, image, y, x)
@@ -131,30 +145,36 @@ def plain_products(fields: Array, values: Array, gradient: Array) -> tuple[Array
     return np.einsum("aiyx,biyx->abyx", own, own), np.einsum("aiyx,iyx->ayx", own, left), (left**2).sum(axis=0)
 
 
-def test_products_of_the_pixels(fields: Array, warped: Warped) -> None:
-    values, gradient = warped
-    products = np.zeros((warp.PRODUCTS, HEIGHT, WIDTH))
+@pytest.mark.parametrize("count", [4, 7])
+def test_products_of_the_pixels(images: Array, accelerated: Array, count: int) -> None:
+    fields = np.ascontiguousarray(accelerated[:count])
+    values, gradient = warped_by(images, fields)
+    products = np.zeros((warp.PRODUCTS if count == 4 else warp.ALL_PRODUCTS, HEIGHT, WIDTH))
     warp.add_products(VIEW, fields, values, gradient, 0, COUNT, products, (0, HEIGHT))
     known = np.isfinite(values).all(axis=0)
     assert 0.3 < known.mean() < 1
     assert (products[:, ~known] == 0).all()
     m, b, squares = plain_products(fields, values.astype(float), gradient.astype(float))
     upper = [(i, j) for i in range(4) for j in range(i, 4)]
-    for number, (i, j) in enumerate(upper):
-        np.testing.assert_allclose(products[number][known], m[i, j][known], rtol=1e-5, atol=1e-6)
+    upper += [(i, j) for j in range(4, count) for i in range(j + 1)]
     right = b + np.einsum("abyx,byx->ayx", m, fields)
-    np.testing.assert_allclose(products[10:14][:, known], right[:, known], rtol=1e-5, atol=1e-4)
+    expected = [*(m[pair] for pair in upper[:10]), *right[:4], *products[14:18], *(b[:4] ** 2)]
+    expected += [*(m[pair] for pair in upper[10:]), *right[4:], *(b[4:] ** 2)]
+    assert len(expected) == len(products)
+    for number, values_of in enumerate(expected):
+        scale = np.abs(values_of[known]).max()
+        np.testing.assert_allclose(products[number][known], values_of[known], rtol=1e-4, atol=1e-6 * scale)
     np.testing.assert_allclose(products[14][known], squares[known], rtol=1e-5, atol=1e-6)
     assert (products[15][known] == COUNT - 1).all()
     np.testing.assert_allclose(products[17][known], (gradient.astype(float) ** 2).sum(axis=0)[known], rtol=1e-6)
 
 
-MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), *((0, 0), (1, 0), (0, 1)) * 3)
-FIELD = (0,) * 6 + (1,) * 3 + (2,) * 3 + (3,) * 3
+MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), *((0, 0), (1, 0), (0, 1)) * 3, *((0, 0),) * 3)
+FIELD = (0,) * 6 + (1,) * 3 + (2,) * 3 + (3,) * 3 + (4, 5, 6)
 
 
 def blank(theta: Array) -> solving.Fit:
-    size, sizes = (HEIGHT, WIDTH), (6, element.VALUES, element.FUNCTIONALS)
+    size, sizes = (HEIGHT, WIDTH), (9, element.VALUES, element.FUNCTIONALS)
     variance, described, of_element = (np.full((n, *size), np.nan) for n in sizes)
     return solving.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
 
@@ -166,46 +186,59 @@ def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int])
     weights = np.exp(-(u**2 + v**2) / (2 * sigma**2))
     weights /= weights.sum()
     around = products[:, y - reach : y + reach + 1, x - reach : x + reach + 1]
-    m = np.empty((4, 4, *u.shape))
-    upper = [(i, j) for i in range(4) for j in range(i, 4)]
-    for number, (i, j) in enumerate(upper):
+    count = 4 if len(products) == warp.PRODUCTS else 7
+    m = np.empty((count, count, *u.shape))
+    upper = {(i, j): number for number, (i, j) in enumerate((i, j) for i in range(4) for j in range(i, 4))}
+    upper |= {
+        (i, j): 22 + number for number, (i, j) in enumerate((i, j) for j in range(4, count) for i in range(j + 1))
+    }
+    for (i, j), number in upper.items():
         m[i, j] = m[j, i] = around[number]
-    design = np.zeros((4, 15, *u.shape))
+    design = np.zeros((7, 18, *u.shape))
     for p, ((j, k), field) in enumerate(zip(MONOMIALS, FIELD, strict=True)):
         design[field, p] = u**j * v**k
-    design = design[:, columns]
+    design = design[:count, columns]
     h = np.einsum("yx,apyx,abyx,bqyx->pq", weights, design, m, design, optimize=True)
     # What b has in place of its part of white noise, and no less than what is left.
     left = np.sum(weights * around[14]) / np.sum(weights * around[15])
-    squares = np.array([np.sum(weights * around[18 + k]) / np.sum(weights * m[k, k]) for k in range(4)])
+    parts = [18, 19, 20, 21, 43, 44, 45][:count]
+    squares = np.array([np.sum(weights * around[part]) / np.sum(weights * m[k, k]) for k, part in enumerate(parts)])
     noise = np.sqrt(np.maximum(squares, left))[np.asarray(FIELD)[columns]]
     h2 = np.einsum("yx,apyx,abyx,bqyx->pq", weights**2, design, m, design, optimize=True) * np.outer(noise, noise)
-    right = np.einsum("yx,apyx,ayx->p", weights, design, around[10:14])
+    sides = around[[10, 11, 12, 13, 40, 41, 42][:count]]
+    right = np.einsum("yx,apyx,ayx->p", weights, design, sides)
     inverse = np.linalg.inv(h)
     return inverse @ right, np.diag(inverse @ h2 @ inverse)
 
 
 @pytest.mark.parametrize(("surface", "columns"), [(3, [0, 1, 2]), (6, [0, 1, 2, 3, 4, 5])])
 @pytest.mark.parametrize("gradient", [0, 3])
-def test_windows_are_solved(fields: Array, warped: Warped, surface: int, columns: list[int], gradient: int) -> None:
+@pytest.mark.parametrize("count", [4, 7])
+def test_windows_are_solved(
+    images: Array, accelerated: Array, surface: int, columns: list[int], gradient: int, count: int
+) -> None:
     """Without a known surface's bend: theta is flat to begin with, and so has none."""
-    products = np.zeros((warp.PRODUCTS, HEIGHT, WIDTH))
-    warp.add_products(VIEW, fields, *warped, 0, COUNT, products, (0, HEIGHT))
+    fields = np.ascontiguousarray(accelerated[:count])
+    products = np.zeros((warp.PRODUCTS if count == 4 else warp.ALL_PRODUCTS, HEIGHT, WIDTH))
+    warp.add_products(VIEW, fields, *warped_by(images, fields), 0, COUNT, products, (0, HEIGHT))
     sigma = 3.0
     weights = window_weights(sigma)
-    theta = np.zeros((15, HEIGHT, WIDTH))
+    theta = np.zeros((15 if count == 4 else 18, HEIGHT, WIDTH))
     # So far away that its tangents bend by nothing.
     theta[0] = 1e6
     fit = blank(theta)
-    model = solving.Model(surface, 3, gradient)
+    model = solving.Model(surface, 3, gradient, count == 7)
     every = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
-    windows.solve_rows(products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, 7, (0, HEIGHT))
-    chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15)))
+    told = solving.EVERY_VARIANCE
+    windows.solve_rows(products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, told, (0, HEIGHT))
+    chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15))) + ([15, 16, 17] if count == 7 else [])
     for y, x in ((20, 28), (17, 24), (22, 31)):
         expected, variance = plain_fit(products, x, y, sigma, chosen)
-        np.testing.assert_allclose(fit.theta[chosen, y, x], expected, rtol=1e-6, atol=1e-9)
-        told = [chosen.index(p) for p in (0, 1, 2, 6, 9, 12)]
-        np.testing.assert_allclose(fit.variance[:, y, x], variance[told], rtol=1e-6)
+        # Of parameters that depend on each other, as velocity and acceleration do, rounding leaves less.
+        np.testing.assert_allclose(fit.theta[chosen, y, x], expected, rtol=1e-6, atol=1e-8)
+        places = [0, 1, 2, 6, 9, 12, 15, 16, 17][: 6 if count == 4 else 9]
+        variances = variance[[chosen.index(p) for p in places]]
+        np.testing.assert_allclose(fit.variance[: len(places), y, x], variances, rtol=1e-6)
 
 
 @given(st.integers(0, 1000))

@@ -55,6 +55,29 @@ def test_a_plane_is_found_to_the_precision_of_interpolation(motion: str) -> None
         assert np.abs(errors(found, plane, "growth_rate")).max() < 2e-4
 
 
+def test_an_acceleration_is_found_and_is_no_depth() -> None:
+    """A motion that changes evenly is exact for the model; without, depth takes most of ½ a_Z <t²> = 0.13 mm."""
+    plane = MovingPlane(gradient=GRADIENTS["growing"], acceleration_mm=(0.01, -0.015, 0.04))
+    recording = plane.recording()
+    found = estimated(plane, recording, acceleration=True, outlines=True)
+    assert (found["kind"].isel(INSIDE) == 2).all()
+    # As without acceleration; 1e-4 px at the last frame, over t²/2 = 8, is 6e-6 mm of a, and of a_Z 10 times that.
+    assert np.abs(errors(found, plane, "depth")).max() < 0.02
+    assert np.abs(errors(found, plane, "velocity")[:2]).max() < 2e-4
+    assert np.abs(errors(found, plane, "velocity")[2]).max() < 2e-3
+    assert np.abs(errors(found, plane, "acceleration")[:2]).max() < 1e-4
+    assert np.abs(errors(found, plane, "acceleration")[2]).max() < 1e-3
+    assert np.abs(errors(found, plane, "growth_rate")).max() < 2e-4
+    steady = estimated(plane, recording, acceptance=100)
+    assert 0.07 < np.median(errors(steady, plane, "depth")) < 0.14
+
+
+def test_two_frames_do_not_tell_an_acceleration() -> None:
+    plane = MovingPlane()
+    with pytest.raises(st.EstimateError, match=r"acceleration: takes 3 frames, and a window has 2"):
+        estimated(plane, plane.recording(cameras=2, frames=2), acceleration=True)
+
+
 def test_growth_is_not_taken_for_motion() -> None:
     """The same velocity with and without growth: U_Z is the same, and growth is twice the rate of length."""
     still = MovingPlane(velocity_mm=(0.0, 0.0, -0.4))
@@ -81,8 +104,8 @@ def test_light_that_changes_is_not_taken_for_motion() -> None:
 
 
 @nightly
-@pytest.mark.parametrize("motion", ["growing", "rigid"])
-def test_error_bars_are_those_of_the_errors(motion: str) -> None:
+@pytest.mark.parametrize(("motion", "accelerated"), [("growing", False), ("rigid", False), ("growing", True)])
+def test_error_bars_are_those_of_the_errors(motion: str, accelerated: bool) -> None:
     """White noise: errors over stated standard deviations have a mean square of 1.
 
     The image holds some 20 windows that share no noise, and five quantities: the root of the mean square of 100
@@ -91,13 +114,14 @@ def test_error_bars_are_those_of_the_errors(motion: str) -> None:
     ratios = []
     for seed in (1, 2):
         plane = MovingPlane(gradient=GRADIENTS[motion], seed=seed, size=(96, 128))
-        found = estimated(
-            plane, plane.recording(noise_std=0.01, seed=seed), motion=motion, surface="plane", outlines=False
-        )
+        noisy, model = plane.recording(noise_std=0.01, seed=seed), {"motion": motion, "acceleration": accelerated}
+        found = estimated(plane, noisy, surface="plane", **model)
         scaled = [errors(found, plane, "depth") / found["depth_std"].isel(INSIDE).values]
         scaled.append(errors(found, plane, "velocity") / found["velocity_std"].isel(INSIDE).values)
         if motion == "growing":
             scaled.append(errors(found, plane, "growth_rate") / found["growth_rate_std"].isel(INSIDE).values)
+        if accelerated:
+            scaled.append(errors(found, plane, "acceleration") / found["acceleration_std"].isel(INSIDE).values)
         ratios.append(np.concatenate(scaled))
         # Splines smooth the noise by a share that varies by a few per cent with the places between pixels.
         assert np.median(found["residual"].isel(INSIDE)) == pytest.approx(0.01, rel=0.05)

@@ -17,6 +17,9 @@ from scenetruth.schema import Put
 
 __all__ = ["METHOD"]
 
+# Frames that tell an acceleration.
+_ACCELERATED = 3
+
 
 class _Refined(StreamingMethod):
     """Depth, slopes, 3D motion and growth of every pixel from all images at once."""
@@ -41,6 +44,10 @@ class _Refined(StreamingMethod):
         if sizes["s"] == 1 and 1 in (settings.window_frames, sizes["t"]):
             message = "one camera shows motion only, between two frames at least"
             problems.append(Problem("window_frames", message, min(settings.window_frames, sizes["t"])))
+        frames = min(settings.window_frames, sizes["t"])
+        if settings.acceleration and frames < _ACCELERATED:
+            message = f"takes {_ACCELERATED} frames, and a window has {frames}: they tell a steady motion at most"
+            problems.append(Problem("acceleration", message, value=True))
         least = 2 * math.ceil(2 * settings.window_sigma_px) + 1
         for name, size in (("camera.width", sizes["x"]), ("camera.height", sizes["y"])):
             if size < least:

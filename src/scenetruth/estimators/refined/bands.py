@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.cameras.shifts import Shifts
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.brightness import correct_brightness
-from scenetruth.estimators.refined.kernels.warp import PRODUCTS, View, add_products, mean_texture, warp_rows
+from scenetruth.estimators.refined.kernels.warp import (
+    ALL_PRODUCTS,
+    PRODUCTS,
+    STEADY,
+    View,
+    add_products,
+    mean_texture,
+    warp_rows,
+)
 from scenetruth.estimators.threads import in_threads
 
 __all__ = ["NOTHING_HIDDEN", "Band", "bands", "pieces", "window_weights"]
@@ -33,7 +41,7 @@ class Band:
     """Normal equations of some rows."""
 
     products: Map
-    """As of `add_products`, shape (22, rows, width)."""
+    """As of `add_products`, shape (22 or 46, rows, width)."""
     first: int
     """Row of the image at which they begin."""
     top: int
@@ -80,7 +88,7 @@ def bands(
     images
         The images.
     fields
-        d and q of every pixel, shape (4, y, x); NaN where none is wanted.
+        As of `warp_rows`.
     sigma_px
         Standard deviation of the windows that will be put together, and of those in which brightness is found.
     gains
@@ -107,7 +115,7 @@ def bands(
         # Windows reach beyond the band, and so do those of the gains at their pixels.
         step = _brightness_step(window)
         first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
-        products = np.zeros((PRODUCTS, end - first, width))
+        products = np.zeros((PRODUCTS if len(fields) == STEADY else ALL_PRODUCTS, end - first, width))
         for stack in stacks:
             count = end - first
             brightness = window if gains else None

@@ -128,9 +128,16 @@ class Images:
         return View(s, s_y, t, self.moved, self.focal, *self.centre)
 
     def moved_px(self, before: Map, after: Map) -> Map:
-        """Return by how much a change of d and q, shape (4, ...) each, moves points where it moves them most, in px."""
+        """Return by how much a change of d, q and acceleration moves points where it moves them most, in px.
+
+        Parameters
+        ----------
+        before, after
+            As of `warp_rows`, shape (4 or 7, ...).
+        """
         steps = np.abs(after - before)
         moved = steps[0] * self.farthest
-        for step, arm in zip(steps[1:], (1.0, 1.0, self.aside), strict=True):
-            moved = np.maximum(moved, step * np.abs(before[0]) * self.longest * arm)
+        for place, step in enumerate(steps[1:]):
+            arm = self.longest * (self.aside if place % 3 == 2 else 1.0) * (1.0 if place < 3 else 0.5 * self.longest)
+            moved = np.maximum(moved, step * np.abs(before[0]) * arm)
         return np.asarray(moved)

@@ -14,7 +14,8 @@ from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.solving import Fit
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
 from scenetruth.estimators.refined.outlines import FARTHEST, Beside
-from scenetruth.estimators.refined.rounds import FIELDS, Refined
+from scenetruth.estimators.refined.parameters import STEADY_PLACES
+from scenetruth.estimators.refined.rounds import Refined
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import Start, filled
 from scenetruth.schema.variables import KIND_FULL, KIND_NONE, KIND_NORMAL
@@ -68,6 +69,8 @@ def types_of(cameras: int, frames: int, settings: RefinedSettings) -> Mapping[st
         found |= {"divergence": ((), single)}
     if cameras > 1 and frames > 1:
         found |= {"velocity_std": ((3,), single)}
+        if settings.acceleration:
+            found |= _with_std("acceleration", (3,))
         motion = "translation" if settings.surface == "constant" else settings.motion
         if motion != "translation":
             found |= _with_std("rotation_rate", (3,))
@@ -153,7 +156,7 @@ def maps_of(
         usual = noise_of(left)
         variance = fit.variance / spline_transfer() ** 2
         if refined.cameras is not None:
-            finite = filled(theta[list(FIELDS)], np.asarray(np.isfinite(theta).all(axis=0)))
+            finite = filled(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
             variance[[0, 3, 4, 5]] += refined.cameras.effect(images, finite).variance
         std = np.sqrt(variance)
         shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
@@ -177,7 +180,11 @@ def maps_of(
             moved = d * q[:2]
             found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
         if cameras > 1 and frames > 1:
-            found |= {"velocity": q * baseline_mm, "velocity_std": std[3:] * abs(baseline_mm)}
+            found |= {"velocity": q * baseline_mm, "velocity_std": std[3:6] * abs(baseline_mm)}
+            if settings.acceleration:
+                # Where a window has too few frames, it is zero by definition, and not known.
+                told = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
+                found |= {"acceleration": told * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm)
     rough = np.zeros_like(known)
     if settings.unfitted == "plane_sweep" and cameras > 1:

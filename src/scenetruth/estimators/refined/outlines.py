@@ -16,8 +16,8 @@ from scenetruth.estimators.refined.kernels.members import solve_members
 from scenetruth.estimators.refined.kernels.solving import Fit, Model
 from scenetruth.estimators.refined.kernels.visibility import hide
 from scenetruth.estimators.refined.noise import noise_of, textured
+from scenetruth.estimators.refined.parameters import carried, fields_of, started
 from scenetruth.estimators.refined.rounds import (
-    FIELDS,
     STAGES,
     Refined,
     blank_fit,
@@ -28,7 +28,7 @@ from scenetruth.estimators.refined.rounds import (
     sound_step,
 )
 from scenetruth.estimators.refined.seen import Seen, local_gradient
-from scenetruth.estimators.refined.selection import Selection, carried
+from scenetruth.estimators.refined.selection import Selection
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.estimators.threads import in_threads
@@ -150,11 +150,10 @@ def _around(where: Mask, reach: int) -> Mask:
 
 def _jumps(images: Images, theta: Map) -> Mask:
     """Tell where the surface of a pixel's neighbour is not its own, or unknown."""
-    fields = list(FIELDS)
     found = np.zeros(images.shape, dtype=np.bool_)
     for right, down in ((1, 0), (0, 1)):
         with np.errstate(invalid="ignore"):
-            moved = images.moved_px(theta[fields], carried(theta, right, down)[fields])
+            moved = images.moved_px(fields_of(theta), fields_of(carried(theta, right, down)))
         jump = ~(moved <= _JUMP_PX)
         jump[:down], jump[:, :right] = False, False
         found |= jump
@@ -163,12 +162,11 @@ def _jumps(images: Images, theta: Map) -> Mask:
 
 def _mixed(images: Images, theta: Map) -> Mask:
     """Tell which pixels lie in front within 2 px of a jump: the outline's blur carries the nearer surface too far."""
-    fields = list(FIELDS)
     found = np.zeros(images.shape, dtype=np.bool_)
     for right, down in _MIXED_BY:
-        beside = carried(theta, right, down)[fields]
+        beside = fields_of(carried(theta, right, down))
         with np.errstate(invalid="ignore"):
-            found |= (images.moved_px(theta[fields], beside) > _JUMP_PX) & (np.abs(theta[0]) > np.abs(beside[0]))
+            found |= (images.moved_px(fields_of(theta), beside) > _JUMP_PX) & (np.abs(theta[0]) > np.abs(beside[0]))
     return found
 
 
@@ -186,12 +184,12 @@ def _small_windows(images: Images, start: Map, where: Mask, settings: RefinedSet
     model = _plain(images, settings)
     model = model._replace(gradient=0) if model.surface > 0 else model
     sigma, gains = max(_LEAST_SIGMA_PX, _SMALL * settings.window_sigma_px), settings.brightness == "per_image"
-    state = np.zeros((15, *images.shape))
-    state[list(FIELDS)] = start
-    stages = [images.within(reach) for reach in STAGES if reach < images.longest]
+    state = started(start, accelerated=settings.acceleration)
+    steady = model._replace(accelerated=False)
+    stages = [(images.within(reach), steady) for reach in STAGES if reach < images.longest]
     fit = None
-    for part in [*stages, images, images]:
-        (fit,) = fit_round(part, np.where(where, state, np.nan), [model], sigma, gains=gains)
+    for part, each in [*stages, (images, model), (images, model)]:
+        (fit,) = fit_round(part, np.where(where, state, np.nan), [each], sigma, gains=gains)
         state = kept(state, fit.theta)
     assert fit is not None
     return fit.theta
@@ -206,7 +204,7 @@ def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: Refi
     reach = 3 * (window_weights(sigma).shape[2] // 2)
     fit = fine = blank_fit(theta, variances=True)
     for number in range(_ROUNDS):
-        fields = np.ascontiguousarray(theta[list(FIELDS)])
+        fields = np.ascontiguousarray(fields_of(theta))
         hidden = _hidden(images, fields)
         last = number == _ROUNDS - 1
         fit, fine = (blank_fit(theta, variances=last) for _ in range(2))

@@ -15,17 +15,16 @@ from scenetruth.estimators.refined.cameras.corrections import Cameras
 from scenetruth.estimators.refined.cameras.shifts import Shifts
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES
-from scenetruth.estimators.refined.kernels.solving import FULL, Fit, Model
+from scenetruth.estimators.refined.kernels.solving import EVERY_VARIANCE, TOLD, Fit, Model
 from scenetruth.estimators.refined.kernels.windows import solve_rows
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
+from scenetruth.estimators.refined.parameters import STEADY_PLACES, fields_of, started
 from scenetruth.estimators.refined.seen import Seen
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.estimators.threads import in_threads
 
 __all__ = [
-    "ALL_VARIANCES",
-    "FIELDS",
     "STAGES",
     "Refined",
     "blank_fit",
@@ -36,9 +35,6 @@ __all__ = [
     "refine",
     "sound_step",
 ]
-
-FIELDS = (0, 6, 9, 12)
-"""Places of d, q_X, q_Y and q_Z among the parameters of a fit."""
 
 # Windows of which less is known have no estimate.
 _LEAST_SHARE = 0.5
@@ -52,6 +48,8 @@ _FINER, _LEAST_PART = 0.5, 0.5
 _SIGNIFICANT = 4.0
 # Windows whose residual is beyond this many times the noise are not asked whether they stand still.
 _FITTED = 1.5
+# Frames that tell an acceleration.
+_ACCELERATED = 3
 
 Map = NDArray[np.float64]
 
@@ -94,11 +92,11 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     """
     models, sigma, gains = models_of(images, settings), settings.window_sigma_px, settings.brightness == "per_image"
     plain = models[0]._replace(gradient=0) if models[0].surface > 0 else models[0]
+    steady = plain._replace(accelerated=False)
     cameras = None if settings.corrections is None else Cameras(settings.corrections, images)
     span = float(np.abs(images.times).max())
-    stages = [(reach, plain) for reach in STAGES if reach < span]
-    state = np.zeros((FULL, *images.shape))
-    state[list(FIELDS)] = start
+    stages = [(reach, steady) for reach in STAGES if reach < span]
+    state = started(start, accelerated=settings.acceleration)
     done, left = 0, settings.rounds - len(models)
     left_out: frozenset[tuple[int, int]] = frozenset()
     settled = cameras is None
@@ -107,13 +105,13 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
             break
         part = images.within(reach)
         if done <= len(stages):
-            left_out = strangers(images, state[list(FIELDS)], sigma, part)
+            left_out = strangers(images, fields_of(state), sigma, part)
         part = part.without(left_out)
         shifts = None if cameras is None or settled else Shifts.blank(images.shape, len(part.view().s))
         (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts)
         before, state = state, kept(state, fit.theta)
         if cameras is not None and shifts is not None:
-            moved = cameras.update(shifts, before[list(FIELDS)], part)
+            moved = cameras.update(shifts, before[STEADY_PLACES], part)
             images = replace(images, moved=cameras.values)
             # What images cannot tell would move on for ever, by little, and all surfaces with it.
             settled = reach == span and moved < settings.tolerance_px
@@ -122,7 +120,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
             told(done)
         if model is models[0] and settled and _still(before, state, fit, images, settings.tolerance_px):
             break
-    images = images.without(strangers(images, state[list(FIELDS)], sigma, images))
+    images = images.without(strangers(images, fields_of(state), sigma, images))
     curved = np.full(images.shape, models[0].surface == _CURVED)
     chosen = np.zeros(images.shape, dtype=np.int8)
     if len(models) > 1:
@@ -135,7 +133,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
         if told is not None:
             told(done)
     seen, finer = Seen.blank(images.shape), blank_fit(state, variances=True)
-    final = partial(fit_round, images, state, models, sigma, gains=gains, variances=ALL_VARIANCES, chosen=chosen)
+    final = partial(fit_round, images, state, models, sigma, gains=gains, variances=EVERY_VARIANCE, chosen=chosen)
     fit, *_ = final(finer=(_FINER * sigma, finer), seen=seen)
     uneven = differ(fit, finer, _FINER * sigma, motion=True)
     if told is not None:
@@ -143,8 +141,6 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     return Refined(fit, curved, done + 1, seen, uneven, images, cameras)
 
 
-# Variances of a fit, with those of the surface element.
-ALL_VARIANCES = 7
 _CONSTANT, _PLANE, _CURVED = 1, 3, 6
 _SURFACES = {"constant": [_CONSTANT], "plane": [_PLANE], "curved": [_CURVED], "auto": [_PLANE, _CURVED]}
 _GRADIENTS = {"translation": 0, "rigid": 1, "growing": 2, "affine": 3}
@@ -153,13 +149,14 @@ _GRADIENTS = {"translation": 0, "rigid": 1, "growing": 2, "affine": 3}
 def models_of(images: Images, settings: RefinedSettings) -> list[Model]:
     """Return the models to choose from, the simplest first, as far as cameras and frames can tell."""
     moves = len(images.times) > 1
+    accelerated = settings.acceleration and len(images.times) >= _ACCELERATED
     if len(images.positions) == 1:
-        return [Model(0, 2, 3 if settings.motion != "translation" else 0)]
+        return [Model(0, 2, 3 if settings.motion != "translation" else 0, accelerated)]
     gradient = _GRADIENTS[settings.motion] if moves else 0
     # Without slopes, a surface has no tangents that could turn.
     if settings.surface == "constant" and 0 < gradient < _GRADIENTS["affine"]:
         gradient = 0
-    return [Model(surface, 3 if moves else 0, gradient) for surface in _SURFACES[settings.surface]]
+    return [Model(surface, 3 if moves else 0, gradient, accelerated) for surface in _SURFACES[settings.surface]]
 
 
 def fit_round(
@@ -182,7 +179,7 @@ def fit_round(
     images
         The images.
     state
-        Parameters of all pixels, shape (15, y, x); pixels where they are NaN are left out.
+        Parameters of all pixels, shape (15 or 18, y, x); pixels where they are NaN are left out.
     models
         The models, two at most.
     sigma_px
@@ -207,7 +204,7 @@ def fit_round(
         fits = [blank_fit(state, variances=variances > 0) for _ in models]
     else:
         fits = [blank_fit(state, variances=variances > 0)] * len(models)
-    for band in bands(images, state[list(FIELDS)], sigma_px, gains=gains, shifts=shifts):
+    for band in bands(images, fields_of(state), sigma_px, gains=gains, shifts=shifts):
         # Always two, so that the kernel is compiled once.
         pair = (
             (models[0], models[-1]),
@@ -240,7 +237,7 @@ def fit_round(
 def blank_fit(state: Map, *, variances: bool) -> Fit:
     """Return a fit that starts from some parameters."""
     shape = state.shape[1:] if variances else (1, 1)
-    variance = np.full((6, *shape), np.nan)
+    variance = np.full((np.count_nonzero(len(state) > TOLD), *shape), np.nan)
     element, of_element = (np.full((count, *shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS))
     images = np.full(shape, np.nan, dtype=np.float32)
     return Fit(state.copy(), variance, element, of_element, images, np.full((2, *state.shape[1:]), np.nan))
@@ -252,7 +249,7 @@ def sound_step(state: Map, theta: Map) -> NDArray[np.bool_]:
     Parameters
     ----------
     state, theta
-        Parameters before and after, shape (15, y, x).
+        Parameters before and after, shape (15 or 18, y, x).
     """
     with np.errstate(invalid="ignore"):
         sound = np.isfinite(theta).all(axis=0) & (theta[0] * state[0] > 0)
@@ -265,7 +262,7 @@ def kept(state: Map, theta: Map) -> Map:
     Parameters
     ----------
     state, theta
-        Parameters before and after, shape (15, y, x).
+        Parameters before and after, shape (15 or 18, y, x).
     """
     sound = sound_step(state, theta)
     return filled(theta, sound) if sound.any() else state
@@ -273,7 +270,7 @@ def kept(state: Map, theta: Map) -> Map:
 
 def _still(before: Map, after: Map, fit: Fit, images: Images, tolerance_px: float) -> bool:
     """Tell whether almost no pixel that is fitted well moved by more than a tolerance in any image."""
-    moved = images.moved_px(before[list(FIELDS)], after[list(FIELDS)])
+    moved = images.moved_px(fields_of(before), fields_of(after))
     left = np.sqrt(fit.residual[0]) / spline_transfer()
     count = images.count
     with np.errstate(invalid="ignore"):
@@ -300,7 +297,7 @@ def differ(coarse: Fit, fine: Fit, sigma_px: float, *, motion: bool = False) -> 
     from scipy.ndimage import gaussian_filter
 
     found = np.zeros(coarse.theta.shape[1:], dtype=np.bool_)
-    for place, variance in zip(FIELDS, (0, 3, 4, 5), strict=True):
+    for place, variance in zip(STEADY_PLACES, (0, 3, 4, 5), strict=True):
         if place > 0 and not motion:
             break
         with np.errstate(invalid="ignore"):

@@ -11,11 +11,11 @@ from scenetruth.estimators.refined.bands import pieces
 from scenetruth.estimators.refined.blocks import BLOCK_PX, brightness_of_blocks, even_brightness
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.judge import SIDES, judge_rows
-from scenetruth.estimators.refined.rounds import FIELDS
+from scenetruth.estimators.refined.parameters import carried, fields_of
 from scenetruth.estimators.refined.seen import local_means
 from scenetruth.estimators.threads import in_threads
 
-__all__ = ["Selection", "carried"]
+__all__ = ["Selection"]
 
 Map = NDArray[np.float64]
 
@@ -27,34 +27,6 @@ _LEAST = 0.3
 _DIFFERENT_PX = 0.5
 
 
-def carried(theta: Map, right: int, down: int) -> Map:
-    """Return parameters at every pixel as the model of a pixel beside it has them.
-
-    Parameters
-    ----------
-    theta
-        Parameters of the full model, shape (15, y, x).
-    right, down
-        By how many pixels they are carried, in columns and rows; NaN where they would come from outside.
-    """
-    height, width = theta.shape[1:]
-    out = np.full_like(theta, np.nan)
-    if abs(right) >= width or abs(down) >= height:
-        return out
-    rows, columns = slice(max(down, 0), height + min(down, 0)), slice(max(right, 0), width + min(right, 0))
-    from_rows = slice(max(-down, 0), height + min(-down, 0))
-    p = theta[:, from_rows, max(-right, 0) : width + min(-right, 0)]
-    moved = out[:, rows, columns]
-    moved[:] = p
-    x, y = float(right), float(down)
-    moved[0] += p[1] * x + p[2] * y + p[3] * x * x + p[4] * x * y + p[5] * y * y
-    moved[1] += 2.0 * p[3] * x + p[4] * y
-    moved[2] += p[4] * x + 2.0 * p[5] * y
-    for k in FIELDS[1:]:
-        moved[k] += p[k + 1] * x + p[k + 2] * y
-    return out
-
-
 class Selection:
     """The best model of every pixel so far.
 
@@ -63,7 +35,7 @@ class Selection:
     images
         The images that judge.
     theta
-        Parameters to begin with, shape (15, y, x).
+        Parameters to begin with, shape (15 or 18, y, x).
     where
         Pixels to be judged, shape (y, x).
     noise
@@ -83,7 +55,7 @@ class Selection:
         self._images, self._where, self._square = images, where, noise**2
         self._stacks = [images.stack(channel) for channel in range(images.channels)]
         self._bad = images.bad_stack()
-        view, fields = images.view(), np.ascontiguousarray(theta[list(FIELDS)])
+        view, fields = images.view(), np.ascontiguousarray(fields_of(theta))
         self._brightness = [
             even_brightness(len(stack))
             if steady is None
@@ -102,12 +74,11 @@ class Selection:
         Parameters
         ----------
         theta
-            Parameters, shape (15, y, x); NaN where there are none.
+            Parameters, shape (15 or 18, y, x); NaN where there are none.
         """
         cost = self._judge(theta)
-        fields = list(FIELDS)
         with np.errstate(invalid="ignore"):
-            moved = self._images.moved_px(self.theta[fields], theta[fields])
+            moved = self._images.moved_px(fields_of(self.theta), fields_of(theta))
             other = ~(moved <= _DIFFERENT_PX)
             # No worse than by what noise may do: models that came first stay.
             better = cost < self.cost - 0.03
@@ -130,7 +101,7 @@ class Selection:
                     self.offer(carried(self.theta, right, down))
 
     def _judge(self, theta: Map) -> NDArray[np.float32]:
-        fields = np.where(self._where, theta[list(FIELDS)], np.nan)
+        fields = np.where(self._where, fields_of(theta), np.nan)
         sides = np.empty((SIDES, *self._images.shape), dtype=np.float32)
         best = np.full(self._images.shape, np.inf, dtype=np.float32)
         totals = np.zeros_like(sides)

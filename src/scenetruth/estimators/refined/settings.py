@@ -57,7 +57,7 @@ class RefinedSettings(MethodSettings):
     window_sigma_px: Annotated[float, Field(ge=1.0, le=100.0)] = 6.0
     """Standard deviation of the Gaussian window in x and y, in px; it is cut at twice that."""
     window_frames: Annotated[int, Field(ge=1, le=101)] = 9
-    """How many frames are fitted together, at most; motion is taken to be steady over them."""
+    """How many frames are fitted together, at most; motion is taken to be steady over them, or steadily accelerated."""
     frames: Literal["full", "all"] = "full"
     """Which frames are estimated: ``full``, those whose window lies inside the recording; ``all``, the first and last
     ones too, with the frames that there are on one side."""
@@ -67,6 +67,9 @@ class RefinedSettings(MethodSettings):
     motion: Literal["translation", "rigid", "growing", "affine"] = "growing"
     """How velocity changes within a window: not at all; by a rotation; by a rotation and isotropic growth in the
     surface; by any gradient. One camera sees the last only."""
+    acceleration: bool = False
+    """Whether velocity may change evenly over the frames of a window, by the same in a whole window; it takes three
+    frames. Velocity is that of the estimated frame."""
     brightness: Literal["per_image", "none"] = "per_image"
     """Whether every image has a gain and an offset of its own in every window: light may change and shadows move."""
     start: Literal["plane_sweep", "structure_tensor"] = "plane_sweep"

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import REACH, TAPS, View, corrected, weights
+from scenetruth.estimators.refined.kernels.warp import REACH, TAPS, View, corrected, place_of, weights
 
 __all__ = ["SIDES", "judge_rows"]
 
@@ -53,8 +53,7 @@ def judge_rows(
     for y in range(rows[0], rows[1]):
         for x in range(width):
             out[:, y, x] = np.nan
-            d = fields[0, y, x]
-            if np.isnan(d):
+            if np.isnan(fields[0, y, x]):
                 continue
             sums[:] = 0.0
             # The four middles of blocks around the pixel.
@@ -67,9 +66,7 @@ def judge_rows(
             origin, met = 0.0, False
             for i in range(count):
                 s, s_y, t = view.s[i], view.s_y[i], view.t[i]
-                scale = 1.0 / (1.0 + t * d * fields[3, y, x] / view.focal)
-                at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale
-                at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale
+                at_x, at_y, _ = place_of(view, i, fields, y, x)
                 at_x, at_y = corrected(view, i, at_x, at_y)
                 if not (at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
                     continue

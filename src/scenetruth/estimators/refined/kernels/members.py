@@ -10,23 +10,22 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.solving import (
     CURVED,
+    EVERY_VARIANCE,
+    FULL,
     GRADIENTS,
     KNOWN,
-    MOMENTS,
     POWERS,
-    SUMS,
     Fit,
     Model,
     fit_window,
     work_space,
 )
-from scenetruth.estimators.refined.kernels.warp import View
+from scenetruth.estimators.refined.kernels.warp import PAIR_OF, SIDE_OF, STEADY, View, is_pair
 
 __all__ = ["solve_members"]
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
-_ALL = 7
 # Place of the number of channels that are known, among the products.
 _IN_USE = 16
 
@@ -51,26 +50,26 @@ def _belongs(
     x_x, x_y, y_y = x * x, x * y, y * y
     if not products[v, u, 14] <= limit * products[v, u, 15]:
         return False
+    several = len(own)
     step[0] = (theta[0] + theta[1] * x + theta[2] * y + theta[3] * x_x + theta[4] * x_y + theta[5] * y_y) - own[0]
     for k in range(3):
         step[1 + k] = theta[CURVED + 3 * k] + theta[CURVED + 1 + 3 * k] * x + theta[CURVED + 2 + 3 * k] * y - own[1 + k]
+    for k in range(STEADY, several):
+        step[k] = theta[FULL + k - STEADY] - own[k]
     moved = abs(step[0]) * reach[0]
     along = abs(own[0]) * reach[1]
-    for k in range(3):
-        moved = max(moved, abs(step[1 + k]) * along * (reach[2] if k == 2 else 1.0))
+    for k in range(1, several):
+        later = 0.5 * reach[1] if k >= STEADY else 1.0
+        moved = max(moved, abs(step[k]) * along * later * (reach[2] if k == 3 or k == 6 else 1.0))
     if not moved < reach[3]:
         return False
     # b = (M p + b) - M p; squares after the step are e - 2 b step + step M step.
-    total, n = products[v, u, 14], 0
-    for k in range(4):
-        total -= 2.0 * step[k] * products[v, u, 10 + k]
-        for m in range(k, 4):
-            pair = products[v, u, n]
-            if m == k:
-                total += pair * (step[k] * step[k] + 2.0 * step[k] * own[k])
-            else:
-                total += 2.0 * pair * (step[k] * step[m] + step[k] * own[m] + step[m] * own[k])
-            n += 1
+    total = products[v, u, 14]
+    for k in range(several):
+        total -= 2.0 * step[k] * products[v, u, SIDE_OF[k]]
+        total += products[v, u, PAIR_OF[k, k]] * (step[k] * step[k] + 2.0 * step[k] * own[k])
+        for m in range(k + 1, several):
+            total += 2.0 * products[v, u, PAIR_OF[k, m]] * (step[k] * step[m] + step[k] * own[m] + step[m] * own[k])
     return bool(total <= limit * products[v, u, 15])
 
 
@@ -94,11 +93,11 @@ def solve_members(
     Parameters
     ----------
     products
-        The pixels' normal equations, as of `warp.add_products`, shape (rows, width, 22).
+        The pixels' normal equations, as of `warp.add_products`, side by side: shape (rows, width, 22 or 46).
     limit
         Largest mean square that is left where a pixel is explained, shape (rows, width).
     fields
-        The own d and q of the image's pixels, shape (4, height, width).
+        The own d and q of the image's pixels, and their acceleration if the fit has one, shape (4 or 7, height, width).
     reach
         The farthest camera in steps, the longest time in frames, half an image over the focal length, and by how much a
         pixel may be moved against its own parameters, in px.
@@ -123,23 +122,24 @@ def solve_members(
     rows, width = limit.shape
     around = weights.shape[2] // 2
     window, squared = weights[0], weights[1]
-    moments, seconds = np.empty((MOMENTS, 1)), np.empty((MOMENTS, 1))
+    count, several = products.shape[2], len(fields)
+    moments, seconds = np.empty((count * POWERS**2, 1)), np.empty((count * POWERS**2, 1))
     # One power of the distance after the other, so that the products of a pixel are taken at once.
-    sums, second_sums = np.empty((POWERS, SUMS)), np.empty((POWERS, 10))
-    work, step, middle = work_space(), np.empty(4), np.empty(3)
-    theta, own = np.empty(15), np.empty(4)
+    sums, second_sums = np.empty((POWERS, count)), np.empty((POWERS, count))
+    work, step = work_space(), np.empty(several)
+    theta, own = np.empty(len(fit.theta)), np.empty(several)
     powers = 4 if model.gradient > 0 and model.surface > 1 else 3
     fewer = 3
     if model.surface == CURVED:
         powers = fewer = POWERS
-    told = _ALL if fit.variance.shape[1] > 1 else 0
+    told = EVERY_VARIANCE if fit.variance.shape[1] > 1 else 0
     fewer = fewer if told > 0 else 0
     whole = window[0].sum() ** 2
     for number in range(part[0], part[1]):
         y, x = pixels[number]
-        for k in range(15):
+        for k in range(len(theta)):
             theta[k] = fit.theta[k, y, x]
-        moments[:], seconds[:], middle[:] = 0.0, 0.0, 0.0
+        moments[:], seconds[:] = 0.0, 0.0
         row = y - first_row
         for v in range(max(row - around, 0), min(row + around + 1, rows)):
             sums[:], second_sums[:] = 0.0, 0.0
@@ -147,27 +147,29 @@ def solve_members(
             for u in range(max(x - around, 0), min(x + around + 1, width)):
                 if products[v, u, _IN_USE] == 0.0:
                     continue
-                for k in range(4):
+                for k in range(several):
                     own[k] = fields[k, v + first_row, u]
                 if not _belongs(theta, u - x, v - row, own, products, v, u, limit[v, u], reach, step):
                     continue
                 met = True
                 for j in range(powers):
                     w = window[j, u - x + around]
-                    for n in range(SUMS):
+                    for n in range(count):
                         sums[j, n] += w * products[v, u, n]
                 for j in range(fewer):
                     w = squared[j, u - x + around]
-                    for n in range(10):
+                    for n in range(count):
                         second_sums[j, n] += w * products[v, u, n]
             if not met:
                 continue
             at = v - row + around
             for k in range(powers):
-                for n in range(SUMS):
+                for n in range(count):
                     for j in range(powers - k):
                         moments[(n * POWERS + j) * POWERS + k, 0] += window[k, at] * sums[j, n]
-                for n in range(10):
+                for n in range(count):
+                    if not is_pair(n):
+                        continue
                     for j in range(max(fewer - k, 0)):
                         seconds[(n * POWERS + j) * POWERS + k, 0] += squared[k, at] * second_sums[j, n]
         gradient = moments[GRADIENTS, 0]

@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES, describe_element, metric, tangents_of
-from scenetruth.estimators.refined.kernels.warp import View
+from scenetruth.estimators.refined.kernels.warp import PAIR_OF, SIDE_OF, SQUARE_OF, View
 
 __all__ = [
+    "ALL",
     "CURVED",
+    "EVERY_VARIANCE",
     "FULL",
     "GRADIENTS",
     "KNOWN",
-    "MOMENTS",
     "POWERS",
-    "SUMS",
+    "TOLD",
     "Fit",
     "Model",
     "fit_window",
@@ -30,37 +31,37 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contra
 
 FULL = 15
 """Parameters of the full model: d, d_x, d_y, d_xx, d_xy, d_yy; q_X, its slopes along x and y, q_Y alike, q_Z alike."""
+ALL = FULL + 3
+"""With those of the acceleration, a_X, a_Y and a_Z, which are the same in a whole window."""
 CURVED = 6
 
 # Monomials x^j y^k of the disparity's parameters, then of each velocity component's, and the fields of all.
-_J = np.array((0, 1, 0, 2, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0))
-_K = np.array((0, 0, 1, 0, 1, 2, 0, 0, 1, 0, 0, 1, 0, 0, 1))
-_FIELD = np.repeat([0, 1, 2, 3], [CURVED, 3, 3, 3])
-# Which of the ten products belongs to a pair of fields.
-_PAIR = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
+_J = np.array((0, 1, 0, 2, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0))
+_K = np.array((0, 0, 1, 0, 1, 2, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0))
+_FIELD = np.repeat(np.arange(7), [CURVED, 3, 3, 3, 1, 1, 1])
 # Moments are numbered by product, power of x, power of y: those of pairs of parameters, of the right sides, and of
 # parameters with the second powers of each velocity component. (Tuples would be copied at every look.)
 POWERS = 5
-SUMS = 22
-MOMENTS = SUMS * POWERS**2
 
 
 def _number(product: Any, j: Any, k: Any) -> NDArray[np.int64]:
     return np.asarray((product * POWERS + j) * POWERS + k)
 
 
-_OF_PAIR = _number(_PAIR[_FIELD[:, None], _FIELD], _J[:, None] + _J, _K[:, None] + _K)
-_OF_RIGHT = _number(10 + _FIELD, _J, _K)
+_OF_PAIR = _number(PAIR_OF[_FIELD[:, None], _FIELD], _J[:, None] + _J, _K[:, None] + _K)
+_OF_RIGHT = _number(SIDE_OF[_FIELD], _J, _K)
 _OF_BEND = _number(
-    _PAIR[_FIELD, 1:][:, None, :].repeat(3, axis=1),
+    PAIR_OF[_FIELD, 1:4][:, None, :].repeat(3, axis=1),
     _J[:, None, None] + np.array([2, 1, 0])[:, None],
     _K[:, None, None] + np.array([0, 1, 2])[:, None],
 )
 _SQUARES, _FREEDOM, KNOWN, GRADIENTS = (int(_number(n, 0, 0)) for n in (14, 15, 16, 17))
-# Squares of b of the four fields, and what white noise of 1 would make of them.
-_LEFT, _EXPECTED = _number(np.arange(18, 22), 0, 0), _number(np.array([0, 4, 7, 9]), 0, 0)
-# Parameters whose variances are told.
-_TOLD = np.array([0, 1, 2, 6, 9, 12])
+# Squares of b of the fields, and what white noise of 1 would make of them.
+_LEFT, _EXPECTED = _number(SQUARE_OF, 0, 0), _number(np.diag(PAIR_OF), 0, 0)
+TOLD = np.array([0, 1, 2, 6, 9, 12, 15, 16, 17])
+"""Parameters whose variances are told."""
+EVERY_VARIANCE = len(TOLD) + 1
+"""Asks for all variances, with those of the surface element."""
 
 
 class Model(NamedTuple):
@@ -72,15 +73,17 @@ class Model(NamedTuple):
     """Components of velocity: 0 (none), 2 (X and Y) or 3."""
     gradient: int
     """Velocity gradient: 0 (none), 1 (rotation), 2 (rotation and isotropic growth), 3 (all six)."""
+    accelerated: bool = False
+    """Whether the components of velocity change over time, evenly."""
 
 
 class Fit(NamedTuple):
     """What `solve_rows` writes, each with the rows and columns of the image last."""
 
     theta: NDArray[np.float64]
-    """The full model's parameters, shape (15, height, width)."""
+    """The full model's parameters, shape (15, height, width), or (18, height, width) with the acceleration's."""
     variance: NDArray[np.float64]
-    """Variances of d, d_x, d_y, q_X, q_Y and q_Z, shape (6, height, width)."""
+    """Variances of d, d_x, d_y, q_X, q_Y, q_Z, and a_X, a_Y, a_Z, shape (9, height, width)."""
     element: NDArray[np.float32]
     """What the surface element is and does, as of `describe_element`, shape (13, height, width)."""
     element_variance: NDArray[np.float32]
@@ -122,6 +125,10 @@ def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places:
                 for k in range(3):
                     places[used + 3, 3 * side + k], values[used + 3, 3 * side + k] = at + 3 * k, tangents[side, k]
         used += 3 + (model.gradient == 2)
+    if model.accelerated:
+        for c in range(model.components):
+            places[used, 0], values[used, 0], sizes[used] = FULL + c, 1.0, 1
+            used += 1
     return used
 
 
@@ -194,15 +201,15 @@ def _solve(factor: Any, n: int, x: Any) -> None:
 
 
 @_jit
-def _full_matrix(moments: Any, place: int, surface: int, out: Any, weights: Any) -> None:
-    """Write W H W with the full model's normal matrix H at a pixel, and weights W of the four fields.
+def _full_matrix(moments: Any, place: int, surface: int, count: int, out: Any, weights: Any) -> None:
+    """Write W H W with the normal matrix H at a pixel, of so many parameters, and weights W of the fields.
 
     What a surface of so many parameters has not, is left as it is.
     """
-    for p in range(FULL):
+    for p in range(count):
         if surface <= p < CURVED:
             continue
-        for q in range(p, FULL):
+        for q in range(p, count):
             if surface <= q < CURVED:
                 continue
             out[p, q] = out[q, p] = moments[_OF_PAIR[p, q], place] * weights[_FIELD[p]] * weights[_FIELD[q]]
@@ -250,21 +257,21 @@ class WorkSpace(NamedTuple):
 @_jit
 def work_space() -> Any:
     """Return arrays for `fit_window`."""
-    gradients = np.zeros((len(_TOLD) + FUNCTIONALS, FULL))
-    for k in range(len(_TOLD)):
-        gradients[k, _TOLD[k]] = 1.0
+    gradients = np.zeros((len(TOLD) + FUNCTIONALS, ALL))
+    for k in range(len(TOLD)):
+        gradients[k, TOLD[k]] = 1.0
     return WorkSpace(
-        np.empty((FULL, 6), dtype=np.int64),
-        np.empty((FULL, 6)),
-        np.empty(FULL, dtype=np.int64),
+        np.empty((ALL, 6), dtype=np.int64),
+        np.empty((ALL, 6)),
+        np.empty(ALL, dtype=np.int64),
         np.empty((3, 3)),
         np.empty((2, 3)),
-        np.empty((3, FULL, FULL)),
-        np.empty((4, FULL)),
+        np.empty((3, ALL, ALL)),
+        np.empty((4, ALL)),
         np.empty(VALUES),
         gradients,
-        np.empty(4),
-        np.ones(4),
+        np.empty(7),
+        np.ones(7),
     )
 
 
@@ -289,21 +296,22 @@ def fit_window(
     element = work.element
     fit.residual[:, y, x] = np.nan
     theta = fit.theta[:, y, x]
+    count = len(theta)
     if not enough:
         theta[:] = np.nan
         return
     from_x, from_y = x - view.centre_x, y - view.centre_y
     n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
-    _full_matrix(moments, place, model.surface, full, work.ones)
+    _full_matrix(moments, place, model.surface, count, full, work.ones)
     _reduce(full, places, values, sizes, n, small)
-    for p in range(FULL):
+    for p in range(count):
         right[p] = moments[_OF_RIGHT[p], place]
     if model.surface == 0:
-        for p in range(FULL):
+        for p in range(count):
             right[p] -= moments[_OF_PAIR[p, 0], place] * theta[0]
     if model.gradient > 0 and model.surface > 1:
         _bend(theta, from_x, from_y, view.focal, tangents, bend)
-        for p in range(FULL):
+        for p in range(count):
             for term in range(3):
                 for c in range(3):
                     right[p] -= bend[term, c] * moments[_OF_BEND[p, term, c], place]
@@ -331,23 +339,23 @@ def fit_window(
         return
     # Cov = H^-1 S H^-1 with the sums H of the weights, and S of their squares times what b has in place of its part of
     # white noise: what the images leave may go the same way in many of them.
-    for field in range(4):
+    for field in range(7 if count > FULL else 4):
         expected = moments[_EXPECTED[field], place]
         square = moments[_LEFT[field], place] / expected if expected > 0.0 else 0.0
         work.noise[field] = np.sqrt(max(square, fit.residual[0, y, x]))
-    _full_matrix(seconds, place, model.surface, full, work.noise)
+    _full_matrix(seconds, place, model.surface, count, full, work.noise)
     _reduce(full, places, values, sizes, n, other)
     for i in range(n):
         for j in range(n):
             other[i, j] *= scale[i] * scale[j]
     fit.images[y, x] = moments[_FREEDOM, place] / moments[KNOWN, place] + 1.0
-    several = len(_TOLD)
+    several = len(TOLD)
     if told > several:
         own = work.gradients[several:]
         describe_element(model.surface, model.gradient, theta, from_x, from_y, view.focal, element, own)
         fit.element[:, y, x] = element
     for k in range(several + FUNCTIONALS if told > several else told):
-        if k >= several and np.isnan(element[k - several]):
+        if (k >= several and np.isnan(element[k - several])) or (k < several and TOLD[k] >= count):
             continue
         _along(work.gradients[k], places, values, sizes, n, column)
         for i in range(n):

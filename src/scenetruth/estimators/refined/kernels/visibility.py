@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import View, corrected
+from scenetruth.estimators.refined.kernels.warp import View, corrected, place_of
 
 __all__ = ["hide"]
 
@@ -21,12 +21,9 @@ _MARGIN = 1
 @_jit
 def _place(view: View, i: int, fields: Any, y: int, x: int) -> Any:
     """Return where an image shows the point of a pixel, and the point's disparity there."""
-    d, s, s_y, t = fields[0, y, x], view.s[i], view.s_y[i], view.t[i]
-    scale = 1.0 / (1.0 + t * d * fields[3, y, x] / view.focal)
-    at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale
-    at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale
+    at_x, at_y, scale = place_of(view, i, fields, y, x)
     at_x, at_y = corrected(view, i, at_x, at_y)
-    return at_x, at_y, abs(d * scale)
+    return at_x, at_y, abs(fields[0, y, x] * scale)
 
 
 @_jit
@@ -40,7 +37,7 @@ def hide(view: View, fields: NDArray[np.float64], tolerance_px: float, hidden: N
     view
         Where and when the images were taken.
     fields
-        d, q_X, q_Y, q_Z of every pixel, finite, shape (4, height, width).
+        As of `warp_rows`, finite.
     tolerance_px
         Disparities that differ by less are those of one surface.
     hidden

@@ -9,14 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "ALL_PRODUCTS",
+    "PAIR_OF",
     "PRODUCTS",
     "REACH",
+    "SIDE_OF",
+    "SQUARE_OF",
+    "STEADY",
     "TAPS",
     "View",
     "add_products",
     "corrected",
+    "is_pair",
     "mean_of_row",
     "mean_texture",
+    "place_of",
     "warp_rows",
     "weights",
 ]
@@ -24,10 +31,31 @@ __all__ = [
 # Reassociation and contraction only: NaN must stay NaN.
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
-PRODUCTS = 22
-"""Maps that `add_products` fills."""
+PRODUCTS, ALL_PRODUCTS = 22, 46
+"""Maps that `add_products` fills: with the four fields d and q, and with those of the acceleration too."""
+STEADY = 4
+"""Fields of a point that moves steadily: d, q_X, q_Y, q_Z. If it does not, its acceleration a_X, a_Y, a_Z follows."""
 TAPS = 6
 REACH = 2  # taps before the sample's whole coordinate
+
+
+def _pairs() -> NDArray[np.int64]:
+    """Return which product belongs to a pair of fields."""
+    found = np.zeros((7, 7), dtype=np.int64)
+    found[np.triu_indices(STEADY)] = np.arange(10)
+    first = PRODUCTS
+    for k in range(STEADY, 7):
+        found[: k + 1, k] = first + np.arange(k + 1)
+        first += k + 1
+    return np.maximum(found, found.T)
+
+
+PAIR_OF = _pairs()
+"""Which product belongs to a pair of fields, shape (7, 7)."""
+SIDE_OF = np.array([10, 11, 12, 13, 40, 41, 42])
+"""Which product is the part of M (d, q, a) + b that belongs to a field."""
+SQUARE_OF = np.array([18, 19, 20, 21, 43, 44, 45])
+"""Which product is the square of b of a field."""
 
 
 class View(NamedTuple):
@@ -61,6 +89,25 @@ def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
         x + right - roll * y + larger * x + view.centre_x,
         y + down + roll * x + larger * y + view.centre_y,
     )
+
+
+@numba.njit(inline="always")
+def place_of(view: Any, i: Any, fields: Any, y: Any, x: Any) -> Any:
+    """Return where an image should show the point of a pixel, from the principal point, and by what share it shrinks.
+
+    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`.
+    """
+    d, t = fields[0, y, x], view.t[i]
+    right, down, ahead = t * fields[1, y, x], t * fields[2, y, x], t * fields[3, y, x]
+    if fields.shape[0] > STEADY:
+        half = 0.5 * t * t
+        right += half * fields[4, y, x]
+        down += half * fields[5, y, x]
+        ahead += half * fields[6, y, x]
+    scale = 1.0 / (1.0 + d * ahead / view.focal)
+    at_x = (x - view.centre_x + d * (right - view.s[i])) * scale
+    at_y = (y - view.centre_y + d * (down - view.s_y[i])) * scale
+    return at_x, at_y, scale
 
 
 @numba.njit(inline="always")
@@ -114,7 +161,7 @@ def warp_rows(
         x' = (x + d (t q_X - s)) / (1 + t d q_Z / f)        y' = (y + d (t q_Y - s_y)) / (1 + t d q_Z / f)
 
     with the disparity d in px per step and the velocity q in steps per frame (paper, eq. 2 and 3), and shows it where
-    `corrected` says.
+    `corrected` says. With an acceleration a in steps per frame², t q + ½ t² a stand for t q.
 
     Parameters
     ----------
@@ -123,7 +170,8 @@ def warp_rows(
     view
         Where and when the images were taken.
     fields
-        d, q_X, q_Y, q_Z of every pixel, shape (4, height, width); NaN where none is wanted.
+        d, q_X, q_Y, q_Z of every pixel, and a_X, a_Y, a_Z behind them if motion is not steady, shape (4, height, width)
+        or (7, height, width); NaN where none is wanted.
     hidden
         In which images other surfaces hide the points, as of `visibility.hide`; of shape (0, 0, 0), none is hidden.
     bad
@@ -149,13 +197,9 @@ def warp_rows(
         used[:] = 0
         gradient[:, row] = np.float32(0.0)
         for i in range(count):
-            s, s_y, t = view.s[i], view.s_y[i], view.t[i]
             image = coefficients[i]
             for x in range(width):
-                d = fields[0, y, x]
-                scale = 1.0 / (1.0 + t * d * fields[3, y, x] / view.focal)
-                at_x = (x - view.centre_x + d * (t * fields[1, y, x] - s)) * scale
-                at_y = (y - view.centre_y + d * (t * fields[2, y, x] - s_y)) * scale
+                at_x, at_y, _ = place_of(view, i, fields, y, x)
                 at_x, at_y = corrected(view, i, at_x, at_y)
                 seen = not some or (hidden[i >> 3, y, x] >> (i & 7)) & 1 == 0
                 if not (seen and at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
@@ -212,12 +256,15 @@ def add_products(
         Pixels that fewer images show are left out.
     products
         Sums to be added to, shape (22, rows, width): the 10 products of M, row by row above the diagonal, then the 4 of
-        M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 4 squares of b. Nothing is
-        added where a pixel is left out.
+        M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 4 squares of b. If the
+        acceleration is a field, shape (46, rows, width): behind these, the columns of M of a_X, a_Y and a_Z down to the
+        diagonal, then the other 3 of M (d, q, a) + b, and the other 3 squares of b. Nothing is added where a pixel is
+        left out.
     """
     count, _, width = warped.shape
-    a, mean = np.empty((count, 4)), np.empty(4)
-    phi, out = np.empty(4), np.empty(PRODUCTS)
+    several = fields.shape[0]
+    a, mean, own = np.empty((count, several)), np.empty(several), np.empty(several)
+    phi, pairs, sides = np.empty(several), np.empty((several, several)), np.empty(several)
     for row in range(rows[0], rows[1]):
         y = row + first_row
         for x in range(width):
@@ -230,57 +277,58 @@ def add_products(
             if used < least:
                 continue
             texture /= used
-            for k in range(4):
+            for k in range(several):
                 phi[k] = fields[k, y, x]
-            d, q_x, q_y, q_z = phi[0], phi[1], phi[2], phi[3]
             along, down = np.float64(gradient[0, row, x]), np.float64(gradient[1, row, x])
             mean[:] = 0.0
             for i in range(count):
                 if np.isnan(warped[i, row, x]):
                     continue
-                s, s_y, t = view.s[i], view.s_y[i], view.t[i]
-                scale = 1.0 / (1.0 + t * d * q_z / view.focal)
-                at_x = (x - view.centre_x + d * (t * q_x - s)) * scale
-                at_y = (y - view.centre_y + d * (t * q_y - s_y)) * scale
-                shrink = t / view.focal
-                a[i, 0] = scale * (
-                    along * (t * q_x - s - at_x * shrink * q_z) + down * (t * q_y - s_y - at_y * shrink * q_z)
-                )
-                a[i, 1] = scale * along * d * t
-                a[i, 2] = scale * down * d * t
-                a[i, 3] = -scale * d * shrink * (along * at_x + down * at_y)
-                for k in range(4):
+                t = view.t[i]
+                at_x, at_y, scale = place_of(view, i, fields, y, x)
+                share = scale / phi[0]
+                a[i, 0] = share * (along * (at_x - (x - view.centre_x)) + down * (at_y - (y - view.centre_y)))
+                a[i, 1] = scale * along * phi[0] * t
+                a[i, 2] = scale * down * phi[0] * t
+                a[i, 3] = -scale * phi[0] * t / view.focal * (along * at_x + down * at_y)
+                for k in range(STEADY, several):
+                    a[i, k] = 0.5 * t * a[i, k - 3]
+                for k in range(several):
                     mean[k] += a[i, k]
-            for k in range(4):
+            for k in range(several):
                 mean[k] /= used
-            out[:] = 0.0
+            pairs[:], sides[:] = 0.0, 0.0
+            squares = 0.0
             for i in range(count):
                 g = warped[i, row, x]
                 if np.isnan(g):
                     continue
                 left = texture - g
-                out[14] += left * left
-                n = 0
-                for k in range(4):
-                    own = a[i, k] - mean[k]
-                    out[10 + k] += own * left
-                    for m in range(k, 4):
-                        out[n] += own * (a[i, m] - mean[m])
-                        n += 1
-            for k in range(4):
-                out[18 + k] = out[10 + k] * out[10 + k]
-            n = 0
-            for k in range(4):
-                for m in range(k, 4):
-                    out[10 + k] += out[n] * phi[m]
-                    if m != k:
-                        out[10 + m] += out[n] * phi[k]
-                    n += 1
-            out[15] = used - 1.0
-            out[16] = 1.0
-            out[17] = along * along + down * down
-            for k in range(PRODUCTS):
-                products[k, row, x] += out[k]
+                squares += left * left
+                for k in range(several):
+                    own[k] = a[i, k] - mean[k]
+                for k in range(several):
+                    sides[k] += own[k] * left
+                    for m in range(k + 1):
+                        pairs[k, m] += own[k] * own[m]
+            for k in range(several):
+                products[SQUARE_OF[k], row, x] += sides[k] * sides[k]
+                for m in range(k + 1):
+                    products[PAIR_OF[k, m], row, x] += pairs[k, m]
+                    sides[k] += pairs[k, m] * phi[m]
+                for m in range(k + 1, several):
+                    sides[k] += pairs[m, k] * phi[m]
+                products[SIDE_OF[k], row, x] += sides[k]
+            products[14, row, x] += squares
+            products[15, row, x] += used - 1.0
+            products[16, row, x] += 1.0
+            products[17, row, x] += along * along + down * down
+
+
+@numba.njit(inline="always")
+def is_pair(product: int) -> bool:
+    """Tell whether a product is one of M."""
+    return product < 10 or PRODUCTS <= product < SIDE_OF[STEADY]
 
 
 @_jit

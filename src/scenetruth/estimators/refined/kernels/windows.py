@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.kernels.solving import (
     CURVED,
     KNOWN,
-    MOMENTS,
     POWERS,
-    SUMS,
     Fit,
     Model,
     fit_window,
     work_space,
 )
-from scenetruth.estimators.refined.kernels.warp import View
+from scenetruth.estimators.refined.kernels.warp import PAIR_OF, PRODUCTS, View, is_pair
 
 __all__ = ["solve_rows"]
 
@@ -39,7 +37,12 @@ def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
         return motion + (2 if bent else motion)
     if product == 10:
         return surface
-    return motion if product < 14 else 0
+    if product < PRODUCTS:
+        return motion if product < 14 else 0
+    # Those of the acceleration, which is the same in a whole window.
+    if product in (PAIR_OF[0, 4], PAIR_OF[0, 5], PAIR_OF[0, 6]):
+        return surface
+    return 2 if bent else motion
 
 
 @_jit
@@ -54,13 +57,15 @@ def _add_pairs(out: Any, weight: float, one: Any, other: Any, odd: bool) -> None
 
 
 @_jit
-def _window_sums(products: Any, count: int, window: Any, y: int, asked: Any, scratch: Any, moments: Any) -> None:
+def _window_sums(products: Any, pairs_only: bool, window: Any, y: int, asked: Any, scratch: Any, moments: Any) -> None:
     """Sum products over windows of a row, times powers of the distance: moments (numbered, x)."""
-    _, height, width = products.shape
+    count, height, width = products.shape
     reach = window.shape[1] // 2
     curved, turning, bent = asked
     middle = scratch[reach : reach + width]
     for n in range(count):
+        if pairs_only and not is_pair(n):
+            continue
         degree = _degree(n, curved, turning, bent)
         for k in range(degree + 1):
             middle[:] = 0.0
@@ -97,7 +102,7 @@ def solve_rows(
     Parameters
     ----------
     products
-        The pixels' normal equations, as of `add_products`, shape (22, rows, width).
+        The pixels' normal equations, as of `add_products`.
     weights
         Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
         (2, 5, 2 r + 1).
@@ -116,7 +121,8 @@ def solve_rows(
     chosen
         The model of every pixel of the image, shape (height, width); all of them where it is -1.
     told
-        How many variances are wanted, in the order of `Fit`; 7 for all, with those of the surface element.
+        How many variances are wanted, in the order of `Fit`; `EVERY_VARIANCE` for all, those of the surface
+        element too.
     rows
         First and last + 1 row of the products to solve for.
     """
@@ -124,16 +130,16 @@ def solve_rows(
     window, squared = weights[0], weights[1]
     # Nothing lies beyond the ends of a row.
     scratch = np.zeros(width + window.shape[1] - 1)
-    moments = np.zeros((MOMENTS, width))
-    seconds = np.zeros((MOMENTS if told > 0 else 1, width))
+    moments = np.zeros((len(products) * POWERS**2, width))
+    seconds = np.zeros((len(moments) if told > 0 else 1, width))
     work = work_space()
     whole = channels * window[0].sum() ** 2
     curved, turning, bent = _asked(models, count)
     for row in range(rows[0], rows[1]):
         y = row + first_row
-        _window_sums(products, SUMS, window, row, (curved, turning, bent), scratch, moments)
+        _window_sums(products, False, window, row, (curved, turning, bent), scratch, moments)
         if told > 0:
-            _window_sums(products, 10, squared, row, (curved, turning, False), scratch, seconds)
+            _window_sums(products, True, squared, row, (curved, turning, False), scratch, seconds)
         for m in range(count):
             for x in range(width):
                 if chosen[y, x] < 0 or chosen[y, x] == m:
