@@ -14,6 +14,7 @@ from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
 from scenetruth.estimators.refined.images import NOTHING_BAD
 from scenetruth.estimators.refined.kernels import brightness, element, solving, warp, windows
 from scenetruth.estimators.refined.noise import spline_slope_transfer, spline_transfer
+from scenetruth.estimators.refined.variance import EVEN
 from tests.estimators.refined.surface import MovingPlane, turning
 
 Array = NDArray[np.float64]
@@ -150,7 +151,7 @@ def test_products_of_the_pixels(images: Array, accelerated: Array, count: int) -
     fields = np.ascontiguousarray(accelerated[:count])
     values, gradient = warped_by(images, fields)
     products = np.zeros((warp.PRODUCTS if count == 4 else warp.ALL_PRODUCTS, HEIGHT, WIDTH))
-    warp.add_products(VIEW, fields, values, gradient, 0, COUNT, products, (0, HEIGHT))
+    warp.add_products(VIEW, fields, values, gradient, 0, COUNT, EVEN, products, (0, HEIGHT))
     known = np.isfinite(values).all(axis=0)
     assert 0.3 < known.mean() < 1
     assert (products[:, ~known] == 0).all()
@@ -220,7 +221,7 @@ def test_windows_are_solved(
     """Without a known surface's bend: theta is flat to begin with, and so has none."""
     fields = np.ascontiguousarray(accelerated[:count])
     products = np.zeros((warp.PRODUCTS if count == 4 else warp.ALL_PRODUCTS, HEIGHT, WIDTH))
-    warp.add_products(VIEW, fields, *warped_by(images, fields), 0, COUNT, products, (0, HEIGHT))
+    warp.add_products(VIEW, fields, *warped_by(images, fields), 0, COUNT, EVEN, products, (0, HEIGHT))
     sigma = 3.0
     weights = window_weights(sigma)
     theta = np.zeros((15 if count == 4 else 18, HEIGHT, WIDTH))

@@ -10,6 +10,7 @@ from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
 from scenetruth.estimators.refined.blocks import BLOCK_PX, brightness_of_blocks, even_brightness
 from scenetruth.estimators.refined.images import NOTHING_BAD
 from scenetruth.estimators.refined.kernels import element, judge, members, solving, visibility, warp, windows
+from scenetruth.estimators.refined.variance import EVEN
 from tests.estimators.refined.test_kernels import (
     COUNT,
     HEIGHT,
@@ -67,7 +68,7 @@ def products(fields: Array, warped: Warped) -> Array:
 
 def products_of(fields: Array, warped: Warped) -> Array:
     found = np.zeros((warp.PRODUCTS if len(fields) == 4 else warp.ALL_PRODUCTS, HEIGHT, WIDTH))
-    warp.add_products(VIEW, fields, *warped, 0, COUNT, found, (0, HEIGHT))
+    warp.add_products(VIEW, fields, *warped, 0, COUNT, EVEN, found, (0, HEIGHT))
     return found
 
 

@@ -120,7 +120,8 @@ def bands(
             count = end - first
             brightness = window if gains else None
             even, gradient = _channel(stack, view, fields, hidden, bad, first, brightness, least, count)
-            in_threads(partial(add_products, view, fields, even, gradient, first, least, products), pieces(0, count))
+            add = partial(add_products, view, fields, even, gradient, first, least, images.variance, products)
+            in_threads(add, pieces(0, count))
             if shifts is not None:
                 shifts.add(even, gradient, least, first, (top, bottom))
         yield Band(products, first, top, bottom)

@@ -33,8 +33,7 @@ CORRECTIONS: Mapping[str, tuple[int, ...]] = {
 
 # Residuals that a texture shifted by this many px would leave are not told from noise.
 _SHIFT_PX = 0.25
-# Values of quintic B-splines at whole pixels; and what texture of a pixel itself is, in a window of this many px.
-_QUINTIC = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0
+# What texture of a pixel itself is, in a window of this many px.
 _OWN_PX, _OWN_GRADIENT = 2.0, 2.0
 # Beyond this, disparity or flow is not known.
 _LARGEST_STD_PX = 0.5
@@ -256,18 +255,13 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: int, sigma_px: flo
 
 def _own_texture(images: Images, noise: float) -> NDArray[np.bool_]:
     """Tell where the reference's image may be used and has twice the gradient that noise would give it, over 5 px."""
-    from scipy.ndimage import convolve1d, gaussian_filter
+    from scipy.ndimage import gaussian_filter
 
-    view = images.view()
-    reference = int(np.argmin(np.abs(view.s) + np.abs(view.s_y) + np.abs(view.t)))
     square = np.zeros(images.shape)
-    frame, camera = divmod(reference, len(images.positions))
+    frame, camera = images.reference()
     usable = images.bad[frame][camera] == 0 if images.bad else np.ones(images.shape, dtype=np.bool_)
     for channel in range(images.channels):
-        image = images.coefficients[frame][channel, camera].astype(np.float64)
-        for axis in (0, 1):
-            image = convolve1d(image, _QUINTIC, axis=axis, mode="mirror")
-        square += sum(np.square(each) for each in np.gradient(image))
+        square += sum(np.square(each) for each in np.gradient(images.reference_image(channel)))
     # Half the difference of two values has half their variance, along x and along y.
     return np.asarray(usable & (gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import xarray as xr
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.refined.frames import FramesNeeded, Splines, frames_needed
 from scenetruth.estimators.refined.maps import CORRECTIONS, corrections_of, maps_of, types_of, unknown_maps
-from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.estimators.refined.settings import PhotonTransferNoise, RefinedSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, blank_map, intrinsics_of, label, pixel_grid_of
 
@@ -80,6 +81,7 @@ def fill_estimate(
     from scenetruth.estimators.refined.outlines import nothing_beside, refit_beside_outlines
     from scenetruth.estimators.refined.rounds import refine
     from scenetruth.estimators.refined.start import Rig, tensor_fields
+    from scenetruth.estimators.refined.variance import known_variance
 
     grid = pixel_grid_of(recording)
     intrinsics = grid.in_columns(intrinsics_of(recording))
@@ -110,6 +112,8 @@ def fill_estimate(
             np.zeros((len(placed) * len(taken), 4)),
             reader.bad(frames.first, frames.last),
         )
+        if isinstance(settings.noise, PhotonTransferNoise):
+            images = replace(images, variance=known_variance(**settings.noise.model_dump(), grey=images.mean_grey()))
         try:
             reason = nothing_to_tell(images)
             if reason:

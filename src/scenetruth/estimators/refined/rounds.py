@@ -19,9 +19,10 @@ from scenetruth.estimators.refined.kernels.solving import EVERY_VARIANCE, TOLD, 
 from scenetruth.estimators.refined.kernels.windows import solve_rows
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
 from scenetruth.estimators.refined.parameters import STEADY_PLACES, fields_of, started
-from scenetruth.estimators.refined.seen import Seen
+from scenetruth.estimators.refined.seen import Seen, local_means
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
+from scenetruth.estimators.refined.variance import GreyVariance, variance_of
 from scenetruth.estimators.threads import in_threads
 
 __all__ = [
@@ -108,7 +109,10 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
             left_out = strangers(images, fields_of(state), sigma, part)
         part = part.without(left_out)
         shifts = None if cameras is None or settled else Shifts.blank(images.shape, len(part.view().s))
-        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts)
+        told_by = Seen.blank(images.shape) if settings.noise == "estimated" and model is models[0] else None
+        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts, seen=told_by)
+        if told_by is not None:
+            images = replace(images, variance=_estimated_variance(images, told_by))
         before, state = state, kept(state, fit.theta)
         if cameras is not None and shifts is not None:
             moved = cameras.update(shifts, before[STEADY_PLACES], part)
@@ -266,6 +270,12 @@ def kept(state: Map, theta: Map) -> Map:
     """
     sound = sound_step(state, theta)
     return filled(theta, sound) if sound.any() else state
+
+
+def _estimated_variance(images: Images, seen: Seen) -> GreyVariance:
+    """Return how noise depends on the grey value, as what pixels show by themselves tells."""
+    grey = local_means(np.mean([images.reference_image(channel) for channel in range(images.channels)], axis=0))
+    return variance_of(grey, seen.square * images.variance.at(grey))
 
 
 def _still(before: Map, after: Map, fit: Fit, images: Images, tolerance_px: float) -> bool:

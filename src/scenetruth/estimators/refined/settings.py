@@ -7,9 +7,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from scenetruth.estimators.protocol import MethodSettings
-from scenetruth.model import FrozenModel, NonNegative
+from scenetruth.model import FrozenModel, NonNegative, Positive
 
-__all__ = ["CorrectionPriors", "RefinedSettings"]
+__all__ = ["CorrectionPriors", "PhotonTransferNoise", "RefinedSettings"]
 
 
 class CorrectionPriors(FrozenModel):
@@ -51,6 +51,17 @@ class CorrectionPriors(FrozenModel):
         return self.model_copy(update=lengths)
 
 
+class PhotonTransferNoise(FrozenModel):
+    """Noise of a sensor whose photon transfer is known (EMVA 1288): σ² = dark_noise² + gain (g - dark_level)."""
+
+    dark_noise_dn: Positive
+    """Standard deviation of dark images, in grey values."""
+    gain_dn_per_e: NonNegative
+    """Overall system gain K: grey values per electron."""
+    dark_level_dn: float = 0.0
+    """Mean grey value of dark images."""
+
+
 class RefinedSettings(MethodSettings):
     """Which surface and motion are fitted in which window."""
 
@@ -72,6 +83,9 @@ class RefinedSettings(MethodSettings):
     frames. Velocity is that of the estimated frame."""
     brightness: Literal["per_image", "none"] = "per_image"
     """Whether every image has a gain and an offset of its own in every window: light may change and shadows move."""
+    noise: PhotonTransferNoise | Literal["uniform", "estimated"] = "uniform"
+    """How the noise's variance depends on the grey value: ``uniform``, not at all; the photon transfer of a sensor; or
+    ``estimated``, linear in the grey value, as the images' residuals tell. Noisy pixels then count less in the fit."""
     start: Literal["plane_sweep", "structure_tensor"] = "plane_sweep"
     """Where the fit starts: disparities and motions that are tried one by one, which need no luck; or the structure
     tensor's estimate, which takes half the time and holds for smooth scenes that move slowly."""

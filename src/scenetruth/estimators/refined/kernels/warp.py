@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "ALL_PRODUCTS",
+    "LEAST_VARIANCE",
     "PAIR_OF",
     "PRODUCTS",
     "REACH",
@@ -33,6 +34,8 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contra
 
 PRODUCTS, ALL_PRODUCTS = 22, 46
 """Maps that `add_products` fills: with the four fields d and q, and with those of the acceleration too."""
+LEAST_VARIANCE = 0.01
+"""Relative variance of noise, at least."""
 STEADY = 4
 """Fields of a point that moves steadily: d, q_X, q_Y, q_Z. If it does not, its acceleration a_X, a_Y, a_Z follows."""
 TAPS = 6
@@ -240,13 +243,15 @@ def add_products(
     gradient: NDArray[np.float32],
     first_row: int,
     least: int,
+    variance: tuple[float, float],
     products: NDArray[np.float64],
     rows: tuple[int, int],
 ) -> None:
     """Compute the pixels' own normal equations for disparity and velocity, with the texture as an unknown.
 
     With a_i = ∇T · ∂x'_i / ∂(d, q), its mean over the images ā, and the texture T as the images' mean:
-    M = Σ_i (a_i - ā)(a_i - ā)ᵀ and b = Σ_i (a_i - ā)(T - g_i).
+    M = Σ_i (a_i - ā)(a_i - ā)ᵀ and b = Σ_i (a_i - ā)(T - g_i). All squares and products of grey values are divided by
+    the variance of their noise, relative to that of a mean grey value.
 
     Parameters
     ----------
@@ -254,6 +259,8 @@ def add_products(
         As of `warp_rows`.
     least
         Pixels that fewer images show are left out.
+    variance
+        Relative variance at a grey value of zero, and what it grows by per grey value.
     products
         Sums to be added to, shape (22, rows, width): the 10 products of M, row by row above the diagonal, then the 4 of
         M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 4 squares of b. If the
@@ -311,18 +318,24 @@ def add_products(
                     sides[k] += own[k] * left
                     for m in range(k + 1):
                         pairs[k, m] += own[k] * own[m]
+            # Where all is dark, noise does not vanish.
+            weight = 1.0 / max(variance[0] + variance[1] * texture, LEAST_VARIANCE)
+            squares *= weight
             for k in range(several):
+                sides[k] *= weight
                 products[SQUARE_OF[k], row, x] += sides[k] * sides[k]
                 for m in range(k + 1):
+                    pairs[k, m] *= weight
                     products[PAIR_OF[k, m], row, x] += pairs[k, m]
                     sides[k] += pairs[k, m] * phi[m]
-                for m in range(k + 1, several):
-                    sides[k] += pairs[m, k] * phi[m]
+                    if m < k:
+                        sides[m] += pairs[k, m] * phi[k]
+            for k in range(several):
                 products[SIDE_OF[k], row, x] += sides[k]
             products[14, row, x] += squares
             products[15, row, x] += used - 1.0
             products[16, row, x] += 1.0
-            products[17, row, x] += along * along + down * down
+            products[17, row, x] += weight * (along * along + down * down)
 
 
 @numba.njit(inline="always")
