@@ -114,7 +114,7 @@ def test_pixels_that_would_be_moved_are_left_out(products: Array, fields: Array)
     for x, expected in ((3.9, True), (4.1, False), (-3.9, True), (-4.1, False)):
         # 0.05 px of disparity per px: beyond 4 px, the camera one step aside sees it 0.2 px off.
         reach = np.array([1.0, 0.0, 0.1, 0.2])
-        assert members._belongs(theta, x, 0.0, own, product, 0, 0, 1.0, reach, step) is expected
+        assert members._belongs(4, theta, x, 0.0, own, product, 0, 0, 1.0, reach, step) is expected
 
 
 @pytest.mark.parametrize("count", [4, 7])
@@ -137,7 +137,9 @@ def test_squares_after_a_step_are_those_of_the_normal_equations(count: int) -> N
         reach = np.array([1.0, 1.0, 0.1, np.inf])
         for limit in (max(left, 30.0) + 1e-6, max(left, 30.0) - 1e-6):
             expected = left <= limit and limit >= 30.0
-            found = members._belongs(theta, 0.0, 0.0, own, product[None, None], 0, 0, limit, reach, np.empty(count))
+            found = members._belongs(
+                count, theta, 0.0, 0.0, own, product[None, None], 0, 0, limit, reach, np.empty(count)
+            )
             assert found == expected
 
 

@@ -112,7 +112,8 @@ def test_a_curved_surface_is_told_from_a_plane() -> None:
     assert rms["auto"] == pytest.approx(rms["curved"], rel=0.1)
     flat, _ = curved(0.0, 0.01)
     plain, either = (
-        st.estimate(flat, "refined", window_sigma_px=5, surface=surface)["disparity"].isel({**inside, "t": 0}) - 8.0
+        st.estimate(flat, "refined", window_sigma_px=5, surface=surface, outlines=False)["disparity"] - 8.0
         for surface in ("plane", "auto")
     )
+    plain, either = (each.isel({**inside, "t": 0}) for each in (plain, either))
     assert np.sqrt(np.mean(either**2)) < 1.1 * np.sqrt(np.mean(plain**2))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.solving import ALL, FULL
 
-__all__ = ["STEADY_PLACES", "carried", "fields_of", "started"]
+__all__ = ["STEADY_PLACES", "carried", "fields_of", "fill_between", "started"]
 
 STEADY_PLACES = [0, 6, 9, 12]
 """Places of d, q_X, q_Y and q_Z among the parameters."""
@@ -42,6 +42,20 @@ def fields_of(theta: Map) -> Map:
     return theta[STEADY_PLACES + (_ACCELERATION if len(theta) > FULL else [])]
 
 
+def fill_between(theta: Map) -> None:
+    """Give every pixel in odd rows or columns the parameters of the pixel above, or at the left, carried to it.
+
+    Parameters
+    ----------
+    theta
+        Parameters, shape (15 or 18, y, x); read at even rows and columns, written elsewhere.
+    """
+    even = theta[:, ::2, ::2]
+    for down, right in ((0, 1), (1, 0), (1, 1)):
+        out = theta[:, down::2, right::2]
+        out[:] = _moved(even[:, : out.shape[1], : out.shape[2]], right, down)
+
+
 def carried(theta: Map, right: int, down: int) -> Map:
     """Return parameters at every pixel as the model of a pixel beside it has them.
 
@@ -58,13 +72,17 @@ def carried(theta: Map, right: int, down: int) -> Map:
         return out
     rows, columns = slice(max(down, 0), height + min(down, 0)), slice(max(right, 0), width + min(right, 0))
     from_rows = slice(max(-down, 0), height + min(-down, 0))
-    p = theta[:, from_rows, max(-right, 0) : width + min(-right, 0)]
-    moved = out[:, rows, columns]
-    moved[:] = p
+    out[:, rows, columns] = _moved(theta[:, from_rows, max(-right, 0) : width + min(-right, 0)], right, down)
+    return out
+
+
+def _moved(p: Map, right: int, down: int) -> Map:
+    """Return parameters as of another place in the window, so many columns and rows away."""
+    moved = p.copy()
     x, y = float(right), float(down)
     moved[0] += p[1] * x + p[2] * y + p[3] * x * x + p[4] * x * y + p[5] * y * y
     moved[1] += 2.0 * p[3] * x + p[4] * y
     moved[2] += p[4] * x + 2.0 * p[5] * y
     for k in STEADY_PLACES[1:]:
         moved[k] += p[k + 1] * x + p[k + 2] * y
-    return out
+    return moved

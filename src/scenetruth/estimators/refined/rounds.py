@@ -16,9 +16,9 @@ from scenetruth.estimators.refined.cameras.shifts import Shifts
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES
 from scenetruth.estimators.refined.kernels.solving import EVERY_VARIANCE, TOLD, Fit, Model
-from scenetruth.estimators.refined.kernels.windows import solve_rows
+from scenetruth.estimators.refined.kernels.windows import EVERY_MODEL, NO_MODEL, solve_rows
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
-from scenetruth.estimators.refined.parameters import STEADY_PLACES, fields_of, started
+from scenetruth.estimators.refined.parameters import STEADY_PLACES, fields_of, fill_between, started
 from scenetruth.estimators.refined.seen import Seen, local_means
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
@@ -49,6 +49,8 @@ _FINER, _LEAST_PART = 0.5, 0.5
 _SIGNIFICANT = 4.0
 # Windows whose residual is beyond this many times the noise are not asked whether they stand still.
 _FITTED = 1.5
+# Rounds with all pixels.
+_WHOLE_ROUNDS = 2
 # Frames that tell an acceleration.
 _ACCELERATED = 3
 
@@ -98,7 +100,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     span = float(np.abs(images.times).max())
     stages = [(reach, steady) for reach in STAGES if reach < span]
     state = started(start, accelerated=settings.acceleration)
-    done, left = 0, settings.rounds - len(models)
+    done, left = 0, settings.rounds - _WHOLE_ROUNDS
     left_out: frozenset[tuple[int, int]] = frozenset()
     settled = cameras is None
     for reach, model in [*stages, (span, plain), *[(span, models[0])] * left]:
@@ -110,7 +112,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
         part = part.without(left_out)
         shifts = None if cameras is None or settled else Shifts.blank(images.shape, len(part.view().s))
         told_by = Seen.blank(images.shape) if settings.noise == "estimated" and model is models[0] else None
-        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts, seen=told_by)
+        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts, seen=told_by, coarse=True)
         if told_by is not None:
             images = replace(images, variance=_estimated_variance(images, told_by))
         before, state = state, kept(state, fit.theta)
@@ -127,15 +129,18 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     images = images.without(strangers(images, fields_of(state), sigma, images))
     curved = np.full(images.shape, models[0].surface == _CURVED)
     chosen = np.zeros(images.shape, dtype=np.int8)
+    # All pixels move from what every other row has found, and where the order changes: another round follows.
+    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1)
+    theta = fits[0].theta
     if len(models) > 1:
-        plane, bent = fit_round(images, state, models, sigma, gains=gains, variances=1)
+        plane, bent = fits
         curved = differ(plane, bent, sigma)
-        # The change of order moves the pixels: another round follows.
-        state = kept(state, np.where(curved, bent.theta, plane.theta))
+        theta = np.where(curved, bent.theta, plane.theta)
         chosen[curved] = 1
-        done += 1
-        if told is not None:
-            told(done)
+    state = kept(state, theta)
+    done += 1
+    if told is not None:
+        told(done)
     seen, finer = Seen.blank(images.shape), blank_fit(state, variances=True)
     final = partial(fit_round, images, state, models, sigma, gains=gains, variances=EVERY_VARIANCE, chosen=chosen)
     fit, *_ = final(finer=(_FINER * sigma, finer), seen=seen)
@@ -175,6 +180,7 @@ def fit_round(
     finer: tuple[float, Fit] | None = None,
     seen: Seen | None = None,
     shifts: Shifts | None = None,
+    coarse: bool = False,
 ) -> list[Fit]:
     """Warp all images by what is known of every pixel, and fit each model anew, or the one that is chosen.
 
@@ -201,14 +207,22 @@ def fit_round(
         Is written, if given.
     shifts
         Is added to, if given.
+    coarse
+        Whether every other row is left out, and windows are fitted around every other pixel of the others only; between
+        them, parameters are those of the pixel above or at the left.
     """
     view, windows = images.view(), window_weights(sigma_px)
     if chosen is None:
-        chosen = np.full(images.shape, -1, dtype=np.int8)
+        chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8)
         fits = [blank_fit(state, variances=variances > 0) for _ in models]
     else:
         fits = [blank_fit(state, variances=variances > 0)] * len(models)
-    for band in bands(images, fields_of(state), sigma_px, gains=gains, shifts=shifts):
+    fields, least_share = fields_of(state), _LEAST_SHARE
+    if coarse:
+        fields[:, 1::2] = np.nan
+        least_share /= 2
+        chosen[1::2], chosen[:, 1::2] = NO_MODEL, NO_MODEL
+    for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts):
         # Always two, so that the kernel is compiled once.
         pair = (
             (models[0], models[-1]),
@@ -216,7 +230,7 @@ def fit_round(
             view,
             images.channels,
             band.first,
-            _LEAST_SHARE,
+            least_share,
             (fits[0], fits[-1]),
         )
         solve = partial(solve_rows, band.products, windows, *pair, chosen, variances)
@@ -228,13 +242,16 @@ def fit_round(
                 view,
                 images.channels,
                 band.first,
-                _LEAST_SHARE,
+                least_share,
                 (finer[1],) * 2,
             )
             solve = partial(solve_rows, band.products, window_weights(finer[0]), *pair, chosen, 6)
             in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
         if seen is not None:
             seen.put(band)
+    if coarse:
+        for fit in fits:
+            fill_between(fit.theta)
     return fits
 
 

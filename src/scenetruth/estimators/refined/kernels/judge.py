@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import REACH, TAPS, View, corrected, place_of, weights
+from scenetruth.estimators.refined.kernels.warp import (
+    ACCELERATED,
+    REACH,
+    STEADY,
+    TAPS,
+    View,
+    corrected,
+    place_of,
+    weights,
+)
 
 __all__ = ["SIDES", "judge_rows"]
 
@@ -18,7 +29,81 @@ SIDES = 7
 _LEAST = 3
 
 
-@_jit
+def _compiled(*, accelerated: bool) -> Any:
+    @_jit
+    def compiled(
+        coefficients: Any, view: Any, fields: Any, bad: Any, gain: Any, offset: Any, block: Any, out: Any, rows: Any
+    ) -> None:
+        count, height, width = coefficients.shape
+        wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
+        dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
+        sums = np.empty((SIDES, 3))
+        _, down, across = gain.shape
+        some_bad = bad.shape[0] > 0
+        for y in range(rows[0], rows[1]):
+            for x in range(width):
+                out[:, y, x] = np.nan
+                if np.isnan(fields[0, y, x]):
+                    continue
+                sums[:] = 0.0
+                # The four middles of blocks around the pixel.
+                row = min(max((y + 0.5) / block - 0.5, 0.0), down - 1.0)
+                column = min(max((x + 0.5) / block - 0.5, 0.0), across - 1.0)
+                above, beside = int(row), int(column)
+                below, right = min(above + 1, down - 1), min(beside + 1, across - 1)
+                v1, u1 = np.float32(row - above), np.float32(column - beside)
+                v0, u0 = np.float32(1.0) - v1, np.float32(1.0) - u1
+                origin, met = 0.0, False
+                for i in range(count):
+                    s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+                    at_x, at_y, _ = place_of(accelerated, view, s, s_y, t, fields, y, x)
+                    at_x, at_y = corrected(view, i, at_x, at_y)
+                    if not (at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
+                        continue
+                    if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
+                        continue
+                    left, top = int(at_x), int(at_y)
+                    weights(at_x - left, wx, dx)
+                    weights(at_y - top, wy, dy)
+                    value = np.float32(0.0)
+                    for k in range(TAPS):
+                        a = np.float32(0.0)
+                        for j in range(TAPS):
+                            a += wx[j] * coefficients[i, top + k - REACH, left + j - REACH]
+                        value += wy[k] * a
+                    g, o = gain[i], offset[i]
+                    scaled = v0 * (u0 * g[above, beside] + u1 * g[above, right])
+                    scaled += v1 * (u0 * g[below, beside] + u1 * g[below, right])
+                    shifted = v0 * (u0 * o[above, beside] + u1 * o[above, right])
+                    shifted += v1 * (u0 * o[below, beside] + u1 * o[below, right])
+                    value = (value - shifted) / scaled
+                    if not met:
+                        origin, met = float(value), True
+                    v = value - origin
+                    for side in range(SIDES):
+                        if (
+                            side == 0
+                            or (side == 1 and s <= 0.0)
+                            or (side == 2 and s >= 0.0)
+                            or (side == 3 and t <= 0.0)
+                            or (side == 4 and t >= 0.0)
+                            or (side == 5 and s_y <= 0.0)
+                            or (side == 6 and s_y >= 0.0)
+                        ):
+                            sums[side, 0] += 1.0
+                            sums[side, 1] += v
+                            sums[side, 2] += v * v
+                for side in range(SIDES):
+                    n = sums[side, 0]
+                    if n >= _LEAST:
+                        out[side, y, x] = (sums[side, 2] - sums[side, 1] ** 2 / n) / (n - 1.0)
+
+    return compiled
+
+
+_JUDGES = {STEADY: _compiled(accelerated=False), ACCELERATED: _compiled(accelerated=True)}
+
+
 def judge_rows(
     coefficients: NDArray[np.float32],
     view: View,
@@ -44,66 +129,4 @@ def judge_rows(
     out
         Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (7, height, width).
     """
-    count, height, width = coefficients.shape
-    wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
-    dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
-    sums = np.empty((SIDES, 3))
-    _, down, across = gain.shape
-    some_bad = bad.shape[0] > 0
-    for y in range(rows[0], rows[1]):
-        for x in range(width):
-            out[:, y, x] = np.nan
-            if np.isnan(fields[0, y, x]):
-                continue
-            sums[:] = 0.0
-            # The four middles of blocks around the pixel.
-            row = min(max((y + 0.5) / block - 0.5, 0.0), down - 1.0)
-            column = min(max((x + 0.5) / block - 0.5, 0.0), across - 1.0)
-            above, beside = int(row), int(column)
-            below, right = min(above + 1, down - 1), min(beside + 1, across - 1)
-            v1, u1 = np.float32(row - above), np.float32(column - beside)
-            v0, u0 = np.float32(1.0) - v1, np.float32(1.0) - u1
-            origin, met = 0.0, False
-            for i in range(count):
-                s, s_y, t = view.s[i], view.s_y[i], view.t[i]
-                at_x, at_y, _ = place_of(view, i, fields, y, x)
-                at_x, at_y = corrected(view, i, at_x, at_y)
-                if not (at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
-                    continue
-                if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
-                    continue
-                left, top = int(at_x), int(at_y)
-                weights(at_x - left, wx, dx)
-                weights(at_y - top, wy, dy)
-                value = np.float32(0.0)
-                for k in range(TAPS):
-                    a = np.float32(0.0)
-                    for j in range(TAPS):
-                        a += wx[j] * coefficients[i, top + k - REACH, left + j - REACH]
-                    value += wy[k] * a
-                g, o = gain[i], offset[i]
-                scaled = v0 * (u0 * g[above, beside] + u1 * g[above, right])
-                scaled += v1 * (u0 * g[below, beside] + u1 * g[below, right])
-                shifted = v0 * (u0 * o[above, beside] + u1 * o[above, right])
-                shifted += v1 * (u0 * o[below, beside] + u1 * o[below, right])
-                value = (value - shifted) / scaled
-                if not met:
-                    origin, met = float(value), True
-                v = value - origin
-                for side in range(SIDES):
-                    if (
-                        side == 0
-                        or (side == 1 and s <= 0.0)
-                        or (side == 2 and s >= 0.0)
-                        or (side == 3 and t <= 0.0)
-                        or (side == 4 and t >= 0.0)
-                        or (side == 5 and s_y <= 0.0)
-                        or (side == 6 and s_y >= 0.0)
-                    ):
-                        sums[side, 0] += 1.0
-                        sums[side, 1] += v
-                        sums[side, 2] += v * v
-            for side in range(SIDES):
-                n = sums[side, 0]
-                if n >= _LEAST:
-                    out[side, y, x] = (sums[side, 2] - sums[side, 1] ** 2 / n) / (n - 1.0)
+    _JUDGES[len(fields)](coefficients, view, fields, bad, gain, offset, block, out, rows)

@@ -20,7 +20,7 @@ from scenetruth.estimators.refined.kernels.solving import (
     fit_window,
     work_space,
 )
-from scenetruth.estimators.refined.kernels.warp import PAIR_OF, SIDE_OF, STEADY, View, is_pair
+from scenetruth.estimators.refined.kernels.warp import ACCELERATED, PAIR_OF, SIDE_OF, STEADY, View, is_pair
 
 __all__ = ["solve_members"]
 
@@ -30,8 +30,9 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contra
 _IN_USE = 16
 
 
-@_jit
+@numba.njit(inline="always")
 def _belongs(
+    several: Any,
     theta: Any,
     x: float,
     y: float,
@@ -50,7 +51,6 @@ def _belongs(
     x_x, x_y, y_y = x * x, x * y, y * y
     if not products[v, u, 14] <= limit * products[v, u, 15]:
         return False
-    several = len(own)
     step[0] = (theta[0] + theta[1] * x + theta[2] * y + theta[3] * x_x + theta[4] * x_y + theta[5] * y_y) - own[0]
     for k in range(3):
         step[1 + k] = theta[CURVED + 3 * k] + theta[CURVED + 1 + 3 * k] * x + theta[CURVED + 2 + 3 * k] * y - own[1 + k]
@@ -73,7 +73,90 @@ def _belongs(
     return bool(total <= limit * products[v, u, 15])
 
 
-@_jit
+def _compiled(several: int) -> Any:
+    @_jit
+    def compiled(
+        products: Any,
+        limit: Any,
+        fields: Any,
+        reach: Any,
+        weights: Any,
+        model: Any,
+        view: Any,
+        first_row: Any,
+        fit: Any,
+        pixels: Any,
+        shares: Any,
+        part: Any,
+    ) -> None:
+        rows, width = limit.shape
+        around = weights.shape[2] // 2
+        window, squared = weights[0], weights[1]
+        count = products.shape[2]
+        moments, seconds = np.empty((count * POWERS**2, 1)), np.empty((count * POWERS**2, 1))
+        # One power of the distance after the other, so that the products of a pixel are taken at once.
+        sums, second_sums = np.empty((POWERS, count)), np.empty((POWERS, count))
+        work, step = work_space(), np.empty(several)
+        theta, own = np.empty(len(fit.theta)), np.empty(several)
+        powers = 4 if model.gradient > 0 and model.surface > 1 else 3
+        fewer = 3
+        if model.surface == CURVED:
+            powers = fewer = POWERS
+        told = EVERY_VARIANCE if fit.variance.shape[1] > 1 else 0
+        fewer = fewer if told > 0 else 0
+        whole = window[0].sum() ** 2
+        for number in range(part[0], part[1]):
+            y, x = pixels[number]
+            for k in range(len(theta)):
+                theta[k] = fit.theta[k, y, x]
+            moments[:], seconds[:] = 0.0, 0.0
+            row = y - first_row
+            for v in range(max(row - around, 0), min(row + around + 1, rows)):
+                sums[:], second_sums[:] = 0.0, 0.0
+                met = False
+                for u in range(max(x - around, 0), min(x + around + 1, width)):
+                    if products[v, u, _IN_USE] == 0.0:
+                        continue
+                    for k in range(several):
+                        own[k] = fields[k, v + first_row, u]
+                    if not _belongs(several, theta, u - x, v - row, own, products, v, u, limit[v, u], reach, step):
+                        continue
+                    met = True
+                    for j in range(powers):
+                        w = window[j, u - x + around]
+                        for n in range(count):
+                            sums[j, n] += w * products[v, u, n]
+                    for j in range(fewer):
+                        w = squared[j, u - x + around]
+                        for n in range(count):
+                            second_sums[j, n] += w * products[v, u, n]
+                if not met:
+                    continue
+                at = v - row + around
+                for k in range(powers):
+                    for n in range(count):
+                        for j in range(powers - k):
+                            moments[(n * POWERS + j) * POWERS + k, 0] += window[k, at] * sums[j, n]
+                    for n in range(count):
+                        if not is_pair(n):
+                            continue
+                        for j in range(max(fewer - k, 0)):
+                            seconds[(n * POWERS + j) * POWERS + k, 0] += squared[k, at] * second_sums[j, n]
+            gradient = moments[GRADIENTS, 0]
+            known = moments[KNOWN, 0]
+            shares[number, 0] = known / whole
+            if gradient > 0.0:
+                shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
+            else:
+                shares[number, 1] = np.inf
+            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, told, work)
+
+    return compiled
+
+
+_SOLVES = {several: _compiled(several) for several in (STEADY, ACCELERATED)}
+
+
 def solve_members(
     products: NDArray[np.float64],
     limit: NDArray[np.float64],
@@ -119,64 +202,4 @@ def solve_members(
     part
         First and last + 1 of the pixels.
     """
-    rows, width = limit.shape
-    around = weights.shape[2] // 2
-    window, squared = weights[0], weights[1]
-    count, several = products.shape[2], len(fields)
-    moments, seconds = np.empty((count * POWERS**2, 1)), np.empty((count * POWERS**2, 1))
-    # One power of the distance after the other, so that the products of a pixel are taken at once.
-    sums, second_sums = np.empty((POWERS, count)), np.empty((POWERS, count))
-    work, step = work_space(), np.empty(several)
-    theta, own = np.empty(len(fit.theta)), np.empty(several)
-    powers = 4 if model.gradient > 0 and model.surface > 1 else 3
-    fewer = 3
-    if model.surface == CURVED:
-        powers = fewer = POWERS
-    told = EVERY_VARIANCE if fit.variance.shape[1] > 1 else 0
-    fewer = fewer if told > 0 else 0
-    whole = window[0].sum() ** 2
-    for number in range(part[0], part[1]):
-        y, x = pixels[number]
-        for k in range(len(theta)):
-            theta[k] = fit.theta[k, y, x]
-        moments[:], seconds[:] = 0.0, 0.0
-        row = y - first_row
-        for v in range(max(row - around, 0), min(row + around + 1, rows)):
-            sums[:], second_sums[:] = 0.0, 0.0
-            met = False
-            for u in range(max(x - around, 0), min(x + around + 1, width)):
-                if products[v, u, _IN_USE] == 0.0:
-                    continue
-                for k in range(several):
-                    own[k] = fields[k, v + first_row, u]
-                if not _belongs(theta, u - x, v - row, own, products, v, u, limit[v, u], reach, step):
-                    continue
-                met = True
-                for j in range(powers):
-                    w = window[j, u - x + around]
-                    for n in range(count):
-                        sums[j, n] += w * products[v, u, n]
-                for j in range(fewer):
-                    w = squared[j, u - x + around]
-                    for n in range(count):
-                        second_sums[j, n] += w * products[v, u, n]
-            if not met:
-                continue
-            at = v - row + around
-            for k in range(powers):
-                for n in range(count):
-                    for j in range(powers - k):
-                        moments[(n * POWERS + j) * POWERS + k, 0] += window[k, at] * sums[j, n]
-                for n in range(count):
-                    if not is_pair(n):
-                        continue
-                    for j in range(max(fewer - k, 0)):
-                        seconds[(n * POWERS + j) * POWERS + k, 0] += squared[k, at] * second_sums[j, n]
-        gradient = moments[GRADIENTS, 0]
-        known = moments[KNOWN, 0]
-        shares[number, 0] = known / whole
-        if gradient > 0.0:
-            shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
-        else:
-            shares[number, 1] = np.inf
-        fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, told, work)
+    _SOLVES[len(fields)](products, limit, fields, reach, weights, model, view, first_row, fit, pixels, shares, part)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "ACCELERATED",
     "ALL_PRODUCTS",
     "LEAST_VARIANCE",
     "PAIR_OF",
@@ -36,8 +37,8 @@ PRODUCTS, ALL_PRODUCTS = 22, 46
 """Maps that `add_products` fills: with the four fields d and q, and with those of the acceleration too."""
 LEAST_VARIANCE = 0.01
 """Relative variance of noise, at least."""
-STEADY = 4
-"""Fields of a point that moves steadily: d, q_X, q_Y, q_Z. If it does not, its acceleration a_X, a_Y, a_Z follows."""
+STEADY, ACCELERATED = 4, 7
+"""Fields of a point: d, q_X, q_Y, q_Z if it moves steadily; if not, the acceleration a_X, a_Y, a_Z behind them."""
 TAPS = 6
 REACH = 2  # taps before the sample's whole coordinate
 
@@ -95,22 +96,21 @@ def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
 
 
 @numba.njit(inline="always")
-def place_of(view: Any, i: Any, fields: Any, y: Any, x: Any) -> Any:
+def place_of(accelerated: Any, view: Any, s: Any, s_y: Any, t: Any, fields: Any, y: Any, x: Any) -> Any:
     """Return where an image should show the point of a pixel, from the principal point, and by what share it shrinks.
 
-    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`.
+    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`. Kernels know when they are compiled whether motion is
+    accelerated: to ask at every pixel takes twice the time.
     """
-    d, t = fields[0, y, x], view.t[i]
+    d = fields[0, y, x]
     right, down, ahead = t * fields[1, y, x], t * fields[2, y, x], t * fields[3, y, x]
-    if fields.shape[0] > STEADY:
+    if accelerated:
         half = 0.5 * t * t
         right += half * fields[4, y, x]
         down += half * fields[5, y, x]
         ahead += half * fields[6, y, x]
     scale = 1.0 / (1.0 + d * ahead / view.focal)
-    at_x = (x - view.centre_x + d * (right - view.s[i])) * scale
-    at_y = (y - view.centre_y + d * (down - view.s_y[i])) * scale
-    return at_x, at_y, scale
+    return (x - view.centre_x + d * (right - s)) * scale, (y - view.centre_y + d * (down - s_y)) * scale, scale
 
 
 @numba.njit(inline="always")
@@ -145,7 +145,70 @@ def weights(f: float, w: Any, dw: Any) -> None:
     dw[3], dw[4], dw[5] = _near_slope(f) / 120.0, _far_slope(f) / 120.0, f**4 / 24.0
 
 
-@_jit
+def _compiled_warp(*, accelerated: bool) -> Any:
+    @_jit
+    def compiled(
+        coefficients: Any,
+        view: Any,
+        fields: Any,
+        hidden: Any,
+        bad: Any,
+        first_row: Any,
+        warped: Any,
+        gradient: Any,
+        rows: Any,
+    ) -> None:
+        count, height, width = coefficients.shape
+        wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
+        dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
+        used = np.empty(width, dtype=np.int64)
+        some, some_bad = hidden.shape[0] > 0, bad.shape[0] > 0
+        for row in range(rows[0], rows[1]):
+            y = row + first_row
+            used[:] = 0
+            gradient[:, row] = np.float32(0.0)
+            for i in range(count):
+                s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+                image = coefficients[i]
+                for x in range(width):
+                    at_x, at_y, _ = place_of(accelerated, view, s, s_y, t, fields, y, x)
+                    at_x, at_y = corrected(view, i, at_x, at_y)
+                    seen = not some or (hidden[i >> 3, y, x] >> (i & 7)) & 1 == 0
+                    if not (seen and at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
+                        warped[i, row, x] = np.float32(np.nan)
+                        continue
+                    if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
+                        warped[i, row, x] = np.float32(np.nan)
+                        continue
+                    left, top = int(at_x), int(at_y)
+                    weights(at_x - left, wx, dx)
+                    weights(at_y - top, wy, dy)
+                    value, along, down = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+                    for k in range(TAPS):
+                        line = image[top + k - REACH]
+                        a, b = np.float32(0.0), np.float32(0.0)
+                        for j in range(TAPS):
+                            c = line[left + j - REACH]
+                            a += wx[j] * c
+                            b += dx[j] * c
+                        value += wy[k] * a
+                        along += wy[k] * b
+                        down += dy[k] * a
+                    warped[i, row, x] = value
+                    gradient[0, row, x] += along
+                    gradient[1, row, x] += down
+                    used[x] += 1
+            for x in range(width):
+                share = np.float32(1.0 / max(used[x], 1))
+                gradient[0, row, x] *= share
+                gradient[1, row, x] *= share
+
+    return compiled
+
+
+_WARPS = {STEADY: _compiled_warp(accelerated=False), ACCELERATED: _compiled_warp(accelerated=True)}
+
+
 def warp_rows(
     coefficients: NDArray[np.float32],
     view: View,
@@ -190,52 +253,96 @@ def warp_rows(
     rows
         First and last + 1 of the output's rows to be filled.
     """
-    count, height, width = coefficients.shape
-    wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
-    dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
-    used = np.empty(width, dtype=np.int64)
-    some, some_bad = hidden.shape[0] > 0, bad.shape[0] > 0
-    for row in range(rows[0], rows[1]):
-        y = row + first_row
-        used[:] = 0
-        gradient[:, row] = np.float32(0.0)
-        for i in range(count):
-            image = coefficients[i]
+    _WARPS[len(fields)](coefficients, view, fields, hidden, bad, first_row, warped, gradient, rows)
+
+
+def _compiled_products(several: int) -> Any:
+    @_jit
+    def compiled(
+        view: Any,
+        fields: Any,
+        warped: Any,
+        gradient: Any,
+        first_row: Any,
+        least: Any,
+        variance: Any,
+        products: Any,
+        rows: Any,
+    ) -> None:
+        count, _, width = warped.shape
+        a, mean, own = np.empty((count, several)), np.empty(several), np.empty(several)
+        phi, pairs, sides = np.empty(several), np.empty((several, several)), np.empty(several)
+        for row in range(rows[0], rows[1]):
+            y = row + first_row
             for x in range(width):
-                at_x, at_y, _ = place_of(view, i, fields, y, x)
-                at_x, at_y = corrected(view, i, at_x, at_y)
-                seen = not some or (hidden[i >> 3, y, x] >> (i & 7)) & 1 == 0
-                if not (seen and at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
-                    warped[i, row, x] = np.float32(np.nan)
+                used, texture = 0, 0.0
+                for i in range(count):
+                    g = warped[i, row, x]
+                    if not np.isnan(g):
+                        texture += g
+                        used += 1
+                if used < least:
                     continue
-                if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
-                    warped[i, row, x] = np.float32(np.nan)
-                    continue
-                left, top = int(at_x), int(at_y)
-                weights(at_x - left, wx, dx)
-                weights(at_y - top, wy, dy)
-                value, along, down = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-                for k in range(TAPS):
-                    line = image[top + k - REACH]
-                    a, b = np.float32(0.0), np.float32(0.0)
-                    for j in range(TAPS):
-                        c = line[left + j - REACH]
-                        a += wx[j] * c
-                        b += dx[j] * c
-                    value += wy[k] * a
-                    along += wy[k] * b
-                    down += dy[k] * a
-                warped[i, row, x] = value
-                gradient[0, row, x] += along
-                gradient[1, row, x] += down
-                used[x] += 1
-        for x in range(width):
-            share = np.float32(1.0 / max(used[x], 1))
-            gradient[0, row, x] *= share
-            gradient[1, row, x] *= share
+                texture /= used
+                for k in range(several):
+                    phi[k] = fields[k, y, x]
+                along, down = np.float64(gradient[0, row, x]), np.float64(gradient[1, row, x])
+                mean[:] = 0.0
+                for i in range(count):
+                    if np.isnan(warped[i, row, x]):
+                        continue
+                    t = view.t[i]
+                    at_x, at_y, scale = place_of(several > STEADY, view, view.s[i], view.s_y[i], t, fields, y, x)
+                    share = scale / phi[0]
+                    a[i, 0] = share * (along * (at_x - (x - view.centre_x)) + down * (at_y - (y - view.centre_y)))
+                    a[i, 1] = scale * along * phi[0] * t
+                    a[i, 2] = scale * down * phi[0] * t
+                    a[i, 3] = -scale * phi[0] * t / view.focal * (along * at_x + down * at_y)
+                    for k in range(STEADY, several):
+                        a[i, k] = 0.5 * t * a[i, k - 3]
+                    for k in range(several):
+                        mean[k] += a[i, k]
+                for k in range(several):
+                    mean[k] /= used
+                pairs[:], sides[:] = 0.0, 0.0
+                squares = 0.0
+                for i in range(count):
+                    g = warped[i, row, x]
+                    if np.isnan(g):
+                        continue
+                    left = texture - g
+                    squares += left * left
+                    for k in range(several):
+                        own[k] = a[i, k] - mean[k]
+                    for k in range(several):
+                        sides[k] += own[k] * left
+                        for m in range(k + 1):
+                            pairs[k, m] += own[k] * own[m]
+                # Where all is dark, noise does not vanish.
+                weight = 1.0 / max(variance[0] + variance[1] * texture, LEAST_VARIANCE)
+                squares *= weight
+                for k in range(several):
+                    sides[k] *= weight
+                    products[SQUARE_OF[k], row, x] += sides[k] * sides[k]
+                    for m in range(k + 1):
+                        pairs[k, m] *= weight
+                        products[PAIR_OF[k, m], row, x] += pairs[k, m]
+                        sides[k] += pairs[k, m] * phi[m]
+                        if m < k:
+                            sides[m] += pairs[k, m] * phi[k]
+                for k in range(several):
+                    products[SIDE_OF[k], row, x] += sides[k]
+                products[14, row, x] += squares
+                products[15, row, x] += used - 1.0
+                products[16, row, x] += 1.0
+                products[17, row, x] += weight * (along * along + down * down)
+
+    return compiled
 
 
-@_jit
+_ADD_PRODUCTS = {several: _compiled_products(several) for several in (STEADY, ACCELERATED)}
+
+
 def add_products(
     view: View,
     fields: NDArray[np.float64],
@@ -268,74 +375,7 @@ def add_products(
         diagonal, then the other 3 of M (d, q, a) + b, and the other 3 squares of b. Nothing is added where a pixel is
         left out.
     """
-    count, _, width = warped.shape
-    several = fields.shape[0]
-    a, mean, own = np.empty((count, several)), np.empty(several), np.empty(several)
-    phi, pairs, sides = np.empty(several), np.empty((several, several)), np.empty(several)
-    for row in range(rows[0], rows[1]):
-        y = row + first_row
-        for x in range(width):
-            used, texture = 0, 0.0
-            for i in range(count):
-                g = warped[i, row, x]
-                if not np.isnan(g):
-                    texture += g
-                    used += 1
-            if used < least:
-                continue
-            texture /= used
-            for k in range(several):
-                phi[k] = fields[k, y, x]
-            along, down = np.float64(gradient[0, row, x]), np.float64(gradient[1, row, x])
-            mean[:] = 0.0
-            for i in range(count):
-                if np.isnan(warped[i, row, x]):
-                    continue
-                t = view.t[i]
-                at_x, at_y, scale = place_of(view, i, fields, y, x)
-                share = scale / phi[0]
-                a[i, 0] = share * (along * (at_x - (x - view.centre_x)) + down * (at_y - (y - view.centre_y)))
-                a[i, 1] = scale * along * phi[0] * t
-                a[i, 2] = scale * down * phi[0] * t
-                a[i, 3] = -scale * phi[0] * t / view.focal * (along * at_x + down * at_y)
-                for k in range(STEADY, several):
-                    a[i, k] = 0.5 * t * a[i, k - 3]
-                for k in range(several):
-                    mean[k] += a[i, k]
-            for k in range(several):
-                mean[k] /= used
-            pairs[:], sides[:] = 0.0, 0.0
-            squares = 0.0
-            for i in range(count):
-                g = warped[i, row, x]
-                if np.isnan(g):
-                    continue
-                left = texture - g
-                squares += left * left
-                for k in range(several):
-                    own[k] = a[i, k] - mean[k]
-                for k in range(several):
-                    sides[k] += own[k] * left
-                    for m in range(k + 1):
-                        pairs[k, m] += own[k] * own[m]
-            # Where all is dark, noise does not vanish.
-            weight = 1.0 / max(variance[0] + variance[1] * texture, LEAST_VARIANCE)
-            squares *= weight
-            for k in range(several):
-                sides[k] *= weight
-                products[SQUARE_OF[k], row, x] += sides[k] * sides[k]
-                for m in range(k + 1):
-                    pairs[k, m] *= weight
-                    products[PAIR_OF[k, m], row, x] += pairs[k, m]
-                    sides[k] += pairs[k, m] * phi[m]
-                    if m < k:
-                        sides[m] += pairs[k, m] * phi[k]
-            for k in range(several):
-                products[SIDE_OF[k], row, x] += sides[k]
-            products[14, row, x] += squares
-            products[15, row, x] += used - 1.0
-            products[16, row, x] += 1.0
-            products[17, row, x] += weight * (along * along + down * down)
+    _ADD_PRODUCTS[len(fields)](view, fields, warped, gradient, first_row, least, variance, products, rows)
 
 
 @numba.njit(inline="always")

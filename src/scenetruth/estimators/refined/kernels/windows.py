@@ -19,7 +19,10 @@ from scenetruth.estimators.refined.kernels.solving import (
 )
 from scenetruth.estimators.refined.kernels.warp import PAIR_OF, PRODUCTS, View, is_pair
 
-__all__ = ["solve_rows"]
+__all__ = ["EVERY_MODEL", "NO_MODEL", "solve_rows"]
+
+EVERY_MODEL, NO_MODEL = -1, -2
+"""Whether every model is fitted to a pixel, or none."""
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
@@ -119,7 +122,7 @@ def solve_rows(
     fits
         Output for the whole image, of each model; ``theta`` is read too: tangents of the surface come from it.
     chosen
-        The model of every pixel of the image, shape (height, width); all of them where it is -1.
+        The model of every pixel of the image, shape (height, width); or `EVERY_MODEL`, or `NO_MODEL`.
     told
         How many variances are wanted, in the order of `Fit`; `EVERY_VARIANCE` for all, those of the surface
         element too.
@@ -137,12 +140,14 @@ def solve_rows(
     curved, turning, bent = _asked(models, count)
     for row in range(rows[0], rows[1]):
         y = row + first_row
+        if chosen[y].max() < EVERY_MODEL:
+            continue
         _window_sums(products, False, window, row, (curved, turning, bent), scratch, moments)
         if told > 0:
             _window_sums(products, True, squared, row, (curved, turning, False), scratch, seconds)
         for m in range(count):
             for x in range(width):
-                if chosen[y, x] < 0 or chosen[y, x] == m:
+                if chosen[y, x] == EVERY_MODEL or chosen[y, x] == m:
                     enough = moments[KNOWN, x] / whole >= least
                     fit_window(moments, seconds, x, models[m], view, enough, fits[m], x, y, told, work)
 
