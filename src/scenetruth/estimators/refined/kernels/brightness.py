@@ -14,12 +14,22 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contra
 
 
 @_jit
-def _brightness(image: Any, texture: Any, window: Any, y: int, step: int, sums: Any, nodes: Any) -> None:
+def _some_known(line: Any) -> bool:
+    for x in range(line.size):
+        if not np.isnan(line[x]):
+            return True
+    return False
+
+
+@_jit
+def _brightness(image: Any, texture: Any, some: Any, window: Any, y: int, step: int, sums: Any, nodes: Any) -> None:
     """Write gain and offset at every n-th column of a row, and at the last, found in the window around it."""
     height, width = image.shape
     reach = window.shape[0] // 2
     sums[:] = 0.0
     for v in range(max(y - reach, 0), min(y + reach + 1, height)):
+        if not some[v]:
+            continue
         weight = window[v - y + reach]
         for x in range(width):
             g, h = image[v, x], texture[v, x]
@@ -80,12 +90,18 @@ def correct_brightness(
     sums = np.empty((5, width + window.shape[0] - 1), dtype=np.float32)
     count = (width - 1 + step - 1) // step + 1
     above, below = np.empty((2, count)), np.empty((2, count))
+    some = np.empty(height, dtype=np.bool_)
+    for y in range(height):
+        some[y] = _some_known(texture[y])
     top = 0
-    _brightness(image, texture, window, top, step, sums, above)
+    _brightness(image, texture, some, window, top, step, sums, above)
     while True:
         bottom = min(top + step - (top + first_row) % step, height - 1)
-        _brightness(image, texture, window, bottom, step, sums, below)
+        _brightness(image, texture, some, window, bottom, step, sums, below)
         for y in range(top, bottom + 1 if bottom == height - 1 else bottom):
+            if not some[y]:
+                out[y] = np.nan
+                continue
             down = (y - top) / (bottom - top) if bottom > top else 0.0
             for x in range(width):
                 node = min(x // step, count - 2) if count > 1 else 0
