@@ -334,15 +334,33 @@ def test_no_gl_at_all_renders_by_ray_casting_and_says_why(scene_file: Path, tmp_
         "ctypes.util.find_library = lambda name: None if 'GL' in name or 'OSMesa' in name else _find(name)\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
-    arguments: list[str | Path] = ["render", scene_file, "-o", tmp_path / "out", *FEW, "--set", "render.backend=auto"]
-    done = in_own_process(*arguments, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert "rendered with raycast" in done.stderr
-    assert "osmesa" in done.stderr
-    assert "rendered by ray casting instead" in done.stderr
-    refused = in_own_process(*arguments[:3], tmp_path / "two", "--set", "render.backend=pyrender", env=environment)
-    assert refused.returncode == 2
-    assert "libosmesa6" in refused.stderr
+    # Both in one process, which would take longer to start a second time than to render.
+    code = (
+        "import json, sys\n"
+        "from tests.cli.calling import scenetruth\n"
+        "for words in json.loads(sys.argv[1]):\n"
+        "    done = scenetruth(*words)\n"
+        "    print(json.dumps([done.returncode, done.stderr]))"
+    )
+    commands = [
+        ["render", str(scene_file), "-o", str(tmp_path / folder), *FEW, "--set", f"render.backend={backend}"]
+        for folder, backend in (("out", "auto"), ("two", "pyrender"))
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", code, json.dumps(commands)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+        cwd=Path(__file__).parents[2],
+    )
+    (rendered, errors), (refused, reasons) = map(json.loads, done.stdout.splitlines())
+    assert rendered == 0, errors
+    assert "rendered with raycast" in errors
+    assert "osmesa" in errors
+    assert "rendered by ray casting instead" in errors
+    assert refused == 2
+    assert "libosmesa6" in reasons
     assert not (tmp_path / "two").exists()
 
 
