@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +15,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
+from scenetruth.estimators.threads import thread_count
 from scenetruth.provenance import scene_hash
 from tests.scenes import SCENES, cube
 
@@ -58,37 +61,41 @@ REPEATED: dict[str, dict[str, Any]] = {
 }
 
 
+def hashes_of(scenes: list[tuple[str, Any]]) -> dict[str, str]:
+    """Return the hashes of what is made of scenes, in their order."""
+    found = {}
+    for name, plain in scenes:
+        recording, truth = st.simulate(st.scene_from_plain(plain))
+        data = recording["image"].values.tobytes() + truth["depth"].values.tobytes()
+        found[name] = hashlib.sha256(data).hexdigest()
+    return found
+
+
 @pytest.fixture(scope="module")
 def hashes() -> list[dict[str, str]]:
-    """Return the hashes of all scenes by two processes, which take them in opposite orders."""
-    code = (
-        "import sys, json, hashlib, scenetruth as st\n"
-        "hashes = {}\n"
-        "for name, plain in json.loads(sys.stdin.read()):\n"
-        "    recording, truth = st.simulate(st.scene_from_plain(plain))\n"
-        "    data = recording.image.values.tobytes() + truth.depth.values.tobytes()\n"
-        "    hashes[name] = hashlib.sha256(data).hexdigest()\n"
-        "print(json.dumps(hashes))"
-    )
+    """Return the hashes of all scenes by this process and by another one, which takes them in the opposite order."""
     scenes = [(name, cube(**{**SMALL, **changes}).to_plain()) for name, changes in REPEATED.items()]
-    found = []
-    for seed, threads, given in (("1", "1", scenes), ("2", "2", scenes[::-1])):
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            input=json.dumps(given),
-            env={
-                "PYTHONHASHSEED": seed,
-                "NUMBA_NUM_THREADS": threads,
-                "OMP_WAIT_POLICY": "PASSIVE",
-                "PATH": "",
-                "PYTHONPATH": str(Path(st.__file__).parents[1]),
-            },
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        found.append(json.loads(done.stdout))
-    return found
+    code = (
+        "import sys, json\n"
+        "from tests.test_simulation import hashes_of\n"
+        "print(json.dumps(hashes_of(json.loads(sys.stdin.read()))))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=json.dumps(scenes[::-1]),
+        env={
+            # Unless the user says otherwise, that of this process is drawn by chance.
+            "PYTHONHASHSEED": "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1",
+            "NUMBA_NUM_THREADS": "1" if thread_count() > 1 else "2",
+            "OMP_WAIT_POLICY": "PASSIVE",
+            "PATH": "",
+            "PYTHONPATH": os.pathsep.join(str(file.parents[1]) for file in (Path(st.__file__), Path(__file__))),
+        },
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [hashes_of(scenes), json.loads(done.stdout)]
 
 
 @pytest.mark.parametrize("name", REPEATED)

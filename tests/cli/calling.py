@@ -13,14 +13,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from unittest import mock
 
+from scenetruth.cli import options
 from scenetruth.cli.app import app
 from scenetruth.cli.console import guard
 
 __all__ = ["in_own_process", "names", "scenetruth"]
 
 
-def scenetruth(*arguments: str | Path, env: Mapping[str, str] | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a command as `scenetruth.cli.app.run_app` does; return its exit code and what it printed."""
+def scenetruth(
+    *arguments: str | Path, env: Mapping[str, str] | None = None, helped: bool = False
+) -> subprocess.CompletedProcess[str]:
+    """Run a command as `scenetruth.cli.app.run_app` does; return its exit code and what it printed.
+
+    Unless it is to be ``helped``, no second process draws pictures: it takes longer to start than a few pictures take,
+    and draws the same ones (`tests.pipeline.test_figure_help`).
+    """
     words = list(map(str, arguments))
     output, errors = io.StringIO(), io.StringIO()
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -30,6 +37,7 @@ def scenetruth(*arguments: str | Path, env: Mapping[str, str] | None = None) -> 
             contextlib.redirect_stdout(output),
             contextlib.redirect_stderr(errors),
             mock.patch.dict(os.environ, env or {}, clear=env is not None),
+            contextlib.nullcontext() if helped else mock.patch.object(options, "helpers", return_value=0),
             warnings.catch_warnings(),
         ):
             # As in a process of its own: a warning is printed, it is not an error.

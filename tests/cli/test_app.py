@@ -24,6 +24,8 @@ STORES = {"recording.zarr", "truth.zarr"}
 RESULTS = {"scene.yaml", *STORES, "estimate.zarr", "score.json", "score.csv", "report.html", "figures"}
 
 
+PICTURES = ("--figures", "image", "--figures", "depth")
+"""Those that most tests draw."""
 FEW = ("--set", "frames.count=2")
 """What suffices where the number of images does not matter."""
 
@@ -31,7 +33,8 @@ FEW = ("--set", "frames.count=2")
 @pytest.fixture(scope="module")
 def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("scene") / "small.yaml"
-    plain = cube(sensor={"bit_depth": 8, "noise_std": 0.01}, estimate={"working_point_px": 9}).to_plain()
+    sensor, frames = {"bit_depth": 8, "noise_std": 0.01}, {"count": 5}
+    plain = cube(sensor=sensor, frames=frames, estimate={"working_point_px": 9}).to_plain()
     file.write_text(yaml.safe_dump(plain))
     return file
 
@@ -39,7 +42,8 @@ def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def finished(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "one"
-    done = in_own_process("run", scene_file, "-o", folder, "--images", "png", "--truth", "all")
+    # That all pictures are drawn if none are chosen says `tests.cli.test_methods`.
+    done = in_own_process("run", scene_file, "-o", folder, "--images", "png", "--truth", "all", *PICTURES)
     assert done.returncode == 0, done.stderr
     assert "depth" in done.stdout
     assert "rendered with raycast" in done.stderr
@@ -48,7 +52,7 @@ def finished(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 def test_run_does_everything_in_one_go(finished: Path) -> None:
     assert names(finished) == {*RESULTS, "images"}
-    assert len(names(finished / "images")) == 45
+    assert len(names(finished / "images")) == 25
     assert names(finished.parent) == {"one"}
     scene = st.load_scene(finished / "scene.yaml")
     assert scene.camera.width == 160
@@ -88,19 +92,21 @@ def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Pa
     folder = tmp_path / "steps"
     assert scenetruth("render", scene_file, "-o", folder).returncode == 0
     assert names(folder) == {"scene.yaml", *STORES}
-    for command in ("estimate", "score", "report"):
-        done = scenetruth(command, folder)
+    commands = (("estimate",), ("score",), ("report", *PICTURES))
+    for command, *few in commands:
+        done = scenetruth(command, folder, *few)
         assert done.returncode == 0, done.stderr
     assert names(folder) == RESULTS
+    assert names(folder / "figures") == names(finished / "figures") == {"image.png", "depth.png"}
+    for name in names(folder / "figures"):
+        assert (folder / "figures" / name).read_bytes() == (finished / "figures" / name).read_bytes()
     assert scores(folder) == scores(finished)
-    for command in ("estimate", "score", "report"):
-        again = scenetruth(command, folder)
+    for command, *few in commands:
+        again = scenetruth(command, folder, *few)
         # The same estimate has the same score, and the same score the same report.
         assert again.returncode == (0 if command == "report" else 2)
         assert ("is as new" if command == "report" else "exists already") in again.stderr
-        # All pictures have been drawn above.
-        few = ("--figures", "image") if command == "report" else ()
-        assert scenetruth(command, folder, "--overwrite", *few).returncode == 0
+        assert scenetruth(command, folder, "--overwrite", *few[:2]).returncode == 0
     assert names(folder) == RESULTS
 
 
@@ -179,7 +185,7 @@ def test_check_tells_what_the_stage_does(scene_file: Path) -> None:
     done = scenetruth("check", scene_file, *settings, env=environment)
     assert done.returncode == 0, done.stderr
     for text in (
-        "90 of 160 x 120 px (2 rows, 3 mm apart, of 5 positions at -10, -4, 0, 5, 12 mm; 9 frames)",
+        "50 of 160 x 120 px (2 rows, 3 mm apart, of 5 positions at -10, -4, 0, 5, 12 mm; 5 frames)",
         "bidirectional, 0.01 s per position; a frame needs 0.15 s of its 1 s",
         "air_bearing: repeatability 0.1 µm, backlash 0 µm, straightness 0.1 µm, pitch 2.5, yaw 2.5, roll 2.5 µrad",
     ):
@@ -328,15 +334,33 @@ def test_no_gl_at_all_renders_by_ray_casting_and_says_why(scene_file: Path, tmp_
         "ctypes.util.find_library = lambda name: None if 'GL' in name or 'OSMesa' in name else _find(name)\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
-    arguments: list[str | Path] = ["render", scene_file, "-o", tmp_path / "out", *FEW, "--set", "render.backend=auto"]
-    done = in_own_process(*arguments, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert "rendered with raycast" in done.stderr
-    assert "osmesa" in done.stderr
-    assert "rendered by ray casting instead" in done.stderr
-    refused = in_own_process(*arguments[:3], tmp_path / "two", "--set", "render.backend=pyrender", env=environment)
-    assert refused.returncode == 2
-    assert "libosmesa6" in refused.stderr
+    # Both in one process, which would take longer to start a second time than to render.
+    code = (
+        "import json, sys\n"
+        "from tests.cli.calling import scenetruth\n"
+        "for words in json.loads(sys.argv[1]):\n"
+        "    done = scenetruth(*words)\n"
+        "    print(json.dumps([done.returncode, done.stderr]))"
+    )
+    commands = [
+        ["render", str(scene_file), "-o", str(tmp_path / folder), *FEW, "--set", f"render.backend={backend}"]
+        for folder, backend in (("out", "auto"), ("two", "pyrender"))
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", code, json.dumps(commands)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+        cwd=Path(__file__).parents[2],
+    )
+    (rendered, errors), (refused, reasons) = map(json.loads, done.stdout.splitlines())
+    assert rendered == 0, errors
+    assert "rendered with raycast" in errors
+    assert "osmesa" in errors
+    assert "rendered by ray casting instead" in errors
+    assert refused == 2
+    assert "libosmesa6" in reasons
     assert not (tmp_path / "two").exists()
 
 

@@ -16,6 +16,8 @@ import scenetruth as st
 from tests.cli.calling import names, scenetruth
 from tests.scenes import cube
 
+# All that there are for a method which finds nothing but flow, without error bars.
+PICTURES = {"image.png", "flow.png", "error_histograms.png", "confidence.png"}
 SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "frames": {"count": 5}}
 
 
@@ -47,6 +49,7 @@ def test_one_other_method_is_the_scenes_own_from_then_on(tmp_path: Path) -> None
     done = scenetruth("run", scene, "-o", tmp_path / "x", "--method", "opencv_flow", *overrides)
     assert done.returncode == 0, done.stderr
     assert "estimate.zarr" in names(tmp_path / "x")
+    assert names(tmp_path / "x" / "figures") == PICTURES
     again = st.load_scene(tmp_path / "x" / "scene.yaml")
     assert again.estimate.method == "opencv_flow"
     estimate = st.load(tmp_path / "x" / "estimate.zarr", "estimate")
@@ -58,9 +61,11 @@ def test_score_and_report_take_every_estimate(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "score.json" in done.stdout
     assert "score.opencv_flow.json" in done.stdout
-    done = scenetruth("report", folder, "--overwrite", "--method", "opencv_flow")
+    # With a second process, as users have it, and without a choice all pictures that this method allows.
+    done = scenetruth("report", folder, "--overwrite", "--method", "opencv_flow", helped=True)
     assert done.returncode == 0, done.stderr
     assert "report.opencv_flow.html" in done.stdout
+    assert names(folder / "figures.opencv_flow") == PICTURES
 
 
 def test_parts_of_different_runs_are_refused_unless_allowed(folder: Path, tmp_path: Path) -> None:
@@ -79,7 +84,7 @@ def test_parts_of_different_runs_are_refused_unless_allowed(folder: Path, tmp_pa
 def test_real_images_are_estimated_and_reported(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (3, 3, 48, 64), dtype=np.uint8)
     st.save(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
-    for command in (("estimate", "--set", "estimate.working_point_px=0"), ("report",)):
+    for command in (("estimate", "--set", "estimate.working_point_px=0"), ("report", "--figures", "image")):
         done = scenetruth(command[0], tmp_path, *command[1:])
         assert done.returncode == 0, done.stderr
     assert "no truth" in (tmp_path / "report.html").read_text().lower()
@@ -107,6 +112,7 @@ def test_a_method_that_cannot_is_named_before_the_work(tmp_path: Path) -> None:
 
 
 def test_a_method_that_never_returns_can_be_interrupted(tmp_path: Path) -> None:
+    # That a second process which draws is ended as well is tried by `tests.cli.test_app`.
     scene = write_scene(tmp_path / "scene.yaml")
     code = "import time\ndef wait(recording):\n    print('begun', flush=True)\n    time.sleep(600)\n"
     (tmp_path / "forever.py").write_text(code)
@@ -120,6 +126,7 @@ def test_a_method_that_never_returns_can_be_interrupted(tmp_path: Path) -> None:
         str(tmp_path / "x"),
         "--method",
         "forever:wait",
+        "--no-report",
     ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     assert process.stdout is not None

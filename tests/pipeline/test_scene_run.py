@@ -110,14 +110,15 @@ def test_a_method_that_fails_keeps_no_other_from_its_work(tmp_path: Path) -> Non
 @pytest.mark.usefixtures("with_methods")
 def test_an_interrupt_keeps_what_is_finished(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        run_scene(cube(**SMALL), tmp_path / "x", methods=("flat", "endless"))
+        run_scene(cube(**SMALL), tmp_path / "x", methods=("flat", "endless"), figures=["image"])
     assert {"recording.zarr", "truth.zarr", "estimate.zarr", "score.json", "report.html"} <= names(tmp_path / "x")
     assert not [name for name in names(tmp_path / "x") if "endless" in name or "partial" in name]
 
 
 def test_a_score_of_another_estimate_is_not_reported(finished: Path, tmp_path: Path) -> None:
     scene = cube(**SMALL)
-    run_scene(scene, tmp_path / "x", stages=("render", "estimate", "score"))
+    shutil.copytree(finished, tmp_path / "x")
+    (tmp_path / "x" / "report.html").unlink()
     changed = scene.model_copy(
         update={"estimate": st.scene_from_plain(scene.to_plain() | {"estimate": {"window_sigma_px": 4.0}}).estimate}
     )
@@ -132,7 +133,7 @@ def test_real_images_are_reported_without_a_truth(tmp_path: Path) -> None:
     st.save(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
     runner = Runner(st.RunFolder(tmp_path))
     runner.estimate(runner.choice(None, ["estimate.working_point_px=0"]))
-    runner.report("structure_tensor")
+    runner.report("structure_tensor", ["image"])
     assert {"report.html", "figures"} <= names(tmp_path)
     with pytest.raises(st.StoreError, match=r"truth\.zarr: no such store"):
         runner.score("structure_tensor", runner.score_settings())

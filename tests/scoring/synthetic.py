@@ -19,6 +19,9 @@ HELD = (
 )
 """What is scored of the estimates here: keys of `QUANTITIES`, the only one that is no scalar last."""
 
+OF_ERRORS = ("Score", "rms", "bias", "calibration", "Error, estimate", "outlier")
+"""Words that have no place where there is no truth."""
+
 
 @dataclass(frozen=True)
 class Case:

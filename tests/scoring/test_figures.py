@@ -27,7 +27,15 @@ from scenetruth.scoring.figures.image import draw_image
 from scenetruth.scoring.figures.surface import draw_surface
 from scenetruth.scoring.figures.velocity import draw_velocity_z, pick_row
 from tests.scoring.conftest import Drawn
-from tests.scoring.synthetic import Case, make_case, make_growing_case, of_one_camera, of_one_frame, with_error_bars
+from tests.scoring.synthetic import (
+    OF_ERRORS,
+    Case,
+    make_case,
+    make_growing_case,
+    of_one_camera,
+    of_one_frame,
+    with_error_bars,
+)
 
 FILES = [
     "image.png",
@@ -170,6 +178,7 @@ def test_without_truth_the_estimate_is_drawn_alone(small_case: Case, tmp_path: P
         # What the estimator says about itself is told without any look at the truth.
         assert "truth" not in f"{figure.title} {figure.caption}".replace("without any look at the truth", "")
         assert not re.search(r"\berrors?\b(?! bars)", f"{figure.title} {figure.caption}".lower())
+        assert not [word for word in OF_ERRORS if word in f"{figure.title} {figure.caption}"]
 
 
 def test_growth_is_drawn_without_truth(tmp_path: Path) -> None:
