@@ -232,7 +232,7 @@ def test_noise_is_no_larger_than_what_is_fine(noisy: xr.Dataset) -> None:
         (np.broadcast_to(0.5 + wave, (1, 2, 90, 120)), 0.05 * (2 - 2 * np.cos(0.8)) * (2 - 2 * np.cos(0.6)) / 6),
     ):
         recording = st.make_recording(values, 1000.0, 4.0)
-        splines = Splines(SoundFrames(recording)).frames(0, 2)
+        splines = Splines(SoundFrames(recording), 5).frames(0, 2)
         images = Images(splines, np.zeros((1, 2)), np.array([0.0, 1.0]), 1000.0, (59.5, 44.5), np.zeros((2, 4)))
         found = fine_contrast(images, 4.0)[15:-15, 15:-15]
         assert np.median(found) == pytest.approx(expected, rel=0.05)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,11 +58,12 @@ def warped(images: Array, fields: Array) -> Warped:
     return warped_by(images, fields)
 
 
-def warped_by(images: Array, fields: Array) -> Warped:
-    coefficients = np.array([ndimage.spline_filter(image, 5, mode="mirror") for image in images], dtype=np.float32)
+def warped_by(images: Array, fields: Array, order: int = 5) -> Warped:
+    coefficients = np.array([ndimage.spline_filter(image, order, mode="mirror") for image in images], dtype=np.float32)
     values = np.empty((COUNT, HEIGHT, WIDTH), dtype=np.float32)
     gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
-    warp.warp_rows(coefficients, VIEW, fields, NOTHING_HIDDEN, NOTHING_BAD, 0, values, gradient, (0, HEIGHT))
+    view = VIEW._replace(spline=order)
+    warp.warp_rows(coefficients, view, fields, NOTHING_HIDDEN, NOTHING_BAD, 0, values, gradient, (0, HEIGHT))
     return values, gradient
 
 
@@ -92,14 +95,16 @@ def places(fields: Array) -> Array:
     return np.array(seen)
 
 
-@pytest.mark.parametrize("count", [4, 7])
-def test_images_are_fetched_where_they_see_the_points(images: Array, accelerated: Array, count: int) -> None:
+@pytest.mark.parametrize(("count", "order"), [(4, 5), (7, 5), (4, 3), (7, 3)])
+def test_images_are_fetched_where_they_see_the_points(
+    images: Array, accelerated: Array, count: int, order: int
+) -> None:
     fields = np.ascontiguousarray(accelerated[:count])
-    values, gradient = warped_by(images, fields)
+    values, gradient = warped_by(images, fields, order)
     at = places(fields)
     slopes = []
     for image, place, found in zip(images, at, values, strict=True):
-        expected = ndimage.map_coordinates(image, place, order=5, mode="mirror")
+        expected = ndimage.map_coordinates(image, place, order=order, mode="mirror")
         inside = (place >= 2).all(axis=0) & (place[0] < HEIGHT - 3) & (place[1] < WIDTH - 3)
         # Places on the very border may be rounded to either side.
         borders = [np.abs(place[k] - edge) < 1e-9 for k, edge in ((0, 2), (1, 2), (0, HEIGHT - 3), (1, WIDTH - 3))]
@@ -109,7 +114,9 @@ def test_images_are_fetched_where_they_see_the_points(images: Array, accelerated
         np.testing.assert_allclose(found[inside], expected[inside], atol=1e-5)
         step = 1e-4
         by = [
-            ndimage.map_coordinates(image, place + np.reshape(np.array(way) * step, (2, 1, 1)), order=5, mode="mirror")
+            ndimage.map_coordinates(
+                image, place + np.reshape(np.array(way) * step, (2, 1, 1)), order=order, mode="mirror"
+            )
             for way in ((0, 1), (0, -1), (1, 0), (-1, 0))
         ]
         own = np.stack([by[0] - by[1], by[2] - by[3]]) / (2 * step)
@@ -119,14 +126,16 @@ def test_images_are_fetched_where_they_see_the_points(images: Array, accelerated
     np.testing.assert_allclose(gradient[:, seen], mean_known(np.array(slopes), 0)[0][:, seen], atol=2e-5)
 
 
-def test_weights_are_those_of_the_quintic_b_spline() -> None:
-    spline = BSpline.basis_element(np.arange(-3.0, 4.0))
+@pytest.mark.parametrize(("weights", "reach"), [(warp.quintic_weights, 3.0), (warp.cubic_weights, 2.0)])
+def test_weights_are_those_of_b_splines(weights: Any, reach: float) -> None:
+    # Beyond its knots, it is not a number.
+    spline = BSpline.basis_element(np.arange(-reach, reach + 1), extrapolate=False)
     for fraction in (0.0, 0.125, 0.5, 0.9):
         found, slopes = np.empty(6, dtype=np.float32), np.empty(6, dtype=np.float32)
-        warp.weights(fraction, found, slopes)
+        weights(fraction, found, slopes)
         at = fraction - np.arange(-2.0, 4.0)
-        np.testing.assert_allclose(found, spline(at), atol=1e-7)
-        np.testing.assert_allclose(slopes, spline.derivative()(at), atol=1e-6)
+        np.testing.assert_allclose(found, np.nan_to_num(spline(at)), atol=1e-7)
+        np.testing.assert_allclose(slopes, np.nan_to_num(spline.derivative()(at)), atol=1e-6)
 
 
 def plain_products(fields: Array, values: Array, gradient: Array) -> tuple[Array, Array, Array]:
@@ -310,16 +319,17 @@ def test_brightness_is_that_of_a_regression() -> None:
     np.testing.assert_allclose(out, (image - expected[1]) / expected[0], atol=0.01)
 
 
-def test_transfer_of_noise_by_splines() -> None:
+@pytest.mark.parametrize("order", [3, 5])
+def test_transfer_of_noise_by_splines(order: int) -> None:
     """White noise between pixels, drawn, beside the integrals."""
     noise = np.random.default_rng(3).normal(0, 1, (400, 400))
-    coefficients = ndimage.spline_filter(noise, 5, mode="mirror")
+    coefficients = ndimage.spline_filter(noise, order, mode="mirror")
     at = np.random.default_rng(4).uniform(20, 380, (2, 200_000))
-    values = ndimage.map_coordinates(coefficients, at, order=5, prefilter=False)
-    assert np.std(values) == pytest.approx(spline_transfer(), rel=0.01)
+    values = ndimage.map_coordinates(coefficients, at, order=order, prefilter=False)
+    assert np.std(values) == pytest.approx(spline_transfer(order), rel=0.01)
     step = 1e-3
-    ahead = ndimage.map_coordinates(coefficients, at + [[0], [step]], order=5, prefilter=False)
-    assert np.std(ahead - values) / step == pytest.approx(spline_slope_transfer(), rel=0.01)
+    ahead = ndimage.map_coordinates(coefficients, at + [[0], [step]], order=order, prefilter=False)
+    assert np.std(ahead - values) / step == pytest.approx(spline_slope_transfer(order), rel=0.01)
 
 
 def test_the_plane_of_the_tests_is_seen_as_the_formulas_say() -> None:

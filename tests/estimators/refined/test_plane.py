@@ -78,6 +78,23 @@ def test_two_frames_do_not_tell_an_acceleration() -> None:
         estimated(plane, plane.recording(cameras=2, frames=2), acceleration=True)
 
 
+def test_cubic_splines_do_as_well_in_noise() -> None:
+    """They err by some 1e-3 px between pixels, and leave another share of the noise, which error bars know."""
+    plane = MovingPlane(size=(96, 128))
+    noisy, clean = plane.recording(noise_std=0.01), plane.recording()
+    found = {spline: estimated(plane, noisy, surface="plane", spline=spline) for spline in ("cubic", "quintic")}
+    ratio = (found["cubic"]["depth_std"] / found["quintic"]["depth_std"]).isel(INSIDE)
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
+    scaled = errors(found["cubic"], plane, "depth") / found["cubic"]["depth_std"].isel(INSIDE).values
+    other = errors(found["quintic"], plane, "depth") / found["quintic"]["depth_std"].isel(INSIDE).values
+    assert np.sqrt(np.mean((scaled - other) ** 2)) < 0.2
+    worse, better = (
+        np.sqrt(np.mean(errors(estimated(plane, clean, surface="plane", spline=spline), plane, "disparity") ** 2))
+        for spline in ("cubic", "quintic")
+    )
+    assert 2 * better < worse < 1e-3
+
+
 def test_growth_is_not_taken_for_motion() -> None:
     """The same velocity with and without growth: U_Z is the same, and growth is twice the rate of length."""
     still = MovingPlane(velocity_mm=(0.0, 0.0, -0.4))

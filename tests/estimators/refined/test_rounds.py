@@ -21,7 +21,7 @@ SETTINGS = RefinedSettings(window_sigma_px=4.0, surface="plane", rounds=12)
 
 def images_of(plane: MovingPlane, cameras: int = 5, frames: int = 9) -> Images:
     recording = plane.recording(cameras, frames)
-    splines = Splines(SoundFrames(recording)).frames(0, frames)
+    splines = Splines(SoundFrames(recording), 5).frames(0, frames)
     positions = np.stack([recording["s"].values, np.zeros(cameras)], axis=-1)
     times = recording["t"].values.astype(float)
     return Images(

@@ -86,3 +86,24 @@ def test_working_points_of_each_pixel_follow_a_slope() -> None:
         both = known & (one["kind"].values == KIND_FULL)
         # Where the single one is next to the disparity too, both are the same.
         assert np.sqrt(np.mean(error[both] ** 2)) <= np.sqrt(np.mean(other[both] ** 2)) + 1e-6
+
+
+@pytest.mark.parametrize("levels", [2, 3])
+def test_coarse_to_fine_keeps_a_far_background_of_fine_texture(levels: int) -> None:
+    """Waves of 4 to 8 px are gone at a quarter of the resolution, where only what is near and coarse is left."""
+    near, far = (
+        Plane(depth_mm=300.0, velocity=(2.0, 0.0, 0.0), size=(160, 240), wavelengths_px=(12.0, 40.0)),
+        Plane(depth_mm=1200.0, velocity=(0.05, 0.0, 0.0), size=(160, 240), wavelengths_px=(4.0, 8.0)),
+    )
+    recording, background = near.recording(STAGE, 9), far.recording(STAGE, 9)["image"]
+    image = recording["image"].copy()
+    image[..., 110:] = background[..., 110:].values
+    behind = {"x": slice(135, 220), "y": slice(20, -20)}
+    density = {}
+    for number in (0, levels):
+        found = st.estimate(recording.assign(image=image), tau="auto", pyramid_levels=number).sel(t=0).isel(behind)
+        known = found["kind"].values == KIND_FULL
+        density[number] = known.mean()
+        assert np.abs(found["depth"].values[known] / 1200.0 - 1).max() < 0.01
+    assert density[0] > 0.9
+    assert density[levels] == pytest.approx(density[0], abs=0.02)

@@ -13,8 +13,6 @@ from scenetruth.estimators.threads import in_threads
 
 __all__ = ["FramesNeeded", "Splines", "frames_needed"]
 
-_ORDER = 5
-
 
 @dataclass(frozen=True)
 class FramesNeeded:
@@ -63,16 +61,18 @@ def frames_needed(count: int, window: int, *, every: bool) -> list[FramesNeeded]
 
 
 class Splines:
-    """Coefficients of quintic splines through the images of a window of frames; frames are transformed once.
+    """Coefficients of splines through the images of a window of frames; frames are transformed once.
 
     Parameters
     ----------
     images
         Reads the images.
+    order
+        Order of the splines, 3 or 5.
     """
 
-    def __init__(self, images: SoundFrames) -> None:
-        self._images = images
+    def __init__(self, images: SoundFrames, order: int) -> None:
+        self._images, self._order = images, order
         self._held: dict[int, NDArray[np.float32]] = {}
 
     def frames(self, first: int, last: int) -> list[NDArray[np.float32]]:
@@ -87,17 +87,17 @@ class Splines:
             del self._held[frame]
         for frame in range(first, last):
             if frame not in self._held:
-                self._held[frame] = _coefficients(self._images.frames(frame, frame + 1)[:, :, 0])
+                self._held[frame] = _coefficients(self._images.frames(frame, frame + 1)[:, :, 0], self._order)
         return [self._held[frame] for frame in range(first, last)]
 
 
-def _coefficients(images: NDArray[Any]) -> NDArray[np.float32]:
+def _coefficients(images: NDArray[Any], order: int) -> NDArray[np.float32]:
     from scipy.ndimage import spline_filter
 
     out = np.empty(images.shape, dtype=np.float32)
 
     def transform(index: tuple[int, int]) -> None:
-        out[index] = spline_filter(images[index].astype(np.float64), _ORDER, mode="mirror")
+        out[index] = spline_filter(images[index].astype(np.float64), order, mode="mirror")
 
     in_threads(transform, list(np.ndindex(images.shape[:2])))
     return out

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import View
+from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, View
 from scenetruth.estimators.refined.variance import EVEN, GreyVariance
 
 __all__ = ["NOTHING_BAD", "Images"]
 
-# Values of quintic B-splines at whole pixels.
-_QUINTIC = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0
+# Values of B-splines at whole pixels, by their order.
+_VALUES = {CUBIC: np.array([1.0, 4.0, 1.0]) / 6.0, QUINTIC: np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0}
 
 NOTHING_BAD = np.zeros((0, 0, 0), dtype=np.uint8)
 
@@ -43,6 +43,8 @@ class Images:
         Images that are left out as a whole, as places of their frames and cameras.
     variance
         How the noise's variance depends on the grey value.
+    spline
+        Order of the splines.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -54,6 +56,7 @@ class Images:
     bad: list[NDArray[np.uint8]] = field(default_factory=list)
     left_out: frozenset[tuple[int, int]] = frozenset()
     variance: GreyVariance = EVEN
+    spline: int = QUINTIC
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -132,25 +135,24 @@ class Images:
         """Return where and when all images were taken, in the order of `stack`."""
         s, s_y = np.tile(self.positions.T, len(self.times))
         t = np.repeat(self.times, len(self.positions))
-        return View(s, s_y, t, self.moved, self.focal, *self.centre)
+        return View(s, s_y, t, self.moved, self.focal, *self.centre, self.spline)
 
     def reference(self) -> tuple[int, int]:
         """Return the places of the frame and the camera whose image is estimated."""
         return int(np.argmin(np.abs(self.times))), int(np.argmin(np.abs(self.positions).sum(axis=1)))
 
-    def reference_image(self, channel: int) -> Map:
-        """Return the grey values of one channel of the reference, shape (y, x)."""
+    def grey(self, frame: int, camera: int, channel: int) -> Map:
+        """Return the grey values of an image, shape (y, x)."""
         from scipy.ndimage import convolve1d
 
-        frame, camera = self.reference()
         image: Map = self.coefficients[frame][channel, camera].astype(np.float64)
         for axis in (0, 1):
-            image = np.asarray(convolve1d(image, _QUINTIC, axis=axis, mode="mirror"))
+            image = np.asarray(convolve1d(image, _VALUES[self.spline], axis=axis, mode="mirror"))
         return image
 
     def mean_grey(self) -> float:
         """Return the mean grey value of the reference."""
-        return float(np.mean([self.reference_image(channel) for channel in range(self.channels)]))
+        return float(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)]))
 
     def moved_px(self, before: Map, after: Map) -> Map:
         """Return by how much a change of d, q and acceleration moves points where it moves them most, in px.

@@ -151,9 +151,9 @@ def maps_of(
     theta, focal = fit.theta, images.focal
     d, q = theta[0], theta[[6, 9, 12]]
     with np.errstate(invalid="ignore", divide="ignore"):
-        left = np.sqrt(fit.residual[0]) / spline_transfer()
+        left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
         usual = noise_of(left)
-        variance = fit.variance / spline_transfer() ** 2
+        variance = fit.variance / spline_transfer(images.spline) ** 2
         if refined.cameras is not None:
             finite = filled(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
             variance[[0, 3, 4, 5]] += refined.cameras.effect(images, finite).variance
@@ -161,8 +161,8 @@ def maps_of(
         shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
         limit = np.maximum(settings.acceptance * usual, shifted)
         most = np.maximum(settings.acceptance * fine_contrast(images, settings.window_sigma_px), shifted)
-        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count)
-        known &= _in_texture(refined.seen.gradient, usual, images.count, settings.window_sigma_px)
+        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count, images.spline)
+        known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
         # Where hardly anything fits, what does fits by chance.
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
@@ -184,7 +184,7 @@ def maps_of(
                 # Where a window has too few frames, it is zero by definition, and not known.
                 told = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": told * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
-        found |= _element(fit, baseline_mm)
+        found |= _element(fit, baseline_mm, images.spline)
     rough = np.zeros_like(known)
     if settings.unfitted == "plane_sweep" and cameras > 1:
         # Of what stands at infinity, there is no depth.
@@ -238,7 +238,7 @@ def corrections_of(cameras: Cameras, images: Images, step_px: float) -> dict[str
     return found
 
 
-def _in_texture(gradient: NDArray[Any], noise: float, images: int, sigma_px: float) -> NDArray[np.bool_]:
+def _in_texture(gradient: NDArray[Any], noise: float, images: Images, sigma_px: float) -> NDArray[np.bool_]:
     """Tell where texture lies around a pixel, or at least not aside of it: else the fit tells of another place.
 
     The middle of the texture in a Gaussian window, weighted by its squared gradient, lies σ² ∇ ln S from the window's
@@ -250,7 +250,7 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: int, sigma_px: flo
     total = np.maximum(gaussian_filter(texture, sigma_px), 1e-300)
     aside = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
     middle_px = sigma_px**2 * np.hypot(*aside)
-    return np.asarray(textured(texture, noise, images) | (middle_px < FARTHEST * sigma_px))
+    return np.asarray(textured(texture, noise, images.count, images.spline) | (middle_px < FARTHEST * sigma_px))
 
 
 def _own_texture(images: Images, noise: float) -> NDArray[np.bool_]:
@@ -261,7 +261,7 @@ def _own_texture(images: Images, noise: float) -> NDArray[np.bool_]:
     frame, camera = images.reference()
     usable = images.bad[frame][camera] == 0 if images.bad else np.ones(images.shape, dtype=np.bool_)
     for channel in range(images.channels):
-        square += sum(np.square(each) for each in np.gradient(images.reference_image(channel)))
+        square += sum(np.square(each) for each in np.gradient(images.grey(frame, camera, channel)))
     # Half the difference of two values has half their variance, along x and along y.
     return np.asarray(usable & (gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels))
 
@@ -280,9 +280,9 @@ def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:
     return normal
 
 
-def _element(fit: Fit, baseline_mm: float) -> dict[str, Map]:
+def _element(fit: Fit, baseline_mm: float, spline: int) -> dict[str, Map]:
     """Return what the surface element is and does, with standard deviations; see `describe_element`."""
-    values, std = fit.element.astype(np.float64), np.sqrt(fit.element_variance) / spline_transfer()
+    values, std = fit.element.astype(np.float64), np.sqrt(fit.element_variance) / spline_transfer(spline)
     # Where baselines are negative, so are disparities.
     for place, unit in ((2, abs(baseline_mm)), (3, baseline_mm**2)):
         values[place] /= unit

@@ -95,7 +95,7 @@ def fill_estimate(
     rig = Rig(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
     if settings.corrections is not None:
         settings = settings.model_copy(update={"corrections": settings.corrections.in_columns(grid.step_px)})
-    splines, times = Splines(reader), recording["t"].values.astype(np.float64)
+    splines, times = Splines(reader, settings.spline_order), recording["t"].values.astype(np.float64)
     needed = _needed(reader.shape[2], settings)
     rounds, curved, noted = [], [], Told(recording)
     for number, frames in enumerate(needed):
@@ -111,6 +111,7 @@ def fill_estimate(
             intrinsics.principal_point_px,
             np.zeros((len(placed) * len(taken), 4)),
             reader.bad(frames.first, frames.last),
+            spline=settings.spline_order,
         )
         if isinstance(settings.noise, PhotonTransferNoise):
             images = replace(images, variance=known_variance(**settings.noise.model_dump(), grey=images.mean_grey()))

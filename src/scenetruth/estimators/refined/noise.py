@@ -27,7 +27,7 @@ def noise_of(left: NDArray[np.float64]) -> float:
     return float(np.quantile(known, _WELL)) if known.size else float("nan")
 
 
-def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: int) -> NDArray[np.bool_]:
+def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: int, spline: int) -> NDArray[np.bool_]:
     """Tell where the mean of the images has more gradient than their noise would give it.
 
     Parameters
@@ -38,34 +38,36 @@ def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: in
         Standard deviation of the noise of one image.
     images
         Number of images.
+    spline
+        Order of the splines through them.
     """
-    by_noise = 2.0 * (spline_slope_transfer() * noise) ** 2 / images
+    by_noise = 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
     with np.errstate(invalid="ignore"):
         return np.asarray(mean_square_gradient > _ABOVE_NOISE * by_noise)
 
 
 @cache
-def spline_transfer() -> float:
-    """Return what share of white noise, as a standard deviation, quintic splines leave between pixels.
+def spline_transfer(order: int) -> float:
+    """Return what share of white noise, as a standard deviation, splines of an order leave between pixels.
 
     The square root of the mean, over all places between pixels, of the sum of the squared weights that a place gives to
     the pixels around it, in two dimensions.
     """
-    return _mean_square(0)
+    return _mean_square(order, 0)
 
 
 @cache
-def spline_slope_transfer() -> float:
+def spline_slope_transfer(order: int) -> float:
     """Return the standard deviation of a derivative between pixels that white noise of 1 leaves, per px."""
-    return float(np.sqrt(_mean_square(0) * _mean_square(1)))
+    return float(np.sqrt(_mean_square(order, 0) * _mean_square(order, 1)))
 
 
-def _mean_square(derivative: int) -> float:
-    """Return the integral of the squared cardinal quintic spline, or of its squared derivative, in one dimension."""
+def _mean_square(order: int, derivative: int) -> float:
+    """Return the integral of the squared cardinal spline, or of its squared derivative, in one dimension."""
     from scipy.interpolate import make_interp_spline
 
     at = np.arange(-32.0, 33.0)
-    cardinal = make_interp_spline(at, (at == 0).astype(np.float64), k=5)
+    cardinal = make_interp_spline(at, (at == 0).astype(np.float64), k=order)
     fine = np.arange(-24.0, 24.0, 1 / 64)
     values = (cardinal.derivative() if derivative else cardinal)(fine)
     return float(np.sum(values**2) / 64)

@@ -121,7 +121,7 @@ def refit_beside_outlines(
     where &= refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True)
     final = _chosen(where, fit, refined.fit)
     explained = seen.square <= np.maximum((settings.acceptance * noise) ** 2, _EXPLAINED_PX**2 * seen.gradient)
-    own = textured(seen.gradient.astype(np.float64), noise, images.count)
+    own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
     sound = where & explained & (shares[0] > _LEAST_SHARE) & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
     sound &= ~_mixed(images, np.where(where, final.theta, whole))
     result = replace(refined, fit=final, curved=refined.curved & ~where)

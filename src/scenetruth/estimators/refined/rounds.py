@@ -291,17 +291,20 @@ def kept(state: Map, theta: Map) -> Map:
 
 def _estimated_variance(images: Images, seen: Seen) -> GreyVariance:
     """Return how noise depends on the grey value, as what pixels show by themselves tells."""
-    grey = local_means(np.mean([images.reference_image(channel) for channel in range(images.channels)], axis=0))
+    grey = local_means(
+        np.mean([images.grey(*images.reference(), channel) for channel in range(images.channels)], axis=0)
+    )
     return variance_of(grey, seen.square * images.variance.at(grey))
 
 
 def _still(before: Map, after: Map, fit: Fit, images: Images, tolerance_px: float) -> bool:
     """Tell whether almost no pixel that is fitted well moved by more than a tolerance in any image."""
     moved = images.moved_px(fields_of(before), fields_of(after))
-    left = np.sqrt(fit.residual[0]) / spline_transfer()
-    count = images.count
+    left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
     with np.errstate(invalid="ignore"):
-        fitted = textured(fit.residual[1], noise_of(left), count) & (left < _FITTED * noise_of(left))
+        fitted = textured(fit.residual[1], noise_of(left), images.count, images.spline) & (
+            left < _FITTED * noise_of(left)
+        )
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)
 
 

@@ -83,6 +83,8 @@ class RefinedSettings(MethodSettings):
     frames. Velocity is that of the estimated frame."""
     brightness: Literal["per_image", "none"] = "per_image"
     """Whether every image has a gain and an offset of its own in every window: light may change and shadows move."""
+    spline: Literal["cubic", "quintic"] = "quintic"
+    """Splines through the images, by which they are fetched between pixels; quintic ones err by a tenth as much."""
     noise: PhotonTransferNoise | Literal["uniform", "estimated"] = "uniform"
     """How the noise's variance depends on the grey value: ``uniform``, not at all; the photon transfer of a sensor; or
     ``estimated``, linear in the grey value, as the images' residuals tell. Noisy pixels then count less in the fit."""
@@ -103,3 +105,8 @@ class RefinedSettings(MethodSettings):
     acceptance: Annotated[float, Field(gt=1, le=100)] = 1.5
     """Estimates are given where the residual is at most this times the images' noise, or what a texture shifted by a
     quarter of a pixel would leave: beyond, one surface in one motion does not explain the images."""
+
+    @property
+    def spline_order(self) -> int:
+        """Order of the splines."""
+        return 3 if self.spline == "cubic" else 5

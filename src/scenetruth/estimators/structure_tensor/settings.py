@@ -45,8 +45,8 @@ class StructureTensorSettings(MethodSettings):
     """Integer flow (x, y) by which frames are registered, px per frame; ``auto`` finds from the images whether most of
     them moves by a pixel or more, and lets each pixel choose between that and rest."""
     pyramid_levels: Annotated[int, Field(ge=0, le=8)] = 0
-    """How often to halve the images for a coarse estimate, from which the finer one takes the working points of every
-    pixel that are not given; doubles the range of flows each time."""
+    """How often to halve the images for a coarse estimate, whose working points the finer one tries beside its own,
+    where they are not given; doubles the range of flows each time."""
 
     @field_validator("window_taps_px", "window_taps_frames")
     @classmethod

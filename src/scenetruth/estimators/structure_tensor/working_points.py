@@ -46,18 +46,17 @@ def choose_registrations(task: Task) -> list[Registration]:
         disparity = 0
     if not rig.sees_motion:
         flow = (0, 0)
+    coarse: list[Registration] = []
     if settings.pyramid_levels > 0 and (disparity == "per_pixel" or flow == "auto"):
-        coarse = _coarse_registrations(task, frame, largest)
-        if coarse:
-            return _merge(
-                Registration(
-                    disparity if isinstance(disparity, int) else item.disparity,
-                    flow if flow != "auto" else item.flow,
-                    item.cells,
-                    item.fits,
-                )
-                for item in coarse
+        coarse = [
+            Registration(
+                disparity if isinstance(disparity, int) else item.disparity,
+                flow if flow != "auto" else item.flow,
+                item.cells,
+                item.fits,
             )
+            for item in _coarse_registrations(task, frame, largest)
+        ]
     flows: list[tuple[int, int]]
     if flow == "auto":
         frames = images[:, camera, frame - rig.before : frame - rig.before + rig.frames]
@@ -67,10 +66,11 @@ def choose_registrations(task: Task) -> list[Registration]:
         flows = [flow]
     if disparity == "per_pixel":
         along = registrations_along_surfaces(images[:, :, frame], rig.positions, largest)
-        return [replace(one, flow=item) for item in flows for one in along]
+        # A coarse estimate does not see fine texture: what the images tell by themselves is tried as well.
+        return _merge([*(replace(one, flow=item) for item in flows for one in along), *coarse])
     if disparity == "auto":
         disparity = find_working_point(np.concatenate(images[:, :, frame], axis=1), rig.positions)
-    return [Registration(int(disparity), item) for item in flows]
+    return _merge([*(Registration(int(disparity), item) for item in flows), *coarse])
 
 
 def _merge(registrations: Iterable[Registration]) -> list[Registration]:

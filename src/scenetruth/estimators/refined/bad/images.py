@@ -208,10 +208,10 @@ def fine_contrast(images: Images, sigma_px: float) -> Map:
     frame, camera = place // cameras, place % cameras
     usable = 1.0 - (images.bad[frame][camera] > 0) if images.bad else np.ones(images.shape)
     squares = np.zeros(images.shape)
-    # The spline's values at the pixels, and second differences of them.
-    values = np.convolve(np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0, np.array([1.0, -2.0, 1.0]) / np.sqrt(6.0))
-    for channel in images.coefficients[frame][:, camera].astype(np.float64):
-        squares += convolve1d(convolve1d(channel, values, 0, mode="mirror"), values, 1, mode="mirror") ** 2
+    second = np.array([1.0, -2.0, 1.0]) / np.sqrt(6.0)
+    for channel in range(images.channels):
+        grey = images.grey(frame, camera, channel)
+        squares += convolve1d(convolve1d(grey, second, 0, mode="mirror"), second, 1, mode="mirror") ** 2
     share = gaussian_filter(usable, sigma_px)
     mean = gaussian_filter(usable * squares, sigma_px) / images.channels / np.maximum(share, _LEAST_USABLE)
     return np.where(share > _LEAST_USABLE, np.sqrt(mean), np.inf)

@@ -94,7 +94,7 @@ class Cameras:
         unknown: Array = self._unknown
         for _ in range(_PASSES):
             told = elimination.equations(kept)
-            noise = excess * (blocks.noise / spline_transfer()) ** 2
+            noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
             matrix = parts.T @ told.matrix @ parts / noise
             side = parts.T @ told.side / noise - self._unknown
             covariance = np.asarray(np.linalg.inv(matrix + np.eye(len(matrix))), dtype=np.float64)

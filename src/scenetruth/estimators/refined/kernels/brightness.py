@@ -14,14 +14,6 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contra
 
 
 @_jit
-def _some_known(line: Any) -> bool:
-    for x in range(line.size):
-        if not np.isnan(line[x]):
-            return True
-    return False
-
-
-@_jit
 def _brightness(image: Any, texture: Any, some: Any, window: Any, y: int, step: int, sums: Any, nodes: Any) -> None:
     """Write gain and offset at every n-th column of a row, and at the last, found in the window around it."""
     height, width = image.shape
@@ -92,7 +84,7 @@ def correct_brightness(
     above, below = np.empty((2, count)), np.empty((2, count))
     some = np.empty(height, dtype=np.bool_)
     for y in range(height):
-        some[y] = _some_known(texture[y])
+        some[y] = not np.isnan(texture[y]).all()
     top = 0
     _brightness(image, texture, some, window, top, step, sums, above)
     while True:

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.warp import (
     ACCELERATED,
+    CUBIC,
+    QUINTIC,
     REACH,
     STEADY,
     TAPS,
     View,
     corrected,
+    cubic_weights,
     place_of,
-    weights,
+    quintic_weights,
 )
 
 __all__ = ["SIDES", "judge_rows"]
@@ -29,7 +32,7 @@ SIDES = 7
 _LEAST = 3
 
 
-def _compiled(*, accelerated: bool) -> Any:
+def _compiled(*, accelerated: bool, cubic: bool) -> Any:
     @_jit
     def compiled(
         coefficients: Any, view: Any, fields: Any, bad: Any, gain: Any, offset: Any, block: Any, out: Any, rows: Any
@@ -63,8 +66,12 @@ def _compiled(*, accelerated: bool) -> Any:
                     if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
                         continue
                     left, top = int(at_x), int(at_y)
-                    weights(at_x - left, wx, dx)
-                    weights(at_y - top, wy, dy)
+                    if cubic:
+                        cubic_weights(at_x - left, wx, dx)
+                        cubic_weights(at_y - top, wy, dy)
+                    else:
+                        quintic_weights(at_x - left, wx, dx)
+                        quintic_weights(at_y - top, wy, dy)
                     value = np.float32(0.0)
                     for k in range(TAPS):
                         a = np.float32(0.0)
@@ -101,7 +108,11 @@ def _compiled(*, accelerated: bool) -> Any:
     return compiled
 
 
-_JUDGES = {STEADY: _compiled(accelerated=False), ACCELERATED: _compiled(accelerated=True)}
+_JUDGES = {
+    (fields, order): _compiled(accelerated=fields == ACCELERATED, cubic=order == CUBIC)
+    for fields in (STEADY, ACCELERATED)
+    for order in (CUBIC, QUINTIC)
+}
 
 
 def judge_rows(
@@ -129,4 +140,4 @@ def judge_rows(
     out
         Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (7, height, width).
     """
-    _JUDGES[len(fields)](coefficients, view, fields, bad, gain, offset, block, out, rows)
+    _JUDGES[len(fields), view.spline](coefficients, view, fields, bad, gain, offset, block, out, rows)

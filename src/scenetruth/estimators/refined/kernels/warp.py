@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 __all__ = [
     "ACCELERATED",
     "ALL_PRODUCTS",
+    "CUBIC",
     "LEAST_VARIANCE",
     "PAIR_OF",
     "PRODUCTS",
+    "QUINTIC",
     "REACH",
     "SIDE_OF",
     "SQUARE_OF",
@@ -22,12 +24,13 @@ __all__ = [
     "View",
     "add_products",
     "corrected",
+    "cubic_weights",
     "is_pair",
     "mean_of_row",
     "mean_texture",
     "place_of",
+    "quintic_weights",
     "warp_rows",
-    "weights",
 ]
 
 # Reassociation and contraction only: NaN must stay NaN.
@@ -39,6 +42,8 @@ LEAST_VARIANCE = 0.01
 """Relative variance of noise, at least."""
 STEADY, ACCELERATED = 4, 7
 """Fields of a point: d, q_X, q_Y, q_Z if it moves steadily; if not, the acceleration a_X, a_Y, a_Z behind them."""
+CUBIC, QUINTIC = 3, 5
+"""Orders of the splines through the images."""
 TAPS = 6
 REACH = 2  # taps before the sample's whole coordinate
 
@@ -79,6 +84,8 @@ class View(NamedTuple):
     """Column of the principal point."""
     centre_y: float
     """Row of the principal point."""
+    spline: int = 5
+    """Order of the splines through the images, 5 or 3."""
 
 
 @numba.njit(inline="always")
@@ -136,7 +143,17 @@ def _near_slope(f: Any) -> Any:
 
 
 @_jit
-def weights(f: float, w: Any, dw: Any) -> None:
+def cubic_weights(f: float, w: Any, dw: Any) -> None:
+    """Write the weights of six coefficients of a cubic spline, of which the outer ones are 0, as `quintic_weights`."""
+    g = 1.0 - f
+    w[0], w[1], w[2] = 0.0, g**3 / 6.0, 2.0 / 3.0 - 0.5 * f * f * (2.0 - f)
+    w[3], w[4], w[5] = 2.0 / 3.0 - 0.5 * g * g * (2.0 - g), f**3 / 6.0, 0.0
+    dw[0], dw[1], dw[2] = 0.0, -0.5 * g * g, f * (1.5 * f - 2.0)
+    dw[3], dw[4], dw[5] = g * (2.0 - 1.5 * g), 0.5 * f * f, 0.0
+
+
+@_jit
+def quintic_weights(f: float, w: Any, dw: Any) -> None:
     """Write the weights of six coefficients at a fraction f of a step, and their derivatives."""
     g = 1.0 - f
     w[0], w[1], w[2] = g**5 / 120.0, _far(g) / 120.0, _near(g) / 120.0
@@ -145,7 +162,7 @@ def weights(f: float, w: Any, dw: Any) -> None:
     dw[3], dw[4], dw[5] = _near_slope(f) / 120.0, _far_slope(f) / 120.0, f**4 / 24.0
 
 
-def _compiled_warp(*, accelerated: bool) -> Any:
+def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
     @_jit
     def compiled(
         coefficients: Any,
@@ -181,8 +198,12 @@ def _compiled_warp(*, accelerated: bool) -> Any:
                         warped[i, row, x] = np.float32(np.nan)
                         continue
                     left, top = int(at_x), int(at_y)
-                    weights(at_x - left, wx, dx)
-                    weights(at_y - top, wy, dy)
+                    if cubic:
+                        cubic_weights(at_x - left, wx, dx)
+                        cubic_weights(at_y - top, wy, dy)
+                    else:
+                        quintic_weights(at_x - left, wx, dx)
+                        quintic_weights(at_y - top, wy, dy)
                     value, along, down = np.float32(0.0), np.float32(0.0), np.float32(0.0)
                     for k in range(TAPS):
                         line = image[top + k - REACH]
@@ -206,7 +227,11 @@ def _compiled_warp(*, accelerated: bool) -> Any:
     return compiled
 
 
-_WARPS = {STEADY: _compiled_warp(accelerated=False), ACCELERATED: _compiled_warp(accelerated=True)}
+_WARPS = {
+    (fields, order): _compiled_warp(accelerated=fields == ACCELERATED, cubic=order == CUBIC)
+    for fields in (STEADY, ACCELERATED)
+    for order in (CUBIC, QUINTIC)
+}
 
 
 def warp_rows(
@@ -220,7 +245,7 @@ def warp_rows(
     gradient: NDArray[np.float32],
     rows: tuple[int, int],
 ) -> None:
-    """Fetch all images where they see the points of the reference camera's pixels, by quintic B-splines.
+    """Fetch all images where they see the points of the reference camera's pixels, by B-splines.
 
     Camera (s, s_y) sees at time t a point whose pixel lies at (x, y) from the principal point at
 
@@ -253,7 +278,7 @@ def warp_rows(
     rows
         First and last + 1 of the output's rows to be filled.
     """
-    _WARPS[len(fields)](coefficients, view, fields, hidden, bad, first_row, warped, gradient, rows)
+    _WARPS[len(fields), view.spline](coefficients, view, fields, hidden, bad, first_row, warped, gradient, rows)
 
 
 def _compiled_products(several: int) -> Any:
