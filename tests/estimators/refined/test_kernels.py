@@ -15,6 +15,7 @@ from scipy.interpolate import BSpline
 from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
 from scenetruth.estimators.refined.images import NOTHING_BAD
 from scenetruth.estimators.refined.kernels import brightness, element, solving, warp, windows
+from scenetruth.estimators.refined.kernels import products as equations
 from scenetruth.estimators.refined.noise import spline_slope_transfer, spline_transfer
 from scenetruth.estimators.refined.variance import EVEN
 from tests.estimators.refined.surface import MovingPlane, turning
@@ -159,8 +160,8 @@ def plain_products(fields: Array, values: Array, gradient: Array) -> tuple[Array
 def test_products_of_the_pixels(images: Array, accelerated: Array, count: int) -> None:
     fields = np.ascontiguousarray(accelerated[:count])
     values, gradient = warped_by(images, fields)
-    products = np.zeros((warp.PRODUCTS if count == 4 else warp.ALL_PRODUCTS, HEIGHT, WIDTH))
-    warp.add_products(VIEW, fields, values, gradient, 0, COUNT, EVEN, products, (0, HEIGHT))
+    products = np.zeros((equations.PRODUCTS if count == 4 else equations.ALL_PRODUCTS, HEIGHT, WIDTH))
+    equations.add_products(VIEW, fields, values, gradient, 0, COUNT, EVEN, products, (0, HEIGHT))
     known = np.isfinite(values).all(axis=0)
     assert 0.3 < known.mean() < 1
     assert (products[:, ~known] == 0).all()
@@ -196,7 +197,7 @@ def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int])
     weights = np.exp(-(u**2 + v**2) / (2 * sigma**2))
     weights /= weights.sum()
     around = products[:, y - reach : y + reach + 1, x - reach : x + reach + 1]
-    count = 4 if len(products) == warp.PRODUCTS else 7
+    count = 4 if len(products) == equations.PRODUCTS else 7
     m = np.empty((count, count, *u.shape))
     upper = {(i, j): number for number, (i, j) in enumerate((i, j) for i in range(4) for j in range(i, 4))}
     upper |= {
@@ -229,8 +230,8 @@ def test_windows_are_solved(
 ) -> None:
     """Without a known surface's bend: theta is flat to begin with, and so has none."""
     fields = np.ascontiguousarray(accelerated[:count])
-    products = np.zeros((warp.PRODUCTS if count == 4 else warp.ALL_PRODUCTS, HEIGHT, WIDTH))
-    warp.add_products(VIEW, fields, *warped_by(images, fields), 0, COUNT, EVEN, products, (0, HEIGHT))
+    products = np.zeros((equations.PRODUCTS if count == 4 else equations.ALL_PRODUCTS, HEIGHT, WIDTH))
+    equations.add_products(VIEW, fields, *warped_by(images, fields), 0, COUNT, EVEN, products, (0, HEIGHT))
     sigma = 3.0
     weights = window_weights(sigma)
     theta = np.zeros((15 if count == 4 else 18, HEIGHT, WIDTH))

@@ -10,6 +10,7 @@ from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
 from scenetruth.estimators.refined.blocks import BLOCK_PX, brightness_of_blocks, even_brightness
 from scenetruth.estimators.refined.images import NOTHING_BAD
 from scenetruth.estimators.refined.kernels import element, judge, members, solving, visibility, warp, windows
+from scenetruth.estimators.refined.kernels import products as equations
 from scenetruth.estimators.refined.variance import EVEN
 from tests.estimators.refined.test_kernels import (
     COUNT,
@@ -31,7 +32,7 @@ Warped = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 def blank(products: Array) -> solving.Fit:
     size = (HEIGHT, WIDTH)
-    theta = np.zeros((15 if len(products) == warp.PRODUCTS else 18, *size))
+    theta = np.zeros((15 if len(products) == equations.PRODUCTS else 18, *size))
     theta[0] = 3.0
     variance = np.full((9, *size), np.nan)
     described, of_element = (np.full((n, *size), np.nan) for n in (element.VALUES, element.FUNCTIONALS))
@@ -39,7 +40,7 @@ def blank(products: Array) -> solving.Fit:
 
 
 def model_of(products: Array) -> solving.Model:
-    return solving.Model(3, 3, 2, len(products) > warp.PRODUCTS)
+    return solving.Model(3, 3, 2, len(products) > equations.PRODUCTS)
 
 
 def fitted_to_members(products: Array, fields: Array, limit: float, reach: float) -> tuple[solving.Fit, Array]:
@@ -67,8 +68,8 @@ def products(fields: Array, warped: Warped) -> Array:
 
 
 def products_of(fields: Array, warped: Warped) -> Array:
-    found = np.zeros((warp.PRODUCTS if len(fields) == 4 else warp.ALL_PRODUCTS, HEIGHT, WIDTH))
-    warp.add_products(VIEW, fields, *warped, 0, COUNT, EVEN, found, (0, HEIGHT))
+    found = np.zeros((equations.PRODUCTS if len(fields) == 4 else equations.ALL_PRODUCTS, HEIGHT, WIDTH))
+    equations.add_products(VIEW, fields, *warped, 0, COUNT, EVEN, found, (0, HEIGHT))
     return found
 
 
@@ -109,7 +110,7 @@ def test_pixels_that_would_be_moved_are_left_out(products: Array, fields: Array)
     """A pixel belongs if the fit there moves it by less than the reach in all images: by d, q_X and q_Y here."""
     theta, own = np.zeros(15), np.array([3.0, 0.2, 0.1, 0.5])
     theta[[0, 1, 6, 9, 12]] = [3.0, 0.05, 0.2, 0.1, 0.5]
-    product, step = np.zeros((1, 1, warp.PRODUCTS)), np.empty(4)
+    product, step = np.zeros((1, 1, equations.PRODUCTS)), np.empty(4)
     product[0, 0, 15] = 5.0
     for x, expected in ((3.9, True), (4.1, False), (-3.9, True), (-4.1, False)):
         # 0.05 px of disparity per px: beyond 4 px, the camera one step aside sees it 0.2 px off.
@@ -124,7 +125,7 @@ def test_squares_after_a_step_are_those_of_the_normal_equations(count: int) -> N
     a = generator.normal(0, 1, (9, count))
     m, b = a.T @ a, generator.normal(0, 1, count)
     own, theta = generator.normal(0, 1, count), np.zeros(18)
-    product = np.zeros(warp.ALL_PRODUCTS)
+    product = np.zeros(equations.ALL_PRODUCTS)
     product[:10] = m[:4, :4][np.triu_indices(4)]
     product[22:40] = [*m[:5, 4], *m[:6, 5], *m[:7, 6]] if count == 7 else 0.0
     right = m @ own + b

@@ -13,15 +13,8 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.cameras.shifts import Shifts
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.brightness import correct_brightness
-from scenetruth.estimators.refined.kernels.warp import (
-    ALL_PRODUCTS,
-    PRODUCTS,
-    STEADY,
-    View,
-    add_products,
-    mean_texture,
-    warp_rows,
-)
+from scenetruth.estimators.refined.kernels.products import ALL_PRODUCTS, PRODUCTS, add_products
+from scenetruth.estimators.refined.kernels.warp import STEADY, View, mean_texture, warp_rows
 from scenetruth.estimators.threads import in_threads
 
 __all__ = ["NOTHING_HIDDEN", "Band", "bands", "pieces", "window_weights"]

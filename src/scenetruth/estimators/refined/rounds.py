@@ -70,7 +70,7 @@ class Refined:
     seen: Seen
     """What every pixel shows by itself."""
     uneven: NDArray[np.bool_]
-    """Where smaller windows find another disparity: the surface is not what the model takes it for."""
+    """Where smaller windows find another disparity or velocity: the surface is not what the model takes it for."""
     images: Images
     """The images, where they turned out to be."""
     cameras: Cameras | None

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.warp import LEAST_VARIANCE
+from scenetruth.estimators.refined.kernels.products import LEAST_VARIANCE
 
 __all__ = ["EVEN", "GreyVariance", "known_variance", "variance_of"]
 

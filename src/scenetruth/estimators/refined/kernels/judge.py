@@ -17,9 +17,8 @@ from scenetruth.estimators.refined.kernels.warp import (
     TAPS,
     View,
     corrected,
-    cubic_weights,
     place_of,
-    quintic_weights,
+    spline_weights,
 )
 
 __all__ = ["SIDES", "judge_rows"]
@@ -66,12 +65,8 @@ def _compiled(*, accelerated: bool, cubic: bool) -> Any:
                     if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
                         continue
                     left, top = int(at_x), int(at_y)
-                    if cubic:
-                        cubic_weights(at_x - left, wx, dx)
-                        cubic_weights(at_y - top, wy, dy)
-                    else:
-                        quintic_weights(at_x - left, wx, dx)
-                        quintic_weights(at_y - top, wy, dy)
+                    spline_weights(cubic, at_x - left, wx, dx)
+                    spline_weights(cubic, at_y - top, wy, dy)
                     value = np.float32(0.0)
                     for k in range(TAPS):
                         a = np.float32(0.0)

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.kernels.products import PAIR_OF, SIDE_OF, is_pair
 from scenetruth.estimators.refined.kernels.solving import (
     CURVED,
     EVERY_VARIANCE,
@@ -20,7 +21,7 @@ from scenetruth.estimators.refined.kernels.solving import (
     fit_window,
     work_space,
 )
-from scenetruth.estimators.refined.kernels.warp import ACCELERATED, PAIR_OF, SIDE_OF, STEADY, View, is_pair
+from scenetruth.estimators.refined.kernels.warp import ACCELERATED, STEADY, View
 
 __all__ = ["solve_members"]
 
@@ -176,7 +177,7 @@ def solve_members(
     Parameters
     ----------
     products
-        The pixels' normal equations, as of `warp.add_products`, side by side: shape (rows, width, 22 or 46).
+        The pixels' normal equations, as of `products.add_products`, side by side: shape (rows, width, 22 or 46).
     limit
         Largest mean square that is left where a pixel is explained, shape (rows, width).
     fields

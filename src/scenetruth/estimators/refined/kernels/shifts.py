@@ -34,7 +34,7 @@ def add_shifts(
     Parameters
     ----------
     warped, gradient, least
-        As of `warp.add_products`.
+        As of `products.add_products`.
     first_row
         Row of the image at which the arrays begin.
     block

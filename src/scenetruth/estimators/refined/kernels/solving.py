@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES, describe_element, metric, tangents_of
-from scenetruth.estimators.refined.kernels.warp import PAIR_OF, SIDE_OF, SQUARE_OF, View
+from scenetruth.estimators.refined.kernels.products import PAIR_OF, SIDE_OF, SQUARE_OF
+from scenetruth.estimators.refined.kernels.warp import View
 
 __all__ = [
     "ALL",

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.kernels.products import PAIR_OF, PRODUCTS, is_pair
 from scenetruth.estimators.refined.kernels.solving import (
     CURVED,
     KNOWN,
@@ -17,7 +18,7 @@ from scenetruth.estimators.refined.kernels.solving import (
     fit_window,
     work_space,
 )
-from scenetruth.estimators.refined.kernels.warp import PAIR_OF, PRODUCTS, View, is_pair
+from scenetruth.estimators.refined.kernels.warp import View
 
 __all__ = ["EVERY_MODEL", "NO_MODEL", "solve_rows"]
 
