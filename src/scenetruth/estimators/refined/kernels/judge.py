@@ -17,8 +17,9 @@ from scenetruth.estimators.refined.kernels.warp import (
     TAPS,
     View,
     corrected,
+    cubic_weights,
     place_of,
-    spline_weights,
+    quintic_weights,
 )
 
 __all__ = ["SIDES", "judge_rows"]
@@ -65,8 +66,13 @@ def _compiled(*, accelerated: bool, cubic: bool) -> Any:
                     if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
                         continue
                     left, top = int(at_x), int(at_y)
-                    spline_weights(cubic, at_x - left, wx, dx)
-                    spline_weights(cubic, at_y - top, wy, dy)
+                    # A function for both takes half as much time again.
+                    if cubic:
+                        cubic_weights(at_x - left, wx, dx)
+                        cubic_weights(at_y - top, wy, dy)
+                    else:
+                        quintic_weights(at_x - left, wx, dx)
+                        quintic_weights(at_y - top, wy, dy)
                     value = np.float32(0.0)
                     for k in range(TAPS):
                         a = np.float32(0.0)
