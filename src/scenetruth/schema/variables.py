@@ -52,6 +52,8 @@ _SURFACE = {
     "flow": Variable(("image_component", *_MAP), "px/frame", "optical flow (dx/dt, dy/dt) in the camera's image"),
 }
 
+_ACCELERATION = Variable(("component", *_MAP), "mm/frame^2", "acceleration of the surface point")
+
 _ELEMENT = {
     "slope": Variable(("slope_component", *_MAP), "1", "slopes of the surface, dZ/dX and dZ/dY"),
     "rotation_rate": Variable(("component", *_MAP), "rad/frame", "rotation vector per frame of the surface element"),
@@ -81,7 +83,7 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     },
     "truth": {
         **_SURFACE,
-        "acceleration": Variable(("component", *_MAP), "mm/frame^2", "acceleration of the surface point"),
+        "acceleration": _ACCELERATION,
         "displacement_next": Variable(("component", *_MAP), "mm", "displacement of the surface point to t + 1"),
         "displacement_previous": Variable(("component", *_MAP), "mm", "displacement of the surface point to t - 1"),
         "flow_next": Variable(
@@ -132,9 +134,7 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             _MAP, "1/mm", "mean of the principal curvatures, positive where the surface bulges towards the camera"
         ),
         "gaussian_curvature": Variable(_MAP, "1/mm^2", "product of the principal curvatures"),
-        "acceleration": Variable(
-            ("component", *_MAP), "mm/frame^2", "acceleration of the surface point along the axes of the camera"
-        ),
+        "acceleration": _ACCELERATION,
         "acceleration_std": _std(("component", *_MAP), "mm/frame^2", "the acceleration"),
         "slope_std": _std(("slope_component", *_MAP), "1", "the slopes"),
         "mean_curvature_std": _std(_MAP, "1/mm", "the mean curvature"),
