@@ -21,7 +21,8 @@ import scenetruth as st
 from scenetruth.estimators.frame_reader import FrameReader
 from scenetruth.estimators.refined.frames import Splines
 from scenetruth.estimators.refined.images import Images
-from scenetruth.estimators.refined.rounds import FIELDS, refine
+from scenetruth.estimators.refined.parameters import STEADY_PLACES
+from scenetruth.estimators.refined.rounds import refine
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.indexing import centred_indices
 
@@ -70,7 +71,7 @@ def from_start(wavelengths: tuple[float, float], what: str, off_px: float) -> fl
         for field, sign in WAYS[what]:
             start = plane.start()
             start[field] += sign * off_px / (1.0 if field == 0 else start[0])
-            theta = refine(images, start, RefinedSettings()).fit.theta[list(FIELDS)]
+            theta = refine(images, start, RefinedSettings()).fit.theta[list(STEADY_PLACES)]
             # Flow from (d, q): the conventions' u_x = d (q_X - x q_Z / f).
             flow = theta[0] * np.stack([theta[1] - x * theta[3] / FOCAL_PX, theta[2] - y * theta[3] / FOCAL_PX])
             inside = (slice(BORDER_PX, -BORDER_PX),) * 2

@@ -13,6 +13,11 @@ __all__ = [
     "KIND_FULL",
     "KIND_NONE",
     "KIND_NORMAL",
+    "MOTION_ACCELERATED",
+    "MOTION_ACCELERATED_IN_PART",
+    "MOTION_AFFINE",
+    "MOTION_NONE",
+    "MOTION_PLAIN",
     "NO_SURFACE",
     "REQUIRED",
     "REQUIRED_ANY",
@@ -27,6 +32,7 @@ NO_SURFACE = -1
 """Value of ``object_id`` and ``face_id`` where no surface is seen."""
 
 KIND_NONE, KIND_NORMAL, KIND_FULL = 0, 1, 2
+MOTION_NONE, MOTION_PLAIN, MOTION_AFFINE, MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART = range(5)
 """Values of ``kind``: nothing known; minimum-norm solution (aperture problem); everything known."""
 
 
@@ -148,6 +154,21 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             "1",
             "order of the surface that was fitted",
             {"flag_values": [0, 1, 2, 3], "flag_meanings": "none constant plane curved"},
+        ),
+        "motion_model": Variable(
+            _MAP,
+            "1",
+            "motion that was fitted",
+            {
+                "flag_values": [
+                    MOTION_NONE,
+                    MOTION_PLAIN,
+                    MOTION_AFFINE,
+                    MOTION_ACCELERATED,
+                    MOTION_ACCELERATED_IN_PART,
+                ],
+                "flag_meanings": "none plain affine accelerated accelerated_over_fewer_frames",
+            },
         ),
         "image_shift": Variable(
             ("image_component", "s", "t"), "px", "how far an image is from where it should be beside the reference's"

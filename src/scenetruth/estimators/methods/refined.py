@@ -45,7 +45,7 @@ class _Refined(StreamingMethod):
             message = "one camera shows motion only, between two frames at least"
             problems.append(Problem("window_frames", message, min(settings.window_frames, sizes["t"])))
         frames = min(settings.window_frames, sizes["t"])
-        if settings.acceleration and frames < _ACCELERATED:
+        if settings.accelerated and frames < _ACCELERATED:
             message = f"takes {_ACCELERATED} frames, and a window has {frames}: they tell a steady motion at most"
             problems.append(Problem("acceleration", message, value=True))
         least = 2 * math.ceil(2 * settings.window_sigma_px) + 1

@@ -17,7 +17,7 @@ from scenetruth.estimators.refined.kernels.products import ALL_PRODUCTS, PRODUCT
 from scenetruth.estimators.refined.kernels.warp import STEADY, View, mean_texture, warp_rows
 from scenetruth.estimators.threads import in_threads
 
-__all__ = ["NOTHING_HIDDEN", "Band", "bands", "pieces", "window_weights"]
+__all__ = ["NOTHING_HIDDEN", "Band", "around", "bands", "pieces", "window_weights"]
 
 # Bytes of warped images that are kept at a time, rows that a thread takes at a time, and rows of a band at least.
 _SCRATCH_BYTES, _ROWS, _LEAST_BAND = 192e6, 16, 32
@@ -62,6 +62,21 @@ def window_weights(sigma_px: float) -> Map:
     weights /= weights.sum()
     powers = at ** np.arange(5)[:, None]
     return np.stack([weights * powers, weights**2 * powers])
+
+
+def around(where: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Return the pixels that lie within so many rows and columns of some.
+
+    Parameters
+    ----------
+    where
+        Those pixels, shape (y, x).
+    reach
+        How many rows and columns.
+    """
+    from scipy.ndimage import maximum_filter
+
+    return np.asarray(maximum_filter(where, 2 * reach + 1))
 
 
 def bands(

@@ -13,12 +13,12 @@ from scenetruth.estimators.refined.cameras.corrections import Cameras
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.solving import Fit
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
-from scenetruth.estimators.refined.outlines import FARTHEST, Beside
 from scenetruth.estimators.refined.parameters import STEADY_PLACES
+from scenetruth.estimators.refined.refits.outlines import FARTHEST, Beside
 from scenetruth.estimators.refined.rounds import Refined
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import Start, filled
-from scenetruth.schema.variables import KIND_FULL, KIND_NONE, KIND_NORMAL
+from scenetruth.schema.variables import KIND_FULL, KIND_NONE, KIND_NORMAL, MOTION_NONE
 
 __all__ = ["CORRECTIONS", "corrections_of", "maps_of", "types_of", "unknown_maps"]
 
@@ -65,15 +65,15 @@ def types_of(cameras: int, frames: int, settings: RefinedSettings) -> Mapping[st
         if settings.surface in ("curved", "auto"):
             found |= _with_std("mean_curvature", ()) | _with_std("gaussian_curvature", ())
     if frames > 1:
-        found |= {"divergence": ((), single)}
+        found |= {"divergence": ((), single), "motion_model": ((), np.uint8)}
     if cameras > 1 and frames > 1:
         found |= {"velocity_std": ((3,), single)}
-        if settings.acceleration:
+        if settings.accelerated:
             found |= _with_std("acceleration", (3,))
         motion = "translation" if settings.surface == "constant" else settings.motion
         if motion != "translation":
             found |= _with_std("rotation_rate", (3,))
-        if motion in ("growing", "affine"):
+        if motion in ("auto", "growing", "affine"):
             found |= _with_std("growth_rate", ())
         if motion == "affine":
             found |= _with_std("growth_principal", (2,))
@@ -180,7 +180,7 @@ def maps_of(
             found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:6] * abs(baseline_mm)}
-            if settings.acceleration:
+            if settings.accelerated:
                 # Where a window has too few frames, it is zero by definition, and not known.
                 told = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": told * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
@@ -198,6 +198,7 @@ def maps_of(
         "residual": left,
         "images_used": fit.images,
         "surface_model": np.where(known, order, _NONE),
+        "motion_model": np.where(known, refined.motion, MOTION_NONE),
         "kind": np.where(known, KIND_FULL, np.where(rough, KIND_NORMAL, KIND_NONE)),
         "model_violation": violated,
     }

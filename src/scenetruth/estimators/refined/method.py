@@ -78,7 +78,8 @@ def fill_estimate(
     from scenetruth.estimators.refined.bad.start import sound_start
     from scenetruth.estimators.refined.bad.telling import Told, nothing_to_tell
     from scenetruth.estimators.refined.images import Images
-    from scenetruth.estimators.refined.outlines import nothing_beside, refit_beside_outlines
+    from scenetruth.estimators.refined.refits.outlines import nothing_beside, refit_beside_outlines
+    from scenetruth.estimators.refined.refits.richer import refit_richer_motion
     from scenetruth.estimators.refined.rounds import refine
     from scenetruth.estimators.refined.start import Rig, tensor_fields
     from scenetruth.estimators.refined.variance import known_variance
@@ -138,6 +139,7 @@ def fill_estimate(
             curved.append(0.0)
             continue
         found = refine(images, start.fields, settings, told)
+        found = refit_richer_motion(found, settings)
         images, beside = found.images, nothing_beside(found.images.shape)
         noted.leave_out(frames.first, images.left_out)
         if settings.outlines:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.solving import ALL, FULL
 
-__all__ = ["STEADY_PLACES", "carried", "fields_of", "fill_between", "started"]
+__all__ = ["STEADY_PLACES", "accelerated", "carried", "fields_of", "fill_between", "started"]
 
 STEADY_PLACES = [0, 6, 9, 12]
 """Places of d, q_X, q_Y and q_Z among the parameters."""
@@ -29,6 +29,19 @@ def started(start: Map, *, accelerated: bool) -> Map:
     theta = np.zeros((ALL if accelerated else FULL, *start.shape[1:]))
     theta[STEADY_PLACES] = start
     return theta
+
+
+def accelerated(theta: Map) -> Map:
+    """Return parameters with room for an acceleration, which is 0 if there was none, shape (18, y, x).
+
+    Parameters
+    ----------
+    theta
+        Parameters, shape (15 or 18, y, x).
+    """
+    out = np.zeros((ALL, *theta.shape[1:]))
+    out[: len(theta)] = theta
+    return out
 
 
 def fields_of(theta: Map) -> Map:

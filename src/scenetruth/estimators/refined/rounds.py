@@ -13,9 +13,9 @@ from scenetruth.estimators.refined.bad.images import strangers
 from scenetruth.estimators.refined.bands import bands, pieces, window_weights
 from scenetruth.estimators.refined.cameras.corrections import Cameras
 from scenetruth.estimators.refined.cameras.shifts import Shifts
+from scenetruth.estimators.refined.fits import blank_fit, differ
 from scenetruth.estimators.refined.images import Images
-from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES
-from scenetruth.estimators.refined.kernels.solving import EVERY_VARIANCE, TOLD, Fit, Model
+from scenetruth.estimators.refined.kernels.solving import EVERY_VARIANCE, Fit, Model
 from scenetruth.estimators.refined.kernels.windows import EVERY_MODEL, NO_MODEL, solve_rows
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
 from scenetruth.estimators.refined.parameters import STEADY_PLACES, fields_of, fill_between, started
@@ -24,12 +24,13 @@ from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.estimators.refined.variance import GreyVariance, variance_of
 from scenetruth.estimators.threads import in_threads
+from scenetruth.schema.variables import MOTION_PLAIN
 
 __all__ = [
+    "ACCELERATED",
     "STAGES",
     "Refined",
-    "blank_fit",
-    "differ",
+    "fit_final",
     "fit_round",
     "kept",
     "models_of",
@@ -44,15 +45,13 @@ STAGES = (1, 2)
 # Share of the pixels that must stand still at the end: at outlines, some never do.
 _STILL_SHARE = 0.9
 # Smaller windows that tell whether whole ones suffice, over these.
-_FINER, _LEAST_PART = 0.5, 0.5
-# How many times as large as by noise alone a change of disparity must be to count.
-_SIGNIFICANT = 4.0
+_FINER = 0.5
 # Windows whose residual is beyond this many times the noise are not asked whether they stand still.
 _FITTED = 1.5
 # Rounds with all pixels.
 _WHOLE_ROUNDS = 2
-# Frames that tell an acceleration.
-_ACCELERATED = 3
+ACCELERATED = 3
+"""Frames that tell an acceleration."""
 
 Map = NDArray[np.float64]
 
@@ -71,6 +70,8 @@ class Refined:
     """What every pixel shows by itself."""
     uneven: NDArray[np.bool_]
     """Where smaller windows find another disparity or velocity: the surface is not what the model takes it for."""
+    motion: NDArray[np.int8]
+    """Which motion was fitted, as of ``motion_model``."""
     images: Images
     """The images, where they turned out to be."""
     cameras: Cameras | None
@@ -99,7 +100,7 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     cameras = None if settings.corrections is None else Cameras(settings.corrections, images)
     span = float(np.abs(images.times).max())
     stages = [(reach, steady) for reach in STAGES if reach < span]
-    state = started(start, accelerated=settings.acceleration)
+    state = started(start, accelerated=settings.accelerated)
     done, left = 0, settings.rounds - _WHOLE_ROUNDS
     left_out: frozenset[tuple[int, int]] = frozenset()
     settled = cameras is None
@@ -141,24 +142,54 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
     done += 1
     if told is not None:
         told(done)
-    seen, finer = Seen.blank(images.shape), blank_fit(state, variances=True)
-    final = partial(fit_round, images, state, models, sigma, gains=gains, variances=EVERY_VARIANCE, chosen=chosen)
-    fit, *_ = final(finer=(_FINER * sigma, finer), seen=seen)
-    uneven = differ(fit, finer, _FINER * sigma, motion=True)
+    last = fit_final(images, state, models, settings, chosen)
     if told is not None:
         told(done + 1)
-    return Refined(fit, curved, done + 1, seen, uneven, images, cameras)
+    motion = np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
+    return Refined(last.fit, curved, done + 1, last.seen, last.uneven, motion, images, cameras)
+
+
+@dataclass(frozen=True, eq=False)
+class Final:
+    """What the last round ends with."""
+
+    fit: Fit
+    """The fit around every pixel, with all variances."""
+    seen: Seen
+    """What every pixel shows by itself."""
+    uneven: NDArray[np.bool_]
+    """As of `Refined`."""
+
+
+def fit_final(
+    images: Images, state: Map, models: list[Model], settings: RefinedSettings, chosen: NDArray[np.int8]
+) -> Final:
+    """Warp all images and fit the chosen models, with all that is told of them.
+
+    Parameters
+    ----------
+    images, state, models, chosen
+        As of `fit_round`.
+    settings
+        Window and brightness.
+    """
+    seen, finer = Seen.blank(images.shape), blank_fit(state, variances=True)
+    small = _FINER * settings.window_sigma_px
+    gains = settings.brightness == "per_image"
+    final = partial(fit_round, images, state, models, settings.window_sigma_px, gains=gains, chosen=chosen)
+    fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, finer), seen=seen)
+    return Final(fit, seen, differ(fit, finer, small, motion=True))
 
 
 _CONSTANT, _PLANE, _CURVED = 1, 3, 6
 _SURFACES = {"constant": [_CONSTANT], "plane": [_PLANE], "curved": [_CURVED], "auto": [_PLANE, _CURVED]}
-_GRADIENTS = {"translation": 0, "rigid": 1, "growing": 2, "affine": 3}
+_GRADIENTS = {"auto": 2, "translation": 0, "rigid": 1, "growing": 2, "affine": 3}
 
 
 def models_of(images: Images, settings: RefinedSettings) -> list[Model]:
     """Return the models to choose from, the simplest first, as far as cameras and frames can tell."""
     moves = len(images.times) > 1
-    accelerated = settings.acceleration and len(images.times) >= _ACCELERATED
+    accelerated = settings.accelerated and len(images.times) >= ACCELERATED
     if len(images.positions) == 1:
         return [Model(0, 2, 3 if settings.motion != "translation" else 0, accelerated)]
     gradient = _GRADIENTS[settings.motion] if moves else 0
@@ -255,15 +286,6 @@ def fit_round(
     return fits
 
 
-def blank_fit(state: Map, *, variances: bool) -> Fit:
-    """Return a fit that starts from some parameters."""
-    shape = state.shape[1:] if variances else (1, 1)
-    variance = np.full((np.count_nonzero(len(state) > TOLD), *shape), np.nan)
-    element, of_element = (np.full((count, *shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS))
-    images = np.full(shape, np.nan, dtype=np.float32)
-    return Fit(state.copy(), variance, element, of_element, images, np.full((2, *state.shape[1:]), np.nan))
-
-
 def sound_step(state: Map, theta: Map) -> NDArray[np.bool_]:
     """Tell where new parameters are known, and disparity neither changes its sign nor by half.
 
@@ -306,36 +328,3 @@ def _still(before: Map, after: Map, fit: Fit, images: Images, tolerance_px: floa
             left < _FITTED * noise_of(left)
         )
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)
-
-
-def differ(coarse: Fit, fine: Fit, sigma_px: float, *, motion: bool = False) -> NDArray[np.bool_]:
-    """Tell where two fits differ by more than noise.
-
-    If the coarse fit is the best one of its model, and the fine one is another of the same images with more parameters
-    or a smaller window, noise alone makes them differ by the difference of their variances. Squares of the difference,
-    averaged over a window, must be more than four times that.
-
-    Parameters
-    ----------
-    coarse, fine
-        The fits, with variances.
-    sigma_px
-        Standard deviation of the windows that are averaged over.
-    motion
-        Whether velocities are compared, not only disparities.
-    """
-    from scipy.ndimage import gaussian_filter
-
-    found = np.zeros(coarse.theta.shape[1:], dtype=np.bool_)
-    for place, variance in zip(STEADY_PLACES, (0, 3, 4, 5), strict=True):
-        if place > 0 and not motion:
-            break
-        with np.errstate(invalid="ignore"):
-            # A curved surface in whole windows may be less certain than a plane in small ones.
-            least = _LEAST_PART * fine.variance[variance]
-            noise = np.maximum(fine.variance[variance] - coarse.variance[variance], least)
-            square = (fine.theta[place] - coarse.theta[place]) ** 2
-            known = np.isfinite(square) & np.isfinite(noise)
-            means = [gaussian_filter(np.where(known, values, 0.0), sigma_px) for values in (square, noise)]
-            found |= known & (means[0] > _SIGNIFICANT * means[1])
-    return found

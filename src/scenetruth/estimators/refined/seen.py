@@ -64,6 +64,18 @@ class Seen:
         """
         return cls(np.full(shape, np.inf, dtype=np.float32), np.zeros(shape, dtype=np.float32))
 
+    def chosen(self, where: NDArray[np.bool_], seen: Seen) -> Seen:
+        """Return what another fit's pixels show where that is chosen, and these elsewhere.
+
+        Parameters
+        ----------
+        where
+            Pixels where it is, shape (y, x).
+        seen
+            What they show.
+        """
+        return Seen(np.where(where, seen.square, self.square), np.where(where, seen.gradient, self.gradient))
+
     def put(self, band: Band) -> None:
         """Write the rows of a band.
 

@@ -75,12 +75,14 @@ class RefinedSettings(MethodSettings):
     surface: Literal["auto", "constant", "plane", "curved"] = "auto"
     """What disparity is within a window: constant, linear in x and y (exact for planes), or of second order. ``auto``
     takes the second order where it changes disparity by more than its own noise, else the plane."""
-    motion: Literal["translation", "rigid", "growing", "affine"] = "growing"
+    motion: Literal["auto", "translation", "rigid", "growing", "affine"] = "auto"
     """How velocity changes within a window: not at all; by a rotation; by a rotation and isotropic growth in the
-    surface; by any gradient. One camera sees the last only."""
-    acceleration: bool = False
-    """Whether velocity may change evenly over the frames of a window, by the same in a whole window; it takes three
-    frames. Velocity is that of the estimated frame."""
+    surface; by any gradient. ``auto`` takes any gradient where that changes disparity or velocity by more than noise,
+    else rotation and growth. One camera sees any gradient only."""
+    acceleration: Literal["auto"] | bool = "auto"
+    """Whether velocity may change evenly over the frames, by the same in a whole window; it takes three frames.
+    ``auto`` lets it where that changes disparity or velocity by more than their own noise, over fewer frames where
+    these differ again; ``true``, everywhere, and tells the acceleration. Velocity is that of the estimated frame."""
     brightness: Literal["per_image", "none"] = "per_image"
     """Whether every image has a gain and an offset of its own in every window: light may change and shadows move."""
     spline: Literal["cubic", "quintic"] = "quintic"
@@ -105,6 +107,11 @@ class RefinedSettings(MethodSettings):
     acceptance: Annotated[float, Field(gt=1, le=100)] = 1.5
     """Estimates are given where the residual is at most this times the images' noise, or what a texture shifted by a
     quarter of a pixel would leave: beyond, one surface in one motion does not explain the images."""
+
+    @property
+    def accelerated(self) -> bool:
+        """Whether velocity may change everywhere."""
+        return self.acceleration is True
 
     @property
     def spline_order(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -10,28 +10,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, Band, bands, window_weights
+from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, Band, around, bands, window_weights
+from scenetruth.estimators.refined.fits import blank_fit, chosen_fit, differ, explained, with_bias
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.members import solve_members
 from scenetruth.estimators.refined.kernels.solving import Fit, Model
 from scenetruth.estimators.refined.kernels.visibility import hide
 from scenetruth.estimators.refined.noise import noise_of, textured
-from scenetruth.estimators.refined.parameters import carried, fields_of, started
+from scenetruth.estimators.refined.parameters import fields_of, started
+from scenetruth.estimators.refined.refits.jumps import JUMP_PX, jumps, mixed
+from scenetruth.estimators.refined.refits.richer import choose_motion, motions_of, richer_motions
+from scenetruth.estimators.refined.refits.selection import Selection
 from scenetruth.estimators.refined.rounds import (
     STAGES,
     Refined,
-    blank_fit,
-    differ,
     fit_round,
     kept,
     models_of,
     sound_step,
 )
 from scenetruth.estimators.refined.seen import Seen, local_gradient
-from scenetruth.estimators.refined.selection import Selection
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.estimators.threads import in_threads
+from scenetruth.schema.variables import MOTION_PLAIN
 
 __all__ = ["FARTHEST", "Beside", "nothing_beside", "refit_beside_outlines"]
 
@@ -43,19 +45,15 @@ _NOISES, _SHIFT_PX = 1.3, 0.2
 # Standard deviations of the windows that come first and of those in the end, over that of the whole windows.
 _SMALL, _FINAL = 0.4, 2 / 3
 _LEAST_SIGMA_PX = 1.5
-# Neighbours whose own parameters move a point by more than this against each other's are of different surfaces.
-_JUMP_PX = 0.5
 # Points whose disparities differ by less than this at the farthest camera do not hide each other.
 _SAME_PX = 0.75
 _ROUNDS = 2
+# Motion may be as rich as it is in whole windows so many half windows away.
+_BESIDE = 2
 _PIXELS = 2000
 # Of the images so many must show a pixel, of a window so much must be known, and of its texture's middle not be farther
 # from the window's than so many standard deviations: at a straight outline it is 0.8.
 _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
-# Neighbours on whose other surface a pixel in front may show in part.
-_MIXED_BY = ((1, 0), (-1, 0), (0, 1), (0, -1), (2, 0), (-2, 0), (0, 2), (0, -2))
-# Beside outlines, estimates are given where a shift by so many px would leave as much.
-_EXPLAINED_PX = 0.17
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +103,7 @@ def refit_beside_outlines(
     sigma = settings.window_sigma_px
     whole = refined.fit.theta
     reach = window_weights(sigma).shape[2] // 2
-    where = _around(_unexplained(refined.seen, noise) | _jumps(images, whole), reach) | refined.uneven
+    where = around(_unexplained(refined.seen, noise) | jumps(images, whole), reach) | refined.uneven
     if not where.any() or not np.isfinite(noise):
         return refined, Beside(where, np.zeros_like(where))
     steady = ~where if settings.brightness == "per_image" else None
@@ -114,23 +112,24 @@ def refit_beside_outlines(
     for distance in sorted({round(1.6 * sigma), round(sigma), round(sigma / 2), 2, 1} - {0}, reverse=True):
         selection.spread(distance)
     theta = kept(filled(whole, np.asarray(np.isfinite(whole).all(axis=0))), selection.theta)
-    fit, seen, shares = _refit(images, theta, where, noise, settings)
+    found = _refit(images, theta, where, noise, settings)
+    found, motion = _refit_richer(images, found, where, refined.motion, noise, settings)
+    fit, seen, shares = found.fit, found.seen, found.shares
     # Whole windows suffice where they find the same: their noise is the least.
-    square, gradient = refined.fit.residual
-    fitted = square < np.maximum((settings.acceptance * noise) ** 2, _EXPLAINED_PX**2 * gradient)
-    where &= refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True)
-    final = _chosen(where, fit, refined.fit)
-    explained = seen.square <= np.maximum((settings.acceptance * noise) ** 2, _EXPLAINED_PX**2 * seen.gradient)
+    fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.acceptance * noise)
+    where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
+    final = chosen_fit(where, fit, refined.fit)
     own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
-    sound = where & explained & (shares[0] > _LEAST_SHARE) & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
-    sound &= ~_mixed(images, np.where(where, final.theta, whole))
-    result = replace(refined, fit=final, curved=refined.curved & ~where)
+    sound = (
+        where
+        & explained(seen.square, seen.gradient, settings.acceptance * noise)
+        & (shares[0] > _LEAST_SHARE)
+        & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
+    )
+    sound &= ~mixed(images, np.where(where, final.theta, whole))
+    motion = np.where(where, motion, refined.motion)
+    result = replace(refined, fit=final, curved=refined.curved & ~where, motion=motion)
     return result, Beside(where, sound)
-
-
-def _chosen(where: Mask, fit: Fit, other: Fit) -> Fit:
-    """Return one fit where it is chosen, and another elsewhere."""
-    return Fit(*(np.where(where, getattr(fit, name), getattr(other, name)) for name in Fit._fields))
 
 
 def _unexplained(seen: Seen, noise: float) -> Mask:
@@ -140,34 +139,6 @@ def _unexplained(seen: Seen, noise: float) -> Mask:
 def _limit_of(gradient: NDArray[Any], noise: float) -> Map:
     """Return the largest mean square that is left where a pixel is explained."""
     return np.maximum((_NOISES * noise) ** 2, _SHIFT_PX**2 * gradient.astype(np.float64))
-
-
-def _around(where: Mask, reach: int) -> Mask:
-    from scipy.ndimage import maximum_filter
-
-    return np.asarray(maximum_filter(where, 2 * reach + 1))
-
-
-def _jumps(images: Images, theta: Map) -> Mask:
-    """Tell where the surface of a pixel's neighbour is not its own, or unknown."""
-    found = np.zeros(images.shape, dtype=np.bool_)
-    for right, down in ((1, 0), (0, 1)):
-        with np.errstate(invalid="ignore"):
-            moved = images.moved_px(fields_of(theta), fields_of(carried(theta, right, down)))
-        jump = ~(moved <= _JUMP_PX)
-        jump[:down], jump[:, :right] = False, False
-        found |= jump
-    return found
-
-
-def _mixed(images: Images, theta: Map) -> Mask:
-    """Tell which pixels lie in front within 2 px of a jump: the outline's blur carries the nearer surface too far."""
-    found = np.zeros(images.shape, dtype=np.bool_)
-    for right, down in _MIXED_BY:
-        beside = fields_of(carried(theta, right, down))
-        with np.errstate(invalid="ignore"):
-            found |= (images.moved_px(fields_of(theta), beside) > _JUMP_PX) & (np.abs(theta[0]) > np.abs(beside[0]))
-    return found
 
 
 def _final_sigma(sigma: float) -> float:
@@ -184,7 +155,7 @@ def _small_windows(images: Images, start: Map, where: Mask, settings: RefinedSet
     model = _plain(images, settings)
     model = model._replace(gradient=0) if model.surface > 0 else model
     sigma, gains = max(_LEAST_SIGMA_PX, _SMALL * settings.window_sigma_px), settings.brightness == "per_image"
-    state = started(start, accelerated=settings.acceleration)
+    state = started(start, accelerated=settings.accelerated)
     steady = model._replace(accelerated=False)
     stages = [(images.within(reach), steady) for reach in STAGES if reach < images.longest]
     fit = None
@@ -195,8 +166,51 @@ def _small_windows(images: Images, start: Map, where: Mask, settings: RefinedSet
     return fit.theta
 
 
-def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: RefinedSettings) -> tuple[Fit, Seen, Map]:
-    """Fit windows to pixels of the surface in their middle; return what pixels show, too, and shares and middles."""
+@dataclass(frozen=True, eq=False)
+class _Refit:
+    """Fits to the pixels of the surface in the middle of windows."""
+
+    fit: Fit
+    seen: Seen
+    """What every pixel shows by itself."""
+    shares: Map
+    """How much of every window is known, and how far its texture's middle is from its own, shape (2, y, x)."""
+
+
+def _refit_richer(
+    images: Images, found: _Refit, where: Mask, beside: NDArray[np.int8], noise: float, settings: RefinedSettings
+) -> tuple[_Refit, NDArray[np.int8]]:
+    """Fit the motions of whole windows beside where they differ from the plain one; return the chosen ones, too."""
+    known = np.asarray(np.isfinite(found.fit.theta).all(axis=0))
+    reach = _BESIDE * (window_weights(settings.window_sigma_px).shape[2] // 2)
+    near = {
+        motion: where & known & around(beside == motion.number, reach) for motion in richer_motions(images, settings)
+    }
+    richer = [motion for motion, tried in near.items() if tried.any()]
+    if not richer:
+        return found, np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
+    made: list[_Refit] = []
+
+    def trials() -> Iterator[Fit]:
+        theta = filled(found.fit.theta, known)
+        for motion in richer:
+            theta = motion.begun(theta)
+            made.append(_refit(motion.images, theta, near[motion], noise, motion.settings))
+            fit = made[-1].fit
+            theta = np.where(near[motion] & sound_step(theta, fit.theta), fit.theta, theta)
+            yield fit
+
+    sigma = _final_sigma(settings.window_sigma_px)
+    fit, which = choose_motion(
+        found.fit, trials(), [near[motion] for motion in richer], sigma, settings.acceptance * noise
+    )
+    seen, shares = found.seen, found.shares
+    for number, each in enumerate(made, 1):
+        seen, shares = seen.chosen(which == number, each.seen), np.where(which == number, each.shares, shares)
+    return _Refit(fit, seen, shares), motions_of(which, richer)
+
+
+def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: RefinedSettings) -> _Refit:
     sigma, finer = (max(_LEAST_SIGMA_PX, share * settings.window_sigma_px) for share in (_FINAL, _SMALL))
     gains = settings.brightness == "per_image"
     shares = np.full((2, *images.shape), np.nan)
@@ -208,7 +222,7 @@ def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: Refi
         hidden = _hidden(images, fields)
         last = number == _ROUNDS - 1
         fit, fine = (blank_fit(theta, variances=last) for _ in range(2))
-        wanted = np.where(_around(where, reach), fields, np.nan)
+        wanted = np.where(around(where, reach), fields, np.nan)
         for band in bands(images, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
             seen.put(band)
             inner = np.zeros(images.shape, dtype=np.bool_)
@@ -218,7 +232,7 @@ def _refit(images: Images, theta: Map, where: Mask, noise: float, settings: Refi
                 _solve(images, band, fields, noise, finer, model, fine, inner)
         theta = np.where(where & sound_step(theta, fit.theta), fit.theta, theta)
     uneven = differ(fit, fine, finer, motion=True)
-    return _chosen(uneven, fine, fit), seen, shares
+    return _Refit(chosen_fit(uneven, with_bias(fine, fit, finer, sigma), fit), seen, shares)
 
 
 def _solve(
@@ -229,7 +243,7 @@ def _solve(
     found = np.empty((len(pixels), 2))
     limit = _limit_of(local_gradient(band.products), noise)
     products = np.ascontiguousarray(band.products.transpose(1, 2, 0))
-    reach = np.array([images.farthest, images.longest, images.aside, _JUMP_PX])
+    reach = np.array([images.farthest, images.longest, images.aside, JUMP_PX])
     fixed = products, limit, fields, reach, window_weights(sigma), model, images.view(), band.first, fit
     solve = partial(solve_members, *fixed, pixels, found)
     in_threads(solve, [(n, min(n + _PIXELS, len(pixels))) for n in range(0, len(pixels), _PIXELS)])

@@ -1,0 +1,233 @@
+"""Fits of richer motion where it is needed: any velocity gradient, and acceleration over as many frames as agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.bands import around, window_weights
+from scenetruth.estimators.refined.fits import between, chosen_fit, differ, every_other, explained
+from scenetruth.estimators.refined.images import Images
+from scenetruth.estimators.refined.kernels.solving import Fit
+from scenetruth.estimators.refined.kernels.windows import NO_MODEL
+from scenetruth.estimators.refined.noise import noise_of
+from scenetruth.estimators.refined.parameters import accelerated
+from scenetruth.estimators.refined.refits.jumps import jumps
+from scenetruth.estimators.refined.rounds import (
+    ACCELERATED,
+    STAGES,
+    Final,
+    Refined,
+    fit_final,
+    fit_round,
+    models_of,
+    sound_step,
+)
+from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.estimators.refined.start import filled
+from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
+
+__all__ = ["Richer", "choose_motion", "motions_of", "refit_richer_motion", "richer_motions"]
+
+# What moves in another way is larger than a window: changes are averaged over this many times its standard deviation,
+# lest some pixels look so by chance.
+_WIDER = 2.0
+# A pixel counts by this many times its noise at most: no few of them may decide.
+_MOST = 9.0
+# Spans of frames that are asked for an acceleration.
+_ACCELERATIONS = 2
+# Disparity, q_X, q_Y and q_Z.
+_VARIANCES = 6
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Richer:
+    """A motion of more parameters."""
+
+    images: Images
+    """The images that it is fitted to: acceleration may change, so that all frames are too many."""
+    settings: RefinedSettings
+    """Which one it is."""
+    number: int
+    """Its value as ``motion_model``."""
+
+    def begun(self, theta: Map) -> Map:
+        """Return parameters to start from, shape (15 or 18, y, x)."""
+        return accelerated(theta) if self.settings.accelerated else theta
+
+
+def richer_motions(images: Images, settings: RefinedSettings) -> list[Richer]:
+    """Return the motions to choose from if the plain one does not do, the simplest first.
+
+    Parameters
+    ----------
+    images
+        All images.
+    settings
+        Which motions may be chosen.
+    """
+    found: list[Richer] = []
+    if len(images.times) == 1:
+        return found
+    if settings.motion == "auto":
+        settings = settings.model_copy(update={"motion": "affine"})
+        if len(images.positions) > 1 and settings.surface != "constant":
+            found.append(Richer(images, settings, MOTION_AFFINE))
+    if settings.acceleration == "auto":
+        settings = settings.model_copy(update={"acceleration": True})
+        parts = [images, *(images.within(reach) for reach in reversed(STAGES) if reach < images.longest)]
+        for part in parts:
+            if len(part.times) >= ACCELERATED:
+                number = MOTION_ACCELERATED if part is images else MOTION_ACCELERATED_IN_PART
+                found.append(Richer(part, settings, number))
+    return found
+
+
+def choose_motion(
+    plain: Fit, trials: Iterable[Fit], where: Sequence[Mask], sigma_px: float, noise: float
+) -> tuple[Fit, NDArray[np.int8]]:
+    """Choose the last fit at every pixel that explains the images and changes what was chosen before.
+
+    Parameters
+    ----------
+    plain
+        Fit of the plain motion.
+    trials
+        Fits of `richer_motions`.
+    where
+        Pixels where each may be chosen, shape (y, x).
+    sigma_px
+        Standard deviation of their windows.
+    noise
+        Standard deviation of what may be left by noise.
+
+    Returns
+    -------
+    fit
+        The chosen one.
+    which
+        Which one that is: 0 for the plain one, the trials from 1 on, shape (y, x).
+    """
+    which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
+    fit = plain
+    for number, (trial, tried) in enumerate(zip(trials, where, strict=True), 1):
+        other = tried & explained(trial.residual[0], trial.residual[1], noise)
+        other &= differ(fit, trial, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
+        fit = chosen_fit(other, trial, fit)
+        which[other] = number
+    return fit, which
+
+
+def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
+    """Fit pixels anew whose motion is richer than the plain one.
+
+    Parameters
+    ----------
+    refined
+        What the plain motion finds.
+    settings
+        Window, models and brightness.
+    """
+    images, curved = refined.images, refined.curved.astype(np.int8)
+    sigma, richer = settings.window_sigma_px, richer_motions(images, settings)
+    known = np.asarray(np.isfinite(refined.fit.theta).all(axis=0))
+    if not richer or not known.any():
+        return refined
+    reach = window_weights(sigma).shape[2] // 2
+    # Windows with more than one surface see motion change where there is none.
+    whole = known & ~around(jumps(images, refined.fit.theta), reach)
+    tried, state = _worth(refined, richer, whole, filled(refined.fit.theta, known))
+    if not any(where.any() for where in tried):
+        return refined
+    made: list[Final] = []
+
+    def trials() -> Iterator[Fit]:
+        theta = state
+        for motion, where in zip(richer, tried, strict=True):
+            models, theta = models_of(motion.images, motion.settings), motion.begun(theta)
+            chosen = np.where(where, curved, NO_MODEL).astype(np.int8)
+            begun = np.where(around(where, 3 * reach), theta, np.nan)
+            gains = settings.brightness == "per_image"
+            first, *_ = fit_round(motion.images, begun, models, sigma, gains=gains, chosen=chosen)
+            begun = np.where(where & sound_step(theta, first.theta), first.theta, begun)
+            made.append(fit_final(motion.images, begun, models, settings, chosen))
+            fit = made[-1].fit
+            theta = np.where(where & sound_step(theta, fit.theta), fit.theta, theta)
+            yield fit
+
+    noise = settings.acceptance * noise_of(np.sqrt(refined.fit.residual[0]))
+    fit, which = choose_motion(refined.fit, trials(), tried, sigma, noise)
+    seen, uneven = refined.seen, refined.uneven
+    for number, last in enumerate(made, 1):
+        seen = seen.chosen(which == number, last.seen)
+        uneven = np.where(which == number, last.uneven, uneven)
+    return replace(refined, fit=fit, seen=seen, uneven=uneven, motion=motions_of(which, richer))
+
+
+def motions_of(which: NDArray[np.int8], richer: list[Richer]) -> NDArray[np.int8]:
+    """Return the values of ``motion_model`` of what `choose_motion` chose.
+
+    Parameters
+    ----------
+    which
+        The chosen ones, shape (y, x).
+    richer
+        What could be chosen.
+    """
+    return np.array([MOTION_PLAIN, *(motion.number for motion in richer)], dtype=np.int8)[which]
+
+
+def _worth(refined: Refined, richer: list[Richer], whole: Mask, theta: Map) -> tuple[list[Mask], Map]:
+    """Tell where each motion is worth to be tried, as every other row and column tells, and where it would start."""
+    curved, shape = refined.curved.astype(np.int8), refined.images.shape
+    tried: list[Mask] = []
+    plain, accelerations = refined.fit, 0
+    for motion in richer:
+        models, theta = models_of(motion.images, motion.settings), motion.begun(theta)
+        sigma, among = motion.settings.window_sigma_px, whole
+        if motion.settings.accelerated:
+            accelerations += 1
+            # Smaller windows tell what is uneven.
+            among = whole & ~refined.uneven
+            if accelerations > _ACCELERATIONS:
+                # Fewer frames may differ wherever more do.
+                tried.append(tried[-1])
+                continue
+        fit = plain
+        # What is left over is noise only once the acceleration is known.
+        for variances in (0, _VARIANCES) if motion.settings.accelerated else (_VARIANCES,):
+            (fit, *_) = fit_round(
+                motion.images,
+                theta,
+                models,
+                sigma,
+                gains=motion.settings.brightness == "per_image",
+                variances=variances,
+                chosen=curved.copy(),
+                coarse=True,
+            )
+            theta = np.where(sound_step(theta, fit.theta), fit.theta, theta)
+        rough = every_other(plain), every_other(fit), 0.5 * _WIDER * sigma
+        tried.append(
+            among & _large(between(differ(*rough, motion=True, among=among[::2, ::2], most=_MOST), shape), sigma)
+        )
+        if accelerations == _ACCELERATIONS:
+            # Over all frames jerk is no acceleration, and over fewer a little acceleration is lost in noise.
+            tried[-1] |= tried[-2]
+        if not motion.settings.accelerated:
+            plain = fit
+    return tried, theta
+
+
+def _large(where: Mask, sigma_px: float) -> Mask:
+    """Leave out what is smaller than a window."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    size = 2 * round(sigma_px) + 1
+    return np.asarray(maximum_filter(minimum_filter(where, size, mode="nearest"), size, mode="nearest"))
