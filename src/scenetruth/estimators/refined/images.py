@@ -84,6 +84,12 @@ class Images:
         """By how many px U_Z = Z moves a point at an end of the image per frame, over those that U_X = Z does."""
         return max(self.centre) / self.focal
 
+    @property
+    def frames(self) -> int:
+        """How many frames there are of which not all images are left out."""
+        cameras = range(len(self.positions))
+        return sum(any((frame, s) not in self.left_out for s in cameras) for frame in range(len(self.times)))
+
     def within(self, reach: float) -> Images:
         """Return the images of the frames up to so many before and after."""
         return self._of(np.flatnonzero(np.abs(self.times) <= reach))

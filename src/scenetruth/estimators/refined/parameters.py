@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.solving import ALL, FULL
 
-__all__ = ["STEADY_PLACES", "accelerated", "carried", "fields_of", "fill_between", "started"]
+__all__ = ["CURVATURES", "STEADY_PLACES", "accelerated", "carried", "fields_of", "fill_between", "started"]
 
 STEADY_PLACES = [0, 6, 9, 12]
 """Places of d, q_X, q_Y and q_Z among the parameters."""
+CURVATURES = [3, 4, 5]
+"""Places of d_xx, d_xy and d_yy."""
 _ACCELERATION = [15, 16, 17]
 
 Map = NDArray[np.float64]

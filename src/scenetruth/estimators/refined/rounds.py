@@ -128,16 +128,8 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
         if model is models[0] and settled and _still(before, state, fit, images, settings.tolerance_px):
             break
     images = images.without(strangers(images, fields_of(state), sigma, images))
-    curved = np.full(images.shape, models[0].surface == _CURVED)
-    chosen = np.zeros(images.shape, dtype=np.int8)
     # All pixels move from what every other row has found, and where the order changes: another round follows.
-    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1)
-    theta = fits[0].theta
-    if len(models) > 1:
-        plane, bent = fits
-        curved = differ(plane, bent, sigma)
-        theta = np.where(curved, bent.theta, plane.theta)
-        chosen[curved] = 1
+    theta, curved, chosen = fit_surface(images, state, models, settings)
     state = kept(state, theta)
     done += 1
     if told is not None:
@@ -147,6 +139,43 @@ def refine(images: Images, start: Map, settings: RefinedSettings, told: Callable
         told(done + 1)
     motion = np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
     return Refined(last.fit, curved, done + 1, last.seen, last.uneven, motion, images, cameras)
+
+
+def fit_surface(
+    images: Images, state: Map, models: list[Model], settings: RefinedSettings, where: NDArray[np.bool_] | None = None
+) -> tuple[Map, NDArray[np.bool_], NDArray[np.int8]]:
+    """Fit the models, and choose one for every pixel.
+
+    Parameters
+    ----------
+    images, state, models
+        As of `fit_round`.
+    settings
+        Window and brightness.
+    where
+        Pixels to be fitted, shape (y, x); without, all are.
+
+    Returns
+    -------
+    theta
+        Parameters of the chosen model.
+    curved
+        Where it has a surface of second order, shape (y, x).
+    chosen
+        Which one it is; where none is fitted, `NO_MODEL`.
+    """
+    sigma, gains = settings.window_sigma_px, settings.brightness == "per_image"
+    curved, chosen = np.full(images.shape, models[0].surface == _CURVED), np.zeros(images.shape, dtype=np.int8)
+    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, where=where)
+    theta = fits[0].theta
+    if len(models) > 1:
+        plane, bent = fits
+        curved = differ(plane, bent, sigma)
+        theta = np.where(curved, bent.theta, plane.theta)
+        chosen[curved] = 1
+    if where is not None:
+        chosen[~where] = NO_MODEL
+    return theta, curved, chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +237,7 @@ def fit_round(
     gains: bool,
     variances: int = 0,
     chosen: NDArray[np.int8] | None = None,
+    where: NDArray[np.bool_] | None = None,
     finer: tuple[float, Fit] | None = None,
     seen: Seen | None = None,
     shifts: Shifts | None = None,
@@ -231,6 +261,8 @@ def fit_round(
         How many variances are wanted, as of `solve_rows`.
     chosen
         Which model fits every pixel; without, all do.
+    where
+        Pixels that are fitted by all models, shape (y, x); without, all pixels are.
     finer
         Windows of another standard deviation, and what the chosen models find in them, with the variance of
         disparity: is written, if given.
@@ -245,6 +277,8 @@ def fit_round(
     view, windows = images.view(), window_weights(sigma_px)
     if chosen is None:
         chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8)
+        if where is not None:
+            chosen[~where] = NO_MODEL
         fits = [blank_fit(state, variances=variances > 0) for _ in models]
     else:
         fits = [blank_fit(state, variances=variances > 0)] * len(models)

@@ -12,9 +12,8 @@ from scenetruth.estimators.refined.bands import around, window_weights
 from scenetruth.estimators.refined.fits import between, chosen_fit, differ, every_other, explained
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.solving import Fit
-from scenetruth.estimators.refined.kernels.windows import NO_MODEL
 from scenetruth.estimators.refined.noise import noise_of
-from scenetruth.estimators.refined.parameters import accelerated
+from scenetruth.estimators.refined.parameters import CURVATURES, accelerated, fields_of
 from scenetruth.estimators.refined.refits.jumps import jumps
 from scenetruth.estimators.refined.rounds import (
     ACCELERATED,
@@ -23,6 +22,7 @@ from scenetruth.estimators.refined.rounds import (
     Refined,
     fit_final,
     fit_round,
+    fit_surface,
     models_of,
     sound_step,
 )
@@ -37,6 +37,8 @@ __all__ = ["Richer", "choose_motion", "motions_of", "refit_richer_motion", "rich
 _WIDER = 2.0
 # A pixel counts by this many times its noise at most: no few of them may decide.
 _MOST = 9.0
+# In the last round, points must move by less than this in all images.
+_SETTLED_PX = 0.1
 # Spans of frames that are asked for an acceleration.
 _ACCELERATIONS = 2
 # Disparity, q_X, q_Y and q_Z.
@@ -83,7 +85,7 @@ def richer_motions(images: Images, settings: RefinedSettings) -> list[Richer]:
         settings = settings.model_copy(update={"acceleration": True})
         parts = [images, *(images.within(reach) for reach in reversed(STAGES) if reach < images.longest)]
         for part in parts:
-            if len(part.times) >= ACCELERATED:
+            if part.frames >= ACCELERATED:
                 number = MOTION_ACCELERATED if part is images else MOTION_ACCELERATED_IN_PART
                 found.append(Richer(part, settings, number))
     return found
@@ -134,7 +136,7 @@ def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
     settings
         Window, models and brightness.
     """
-    images, curved = refined.images, refined.curved.astype(np.int8)
+    images = refined.images
     sigma, richer = settings.window_sigma_px, richer_motions(images, settings)
     known = np.asarray(np.isfinite(refined.fit.theta).all(axis=0))
     if not richer or not known.any():
@@ -142,32 +144,39 @@ def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
     reach = window_weights(sigma).shape[2] // 2
     # Windows with more than one surface see motion change where there is none.
     whole = known & ~around(jumps(images, refined.fit.theta), reach)
-    tried, state = _worth(refined, richer, whole, filled(refined.fit.theta, known))
+    state = filled(refined.fit.theta, known)
+    # What looked like curvature may have been motion.
+    state[CURVATURES] = 0.0
+    tried, state = _worth(refined, richer, whole, state)
     if not any(where.any() for where in tried):
         return refined
     made: list[Final] = []
+    curved: list[Mask] = []
 
     def trials() -> Iterator[Fit]:
         theta = state
         for motion, where in zip(richer, tried, strict=True):
             models, theta = models_of(motion.images, motion.settings), motion.begun(theta)
-            chosen = np.where(where, curved, NO_MODEL).astype(np.int8)
             begun = np.where(around(where, 3 * reach), theta, np.nan)
-            gains = settings.brightness == "per_image"
-            first, *_ = fit_round(motion.images, begun, models, sigma, gains=gains, chosen=chosen)
-            begun = np.where(where & sound_step(theta, first.theta), first.theta, begun)
+            first, bent, chosen = fit_surface(motion.images, begun, models, settings, where)
+            begun = np.where(where & sound_step(theta, first), first, begun)
             made.append(fit_final(motion.images, begun, models, settings, chosen))
+            curved.append(bent)
             fit = made[-1].fit
             theta = np.where(where & sound_step(theta, fit.theta), fit.theta, theta)
-            yield fit
+            with np.errstate(invalid="ignore"):
+                settled = images.moved_px(fields_of(begun), fields_of(fit.theta)) < _SETTLED_PX
+            # What has no variance is not chosen.
+            yield fit._replace(variance=np.where(settled, fit.variance, np.nan))
 
     noise = settings.acceptance * noise_of(np.sqrt(refined.fit.residual[0]))
     fit, which = choose_motion(refined.fit, trials(), tried, sigma, noise)
-    seen, uneven = refined.seen, refined.uneven
+    seen, uneven, bent = refined.seen, refined.uneven, refined.curved
     for number, last in enumerate(made, 1):
         seen = seen.chosen(which == number, last.seen)
         uneven = np.where(which == number, last.uneven, uneven)
-    return replace(refined, fit=fit, seen=seen, uneven=uneven, motion=motions_of(which, richer))
+        bent = np.where(which == number, curved[number - 1], bent)
+    return replace(refined, fit=fit, curved=bent, seen=seen, uneven=uneven, motion=motions_of(which, richer))
 
 
 def motions_of(which: NDArray[np.int8], richer: list[Richer]) -> NDArray[np.int8]:
@@ -200,17 +209,11 @@ def _worth(refined: Refined, richer: list[Richer], whole: Mask, theta: Map) -> t
                 tried.append(tried[-1])
                 continue
         fit = plain
-        # What is left over is noise only once the acceleration is known.
-        for variances in (0, _VARIANCES) if motion.settings.accelerated else (_VARIANCES,):
+        # A plane first: what looks like curvature may be motion. What is left over is noise only once both are known.
+        for variances, chosen in ((0, np.zeros_like(curved)), (_VARIANCES, curved.copy())):
+            gains = motion.settings.brightness == "per_image"
             (fit, *_) = fit_round(
-                motion.images,
-                theta,
-                models,
-                sigma,
-                gains=motion.settings.brightness == "per_image",
-                variances=variances,
-                chosen=curved.copy(),
-                coarse=True,
+                motion.images, theta, models, sigma, gains=gains, variances=variances, chosen=chosen, coarse=True
             )
             theta = np.where(sound_step(theta, fit.theta), fit.theta, theta)
         rough = every_other(plain), every_other(fit), 0.5 * _WIDER * sigma
