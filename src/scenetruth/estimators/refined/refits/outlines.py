@@ -19,7 +19,7 @@ from scenetruth.estimators.refined.kernels.visibility import hide
 from scenetruth.estimators.refined.noise import noise_of, textured
 from scenetruth.estimators.refined.parameters import fields_of, started
 from scenetruth.estimators.refined.refits.jumps import JUMP_PX, jumps, mixed
-from scenetruth.estimators.refined.refits.richer import choose_motion, motions_of, richer_motions
+from scenetruth.estimators.refined.refits.richer import Trial, choose_motion, motions_of, richer_motions
 from scenetruth.estimators.refined.refits.selection import Selection
 from scenetruth.estimators.refined.rounds import (
     STAGES,
@@ -189,24 +189,24 @@ def _refit_richer(
     richer = [motion for motion, tried in near.items() if tried.any()]
     if not richer:
         return found, np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
-    made: list[_Refit] = []
+    seen, shares = found.seen, found.shares
 
-    def trials() -> Iterator[Fit]:
+    def trials() -> Iterator[Trial]:
         theta = filled(found.fit.theta, known)
         for motion in richer:
             theta = motion.begun(theta)
-            made.append(_refit(motion.images, theta, near[motion], noise, motion.settings))
-            fit = made[-1].fit
-            theta = np.where(near[motion] & sound_step(theta, fit.theta), fit.theta, theta)
-            yield fit
+            made = _refit(motion.images, theta, near[motion], noise, motion.settings)
+            theta = np.where(near[motion] & sound_step(theta, made.fit.theta), made.fit.theta, theta)
+
+            def take(other: Mask, made: _Refit = made) -> None:
+                nonlocal seen, shares
+                seen, shares = seen.chosen(other, made.seen), np.where(other, made.shares, shares)
+
+            yield Trial(made.fit, take)
 
     sigma = _final_sigma(settings.window_sigma_px)
-    fit, which = choose_motion(
-        found.fit, trials(), [near[motion] for motion in richer], sigma, settings.acceptance * noise
-    )
-    seen, shares = found.seen, found.shares
-    for number, each in enumerate(made, 1):
-        seen, shares = seen.chosen(which == number, each.seen), np.where(which == number, each.shares, shares)
+    tried = [near[motion] for motion in richer]
+    fit, which = choose_motion(found.fit, trials(), tried, sigma, settings.acceptance * noise)
     return _Refit(fit, seen, shares), motions_of(which, richer)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 
-__all__ = ["Richer", "choose_motion", "motions_of", "refit_richer_motion", "richer_motions"]
+__all__ = ["Richer", "Trial", "choose_motion", "motions_of", "refit_richer_motion", "richer_motions"]
 
 # What moves in another way is larger than a window: changes are averaged over this many times its standard deviation,
 # lest some pixels look so by chance.
@@ -91,8 +92,16 @@ def richer_motions(images: Images, settings: RefinedSettings) -> list[Richer]:
     return found
 
 
+class Trial(NamedTuple):
+    """A fit of one of `richer_motions`."""
+
+    fit: Fit
+    take: Callable[[Mask], None]
+    """Is called with the pixels where it is chosen."""
+
+
 def choose_motion(
-    plain: Fit, trials: Iterable[Fit], where: Sequence[Mask], sigma_px: float, noise: float
+    plain: Fit, trials: Iterable[Trial], where: Sequence[Mask], sigma_px: float, noise: float
 ) -> tuple[Fit, NDArray[np.int8]]:
     """Choose the last fit at every pixel that explains the images and changes what was chosen before.
 
@@ -101,7 +110,7 @@ def choose_motion(
     plain
         Fit of the plain motion.
     trials
-        Fits of `richer_motions`.
+        Fits of `richer_motions`, one after the other.
     where
         Pixels where each may be chosen, shape (y, x).
     sigma_px
@@ -119,10 +128,11 @@ def choose_motion(
     which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
     fit = plain
     for number, (trial, tried) in enumerate(zip(trials, where, strict=True), 1):
-        other = tried & explained(trial.residual[0], trial.residual[1], noise)
-        other &= differ(fit, trial, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
-        fit = chosen_fit(other, trial, fit)
+        other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
+        other &= differ(fit, trial.fit, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
+        fit = chosen_fit(other, trial.fit, fit)
         which[other] = number
+        trial.take(other)
     return fit, which
 
 
@@ -150,33 +160,31 @@ def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
     tried, state = _worth(refined, richer, whole, state)
     if not any(where.any() for where in tried):
         return refined
-    made: list[Final] = []
-    curved: list[Mask] = []
+    seen, uneven, curved = refined.seen, refined.uneven, refined.curved
 
-    def trials() -> Iterator[Fit]:
+    def trials() -> Iterator[Trial]:
         theta = state
         for motion, where in zip(richer, tried, strict=True):
             models, theta = models_of(motion.images, motion.settings), motion.begun(theta)
             begun = np.where(around(where, 3 * reach), theta, np.nan)
             first, bent, chosen = fit_surface(motion.images, begun, models, settings, where)
             begun = np.where(where & sound_step(theta, first), first, begun)
-            made.append(fit_final(motion.images, begun, models, settings, chosen))
-            curved.append(bent)
-            fit = made[-1].fit
-            theta = np.where(where & sound_step(theta, fit.theta), fit.theta, theta)
+            last = fit_final(motion.images, begun, models, settings, chosen)
+            theta = np.where(where & sound_step(theta, last.fit.theta), last.fit.theta, theta)
             with np.errstate(invalid="ignore"):
-                settled = images.moved_px(fields_of(begun), fields_of(fit.theta)) < _SETTLED_PX
+                settled = images.moved_px(fields_of(begun), fields_of(last.fit.theta)) < _SETTLED_PX
+
+            def take(other: Mask, last: Final = last, bent: Mask = bent) -> None:
+                nonlocal seen, uneven, curved
+                seen = seen.chosen(other, last.seen)
+                uneven, curved = np.where(other, last.uneven, uneven), np.where(other, bent, curved)
+
             # What has no variance is not chosen.
-            yield fit._replace(variance=np.where(settled, fit.variance, np.nan))
+            yield Trial(last.fit._replace(variance=np.where(settled, last.fit.variance, np.nan)), take)
 
     noise = settings.acceptance * noise_of(np.sqrt(refined.fit.residual[0]))
     fit, which = choose_motion(refined.fit, trials(), tried, sigma, noise)
-    seen, uneven, bent = refined.seen, refined.uneven, refined.curved
-    for number, last in enumerate(made, 1):
-        seen = seen.chosen(which == number, last.seen)
-        uneven = np.where(which == number, last.uneven, uneven)
-        bent = np.where(which == number, curved[number - 1], bent)
-    return replace(refined, fit=fit, curved=bent, seen=seen, uneven=uneven, motion=motions_of(which, richer))
+    return replace(refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=motions_of(which, richer))
 
 
 def motions_of(which: NDArray[np.int8], richer: list[Richer]) -> NDArray[np.int8]:
