@@ -58,7 +58,7 @@ def calibration(
             values, std, exact = values[:, None], std[:, None], exact[None]
         for index, part in enumerate(["Z"] if name == "depth" else ["U_X", "U_Y", "U_Z"]):
             each, bar = values[:, index], std[:, index]
-            kept = np.isfinite(each).all(axis=0) if told_only else np.ones(each.shape[1:], dtype=np.bool_)
+            kept = np.isfinite(each + bar).all(axis=0) if told_only else np.ones(each.shape[1:], dtype=np.bool_)
             ratio = np.sqrt(np.mean(each.var(axis=0, ddof=1)[kept]) / np.mean(bar[:, kept] ** 2))
             within = np.mean((np.abs(each - exact[index]) <= 2 * bar)[:, kept])
             result[part] = (float(ratio), float(within))

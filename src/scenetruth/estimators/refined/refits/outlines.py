@@ -202,7 +202,7 @@ def _refit_richer(
                 nonlocal seen, shares
                 seen, shares = seen.chosen(other, made.seen), np.where(other, made.shares, shares)
 
-            yield Trial(made.fit, take)
+            yield Trial(made.fit, motion.images is images, take)
 
     sigma = _final_sigma(settings.window_sigma_px)
     tried = [near[motion] for motion in richer]

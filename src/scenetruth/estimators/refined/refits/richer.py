@@ -38,6 +38,8 @@ __all__ = ["Richer", "Trial", "choose_motion", "motions_of", "refit_richer_motio
 _WIDER = 2.0
 # A pixel counts by this many times its noise at most: no few of them may decide.
 _MOST = 9.0
+# Some of the images leave by chance so much more than all of them.
+_OTHER_NOISE = 1.02
 # In the last round, points must move by less than this in all images.
 _SETTLED_PX = 0.1
 # Spans of frames that are asked for an acceleration.
@@ -96,6 +98,8 @@ class Trial(NamedTuple):
     """A fit of one of `richer_motions`."""
 
     fit: Fit
+    all_images: bool
+    """Whether it was fitted to all images."""
     take: Callable[[Mask], None]
     """Is called with the pixels where it is chosen."""
 
@@ -103,7 +107,7 @@ class Trial(NamedTuple):
 def choose_motion(
     plain: Fit, trials: Iterable[Trial], where: Sequence[Mask], sigma_px: float, noise: float
 ) -> tuple[Fit, NDArray[np.int8]]:
-    """Choose the last fit at every pixel that explains the images and changes what was chosen before.
+    """Choose the last fit at every pixel that explains the images better and changes what was chosen before.
 
     Parameters
     ----------
@@ -130,10 +134,19 @@ def choose_motion(
     for number, (trial, tried) in enumerate(zip(trials, where, strict=True), 1):
         other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
         other &= differ(fit, trial.fit, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
+        other &= _leaves_less(fit, trial, other, _WIDER * sigma_px)
         fit = chosen_fit(other, trial.fit, fit)
         which[other] = number
         trial.take(other)
     return fit, which
+
+
+def _leaves_less(fit: Fit, trial: Trial, among: Mask, sigma_px: float) -> Mask:
+    """Tell where a trial leaves less than what was chosen before, averaged over a window."""
+    from scipy.ndimage import gaussian_filter
+
+    before, after = (gaussian_filter(np.where(among, each.residual[0], 0.0), sigma_px) for each in (fit, trial.fit))
+    return np.asarray(after < (1.0 if trial.all_images else _OTHER_NOISE) * before)
 
 
 def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
@@ -180,7 +193,8 @@ def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
                 uneven, curved = np.where(other, last.uneven, uneven), np.where(other, bent, curved)
 
             # What has no variance is not chosen.
-            yield Trial(last.fit._replace(variance=np.where(settled, last.fit.variance, np.nan)), take)
+            fit = last.fit._replace(variance=np.where(settled, last.fit.variance, np.nan))
+            yield Trial(fit, motion.images is images, take)
 
     noise = settings.acceptance * noise_of(np.sqrt(refined.fit.residual[0]))
     fit, which = choose_motion(refined.fit, trials(), tried, sigma, noise)
