@@ -175,13 +175,13 @@ def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
         return refined
     seen, uneven, curved = refined.seen, refined.uneven, refined.curved
 
-    def trials() -> Iterator[Trial]:
-        theta = state
+    def trials(theta: Map) -> Iterator[Trial]:
         for motion, where in zip(richer, tried, strict=True):
             models, theta = models_of(motion.images, motion.settings), motion.begun(theta)
             begun = np.where(around(where, 3 * reach), theta, np.nan)
             first, bent, chosen = fit_surface(motion.images, begun, models, settings, where)
             begun = np.where(where & sound_step(theta, first), first, begun)
+            del first
             last = fit_final(motion.images, begun, models, settings, chosen)
             theta = np.where(where & sound_step(theta, last.fit.theta), last.fit.theta, theta)
             with np.errstate(invalid="ignore"):
@@ -197,7 +197,10 @@ def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
             yield Trial(fit, motion.images is images, take)
 
     noise = settings.acceptance * noise_of(np.sqrt(refined.fit.residual[0]))
-    fit, which = choose_motion(refined.fit, trials(), tried, sigma, noise)
+    begun = trials(state)
+    # It is large.
+    del state
+    fit, which = choose_motion(refined.fit, begun, tried, sigma, noise)
     return replace(refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=motions_of(which, richer))
 
 
