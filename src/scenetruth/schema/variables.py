@@ -32,8 +32,11 @@ NO_SURFACE = -1
 """Value of ``object_id`` and ``face_id`` where no surface is seen."""
 
 KIND_NONE, KIND_NORMAL, KIND_FULL = 0, 1, 2
-MOTION_NONE, MOTION_PLAIN, MOTION_AFFINE, MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART = range(5)
 """Values of ``kind``: nothing known; minimum-norm solution (aperture problem); everything known."""
+
+MOTION_NONE, MOTION_PLAIN, MOTION_AFFINE, MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART = range(5)
+"""Values of ``motion_model``: nothing known; as the settings say; any velocity gradient; accelerated, over all frames;
+over fewer."""
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,11 @@ import xarray as xr
 
 from scenetruth.errors import Problem
 from scenetruth.estimators.protocol import Needs, StreamingMethod
-from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.estimators.refined.settings import LEAST_ACCELERATED, RefinedSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import Put
 
 __all__ = ["METHOD"]
-
-# Frames that tell an acceleration.
-_ACCELERATED = 3
 
 
 class _Refined(StreamingMethod):
@@ -45,8 +42,8 @@ class _Refined(StreamingMethod):
             message = "one camera shows motion only, between two frames at least"
             problems.append(Problem("window_frames", message, min(settings.window_frames, sizes["t"])))
         frames = min(settings.window_frames, sizes["t"])
-        if settings.accelerated and frames < _ACCELERATED:
-            message = f"takes {_ACCELERATED} frames, and a window has {frames}: they tell a steady motion at most"
+        if settings.accelerated and frames < LEAST_ACCELERATED:
+            message = f"takes {LEAST_ACCELERATED} frames, and a window has {frames}: they tell a steady motion at most"
             problems.append(Problem("acceleration", message, value=True))
         least = 2 * math.ceil(2 * settings.window_sigma_px) + 1
         for name, size in (("camera.width", sizes["x"]), ("camera.height", sizes["y"])):

@@ -51,7 +51,7 @@ def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:
 
 
 def explained(
-    square: NDArray[np.floating[Any]], gradient: NDArray[np.floating[Any]], least: float
+    square: NDArray[np.floating[Any]], gradient: NDArray[np.floating[Any]], noise: float
 ) -> NDArray[np.bool_]:
     """Tell where what a fit leaves may be noise, or the texture's own.
 
@@ -59,11 +59,11 @@ def explained(
     ----------
     square, gradient
         Mean squares of what is left, and of the texture's gradient.
-    least
-        Standard deviation of noise that is still one.
+    noise
+        Standard deviation of what may be left by noise.
     """
     with np.errstate(invalid="ignore"):
-        return np.asarray(square <= np.maximum(least**2, _EXPLAINED_PX**2 * gradient))
+        return np.asarray(square <= np.maximum(noise**2, _EXPLAINED_PX**2 * gradient))
 
 
 def every_other(fit: Fit) -> Fit:

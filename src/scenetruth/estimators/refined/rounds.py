@@ -20,14 +20,13 @@ from scenetruth.estimators.refined.kernels.windows import EVERY_MODEL, NO_MODEL,
 from scenetruth.estimators.refined.noise import noise_of, spline_transfer, textured
 from scenetruth.estimators.refined.parameters import STEADY_PLACES, fields_of, fill_between, started
 from scenetruth.estimators.refined.seen import Seen, local_means
-from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.estimators.refined.settings import LEAST_ACCELERATED, RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.estimators.refined.variance import GreyVariance, variance_of
 from scenetruth.estimators.threads import in_threads
 from scenetruth.schema.variables import MOTION_PLAIN
 
 __all__ = [
-    "ACCELERATED",
     "STAGES",
     "Refined",
     "fit_final",
@@ -50,8 +49,6 @@ _FINER = 0.5
 _FITTED = 1.5
 # Rounds with all pixels.
 _WHOLE_ROUNDS = 2
-ACCELERATED = 3
-"""Frames that tell an acceleration."""
 
 Map = NDArray[np.float64]
 
@@ -165,17 +162,15 @@ def fit_surface(
         Which one it is; where none is fitted, `NO_MODEL`.
     """
     sigma, gains = settings.window_sigma_px, settings.brightness == "per_image"
-    curved, chosen = np.full(images.shape, models[0].surface == _CURVED), np.zeros(images.shape, dtype=np.int8)
-    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, where=where)
-    theta = fits[0].theta
-    if len(models) > 1:
-        plane, bent = fits
-        curved = differ(plane, bent, sigma)
-        theta = np.where(curved, bent.theta, plane.theta)
-        chosen[curved] = 1
-    if where is not None:
-        chosen[~where] = NO_MODEL
-    return theta, curved, chosen
+    wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
+    every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
+    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every)
+    if len(models) == 1:
+        curved, theta = np.full(images.shape, models[0].surface == _CURVED), fits[0].theta
+        return theta, curved, np.where(wanted, 0, NO_MODEL).astype(np.int8)
+    plane, bent = fits
+    curved = differ(plane, bent, sigma)
+    return np.where(curved, bent.theta, plane.theta), curved, np.where(wanted, curved, NO_MODEL).astype(np.int8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +213,7 @@ _GRADIENTS = {"auto": 2, "translation": 0, "rigid": 1, "growing": 2, "affine": 3
 def models_of(images: Images, settings: RefinedSettings) -> list[Model]:
     """Return the models to choose from, the simplest first, as far as cameras and frames can tell."""
     moves = len(images.times) > 1
-    accelerated = settings.accelerated and len(images.times) >= ACCELERATED
+    accelerated = settings.accelerated and len(images.times) >= LEAST_ACCELERATED
     if len(images.positions) == 1:
         return [Model(0, 2, 3 if settings.motion != "translation" else 0, accelerated)]
     gradient = _GRADIENTS[settings.motion] if moves else 0
@@ -237,7 +232,6 @@ def fit_round(
     gains: bool,
     variances: int = 0,
     chosen: NDArray[np.int8] | None = None,
-    where: NDArray[np.bool_] | None = None,
     finer: tuple[float, Fit] | None = None,
     seen: Seen | None = None,
     shifts: Shifts | None = None,
@@ -260,9 +254,7 @@ def fit_round(
     variances
         How many variances are wanted, as of `solve_rows`.
     chosen
-        Which model fits every pixel; without, all do.
-    where
-        Pixels that are fitted by all models, shape (y, x); without, all pixels are.
+        Which model fits every pixel, or `EVERY_MODEL`, or `NO_MODEL`; without, every model all.
     finer
         Windows of another standard deviation, and what the chosen models find in them, with the variance of
         disparity: is written, if given.
@@ -275,10 +267,8 @@ def fit_round(
         them, parameters are those of the pixel above or at the left.
     """
     view, windows = images.view(), window_weights(sigma_px)
-    if chosen is None:
-        chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8)
-        if where is not None:
-            chosen[~where] = NO_MODEL
+    chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen.copy()
+    if (chosen == EVERY_MODEL).any():
         fits = [blank_fit(state, variances=variances > 0) for _ in models]
     else:
         fits = [blank_fit(state, variances=variances > 0)] * len(models)

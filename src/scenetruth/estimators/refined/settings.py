@@ -9,7 +9,10 @@ from pydantic import Field, model_validator
 from scenetruth.estimators.protocol import MethodSettings
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
-__all__ = ["CorrectionPriors", "PhotonTransferNoise", "RefinedSettings"]
+__all__ = ["LEAST_ACCELERATED", "CorrectionPriors", "PhotonTransferNoise", "RefinedSettings"]
+
+LEAST_ACCELERATED = 3
+"""Frames that tell an acceleration."""
 
 
 class CorrectionPriors(FrozenModel):

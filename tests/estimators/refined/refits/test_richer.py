@@ -67,7 +67,7 @@ def test_shear_takes_any_gradient(times: int) -> None:
     exact = plane.truth()["depth"], plane.truth()["velocity"]
     found, fixed = estimated(recording), estimated(recording, motion="growing")
     assert np.mean(motion_of(found) == MOTION_AFFINE) > 0.95
-    # Second-order motion of a plane that is sheared in the image is left out by both: 0.5 std at 4 % per frame.
+    # At 4 % per frame the rounds have not quite settled: it is 1.4, and 1.05 with `motion: affine` from the start.
     assert np.sqrt(np.mean(scaled(found, *exact) ** 2)) < 1.0 + SCATTER + (0.25 if times == 10 else 0.0)
     with np.errstate(invalid="ignore"):
         assert np.sqrt(np.nanmean(scaled(fixed, *exact) ** 2)) > 3.0

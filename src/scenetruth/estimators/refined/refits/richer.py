@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,6 @@ from scenetruth.estimators.refined.noise import noise_of
 from scenetruth.estimators.refined.parameters import CURVATURES, accelerated, fields_of
 from scenetruth.estimators.refined.refits.jumps import jumps
 from scenetruth.estimators.refined.rounds import (
-    ACCELERATED,
     STAGES,
     Final,
     Refined,
@@ -27,7 +27,7 @@ from scenetruth.estimators.refined.rounds import (
     models_of,
     sound_step,
 )
-from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.estimators.refined.settings import LEAST_ACCELERATED, RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 
@@ -88,7 +88,7 @@ def richer_motions(images: Images, settings: RefinedSettings) -> list[Richer]:
         settings = settings.model_copy(update={"acceleration": True})
         parts = [images, *(images.within(reach) for reach in reversed(STAGES) if reach < images.longest)]
         for part in parts:
-            if part.frames >= ACCELERATED:
+            if part.frames >= LEAST_ACCELERATED:
                 number = MOTION_ACCELERATED if part is images else MOTION_ACCELERATED_IN_PART
                 found.append(Richer(part, settings, number))
     return found
@@ -181,7 +181,6 @@ def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
             begun = np.where(around(where, 3 * reach), theta, np.nan)
             first, bent, chosen = fit_surface(motion.images, begun, models, settings, where)
             begun = np.where(where & sound_step(theta, first), first, begun)
-            del first
             last = fit_final(motion.images, begun, models, settings, chosen)
             theta = np.where(where & sound_step(theta, last.fit.theta), last.fit.theta, theta)
             with np.errstate(invalid="ignore"):
@@ -197,10 +196,7 @@ def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
             yield Trial(fit, motion.images is images, take)
 
     noise = settings.acceptance * noise_of(np.sqrt(refined.fit.residual[0]))
-    begun = trials(state)
-    # It is large.
-    del state
-    fit, which = choose_motion(refined.fit, begun, tried, sigma, noise)
+    fit, which = choose_motion(refined.fit, trials(state), tried, sigma, noise)
     return replace(refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=motions_of(which, richer))
 
 
@@ -219,43 +215,41 @@ def motions_of(which: NDArray[np.int8], richer: list[Richer]) -> NDArray[np.int8
 
 def _worth(refined: Refined, richer: list[Richer], whole: Mask, theta: Map) -> tuple[list[Mask], Map]:
     """Tell where each motion is worth to be tried, as every other row and column tells, and where it would start."""
-    curved, shape = refined.curved.astype(np.int8), refined.images.shape
-    tried: list[Mask] = []
-    plain, accelerations = refined.fit, 0
-    for motion in richer:
-        models, theta = models_of(motion.images, motion.settings), motion.begun(theta)
-        sigma, among = motion.settings.window_sigma_px, whole
-        if motion.settings.accelerated:
-            accelerations += 1
-            # Smaller windows tell what is uneven.
-            among = whole & ~refined.uneven
-            if accelerations > _ACCELERATIONS:
-                # Fewer frames may differ wherever more do.
-                tried.append(tried[-1])
-                continue
-        fit = plain
-        # A plane first: what looks like curvature may be motion. What is left over is noise only once both are known.
-        for variances, chosen in ((0, np.zeros_like(curved)), (_VARIANCES, curved.copy())):
-            gains = motion.settings.brightness == "per_image"
-            (fit, *_) = fit_round(
-                motion.images, theta, models, sigma, gains=gains, variances=variances, chosen=chosen, coarse=True
-            )
-            theta = np.where(sound_step(theta, fit.theta), fit.theta, theta)
-        rough = every_other(plain), every_other(fit), 0.5 * _WIDER * sigma
-        tried.append(
-            among & _large(between(differ(*rough, motion=True, among=among[::2, ::2], most=_MOST), shape), sigma)
-        )
-        if accelerations == _ACCELERATIONS:
-            # Over all frames jerk is no acceleration, and over fewer a little acceleration is lost in noise.
-            tried[-1] |= tried[-2]
-        if not motion.settings.accelerated:
-            plain = fit
+    plain, tried = refined.fit, []
+    accelerations = [motion for motion in richer if motion.settings.accelerated]
+    for motion in richer[: len(richer) - len(accelerations)]:
+        plain, theta = _rough_fit(refined, motion, theta)
+        tried.append(_changed(refined.fit, plain, whole, motion.settings.window_sigma_px))
+    found = []
+    for motion in accelerations[:_ACCELERATIONS]:
+        fit, theta = _rough_fit(refined, motion, theta)
+        # Smaller windows tell what is uneven.
+        found.append(_changed(plain, fit, whole & ~refined.uneven, motion.settings.window_sigma_px))
+    # Over all frames jerk is no acceleration, and over fewer a little acceleration is lost in noise: these are tried
+    # wherever either was seen.
+    tried += found[:1] + [np.logical_or.reduce(found)] * (len(accelerations) - 1)
     return tried, theta
 
 
-def _large(where: Mask, sigma_px: float) -> Mask:
-    """Leave out what is smaller than a window."""
+def _rough_fit(refined: Refined, motion: Richer, theta: Map) -> tuple[Fit, Map]:
+    """Fit a motion at every other row and column; return the parameters of all pixels, too."""
+    models, theta = models_of(motion.images, motion.settings), motion.begun(theta)
+    sigma, gains = motion.settings.window_sigma_px, motion.settings.brightness == "per_image"
+    fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains, coarse=True)
+    curved = refined.curved.astype(np.int8)
+    # A plane first: what looks like curvature may be motion. What is left over is noise only once both are known.
+    plane = fitted(theta, chosen=np.zeros_like(curved))[0]
+    theta = np.where(sound_step(theta, plane.theta), plane.theta, theta)
+    fit = fitted(theta, chosen=curved, variances=_VARIANCES)[0]
+    return fit, np.where(sound_step(theta, fit.theta), fit.theta, theta)
+
+
+def _changed(plain: Fit, rough: Fit, among: Mask, sigma_px: float) -> Mask:
+    """Tell around which pixels a rough fit differs from another in areas as large as a window."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
+    pair = every_other(plain), every_other(rough), 0.5 * _WIDER * sigma_px
+    found = between(differ(*pair, motion=True, among=among[::2, ::2], most=_MOST), among.shape)
     size = 2 * round(sigma_px) + 1
-    return np.asarray(maximum_filter(minimum_filter(where, size, mode="nearest"), size, mode="nearest"))
+    large = maximum_filter(minimum_filter(found, size, mode="nearest"), size, mode="nearest")
+    return np.asarray(among & large)
