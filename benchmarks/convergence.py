@@ -60,7 +60,7 @@ def from_start(wavelengths: tuple[float, float], what: str, off_px: float) -> fl
     for seed in SEEDS:
         plane = MovingPlane(focal_px=FOCAL_PX, depth_mm=DEPTH_MM, wavelengths_px=wavelengths, seed=seed)
         recording, truth = plane.recording(CAMERAS, FRAMES, noise_std=NOISE), plane.truth()
-        splines = Splines(FrameReader(recording)).frames(0, FRAMES)
+        splines = Splines(FrameReader(recording), RefinedSettings().spline_order).frames(0, FRAMES)
         across, times = (np.array(centred_indices(count), dtype=np.float64) for count in (CAMERAS, FRAMES))
         places = np.stack([across, np.zeros(CAMERAS)], axis=-1)
         height, width = plane.size

@@ -22,6 +22,12 @@ _SIGNIFICANT = 4.0
 _EXPLAINED_PX = 0.17
 # Noise that makes them differ is at least this part of the finer fit's.
 _LEAST_PART = 0.5
+# And what shifts images by this many px: they are means of few samples, and splines between them are not exact. Where
+# there is hardly any other noise, all fits would differ.
+_LEAST_PX = 2.5e-4
+# How many times as much each must change to do so: velocities count by the disparity; q_Z by x / f too, about a
+# sixteenth near the edges of an image.
+_PER_PX = (1.0, 1.0, 1.0, 16.0)
 # Variances of the parameters that a steady motion has.
 _STEADY = int(np.count_nonzero(TOLD < FULL))
 
@@ -151,10 +157,11 @@ def _changes(
     """Yield place and number of the variance of disparity and velocity, their squared change, and that of noise."""
     from scipy.ndimage import gaussian_filter
 
-    for place, number in zip(STEADY_PLACES, (0, 3, 4, 5), strict=True):
+    for place, number, per_px in zip(STEADY_PLACES, (0, 3, 4, 5), _PER_PX, strict=True):
         with np.errstate(invalid="ignore"):
             # A curved surface in whole windows may be less certain than a plane in small ones.
-            least = _LEAST_PART * fine.variance[number]
+            floor = _LEAST_PX * per_px / (1.0 if place == 0 else np.maximum(np.abs(coarse.theta[0]), 1e-3))
+            least = np.maximum(_LEAST_PART * fine.variance[number], floor**2)
             noise = np.maximum(fine.variance[number] - coarse.variance[number], least)
             square = np.minimum((fine.theta[place] - coarse.theta[place]) ** 2, most * noise)
             known = np.isfinite(square) & np.isfinite(noise) & (True if among is None else among)

@@ -40,6 +40,8 @@ _WIDER = 2.0
 _MOST = 9.0
 # Some of the images leave by chance so much more than all of them.
 _OTHER_NOISE = 1.02
+# Mean squares, after over before.
+_MUCH_LESS = 0.5
 # In the last round, points must move by less than this in all images.
 _SETTLED_PX = 0.1
 # Spans of frames that are asked for an acceleration.
@@ -134,19 +136,23 @@ def choose_motion(
     for number, (trial, tried) in enumerate(zip(trials, where, strict=True), 1):
         other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
         other &= differ(fit, trial.fit, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
-        other &= _leaves_less(fit, trial, other, _WIDER * sigma_px)
+        other &= _leaves_less(fit, trial, other, _WIDER * sigma_px, noise)
         fit = chosen_fit(other, trial.fit, fit)
         which[other] = number
         trial.take(other)
     return fit, which
 
 
-def _leaves_less(fit: Fit, trial: Trial, among: Mask, sigma_px: float) -> Mask:
-    """Tell where a trial leaves less than what was chosen before, averaged over a window."""
+def _leaves_less(fit: Fit, trial: Trial, among: Mask, sigma_px: float, noise: float) -> Mask:
+    """Tell where a trial leaves less than what was chosen before, averaged over a window.
+
+    Where it leaves more than noise still, motion is not what did not fit, unless it leaves much less.
+    """
     from scipy.ndimage import gaussian_filter
 
     before, after = (gaussian_filter(np.where(among, each.residual[0], 0.0), sigma_px) for each in (fit, trial.fit))
-    return np.asarray(after < (1.0 if trial.all_images else _OTHER_NOISE) * before)
+    less = after < (1.0 if trial.all_images else _OTHER_NOISE) * before
+    return np.asarray(less & ((trial.fit.residual[0] <= noise**2) | (after < _MUCH_LESS * before)))
 
 
 def refit_richer_motion(refined: Refined, settings: RefinedSettings) -> Refined:
