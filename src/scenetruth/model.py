@@ -95,7 +95,11 @@ class FrozenModel(BaseModel):
         """
         schema = handler(core_schema)
         told = field_docstrings(cls)
-        for name, field in handler.resolve_ref_schema(schema).get("properties", {}).items():
+        whole = handler.resolve_ref_schema(schema)
+        if "description" in whole:
+            # What a model means; its examples are for whoever reads the code.
+            whole["description"] = whole["description"].partition("\n\nExamples\n---")[0]
+        for name, field in whole.get("properties", {}).items():
             if name in told:
                 field.setdefault("description", told[name])
         return schema

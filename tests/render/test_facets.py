@@ -81,6 +81,16 @@ def test_a_leaf_and_a_ball_are_the_same_traced(light: str, seed: int, fine: bool
     assert np.ptp(walked) > 0.1
 
 
+@pytest.mark.xfail(
+    strict=True, reason="three pixels differ in a lamp's shadow; which of both is right is not known yet"
+)
+def test_a_leaf_that_shades_itself_is_the_same_traced() -> None:
+    turned = {"position_mm": [-15, 0, 660], "rotations": [{"axis": [0.3, 1, 0], "angle_deg": 12.875}]}
+    scene = scene_of({"pose": turned}, {"pose": {"position_mm": [15, 5, 680]}}, camera=CAMERA, **LIGHTS["lit"])
+    walked, traced, _few, _many = both_ways(world_of(scene, relief(258, 20), ball(258, 3)), scene)
+    np.testing.assert_array_equal(walked, traced)
+
+
 def test_a_sheet_through_another_is_traced_where_they_meet() -> None:
     through = {"rotations": [{"axis": [0, 1, 0], "angle_deg": 25}], "position_mm": [0, 0, 660]}
     scene = scene_of({}, {"pose": through}, camera=CAMERA)

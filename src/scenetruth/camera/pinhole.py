@@ -102,6 +102,22 @@ class Camera(FrozenModel):
         """Principal point (c_x, c_y) in pixel indices."""
         return self.principal_point_px or ((self.width - 1) / 2, (self.height - 1) / 2)
 
+    def shrunk_to(self, most_px: int) -> Camera:
+        """Return a camera with the same field of view, and not more than so many pixels along its longer side."""
+        share = min(most_px / max(self.width, self.height), 1.0)
+        width, height = (max(round(side * share), 1) for side in (self.width, self.height))
+        x, y = self.principal_point
+        return self.model_copy(
+            update={
+                "width": width,
+                "height": height,
+                "focal_length_px": self.focal_px * width / self.width,
+                "focal_length_mm": None,
+                "pixel_pitch_um": None,
+                "principal_point_px": ((x + 0.5) * width / self.width - 0.5, (y + 0.5) * width / self.width - 0.5),
+            }
+        )
+
     def without_distortion(self) -> Camera:
         """Return the pinhole with the same intrinsics."""
         return self if self.distortion is None else self.model_copy(update={"distortion": None})

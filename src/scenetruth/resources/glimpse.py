@@ -198,30 +198,13 @@ def _moments(scene: Scene, bodies: int) -> list[float]:
     return sorted({*chosen, 0.0})
 
 
-def _small(camera: Camera, width_px: int) -> Camera:
-    """Return a camera with the same field of view and few pixels."""
-    share = min(width_px / max(camera.width, camera.height), 1.0)
-    width, height = (max(round(side * share), 1) for side in (camera.width, camera.height))
-    x, y = camera.principal_point
-    return camera.model_copy(
-        update={
-            "width": width,
-            "height": height,
-            "focal_length_px": camera.focal_px * width / camera.width,
-            "focal_length_mm": None,
-            "pixel_pitch_um": None,
-            "principal_point_px": ((x + 0.5) * width / camera.width - 0.5, (y + 0.5) * width / camera.width - 0.5),
-        }
-    )
-
-
 def _picture(corners: Sequence[NDArray[np.float64]], camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the depth of what is nearest in every pixel of a small picture, and which body it is."""
     for width_px in _WIDTHS_PX[:-1]:
-        found = _drawn(corners, _small(camera, width_px), _MOST_PIECES)
+        found = _drawn(corners, camera.shrunk_to(width_px), _MOST_PIECES)
         if found is not None:
             return found
-    found = _drawn(corners, _small(camera, _WIDTHS_PX[-1]), np.inf)
+    found = _drawn(corners, camera.shrunk_to(_WIDTHS_PX[-1]), np.inf)
     assert found is not None
     return found
 

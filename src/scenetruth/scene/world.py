@@ -23,6 +23,7 @@ from scenetruth.scene.spec import Scene
 from scenetruth.scene.surface.normals import corner_normals
 from scenetruth.scene.surface.start import Start, start_of
 from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture.uniform import UniformTexture
 from scenetruth.scene.times import times_of
 
 __all__ = ["Body", "Snapshot", "World", "build_world", "maps_of"]
@@ -230,7 +231,7 @@ class World:
         return np.concatenate([body.surface_at(t) for body in self.bodies])
 
 
-def build_world(scene: Scene, folder: Path = Path()) -> World:
+def build_world(scene: Scene, folder: Path = Path(), *, painted: bool = True) -> World:
     """Make meshes, textures and motions of a scene.
 
     Parameters
@@ -239,6 +240,8 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
         The scene.
     folder
         Where relative paths in it count from.
+    painted
+        Whether objects get their textures, which takes most of the time; if not, they are all grey.
 
     Raises
     ------
@@ -250,14 +253,20 @@ def build_world(scene: Scene, folder: Path = Path()) -> World:
     for path, item in scene.parts:
         # What overflows is found, and told of, by the checks.
         with np.errstate(all="ignore"):
-            _build(scene, path, item, folder, bodies, problems)
+            _build(scene, path, item, folder, painted, bodies, problems)
     if problems:
         raise SceneError(problems)
     return World(tuple(bodies))
 
 
 def _build(
-    scene: Scene, path: str, item: SceneObject, folder: Path, bodies: list[Body], problems: list[Problem]
+    scene: Scene,
+    path: str,
+    item: SceneObject,
+    folder: Path,
+    painted: bool,
+    bodies: list[Body],
+    problems: list[Problem],
 ) -> None:
     """Add the body of one object, or the problems that it has."""
     part = "mesh"
@@ -265,7 +274,8 @@ def _build(
         mesh = item.mesh.make(folder)
         part = "texture"
         generator = generator_for(scene.seed, "texture", item.name)
-        texture, uv, uv_back = item.texture.paint(mesh, folder, generator)
+        model = item.texture if painted else UniformTexture(kind="uniform")
+        texture, uv, uv_back = model.paint(mesh, folder, generator)
         part = "deformation.0"
         given = item.deformation[0] if item.deformation else None
         start = given.start(mesh, folder, scene.frames) if isinstance(given, NodalModel) else start_of(mesh)

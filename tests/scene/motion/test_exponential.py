@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -43,7 +45,7 @@ def test_it_solves_its_differential_equation(amplitude: float, constant: float, 
 
 def test_known_distances() -> None:
     grown = exponential(3.0, 5.0).point_map((0.0, 0.0, 0.0))
-    for frames, distance in ((0.0, 0.0), (5 * np.log(2), 3.0), (5.0, 3 * (np.e - 1))):
+    for frames, distance in ((0.0, 0.0), (5 * np.log(2), 3.0), (5.0, 3 * (math.e - 1))):
         found = compose([grown], POINTS, frames).positions_mm - POINTS
         np.testing.assert_allclose(found, np.tile(distance * ALONG, (2, 1)), atol=1e-12)
     relaxed = compose([exponential(3.0, -0.5).point_map((0.0, 0.0, 0.0))], POINTS, 40.0)
@@ -74,7 +76,7 @@ def test_objects_and_lights_of_a_scene_move_by_it() -> None:
     scene = st.scene_from_plain(plain)
     (lamp,) = scene.lighting.lamps_at(10.0)
     assert lamp.position_mm is not None
-    np.testing.assert_allclose(lamp.position_mm, [0, -80, 400 - 2 * (np.e - 1)], rtol=1e-12)
+    np.testing.assert_allclose(lamp.position_mm, [0, -80, 400 - 2 * (math.e - 1)], rtol=1e-12)
     assert st.scene_from_plain(scene.to_plain()) == scene
 
 
