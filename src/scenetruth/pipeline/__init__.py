@@ -1,5 +1,6 @@
 """From a scene to a folder of results, stage by stage."""
 
+from scenetruth.pipeline.exporting import export_run
 from scenetruth.pipeline.figure_help import FigureHelper, figure_help
 from scenetruth.pipeline.folder import MethodFiles, RunFolder
 from scenetruth.pipeline.requirements import effort_of, method_choices, run_problems
@@ -17,6 +18,7 @@ __all__ = [
     "Stage",
     "Verdict",
     "effort_of",
+    "export_run",
     "figure_help",
     "method_choices",
     "run_problems",

@@ -1,0 +1,64 @@
+"""Files of one image or map: PNG, PFM, Middlebury's .flo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FLO_TAG", "image_name", "write_flo", "write_mask", "write_pfm", "write_picture"]
+
+FLO_TAG = 202021.25
+"""First four bytes of .flo, .dpt and .cam files, as a float: they tell that the byte order is right."""
+
+_FLO_UNKNOWN = 1e10
+
+
+def image_name(s: int, t: int) -> str:
+    """Return the name of an image, without its ending: ``s+0_t+0``."""
+    return f"s{s:+d}_t{t:+d}"
+
+
+def write_picture(file: Path, image: NDArray[np.float64], bits: int = 8) -> None:
+    """Write an image, full scale 1, as PNG; its folder is made.
+
+    Parameters
+    ----------
+    file
+        The file.
+    image
+        Shape (y, x), or (y, x, channel) with 8 bits.
+    bits
+        8 or 16.
+    """
+    import imageio.v3 as imageio
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    largest = 2**bits - 1
+    values = np.rint(np.clip(np.nan_to_num(image), 0, 1) * largest)
+    imageio.imwrite(file, values.astype(np.uint8 if bits == 8 else np.uint16))
+
+
+def write_mask(file: Path, mask: NDArray[np.bool_]) -> None:
+    """Write a mask as PNG, 255 where it is true and 0 elsewhere."""
+    write_picture(file, mask.astype(np.float64))
+
+
+def write_pfm(file: Path, values: NDArray[np.float64]) -> None:
+    """Write a map of shape (y, x) as PFM: float32, little endian, rows from the bottom up, +inf for NaN."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    height, width = values.shape
+    # A negative scale says that bytes are little endian.
+    head = f"Pf\n{width} {height}\n-1.0\n".encode("ascii")
+    file.write_bytes(head + np.where(np.isfinite(values), values, np.inf)[::-1].astype("<f4").tobytes())
+
+
+def write_flo(file: Path, flow: NDArray[np.float64]) -> None:
+    """Write a flow of shape (2, y, x) as .flo: float32, u and v side by side, 1e10 for both where one is NaN."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    _, height, width = flow.shape
+    known = np.isfinite(flow).all(axis=0)
+    values = np.where(known, flow, _FLO_UNKNOWN)
+    head = np.array(FLO_TAG, dtype="<f4").tobytes() + np.array([width, height], dtype="<i4").tobytes()
+    file.write_bytes(head + np.moveaxis(values, 0, -1).astype("<f4").tobytes())

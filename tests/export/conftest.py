@@ -1,0 +1,72 @@
+"""One small scene with everything that formats must tell: depth steps, hidden points, curved paths, empty pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import xarray as xr
+
+import scenetruth as st
+from scenetruth.export import Exported, Source
+from scenetruth.scene import Scene
+
+
+def scene(**changes: Any) -> Scene:
+    """Return a tilted tile that turns and comes nearer in front of a wall that ends inside the image."""
+    texture = {"kind": "noise", "wavelength_mm": [6.0, 30.0]}
+    wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [72, 90]}, "texture": texture}
+    tile = {"name": "tile", "mesh": {"kind": "plane", "size_mm": [28, 24]}, "texture": texture}
+    moving = {"kind": "acceleration", "velocity_mm_per_frame": [3, 1, -2], "acceleration_mm_per_frame2": [1, 0, -1]}
+    turning = {"kind": "rotation", "axis": [0, 1, 1], "rate_deg_per_frame": 4}
+    plain: dict[str, Any] = {
+        "camera": {"width": 64, "height": 48, "focal_length_px": 80},
+        "stage": {"positions": 3, "baseline_mm": 4.0},
+        "frames": {"count": 3},
+        "objects": [
+            wall | {"pose": {"position_mm": [-10, 0, 100], "rotations": [{"axis": [0, 1, 0], "angle_deg": 10}]}},
+            tile
+            | {
+                "pose": {"position_mm": [-2, 0, 78], "rotations": [{"axis": [1, 1, 0], "angle_deg": 15}]},
+                "motion": [turning, moving],
+            },
+        ],
+        "render": {"backend": "raycast", "supersampling": 4},
+        "seed": 3,
+    }
+    return st.scene_from_plain(plain | changes)
+
+
+@pytest.fixture(scope="session")
+def recording_and_truth() -> tuple[xr.Dataset, xr.Dataset]:
+    return st.simulate(scene(), truth_views="all", truth_content="complete")
+
+
+@pytest.fixture(scope="session")
+def recording(recording_and_truth: tuple[xr.Dataset, xr.Dataset]) -> xr.Dataset:
+    return recording_and_truth[0]
+
+
+@pytest.fixture(scope="session")
+def truth(recording_and_truth: tuple[xr.Dataset, xr.Dataset]) -> xr.Dataset:
+    return recording_and_truth[1]
+
+
+@pytest.fixture(scope="session")
+def source(recording: xr.Dataset, truth: xr.Dataset) -> Source:
+    return Source(recording, truth)
+
+
+Export = Callable[..., Exported]
+
+
+@pytest.fixture
+def export(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> Export:
+    """Write the scene in a format, into a folder of that name."""
+
+    def write(format: str, **options: Any) -> Exported:
+        return st.export_data(recording, truth, tmp_path / format, format, **options)
+
+    return write
