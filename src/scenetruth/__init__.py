@@ -9,14 +9,19 @@ from scenetruth.compilation import keep_compiled_code
 
 if TYPE_CHECKING:
     from scenetruth.camera import two_point_correction
+    from scenetruth.dataset.reading import open_dataset
+    from scenetruth.dataset.recipe.load import load_recipe, recipe_from_plain
+    from scenetruth.dataset.run import run_dataset
     from scenetruth.errors import (
         BackendUnavailableError,
         EstimateError,
         EstimateWarning,
+        ExportError,
         MachineError,
         MismatchError,
         OutputExistsError,
         Problem,
+        RecipeError,
         RecordingError,
         RenderError,
         SceneError,
@@ -26,7 +31,8 @@ if TYPE_CHECKING:
         StoreError,
     )
     from scenetruth.estimators import estimate
-    from scenetruth.pipeline import RunFolder, run_scene, verify_folder
+    from scenetruth.export import export_data, export_formats
+    from scenetruth.pipeline import RunFolder, export_run, run_scene, verify_folder
     from scenetruth.resources import Limits
     from scenetruth.scene import Scene, load_scene, scene_from_plain
     from scenetruth.schema import make_estimate, make_recording
@@ -43,11 +49,13 @@ __all__ = [
     "BackendUnavailableError",
     "EstimateError",
     "EstimateWarning",
+    "ExportError",
     "Limits",
     "MachineError",
     "MismatchError",
     "OutputExistsError",
     "Problem",
+    "RecipeError",
     "RecordingError",
     "RenderError",
     "RunFolder",
@@ -59,12 +67,19 @@ __all__ = [
     "ScoreError",
     "StoreError",
     "estimate",
+    "export_data",
+    "export_formats",
+    "export_run",
     "load",
+    "load_recipe",
     "load_scene",
     "make_estimate",
     "make_recording",
     "make_truth",
+    "open_dataset",
     "open_store",
+    "recipe_from_plain",
+    "run_dataset",
     "run_scene",
     "save",
     "scene_from_plain",
@@ -79,6 +94,10 @@ __all__ = [
 
 _HOMES = {
     "Limits": "resources",
+    "load_recipe": "dataset.recipe.load",
+    "open_dataset": "dataset.reading",
+    "recipe_from_plain": "dataset.recipe.load",
+    "run_dataset": "dataset.run",
     "Scene": "scene",
     "load_scene": "scene",
     "scene_from_plain": "scene",
@@ -91,6 +110,9 @@ _HOMES = {
     "load": "storage",
     "open_store": "storage",
     "RunFolder": "pipeline",
+    "export_data": "export",
+    "export_formats": "export",
+    "export_run": "pipeline",
     "run_scene": "pipeline",
     "verify_folder": "pipeline",
     "save": "storage",

@@ -11,10 +11,12 @@ __all__ = [
     "BackendUnavailableError",
     "EstimateError",
     "EstimateWarning",
+    "ExportError",
     "MachineError",
     "MismatchError",
     "OutputExistsError",
     "Problem",
+    "RecipeError",
     "RecordingError",
     "RenderError",
     "SceneError",
@@ -157,6 +159,12 @@ class SceneError(_ProblemListError):
     _noun = "scene"
 
 
+class RecipeError(_ProblemListError):
+    """A recipe of a data set that cannot be followed; lists every problem with its path."""
+
+    _noun = "recipe"
+
+
 class RecordingError(_ProblemListError):
     """Images, or a data set, that do not have the agreed form."""
 
@@ -173,6 +181,12 @@ class ScoreError(_ProblemListError):
     """An estimate and a truth that cannot be compared."""
 
     _noun = "score"
+
+
+class ExportError(_ProblemListError):
+    """Data sets, or options, from which a format cannot be written."""
+
+    _noun = "export"
 
 
 class MachineError(_ProblemListError):

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from scenetruth.scoring import Score
 
-__all__ = ["console", "print_methods", "print_score"]
+__all__ = ["console", "print_formats", "print_methods", "print_score"]
 
 
 def print_methods() -> None:
@@ -34,6 +34,21 @@ def print_methods() -> None:
             continue
         gives = ", ".join(sorted(method.gives)) or "shows in its estimates"
         table.add_row(*map(visible, (entry.name, gives, str(method.needs), entry.origin)))
+    console().print(table)
+
+
+def print_formats() -> None:
+    """Print all formats of export: what they write, their options with defaults, which package they need."""
+    from rich.table import Table
+
+    from scenetruth.export import known_formats
+
+    table = Table(title="formats of export", title_justify="left")
+    for heading in ("name", "writes", "options", "needs"):
+        table.add_column(heading, overflow="fold")
+    for kind, model in known_formats().items():
+        fields = [f"{name}={field.default}" for name, field in model.model_fields.items() if name != "kind"]
+        table.add_row(kind, model.summary, ", ".join(fields) or "–", ", ".join(model.packages) or "–")
     console().print(table)
 
 

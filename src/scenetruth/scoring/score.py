@@ -22,7 +22,7 @@ from scenetruth.scoring.summary import html_summary, line_summary
 from scenetruth.settings import ScoreSettings
 
 if TYPE_CHECKING:
-    import pandas as pd  # type: ignore[import-untyped]
+    import pandas as pd
 
 __all__ = ["Score"]
 

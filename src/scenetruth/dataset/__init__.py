@@ -1,0 +1,1 @@
+"""Many scenes from one recipe: drawn, made, catalogued and read."""

@@ -1,0 +1,1 @@
+"""What a varied field of a scene may be: one module per kind."""

@@ -1,0 +1,1 @@
+"""Many samples on one machine or a cluster, behind `concurrent.futures.Executor`."""

@@ -1,0 +1,59 @@
+"""What a worker does before its first sample: few threads, no signals of the terminal, no life without its parent.
+
+Nothing heavy is imported here, so that the number of threads is set before any library looks at it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+
+__all__ = ["limit_threads", "start_worker"]
+
+_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLOSC_NTHREADS")
+
+
+def start_worker(threads: int) -> None:
+    """Prepare a process that was started by spawning.
+
+    Parameters
+    ----------
+    threads
+        How many threads it may use for its work.
+    """
+    # A Ctrl-C goes to every process of the terminal: the parent decides what becomes of it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    limit_threads(threads)
+    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+
+
+def limit_threads(threads: int) -> None:
+    """Let the libraries that compute use so many threads in this process, whether they are loaded or not."""
+    for name in _VARIABLES:
+        os.environ[name] = str(threads)
+    # OpenGL in software draws in threads of its own, 0 for none.
+    os.environ["LP_NUM_THREADS"] = str(threads if threads > 1 else 0)
+    os.environ["ZARR_THREADING__MAX_WORKERS"] = str(threads)
+    os.environ["ZARR_ASYNC__CONCURRENCY"] = str(threads)
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if "numba" in sys.modules:
+        import numba
+
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    if "numpy" in sys.modules:
+        from threadpoolctl import threadpool_limits
+
+        threadpool_limits(threads)
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as its parent has ended, however that was: a pool's workers would wait for ever."""
+    from multiprocessing import parent_process
+    from multiprocessing.connection import wait
+
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

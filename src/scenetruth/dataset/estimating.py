@@ -1,0 +1,158 @@
+"""A method of estimation on every sample of a data set; its scores land in the catalogue."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenetruth.dataset.catalogue.scores import columns_of, score_file, write_scores
+from scenetruth.dataset.engine.each import Each, for_each
+from scenetruth.dataset.folder import DatasetFolder
+from scenetruth.dataset.identity import open_sampler, read_identity
+from scenetruth.dataset.sample import Made
+from scenetruth.dataset.shards import extracted, shard_of
+from scenetruth.dataset.shelf import Shelf
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators import MethodChoice, choose
+from scenetruth.pipeline import RunFolder, Runner, run_problems
+from scenetruth.placing import write_aside
+from scenetruth.progress import Progress
+from scenetruth.resources import Limits
+from scenetruth.scoring import Score
+
+__all__ = ["estimate_dataset", "try_estimate"]
+
+
+def estimate_dataset(
+    folder: str | Path,
+    method: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    numbers: Sequence[int] | None = None,
+    workers: int = 1,
+    threads: int = 1,
+    scheduler: str | None = None,
+    retries: int = 0,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> Each:
+    """Estimate samples of a data set by a method, and score them.
+
+    Estimates and scores lie in the samples' folders as those of runs do; of samples in tar files, the score alone is
+    kept. Scores come into the catalogue as columns ``score.METHOD.REGION.QUANTITY.STATISTIC``. What has a score
+    already is not estimated again.
+
+    Parameters
+    ----------
+    folder
+        The data set.
+    method
+        The method; that of the first base scene if not given.
+    settings
+        Its settings; those of the scene, or its defaults, where not given.
+    numbers
+        Numbers of the samples; all that are there if not given.
+    workers, threads, scheduler, retries
+        As of `run_dataset`.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Each
+        How many were estimated, and what went wrong.
+
+    Raises
+    ------
+    EstimateError
+        If there is no such method, settings do not fit, or scores of other settings are there.
+    StoreError
+        If there is no data set.
+    """
+    places = DatasetFolder(folder)
+    identity, sampler = read_identity(places), open_sampler(places)
+    own = sampler.bases[0].estimate
+    chosen = own if method in (None, own.method) and not settings else _choice(own, method, settings or {})
+    problems = run_problems(sampler.bases[0], [chosen])
+    if problems:
+        raise EstimateError(problems)
+    shelf = Shelf.of(places, sampler, identity)
+    there = shelf.present(range(identity.count))
+    wanted = sorted(there if numbers is None else there.intersection(numbers))
+    _refuse_other_settings(places, chosen)
+    missing = [number for number in wanted if not score_file(places, chosen.method, number).exists()]
+    arguments = (str(places.path.resolve()), chosen.model_dump_json(), sampler.recipe.samples_per_shard)
+    found = for_each(
+        missing,
+        try_estimate,
+        arguments,
+        present=len(wanted) - len(missing),
+        workers=workers,
+        threads=threads,
+        scheduler=scheduler,
+        retries=retries,
+        what="estimate",
+        progress=progress,
+        notice=notice,
+    )
+    write_scores(places, chosen.method)
+    return found
+
+
+def _choice(own: MethodChoice, method: str | None, settings: Mapping[str, Any]) -> MethodChoice:
+    name = method or own.method
+    known = own.settings.model_dump(mode="json") if name == own.method else {}
+    return choose({"method": name, **known, **settings})
+
+
+def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
+    """Refuse to mix scores of one method with different settings."""
+    file = places.scores(chosen.method) / "settings.json"
+    text = json.dumps(chosen.settings.model_dump(mode="json"), sort_keys=True, indent=1) + "\n"
+    if file.exists():
+        if file.read_text(encoding="utf-8") != text:
+            message = f"has scores with other settings in {file.parent}; remove that folder to estimate anew"
+            raise EstimateError([Problem("settings", message)])
+        return
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with write_aside(file) as aside:
+        aside.write_text(text, encoding="utf-8")
+
+
+def try_estimate(folder: str, choice: str, per_shard: int, number: int) -> Made:
+    """Estimate and score one sample, for whoever works through many: what goes wrong is returned."""
+    start = time.perf_counter()
+    places, given = DatasetFolder(folder), json.loads(choice)
+    chosen = choose({"method": given["method"], **{key: value for key, value in given.items() if key != "method"}})
+    shard = places.shard(shard_of(number, per_shard))
+    try:
+        if shard.exists():
+            with extracted(shard, number) as files:
+                score = _scored(files, chosen)
+        else:
+            score = _scored(places.sample(number), chosen)
+        target = score_file(places, chosen.method, number)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        row = {"sample": number, "seconds": time.perf_counter() - start, **columns_of(score)}
+        with write_aside(target, overwrite=True) as aside:
+            aside.write_text(json.dumps(row) + "\n", encoding="utf-8")
+    except Exception as error:  # whatever it is, the others go on
+        return Made(number, failure={"sample": number, "error": type(error).__name__, "message": str(error)})
+    return Made(number, row, seconds=time.perf_counter() - start)
+
+
+def _scored(folder: Path, chosen: MethodChoice) -> Score:
+    from scenetruth.scoring import score_settings
+
+    with Runner(RunFolder(folder), overwrite=True, limits=Limits()) as runner:
+        files = runner.folder.of(chosen.method)
+        if not files.estimate.exists():
+            runner.estimate(chosen)
+        scene = json.loads(runner.recording.attrs["scene"])
+        runner.score(chosen.method, score_settings(**scene.get("score", {})))
+        return runner.scores[chosen.method]

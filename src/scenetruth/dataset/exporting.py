@@ -1,0 +1,111 @@
+"""Samples of a data set in a format of others: one folder each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenetruth.dataset.engine.each import Each, for_each
+from scenetruth.dataset.folder import DatasetFolder
+from scenetruth.dataset.identity import open_sampler, read_identity
+from scenetruth.dataset.sample import Made
+from scenetruth.dataset.shards import extracted, shard_of
+from scenetruth.dataset.shelf import Shelf
+from scenetruth.errors import StoreError
+from scenetruth.export import choose_format
+from scenetruth.pipeline import export_run
+from scenetruth.progress import Progress
+
+__all__ = ["export_dataset", "try_export"]
+
+
+def export_dataset(
+    folder: str | Path,
+    out: str | Path,
+    format: str,
+    *,
+    numbers: Sequence[int] | None = None,
+    method: str | None = None,
+    workers: int = 1,
+    threads: int = 1,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+    **options: Any,
+) -> Each:
+    """Write every sample of a data set in a format of others, each into a folder of its own: ``OUT/00000417``.
+
+    Samples that are there already stay as they are, so that what was interrupted can be repeated.
+
+    Parameters
+    ----------
+    folder
+        The data set.
+    out
+        Folder of the folders.
+    format
+        Name of the format; see `scenetruth.export_formats`.
+    numbers
+        Numbers of the samples; all that are there if not given.
+    method
+        Write the estimates of this method; the truth if not given.
+    workers, threads
+        As of `run_dataset`.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+    **options
+        Options of the format.
+
+    Returns
+    -------
+    Each
+        How many were written, and what went wrong.
+
+    Raises
+    ------
+    ExportError
+        If there is no such format, or its options do not fit.
+    StoreError
+        If there is no data set, or ``out`` is inside of it.
+    """
+    choose_format(format, options)
+    places, target = DatasetFolder(folder), Path(out)
+    if target.resolve().is_relative_to(places.path.resolve()):
+        raise StoreError(target, "is inside the data set; give a folder elsewhere")
+    identity, sampler = read_identity(places), open_sampler(places)
+    there = Shelf.of(places, sampler, identity).present(range(identity.count))
+    wanted = sorted(there if numbers is None else there.intersection(numbers))
+    missing = [number for number in wanted if not (target / f"{number:08d}").exists()]
+    per_shard = sampler.recipe.samples_per_shard
+    arguments = (str(places.path.resolve()), str(target.resolve()), format, method, per_shard, json.dumps(options))
+    return for_each(
+        missing,
+        try_export,
+        arguments,
+        present=len(wanted) - len(missing),
+        workers=workers,
+        threads=threads,
+        what="export",
+        progress=progress,
+        notice=notice,
+    )
+
+
+def try_export(
+    folder: str, out: str, format: str, method: str | None, per_shard: int, options: str, number: int
+) -> Made:
+    """Write one sample, for whoever works through many: what goes wrong is returned."""
+    places, target = DatasetFolder(folder), Path(out) / f"{number:08d}"
+    shard = places.shard(shard_of(number, per_shard))
+    try:
+        if shard.exists():
+            with extracted(shard, number) as files:
+                export_run(files, target, format, method=method, **json.loads(options))
+        else:
+            export_run(places.sample(number), target, format, method=method, **json.loads(options))
+    except Exception as error:  # whatever it is, the others go on
+        return Made(number, failure={"sample": number, "error": type(error).__name__, "message": str(error)})
+    return Made(number)

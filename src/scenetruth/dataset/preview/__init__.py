@@ -1,0 +1,1 @@
+"""What a recipe would make, seen before anything is made."""

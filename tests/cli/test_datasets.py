@@ -1,0 +1,93 @@
+"""The commands of data sets: what they print, and how they end."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from scenetruth.cli.app import app
+from scenetruth.errors import MismatchError, RecipeError, StoreError
+from tests.dataset.conftest import RECIPE
+
+DEPTH = "objects.1.pose.position_mm.2"
+
+
+def call(*words: object, code: int = 0) -> str:
+    result = CliRunner().invoke(app, ["dataset", *map(str, words)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == code
+    return result.output
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    file = folder / "recipe.yaml"
+    file.write_text(yaml.safe_dump({**copy.deepcopy(RECIPE), "samples": 2, **changes}), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    output = call("run", written(folder), "-o", folder / "tiles")
+    assert "2 samples made, 0 were there" in output
+    return folder / "tiles"
+
+
+def test_check_tells_what_varies_what_is_refused_and_what_it_takes(tmp_path: Path) -> None:
+    recipe = written(tmp_path, accept=[{"kind": "depth", "object": "tile", "at_most": 100}], samples=30)
+    output = call("check", recipe)
+    assert "uniform: low 90, high 110" in output
+    assert "rejected: " in output
+    assert "one sample" in output
+    assert "licence: is not given" in output
+
+
+def test_run_goes_on_and_status_and_verify_tell_how_far(made: Path) -> None:
+    assert "0 samples made, 2 were there" in call("run", made, "-o", made)
+    assert "2 of 2 samples are there, 0 failed" in call("status", made)
+    assert "whole" in call("verify", made, "--again", 1)
+
+
+def test_a_sample_alone_is_that_of_the_data_set(made: Path, tmp_path: Path) -> None:
+    call("sample", made, 1, "-o", tmp_path / "alone")
+    own = made / "samples" / "00000" / "00000001"
+    for file in own.iterdir():
+        assert file.read_bytes() == (tmp_path / "alone" / file.name).read_bytes()
+    with pytest.raises(RecipeError, match="there are 2 samples"):
+        call("sample", made, 2, "-o", tmp_path / "none")
+
+
+def test_some_failures_have_an_exit_code_of_their_own(tmp_path: Path) -> None:
+    recipe = written(tmp_path, vary={DEPTH: {"kind": "list", "values": [100, -50]}})
+    output = call("run", recipe, "-o", tmp_path / "new", "--retries", 0, code=1)
+    assert "1 samples failed" in output
+    assert "is behind the camera" in call("status", tmp_path / "new")
+
+
+@pytest.mark.parametrize("command", [("check",), ("run", "-o", "new"), ("sample", 0, "-o", "new")])
+def test_what_is_wrong_with_a_recipe_names_its_file(tmp_path: Path, command: tuple[object, ...]) -> None:
+    recipe = written(tmp_path, vary={"objects.0.texture.rms_contrast": {"kind": "uniform", "low": -1, "high": 3}})
+    name, *rest = command
+    with pytest.raises((RecipeError, MismatchError), match=r"recipe\.yaml") as caught:
+        call(name, recipe, *[tmp_path / word if word == "new" else word for word in rest])
+    assert "rms_contrast" in str(caught.value)
+    assert not (tmp_path / "new").exists()
+
+
+def test_other_folders_are_no_data_sets(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="is no data set"):
+        call("status", tmp_path)
+
+
+def test_the_schema_describes_every_kind() -> None:
+    schema = json.loads(call("schema"))
+    assert {"Uniform", "Choice", "Table", "VisibleShare"} <= set(schema["$defs"])
+    assert "Examples" not in json.dumps(schema)
+    assert schema["properties"]["vary"]["description"]

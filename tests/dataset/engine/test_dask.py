@@ -1,0 +1,64 @@
+"""A Dask cluster makes the same bytes, and a worker that is killed costs nothing."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import os
+import signal
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenetruth.dataset.engine.workers import DaskWorkers
+from scenetruth.dataset.folder import DatasetFolder
+from scenetruth.dataset.recipe.load import recipe_from_plain
+from scenetruth.dataset.run import run_dataset, status_of
+from scenetruth.errors import MachineError
+from tests.dataset.conftest import RECIPE
+from tests.nightly import nightly
+
+
+def contents(folder: Path) -> list[str]:
+    files = sorted(path for path in (folder / "samples").rglob("*") if path.is_file())
+    return [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    distributed = pytest.importorskip("distributed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as found:
+            yield found
+
+
+@nightly
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_makes_the_same_samples_though_a_worker_is_killed(cluster: Any, tmp_path: Path) -> None:
+    sampler = recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 6})
+    killed: list[int] = []
+
+    def kill(what: str, done: int, total: int) -> None:
+        if done == 2 and not killed:
+            killed.append(cluster.workers[0].pid)
+            os.kill(killed[0], signal.SIGKILL)
+
+    outcome = run_dataset(sampler, tmp_path / "cluster", scheduler=cluster.scheduler_address, progress=kill)
+    assert outcome.made == 6
+    assert killed
+    run_dataset(sampler, tmp_path / "here", workers=0)
+    assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
+    assert status_of(tmp_path / "cluster").missing == 0
+    assert DatasetFolder(tmp_path / "cluster").catalogue.exists()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_where_no_scheduler_answers_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("scenetruth.dataset.engine.workers._PATIENCE_S", 1)
+    with pytest.raises(MachineError, match="no scheduler answers there"):
+        DaskWorkers("tcp://127.0.0.1:9")

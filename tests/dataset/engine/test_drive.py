@@ -1,0 +1,126 @@
+"""The drive makes every sample once, whatever becomes of processes; with work that takes no time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenetruth.dataset.engine.drive import Drive
+from scenetruth.dataset.engine.workers import LocalWorkers
+from scenetruth.dataset.sample import Made
+from tests.nightly import nightly
+
+
+def work(folder: str, number: int) -> Made:
+    """Leave a mark; some numbers fail, or kill their process, the first time or always."""
+    marks = Path(folder)
+    (marks / f"{number}-{time.monotonic_ns()}").touch()
+    tries = len(list(marks.glob(f"{number}-*")))
+    if number == 5 or (number == 6 and tries == 1):
+        return Made(number, failure={"message": "bad"})
+    if number == 7 or (number == 8 and tries == 1):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return Made(number, {"threads": os.environ.get("NUMBA_NUM_THREADS"), "process": os.getpid()})
+
+
+class Notes:
+    def __init__(self) -> None:
+        self.made: list[Made] = []
+        self.failed: dict[int, tuple[dict[str, Any], int]] = {}
+        self.said: list[str] = []
+
+    def drive(self, workers: Any, folder: Path, work: Callable[..., Made] = work, **options: Any) -> Drive:
+        def failed(found: Made, attempts: int) -> None:
+            self.failed[found.number] = (found.failure, attempts)
+
+        return Drive(workers, work, (str(folder),), self.made.append, failed, self.said.append, **options)
+
+
+def test_every_sample_is_made_once_and_the_guilty_ones_alone_are_set_aside(tmp_path: Path) -> None:
+    notes, workers = Notes(), LocalWorkers(2)
+    try:
+        notes.drive(workers, tmp_path, retries=1).run(range(10))
+        workers.renew()
+    finally:
+        workers.close()
+    assert sorted(found.number for found in notes.made) == [0, 1, 2, 3, 4, 6, 8, 9]
+    assert {found.row["threads"] for found in notes.made} == {"1"}
+    assert notes.failed[5] == ({"message": "bad"}, 2)
+    assert notes.failed[7][0]["error"] == "WorkerDied"
+    assert notes.failed[7][1] == 2
+    assert set(notes.failed) == {5, 7}
+
+
+class InThisProcess:
+    """Workers that do their work when it is handed in."""
+
+    count, lost = 2, (ZeroDivisionError,)
+
+    def __init__(self) -> None:
+        self.renewed = 0
+        self.under_way = 0
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(work(*arguments))
+        except ZeroDivisionError as error:
+            future.set_exception(error)
+        return future
+
+    def renew(self) -> None:
+        self.renewed += 1
+
+    def refuse_unfit(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def fine(folder: str, number: int) -> Made:
+    return Made(number, {"number": number})
+
+
+def test_processes_are_started_anew_after_so_many_samples(tmp_path: Path) -> None:
+    notes, workers = Notes(), InThisProcess()
+    notes.drive(workers, tmp_path, fine, recycle=5).run(range(35))
+    assert len(notes.made) == 35
+    # Two processes of five samples each.
+    assert workers.renewed == 3
+
+
+def test_it_pauses_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scenetruth.dataset.engine.drive._LOOK_S", 0.0)
+    reasons = iter(["", "", "disk full", "disk full", "", "", "", "", "", "", "", "", ""])
+    notes = Notes()
+    notes.drive(InThisProcess(), tmp_path, fine, pause=lambda: next(reasons)).run(range(5))
+    assert sorted(found.number for found in notes.made) == [0, 1, 2, 3, 4]
+    assert notes.said == ["paused: disk full", "goes on"]
+
+
+@nightly
+def test_a_script_that_cannot_start_processes_is_told_so(tmp_path: Path) -> None:
+    """Without the usual guard, every process would run the script again."""
+    script = tmp_path / "script.py"
+    recipe = "from tests.dataset.conftest import RECIPE\nimport scenetruth as st\n"
+    run = f"st.run_dataset(st.recipe_from_plain(RECIPE), {str(tmp_path / 'new')!r}, workers=1)\n"
+    script.write_text(recipe + run, encoding="utf-8")
+    ended = subprocess.run(
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
+    )
+    assert ended.returncode != 0
+    assert "call it below `if __name__ == '__main__':`" in ended.stderr

@@ -1,0 +1,127 @@
+"""The preview: the same each time, without a full rendering, and honest about what it shows."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenetruth.dataset.preview.draws import draw_some, some_numbers
+from scenetruth.dataset.preview.thumbnails import SIMPLIFIED, simplified, thumbnail_of
+from scenetruth.dataset.preview.write import PAGE, write_preview
+from scenetruth.errors import OutputExistsError, RecipeError
+from scenetruth.scene import load_scene, scene_from_plain
+from scenetruth.scene.texture.noise import NoiseTexture
+from scenetruth.simulation import simulate
+from tests.cli.calling import scenetruth
+from tests.dataset.conftest import SCENE
+from tests.dataset.test_run import Make
+
+SCENES = Path(__file__).parents[3] / "scenes"
+HOSTILE = '<script>alert(1)</script> & "quotes" {{ 7 * 7 }} \' \u202e'
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def test_page_and_pictures(sampler_with: Make, tmp_path: Path) -> None:
+    sampler = sampler_with(
+        description=HOSTILE,
+        samples=9,
+        vary={
+            "objects.1.pose.position_mm.2": {"kind": "uniform", "low": 80, "high": 130},
+            "sensor.noise_std": {"kind": "uniform", "low": 0.001, "high": 0.1},
+        },
+        accept=[{"kind": "depth", "object": "tile", "at_most": 115}],
+        paired={"sensor.bit_depth": [10]},
+        splits={"train": 1, "test": 1},
+    )
+    told: list[str] = []
+    page = write_preview(sampler, tmp_path / "one", progress=lambda what, done, total: told.append(what))
+    write_preview(sampler, tmp_path / "two")
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+    assert set(told) == {"draw", "thumbnails"}
+    assert {path.name for path in page.parent.iterdir()} == {PAGE, "contact_sheet.png", "values.png", "pairs.png"}
+    text = page.read_text(encoding="utf-8")
+    assert "<script>" not in text
+    assert "{{ 7 * 7 }}" in text
+    assert "depth of tile over 115 mm" in text
+    assert html.escape(SIMPLIFIED) in text
+    assert "tile: pose position Z [mm]" in text
+
+
+def test_what_exists_stays(sampler_with: Make, tmp_path: Path) -> None:
+    sampler = sampler_with(samples=2)
+    write_preview(sampler, tmp_path / "p")
+    (tmp_path / "p" / "notes.txt").write_text("mine")
+    with pytest.raises(OutputExistsError, match="--overwrite"):
+        write_preview(sampler, tmp_path / "p")
+    write_preview(sampler_with(samples=1, vary={}), tmp_path / "p", overwrite=True)
+    # What is ours is replaced, what is not stays.
+    assert {path.name for path in (tmp_path / "p").iterdir()} == {PAGE, "contact_sheet.png", "notes.txt"}
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "a").write_text("mine")
+    with pytest.raises(OutputExistsError, match="did not write"):
+        write_preview(sampler, tmp_path / "other", overwrite=True)
+
+
+def test_nothing_comes_of_what_cannot_be_drawn(sampler_with: Make, tmp_path: Path) -> None:
+    never = sampler_with(accept=[{"kind": "depth", "object": "tile", "at_most": 1}], most_draws=2)
+    with pytest.raises(RecipeError, match="none of 2 draws was accepted"):
+        write_preview(never, tmp_path / "p")
+    wrong = sampler_with(vary={"sensor.noise_std": {"kind": "uniform", "low": -2, "high": -1}})
+    with pytest.raises(RecipeError, match=r"noise_std.*in sample 0"):
+        write_preview(wrong, tmp_path / "p")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_draws_are_taken_all_over(sampler_with: Make) -> None:
+    numbers = some_numbers(10_000, 100)
+    assert len(set(numbers)) == 100
+    assert numbers == sorted(numbers)
+    assert numbers[0] < 1000
+    assert numbers[-1] > 9000
+    # A grid is not met in step.
+    assert {number % 2 for number in numbers} == {0, 1}
+    drawn = draw_some(sampler_with(samples=1000), 7)
+    assert drawn.trial.accepted == drawn.trial.drawn == len(drawn.draws) == 7
+    assert [draw.number for draw in drawn.draws] == some_numbers(1000, 7)
+
+
+def test_a_thumbnail_looks_like_the_image() -> None:
+    scene = scene_from_plain({**SCENE, "sensor": "ideal"})
+    image = simulate(scene)[0]["image"].sel(s=0, t=0).values
+    small = thumbnail_of(scene)
+    assert small.shape == image.shape
+    # Waves of 6 mm are 4 px long here: nothing is left out.
+    assert simplified(scene).objects[0].texture == scene.objects[0].texture
+    assert np.corrcoef(small.ravel(), image.ravel())[0, 1] > 0.98
+
+
+def test_surfaces_are_simplified() -> None:
+    leaf = load_scene(SCENES / "leaf.yaml")
+    small = simplified(leaf)
+    assert small.camera.width == 160
+    assert [item.name for _, item in small.parts] == [item.name for _, item in leaf.parts]
+    assert small.objects[0].texture.kind == "uniform"
+    noise, own = small.objects[1].texture, leaf.objects[1].texture
+    assert isinstance(noise, NoiseTexture)
+    assert isinstance(own, NoiseTexture)
+    assert noise.wavelength_mm[0] > own.wavelength_mm[0]
+    assert noise.rms_contrast < own.rms_contrast
+    plants = simplified(load_scene(SCENES / "rosette.yaml"))
+    assert len(plants.objects) == 12
+    assert plants.plants == ()
+
+
+def test_command(tmp_path: Path) -> None:
+    recipe = SCENES / "datasets" / "cubes.yaml"
+    done = scenetruth("dataset", "preview", recipe, "-o", tmp_path / "p", "--draws", "2")
+    assert done.returncode == 0
+    assert done.stdout == f"written: {tmp_path / 'p' / PAGE}\n"
+    again = scenetruth("dataset", "preview", recipe, "-o", tmp_path / "p", "--draws", "2")
+    assert again.returncode == 2
+    assert "exists already" in again.stderr

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+
+import pytest
+
+import scenetruth as st
+from scenetruth.dataset.estimating import estimate_dataset
+from scenetruth.dataset.recipe.load import recipe_from_plain
+from scenetruth.dataset.run import run_dataset
+from scenetruth.dataset.verify import verify_dataset
+from scenetruth.errors import EstimateError
+from tests.dataset.conftest import RECIPE, SCENE
+
+FIVE_FRAMES = {**copy.deepcopy(SCENE), "frames": {"count": 5}}
+
+
+@pytest.fixture(scope="module", params=["folder", "shards"])
+def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder: Path = tmp_path_factory.mktemp("made") / request.param
+    plain = {**copy.deepcopy(RECIPE), "base": FIVE_FRAMES, "samples": 2, "layout": request.param}
+    run_dataset(recipe_from_plain(plain), folder, workers=0)
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_scores_land_in_the_catalogue_and_are_those_of_the_method(made: Path) -> None:
+    found = estimate_dataset(made, settings={"working_point_px": "auto", "tau": 1e-4}, workers=0)
+    assert (found.done, found.present, found.failed) == (2, 0, {})
+    dataset = st.open_dataset(made)
+    column = dataset.catalogue["score.structure_tensor.all.depth.rms"]
+    for sample in dataset:
+        estimate = st.estimate(sample.recording, working_point_px="auto", tau=1e-4)
+        score = st.score(estimate, sample.truth, sample.recording)
+        assert column[sample.number] == score.regions["all"]["depth"]["rms"]
+        if made.name == "folder":
+            assert sample.estimate().attrs["estimate_hash"] == estimate.attrs["estimate_hash"]
+    # What lay there before is as it was.
+    assert verify_dataset(made, again=0) == []
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_has_a_score_is_not_estimated_again_nor_mixed_with_other_settings(made: Path) -> None:
+    method = "plane_sweep"
+    (first,) = [estimate_dataset(made, method, numbers=[0], workers=0)]
+    assert (first.done, first.present) == (1, 0)
+    again = estimate_dataset(made, method, workers=0)
+    assert (again.done, again.present) == (1, 1)
+    settings = json.loads((made / "scores" / method / "settings.json").read_text(encoding="utf-8"))
+    assert settings == st.estimators.choose({"method": method}).settings.model_dump(mode="json")
+    name, value = next((key, one) for key, one in settings.items() if isinstance(one, int | float) and one > 1)
+    with pytest.raises(EstimateError, match="has scores with other settings"):
+        estimate_dataset(made, method, {name: type(value)(value + 1)}, workers=0)
+
+
+def test_no_such_method_is_told_first(made: Path) -> None:
+    with pytest.raises(EstimateError, match="structure_tnsor"):
+        estimate_dataset(made, "structure_tnsor", workers=0)

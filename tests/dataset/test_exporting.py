@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import scenetruth as st
+from scenetruth.dataset.exporting import export_dataset
+from scenetruth.dataset.recipe.load import recipe_from_plain
+from scenetruth.dataset.run import run_dataset
+from scenetruth.errors import ExportError, StoreError
+from tests.dataset.conftest import RECIPE
+
+
+@pytest.fixture(scope="module", params=["folder", "shards"])
+def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder: Path = tmp_path_factory.mktemp("made") / request.param
+    plain = {**copy.deepcopy(RECIPE), "samples": 3, "layout": request.param, "samples_per_shard": 2}
+    run_dataset(recipe_from_plain(plain), folder, workers=0)
+    return folder
+
+
+def test_every_sample_has_a_folder_and_is_written_once(made: Path, tmp_path: Path) -> None:
+    first = export_dataset(made, tmp_path / "npz", "npz", numbers=[1], workers=0)
+    again = export_dataset(made, tmp_path / "npz", "npz", workers=0)
+    assert (first.done, again.done, again.present, again.failed) == (1, 2, 1, {})
+    for sample in st.open_dataset(made):
+        (file,) = (tmp_path / "npz" / f"{sample.number:08d}").glob("*truth*.npz")
+        with np.load(file) as written:
+            assert np.array_equal(written["depth"], sample.truth["depth"].values, equal_nan=True)
+
+
+def test_what_cannot_be_is_told_first(made: Path, tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match="nzp"):
+        export_dataset(made, tmp_path / "new", "nzp", workers=0)
+    with pytest.raises(StoreError, match="inside the data set"):
+        export_dataset(made, made / "new", "npz", workers=0)
+
+
+def test_what_fails_is_told_for_each_sample(made: Path, tmp_path: Path) -> None:
+    """A truth of standard content has no finite flow."""
+    found = export_dataset(made, tmp_path / "flo", "flo", workers=0)
+    assert sorted(found.failed) == [0, 1, 2]
+    assert "flow" in found.failed[0]

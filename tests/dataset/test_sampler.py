@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from scenetruth.dataset.checking import refuse_recipe, try_draws
+from scenetruth.dataset.recipe.load import load_recipe, recipe_from_plain
+from scenetruth.dataset.sampler import HELD_OUT, Sampler
+from scenetruth.errors import RecipeError
+from tests.dataset.conftest import RECIPE, SCENE
+
+Make = Callable[..., Sampler]
+DEPTH, MEAN = "objects.1.pose.position_mm.2", "objects.*.texture.mean"
+CONTRAST = {"kind": "uniform", "low": 0.4, "high": 0.6}
+
+
+def test_a_sample_is_the_same_alone_and_among_others(sampler_with: Make) -> None:
+    accept = [{"kind": "depth", "object": "tile", "at_most": 105}]
+    one, other = (sampler_with(samples=30, accept=accept) for _ in range(2))
+    together = [one.draw(number) for number in range(30)]
+    assert sum(found.attempts > 1 for found in together) > 2
+    for number in (29, 0, 17):
+        assert other.draw(number) == together[number]
+
+
+def test_another_field_changes_no_other_draw(sampler_with: Make) -> None:
+    few = sampler_with()
+    vary = {"sensor.noise_std": {"kind": "uniform", "low": 0, "high": 0.1}, **RECIPE["vary"], MEAN: CONTRAST}
+    many = sampler_with(vary=vary, values={"unused": {"kind": "normal", "mean": 0, "std": 1}})
+    for number in range(len(few)):
+        one, other = few.draw(number), many.draw(number)
+        assert one.values[DEPTH] == other.values[DEPTH]
+        assert one.plain["seed"] == other.plain["seed"]
+
+
+def test_wildcards_have_a_value_for_each_place_or_one_for_all(sampler_with: Make) -> None:
+    apart = sampler_with(vary={MEAN: CONTRAST}).draw(0)
+    assert apart.values["objects.0.texture.mean"] != apart.values["objects.1.texture.mean"]
+    together = sampler_with(vary={MEAN: {**CONTRAST, "together": True}}).draw(0)
+    means = {item["texture"]["mean"] for item in together.plain["objects"]}
+    assert means == {together.values[MEAN]}
+
+
+def test_values_reach_formulas_and_other_fields(sampler_with: Make) -> None:
+    vary = {
+        "objects.0.pose.position_mm.2": "= z + gap",
+        **RECIPE["vary"],
+        "objects.0.texture.mean": CONTRAST,
+        "objects.1.texture.mean": {"kind": "same_as", "of": "objects.0.texture.mean"},
+        "frames.count": {"kind": "formula", "formula": "gap / 3", "whole": True},
+    }
+    found = sampler_with(vary=vary, values={"gap": {"kind": "uniform", "low": 5, "high": 9}}).draw(1)
+    scene = found.scene()
+    assert scene.objects[0].pose.position_mm[2] == found.values[DEPTH] + found.values["gap"]
+    assert scene.frames.count == round(found.values["gap"] / 3)
+    assert found.values["objects.0.texture.mean"] == found.values["objects.1.texture.mean"]
+
+
+def test_whole_parts_of_a_scene_can_vary(sampler_with: Make) -> None:
+    sensors = ["ideal", {"kind": "gaussian", "noise_std": 0.03, "bit_depth": 10}]
+    found = sampler_with(samples=12, vary={"sensor": {"kind": "choice", "values": sensors}})
+    kinds = {str(type(found.draw(number).scene().sensor)) for number in range(12)}
+    assert len(kinds) == 2
+
+
+def test_ladders_change_one_factor_and_nothing_else(sampler_with: Make) -> None:
+    paired = {"sensor.noise_std": [0.02, 0.05], "lighting.drift_per_frame": [0.01]}
+    sampler = sampler_with(samples=3, paired=paired)
+    assert len(sampler) == 12
+    for draw in range(3):
+        drawn, *steps = (sampler.draw(4 * draw + step) for step in range(4))
+        assert [(step.factor, step.values[step.factor]) for step in steps] == [
+            ("sensor.noise_std", 0.02),
+            ("sensor.noise_std", 0.05),
+            ("lighting.drift_per_frame", 0.01),
+        ]
+        for step in steps:
+            plain = copy.deepcopy(dict(step.plain))
+            section, name = step.factor.split(".")
+            plain[section][name] = drawn.plain[section][name]
+            assert plain == drawn.plain
+            assert (step.draw, step.split) == (draw, drawn.split)
+
+
+def test_several_bases_are_drawn_by_their_weights(plain: dict[str, Any]) -> None:
+    other = {**copy.deepcopy(SCENE), "description": "other"}
+    plain |= {"base": [{"scene": SCENE, "weight": 3}, {"scene": other}], "samples": 400}
+    sampler = recipe_from_plain(plain)
+    share = sum(sampler.attempt(number, 0).base for number in range(400)) / 400
+    # Three standard deviations of a share of 400.
+    assert abs(share - 0.25) < 3 * (0.25 * 0.75 / 400) ** 0.5
+
+
+def test_splits_have_their_shares_and_held_out_values_go_apart(sampler_with: Make) -> None:
+    vary = {
+        **RECIPE["vary"],
+        "objects.1.texture.kind": {"kind": "choice", "values": ["noise", "plaid"], "weights": [9, 1]},
+    }
+    sampler = sampler_with(
+        samples=600, vary=vary, splits={"train": 8, "test": 2}, hold_out={"objects.*.texture.kind": ["plaid"]}
+    )
+    drawn = [sampler.attempt(number, 0) for number in range(600)]
+    assert all((one.split == HELD_OUT) == (one.values["objects.1.texture.kind"] == "plaid") for one in drawn)
+    kept = [one.split for one in drawn if one.split != HELD_OUT]
+    share = kept.count("test") / len(kept)
+    assert abs(share - 0.2) < 3 * (0.2 * 0.8 / len(kept)) ** 0.5
+
+
+def test_refused_draws_are_counted_and_explained(sampler_with: Make) -> None:
+    sampler = sampler_with(samples=16, accept=[{"kind": "depth", "object": "tile", "at_most": 100}])
+    trial = try_draws(sampler, 16)
+    assert trial.accepted == 16
+    # Half of all depths are accepted: the number of draws has mean 32 and standard deviation 5.7; four of them above.
+    assert 16 < trial.drawn < 55
+    assert str(trial) == f"rejected: {trial.drawn - 16} of {trial.drawn}: depth of tile over 100 mm"
+    assert all(sampler.draw(number).values[DEPTH] <= 100 for number in range(16))
+
+
+BAD: list[tuple[dict[str, Any], list[str]]] = [
+    ({"smaples": 3}, ["smaples: unknown key; did you mean 'samples'?"]),
+    ({"samples": 0}, ["samples: "]),
+    ({"name": "two words"}, ["name: "]),
+    ({"base": "missing.yaml"}, ["base.0: cannot be read: No such file"]),
+    ({"base": {"camera": {}, "stage": {}}}, ["base.0.camera.width: is missing", "base.0.stage"]),
+    ({"base": []}, ["base: "]),
+    ({"set": {"camera.widht": 3}}, ["camera.widht: unknown key"]),
+    ({"set": {"camra.width": 3}}, ["set.camra.width: there is no 'camra'; did you mean 'camera'?"]),
+    ({"vary": {"objects.7.name": "= 1"}}, ["vary.objects.7.name: 'objects' is a list of 2; '7' is not an index of it"]),
+    ({"vary": {"plants.*.name": "= 1"}}, ["vary.plants.*.name: stands for nothing"]),
+    ({"vary": {"camera.width": {"kind": "unifrm"}}}, ["vary.camera.width: is of no known kind: 'unifrm'"]),
+    ({"vary": {"camera.width": 3}}, ["vary.camera.width: "]),
+    ({"vary": {"camera.width": {"kind": "uniform", "low": 3, "high": 1}}}, ["vary.camera.width: has no values"]),
+    ({"vary": {"camera.width": "= foo"}}, ["vary.camera.width: uses what is no value: foo"]),
+    ({"values": {"a": "= b", "b": "= a"}}, ["values.a: these values need each other in a circle: a, b"]),
+    ({"values": {"z": "= 1"}}, ["names of values must be unique; used more than once: z"]),
+    ({"set": {DEPTH: 3}}, [f"is both set and varied: {DEPTH}"]),
+    ({"paired": {"sensor.noise": [1]}}, ["paired.sensor.noise: unknown key"]),
+    ({"paired": {"sensor.noise_std": [0.1, -1]}}, ["paired.sensor.noise_std: input should be greater than or equal"]),
+    ({"hold_out": {"camera.width": [3]}}, ["hold_out.camera.width: is neither the path nor the name"]),
+    ({"accept": [{"kind": "depth"}]}, ["accept.0: bounds nothing"]),
+    ({"accept": [{"kind": "depth", "at_least": 3, "at_most": 1}]}, ["accept.0: can never hold"]),
+    (
+        {
+            "vary": {
+                DEPTH: {"kind": "list", "values": [100, "far"]},
+                "camera.width": {"kind": "integers", "low": 0, "high": 9},
+            }
+        },
+        [f"vary.{DEPTH}.values.1: ", "vary.camera.width.low: "],
+    ),
+    (
+        {"vary": {"sensor": {"kind": "choice", "values": ["ideal", {"noise_std": -1}]}}},
+        ["vary.sensor.values.1: sensor.noise_std: "],
+    ),
+    (
+        {"accept": [{"kind": "visible_share", "object": "tile", "at_least": 1.1}], "most_draws": 7},
+        ["accept: sample 0: none of 7 draws was accepted (visible share of tile under 1.1: 7)"],
+    ),
+    ({"vary": {"frames.count": "= 5 - 5 * 2"}}, ["frames.count: ", "with every value in the middle of its range"]),
+    ({"vary": {"frames.count": "= 1 / 0"}}, ["vary.frames.count: '1 / 0' has no value"]),
+]
+
+
+@pytest.mark.parametrize(("changes", "told"), BAD, ids=[str(number) for number in range(len(BAD))])
+def test_what_is_wrong_is_told_before_the_first_sample(
+    sampler_with: Make, changes: dict[str, Any], told: list[str]
+) -> None:
+    with pytest.raises(RecipeError) as caught:
+        refuse_recipe(sampler_with(**changes))
+    for text in told:
+        assert text in str(caught.value)
+
+
+def test_a_file_names_itself_and_paths_count_from_it(tmp_path: Any) -> None:
+    import yaml
+
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SCENE), encoding="utf-8")
+    file = tmp_path / "recipe.yaml"
+    file.write_text(yaml.safe_dump({**RECIPE, "base": "scene.yaml"}), encoding="utf-8")
+    assert load_recipe(file).draw(2) == recipe_from_plain(RECIPE).draw(2)
+    file.write_text("name: [", encoding="utf-8")
+    with pytest.raises(RecipeError, match=r"recipe\.yaml"):
+        load_recipe(file)
