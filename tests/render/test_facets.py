@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
-from scenetruth.camera import Viewpoint
-from scenetruth.raycast import RayCaster
+from scenetruth.camera import Viewpoint, pixel_rays
+from scenetruth.raycast import RayCaster, Topology
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.world import World
@@ -68,6 +68,25 @@ def both_ways(world: World, scene: Scene, t: float = 0.0) -> tuple[NDArray[np.fl
     return images[0], images[1], rays[0], rays[1]
 
 
+def poked_through(world: World, scene: Scene) -> NDArray[np.bool_]:
+    """Tell in which pixels a body is seen that no ray meets through the centres of the pixel and its neighbours."""
+    camera, n = scene.camera, 10
+    caster = RayCaster(world.at(0.0).vertices_mm, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg))
+    rays, origin = pixel_rays(camera), Viewpoint.on_axis(3.0).position_mm
+    across, down = rays.steps
+    steps = (np.arange(n) + 0.5) / n - 0.5
+
+    def bodies(right: float, below: float) -> NDArray[np.int64]:
+        face = caster.cast(origin, rays.directions + right * across + below * down).face
+        return np.where(face >= 0, world.face_body[face], -1).reshape(camera.height, camera.width)
+
+    centres = np.pad(bodies(0.0, 0.0), 1, mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(centres, (3, 3)).reshape(camera.height, camera.width, 9)
+    samples = np.stack([bodies(right, below) for below in steps for right in steps], axis=-1)
+    new = ~(samples[..., :, None] == around[..., None, :]).any(axis=-1)
+    return np.asarray(new.any(axis=-1))
+
+
 @pytest.mark.parametrize("light", list(LIGHTS))
 @settings(max_examples=8, deadline=None)
 @given(seed=some.integers(0, 10_000), fine=some.booleans(), tilt_deg=some.floats(-70, 70))
@@ -76,19 +95,21 @@ def test_a_leaf_and_a_ball_are_the_same_traced(light: str, seed: int, fine: bool
     scene = scene_of({"pose": turned}, {"pose": {"position_mm": [15, 5, 680]}}, camera=CAMERA, **LIGHTS[light])
     world = world_of(scene, relief(seed, 60 if fine else 20), ball(seed, 4 if fine else 3))
     walked, traced, few, many = both_ways(world, scene)
-    np.testing.assert_array_equal(walked, traced)
+    apart = poked_through(world, scene)
+    np.testing.assert_array_equal(walked[~apart], traced[~apart])
     assert few < 0.6 * many
     assert np.ptp(walked) > 0.1
 
 
-@pytest.mark.xfail(
-    strict=True, reason="three pixels differ in a lamp's shadow; which of both is right is not known yet"
-)
-def test_a_leaf_that_shades_itself_is_the_same_traced() -> None:
+def test_what_pokes_through_between_the_centres_of_pixels_is_not_seen() -> None:
     turned = {"position_mm": [-15, 0, 660], "rotations": [{"axis": [0.3, 1, 0], "angle_deg": 12.875}]}
     scene = scene_of({"pose": turned}, {"pose": {"position_mm": [15, 5, 680]}}, camera=CAMERA, **LIGHTS["lit"])
-    walked, traced, _few, _many = both_ways(world_of(scene, relief(258, 20), ball(258, 3)), scene)
-    np.testing.assert_array_equal(walked, traced)
+    world = world_of(scene, relief(258, 20), ball(258, 3))
+    walked, traced, _few, _many = both_ways(world, scene)
+    poked = poked_through(world, scene)
+    assert 1 <= np.count_nonzero(poked) <= 6
+    np.testing.assert_array_equal(walked[~poked], traced[~poked])
+    assert np.any(walked != traced)
 
 
 def test_a_sheet_through_another_is_traced_where_they_meet() -> None:

@@ -94,7 +94,7 @@ class RaycastRenderer(Renderer):
 
         If a pixel's footprint stays on one face, its samples map to the texture through the plane of this face. If it
         stays on one smooth surface, the samples are found by walking over its faces. Only at edges, every sample has a
-        ray of its own.
+        ray of its own. A body that pokes through another between the centres of neighbouring pixels is not seen.
         """
         return self._render(t, viewpoint, None)
 
