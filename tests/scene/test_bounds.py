@@ -48,10 +48,15 @@ def made(plain: dict[str, Any]) -> None:
 
 
 def refuse(plain: dict[str, Any], message: str) -> None:
-    started = time.process_time()
-    with pytest.raises(st.SceneError, match=message):
-        made(plain)
-    assert time.process_time() - started < 5
+    for _compiled in (False, True):
+        started = time.process_time()
+        with pytest.raises(st.SceneError, match=message):
+            made(plain)
+        taken = time.process_time() - started
+        # The first time, kernels may have to be compiled.
+        if taken < 5:
+            break
+    assert taken < 5
 
 
 @pytest.mark.parametrize("value", [1e300, -1e300, 2 * LARGEST, float("nan"), float("inf")])

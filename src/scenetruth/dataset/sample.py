@@ -113,6 +113,7 @@ def _row(draw: Draw, scene: Scene, told: list[str], folder: Path) -> dict[str, A
         "split": draw.split,
         "base": draw.base,
         "attempts": draw.attempts,
+        "rejected": list(draw.rejected),
         "scene_seed": scene.seed,
         "scene_hash": recording.attrs["scene_hash"],
         "recording_hash": recording.attrs["recording_hash"],

@@ -45,6 +45,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "samples": 3,
         "paired": {"sensor.noise_std": [0.05]},
         "splits": {"train": 1, "test": 1},
+        "accept": [{"kind": "depth", "object": "tile", "at_most": 100}],
     }
     plain = copy.deepcopy(RECIPE) | changes
     plain["vary"]["objects.1.pose.rotations"] = {"kind": "rotation"}
@@ -79,12 +80,20 @@ def test_card(dataset: Path) -> None:
     assert "{{ 7 * 7 }}" in text
     for told in ("tile: pose position Z [mm]", "raycast", "CC-BY-4.0", "Somebody, Tiles &amp; more", "1.2.0", "train"):
         assert told in text
+    rejected = pq.read_table(dataset / "catalogue.parquet").to_pydict()
+    assert [len(reasons) + 1 for reasons in rejected["rejected"]] == rejected["attempts"]
+    refused = sum(
+        len(reasons) for reasons, step in zip(rejected["rejected"], rejected["step"], strict=True) if not step
+    )
+    assert refused > 0
+    assert f'<th scope="row">depth of tile over 100 mm</th><td>{refused}</td>' in text
     for name in ("contact_sheet", "values", "statistics"):
         assert f'src="card/{name}.png"' in text
     markdown = (dataset / "card.md").read_text(encoding="utf-8")
     assert "<script>" not in markdown
     assert r"\*\*bold\*\*" in markdown
     assert "](card/contact_sheet.png)" in markdown
+    assert f"| depth of tile over 100 mm | {refused} |" in markdown
     with pytest.raises(OutputExistsError, match="--overwrite"):
         write_card(dataset, PUBLISHED)
     write_card(dataset, PUBLISHED, overwrite=True)

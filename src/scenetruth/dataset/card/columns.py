@@ -18,6 +18,7 @@ _FIXED = {
     "split": "name of its split; empty if there are none",
     "base": "number of the base scene in the recipe",
     "attempts": "how many draws it took until one was accepted",
+    "rejected": "why the draws before were refused, in order",
     "scene_seed": "seed of textures, noise and stage errors",
     "scene_hash": "hash of everything in the scene that images and truth depend on",
     "recording_hash": "hash of that, and of the backend that rendered",

@@ -19,6 +19,7 @@ from scenetruth.dataset.pages.contact_sheet import ON_A_SHEET, draw_contact_shee
 from scenetruth.dataset.pages.labels import split_unit
 from scenetruth.dataset.pages.quantities import Quantity, drawn_quantities
 from scenetruth.dataset.pages.recipe_words import bound_words, ladder_rows, split_words, varied_rows
+from scenetruth.dataset.pages.refusals import refusal_rows
 from scenetruth.dataset.pages.writing import size_words
 from scenetruth.dataset.preview.draws import some_numbers
 from scenetruth.dataset.sampler import Sampler
@@ -85,6 +86,7 @@ def card_contents(
         "bounds": [bound_words(bound) for bound in recipe.accept],
         "draws": sum(attempts),
         "rejected": sum(attempts) - len(attempts),
+        "reasons": _reasons(table),
         "splits": _split_rows(sampler, table),
         "origin": _origin(sampler, identity),
         "warnings": _warnings(table),
@@ -96,6 +98,14 @@ def card_contents(
         "pairs": PAIRS if paired else "",
         "stated": STATED if drawn else "",
     }
+
+
+def _reasons(table: pyarrow.Table) -> list[tuple[str, str]]:
+    """Return why draws were refused, each draw once, whatever steps its ladder has."""
+    found = Counter[str]()
+    for reasons, step in zip(*_columns(table, "rejected", "step"), strict=True):
+        found.update(reasons if step == 0 else ())
+    return [(reason, format_count(count)) for reason, count in refusal_rows(found)]
 
 
 def _values_of(table: pyarrow.Table) -> dict[str, list[Any]]:
@@ -138,10 +148,14 @@ def _statistics_rows(statistics: Sequence[Quantity]) -> list[tuple[str, ...]]:
 
 
 def _draw_sheet(folder: DatasetFolder, table: pyarrow.Table, path: Path, progress: Progress | None) -> None:
-    """Draw a contact sheet of samples all over the data set, without the steps of ladders."""
-    numbers, steps, splits = _columns(table, "sample", "step", "split")
-    own = [place for place, step in enumerate(steps) if step == 0]
-    chosen = [own[place] for place in some_numbers(len(own), ON_A_SHEET)]
+    """Draw a contact sheet of samples all over the data set, each with the steps of its ladders."""
+    numbers, draws, splits = _columns(table, "sample", "draw", "split")
+    each = len(draws) // len(set(draws))
+    chosen = [
+        draw * each + step
+        for draw in some_numbers(len(set(draws)), max(ON_A_SHEET // each, 1))
+        for step in range(min(each, ON_A_SHEET))
+    ]
     images = shown_grey(small_images(folder, table, chosen, progress))
     captions = [" · ".join(filter(None, (str(numbers[place]), splits[place]))) for place in chosen]
     draw_contact_sheet(list(zip(captions, images, strict=True)), _IMAGES, path)

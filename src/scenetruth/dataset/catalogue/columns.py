@@ -42,6 +42,7 @@ def schema_of(sampler: Sampler) -> pyarrow.Schema:
         ("split", text),
         ("base", pa.int32()),
         ("attempts", pa.int32()),
+        ("rejected", pa.list_(text)),
         ("scene_seed", pa.int64()),
         ("scene_hash", text),
         ("recording_hash", text),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from scenetruth.dataset.pages.charts import MOST_CHARTS, draw_histograms, draw_p
 from scenetruth.dataset.pages.contact_sheet import ON_A_SHEET, draw_contact_sheet, shown_grey
 from scenetruth.dataset.pages.quantities import drawn_quantities
 from scenetruth.dataset.pages.recipe_words import bound_words, ladder_rows, split_words, varied_rows
+from scenetruth.dataset.pages.refusals import refusal_rows
 from scenetruth.dataset.pages.writing import render_html
 from scenetruth.dataset.preview.draws import Drawn, draw_some
 from scenetruth.dataset.preview.thumbnails import SIMPLIFIED, thumbnail_of
@@ -24,7 +24,6 @@ __all__ = ["PAGE", "write_preview"]
 
 PAGE = "preview.html"
 _MOST_TOLD, _LONGEST = 20, 400
-_NUMBER = re.compile(r"(?<![\w.])-?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?(?![\w]|\.\w)")
 SHEET, VALUES, PAIRS = "contact_sheet.png", "values.png", "pairs.png"
 
 
@@ -93,7 +92,7 @@ def _content(sampler: Sampler, drawn: Drawn, folder: Path) -> dict[str, Any]:
         "bases": [str(base) for base in sampler.bases],
         "trial": drawn.trial,
         "problems": [f"{one}"[:_LONGEST] for one in drawn.trial.problems[:_MOST_TOLD]],
-        "reasons": _alike(drawn.trial.reasons),
+        "reasons": refusal_rows(drawn.trial.reasons),
         "shown": len(drawn.draws),
         "varied": varied_rows(sampler),
         "ladders": ladder_rows(sampler),
@@ -105,15 +104,6 @@ def _content(sampler: Sampler, drawn: Drawn, folder: Path) -> dict[str, Any]:
         "left_out": max(len(quantities) - MOST_CHARTS, 0),
         "pairs": PAIRS if paired else "",
     }
-
-
-def _alike(reasons: Mapping[str, int]) -> list[tuple[str, int]]:
-    """Return why draws were refused, the most frequent first; of scenes that cannot be made, numbers do not count."""
-    found = Counter[str]()
-    for reason, count in reasons.items():
-        unmade = reason.startswith("cannot be made")
-        found[_NUMBER.sub("…", reason) if unmade else reason] += count
-    return sorted(found.items(), key=lambda one: (-one[1], one[0]))[:_MOST_TOLD]
 
 
 def _draw_sheet(draws: Sequence[Draw], path: Path, progress: Progress | None) -> None:
