@@ -18,6 +18,7 @@ import yaml
 import scenetruth as st
 from scenetruth.cli.app import app
 from tests.cli.calling import in_own_process, names, scenetruth
+from tests.no_gl import python_path_without_gl
 from tests.scenes import SCENES, cube
 
 STORES = {"recording.zarr", "truth.zarr"}
@@ -321,19 +322,7 @@ def test_schema_is_a_json_schema_with_descriptions() -> None:
 
 
 def test_no_gl_at_all_renders_by_ray_casting_and_says_why(scene_file: Path, tmp_path: Path) -> None:
-    # PyOpenGL finds no library where ctypes finds none.
-    (tmp_path / "sitecustomize.py").write_text(
-        "import ctypes.util, ctypes\n"
-        "_load = ctypes.CDLL.__init__\n"
-        "def refuse(self, name, *a, **k):\n"
-        "    if name and any(part in str(name) for part in ('GL', 'OSMesa')):\n"
-        "        raise OSError(f'{name}: not here')\n"
-        "    _load(self, name, *a, **k)\n"
-        "ctypes.CDLL.__init__ = refuse\n"
-        "_find = ctypes.util.find_library\n"
-        "ctypes.util.find_library = lambda name: None if 'GL' in name or 'OSMesa' in name else _find(name)\n"
-    )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    environment = {**os.environ, "PYTHONPATH": python_path_without_gl(tmp_path)}
     # Both in one process, which would take longer to start a second time than to render.
     code = (
         "import json, sys\n"

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ import yaml
 from scenetruth.dataset.folder import DatasetFolder
 from scenetruth.dataset.recipe.load import recipe_from_plain
 from scenetruth.dataset.sampler import Sampler
+from scenetruth.dataset.unfit import versions_here
 from scenetruth.errors import MismatchError, Problem, RecipeError, StoreError
 from scenetruth.files import input_files
 from scenetruth.placing import hold, write_aside
@@ -78,9 +77,8 @@ def identify(sampler: Sampler, backend: tuple[str, str] | None = None) -> Identi
         Backend and platform; found out if not given.
     """
     name, on = backend or backend_of(sampler)
-    versions = {"python": platform.python_version(), **{one: version(one) for one in ("scenetruth", "numpy", "scipy")}}
     recipe = sampler.recipe
-    return Identity(recipe_hash_of(sampler), recipe.samples, recipe.count, name, on, versions)
+    return Identity(recipe_hash_of(sampler), recipe.samples, recipe.count, name, on, versions_here())
 
 
 def recipe_hash_of(sampler: Sampler) -> str:

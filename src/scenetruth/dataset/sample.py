@@ -17,7 +17,8 @@ from scenetruth.dataset.catalogue.statistics import statistics_of
 from scenetruth.dataset.folder import RECORDING, SAMPLE, SCENE, TRUTH, DatasetFolder, claim_sample
 from scenetruth.dataset.identity import Identity, open_sampler, read_identity
 from scenetruth.dataset.sampler import Draw, Sampler
-from scenetruth.errors import ScenetruthError, SceneWarning, StoreError
+from scenetruth.dataset.unfit import refuse_other_versions, unfit_to_render
+from scenetruth.errors import BackendUnavailableError, MachineError, ScenetruthError, SceneWarning, StoreError
 from scenetruth.placing import write_aside
 from scenetruth.plain import parse_json
 from scenetruth.scene import Scene
@@ -169,6 +170,11 @@ def try_sample(folder: str, number: int) -> Made:
         The folder of the data set.
     number
         Number of the sample. One that is there already stays as it is.
+
+    Raises
+    ------
+    MachineError
+        If this machine cannot make samples of this data set: another one may.
     """
     start = time.perf_counter()
     places = DatasetFolder(folder)
@@ -178,6 +184,10 @@ def try_sample(folder: str, number: int) -> Made:
     try:
         sampler, identity = _opened(folder, places.identity.stat().st_mtime_ns)
         row = make_sample(sampler, identity, number, target)
+    except BackendUnavailableError as error:
+        raise unfit_to_render(error) from error
+    except MachineError:
+        raise
     except Exception as error:  # whatever it is, the run goes on, and tells
         return Made(number, failure=_failure(folder, number, error), seconds=time.perf_counter() - start)
     return Made(number, row, seconds=time.perf_counter() - start)
@@ -187,7 +197,9 @@ def try_sample(folder: str, number: int) -> Made:
 def _opened(folder: str, version: int) -> tuple[Sampler, Identity]:
     """Return recipe and identity of a data set; read again when its files have changed."""
     places = DatasetFolder(folder)
-    return open_sampler(places), read_identity(places)
+    identity = read_identity(places)
+    refuse_other_versions(identity.versions)
+    return open_sampler(places), identity
 
 
 def _failure(folder: str, number: int, error: Exception) -> dict[str, Any]:
