@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import stat
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth import compilation
-from scenetruth.compilation import announced_compilation, check_environment, keep_compiled_code
+from scenetruth.compilation import announced_compilation, check_environment, keep_compiled_code, thread_count
 
 
 @pytest.fixture
@@ -71,3 +73,36 @@ def test_every_compilation_is_announced() -> None:
         doubled(3)
     doubled(1 + 2j)
     assert told == [("doubled", 0), ("doubled", 1)]
+
+
+def test_the_number_of_threads_is_that_of_numba() -> None:
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        assert thread_count() == 1
+    finally:
+        numba.set_num_threads(before)
+    assert thread_count() == before
+
+
+@pytest.mark.parametrize("told", ["1", "2"])
+def test_a_store_is_packed_by_no_more_threads_than_allowed(told: str, tmp_path: Path) -> None:
+    code = (
+        "import sys, threading\n"
+        "started, begin = [], threading.Thread.start\n"
+        "threading.Thread.start = lambda self: (started.append(self.name), begin(self))[1]\n"
+        "from scenetruth.compilation import thread_count\n"
+        "assert thread_count() == int(sys.argv[2]) and 'numba' not in sys.modules\n"
+        "import numpy as np, scenetruth as st\n"
+        "images = np.zeros((2, 3, 30, 40), np.uint8)\n"
+        "st.save(st.make_recording(images, focal_length_px=50, baseline_mm=1), sys.argv[1])\n"
+        "print(*started)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "recording.zarr"), told],
+        env={**os.environ, "NUMBA_NUM_THREADS": told},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ("store_" in done.stdout) == (told == "2")

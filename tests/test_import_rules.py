@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "truth": {*LEAVES, "scene", "camera", "raycast", "schema", "provenance", "resources"},
     "provenance": {*LEAVES, "scene", "camera", "schema"},
     "placing": {"errors"},
-    "storage": {"errors", "schema", "placing"},
+    "storage": {"errors", "schema", "placing", "compilation"},
     "export": {*LEAVES, "schema", "placing", "storage"},
     "simulation": {
         *LEAVES,

@@ -15,7 +15,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators.threads import thread_count
+from scenetruth.compilation import thread_count
 from scenetruth.provenance import scene_hash
 from tests.scenes import SCENES, cube
 

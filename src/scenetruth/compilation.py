@@ -1,4 +1,4 @@
-"""Compiled code: where it is kept between runs, and word of its making."""
+"""Compiled code: where it is kept between runs, word of its making, and how many threads may work."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from scenetruth.errors import MachineError, Problem
 
-__all__ = ["announced_compilation", "check_environment", "keep_compiled_code"]
+__all__ = ["announced_compilation", "check_environment", "keep_compiled_code", "thread_count"]
 
 _LAYERS = ("default", "safe", "forksafe", "threadsafe", "tbb", "omp", "workqueue")
 
@@ -109,3 +109,16 @@ def announced_compilation(announce: Callable[[str, int], None]) -> Iterator[None
         yield
     finally:
         event.unregister("numba:compile", listener)
+
+
+def thread_count() -> int:
+    """Return how many threads may work: numba's number (NUMBA_NUM_THREADS), or that of the processors.
+
+    numba is not imported for this.
+    """
+    if "numba" in sys.modules:
+        import numba
+
+        return int(numba.get_num_threads())
+    told = os.environ.get("NUMBA_NUM_THREADS", "")
+    return int(told) if told.isdecimal() and int(told) > 0 else os.cpu_count() or 1

@@ -12,14 +12,9 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any
 
-__all__ = ["bands", "in_threads", "thread_count"]
+from scenetruth.compilation import thread_count
 
-
-def thread_count() -> int:
-    """Return how many threads may work, numba's number (NUMBA_NUM_THREADS, or all processors)."""
-    import numba
-
-    return int(numba.get_num_threads())
+__all__ = ["bands", "in_threads"]
 
 
 def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:

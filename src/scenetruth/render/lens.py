@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Optics, Shutter, Viewpoint
 from scenetruth.camera.optics import Psf
+from scenetruth.compilation import thread_count
 from scenetruth.render.protocol import Renderer
 from scenetruth.scene.world import World
 
@@ -147,8 +148,8 @@ def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float
     # Borders repeat into what is added to reach a fast length: no step where the image wraps around.
     padded = np.pad(fine, ((0, rows - fine.shape[0]), (0, columns - fine.shape[1])), mode="edge")
     frequency = np.hypot(fft.fftfreq(rows, 1 / parts)[:, None], fft.rfftfreq(columns, 1 / parts)[None, :])
-    spectrum = fft.rfft2(padded, workers=-1) * psf.transfer(frequency)
-    spread = fft.irfft2(spectrum, (rows, columns), workers=-1)
+    spectrum = fft.rfft2(padded, workers=thread_count()) * psf.transfer(frequency)
+    spread = fft.irfft2(spectrum, (rows, columns), workers=thread_count())
     return np.asarray(spread[: fine.shape[0], : fine.shape[1]])
 
 

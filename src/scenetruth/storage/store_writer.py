@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from scenetruth.compilation import thread_count
 from scenetruth.placing import scratch_beside
 from scenetruth.schema import blank_map, check_dataset
 from scenetruth.storage.attributes import plain_attributes
@@ -74,7 +75,9 @@ class StoreWriter:
         self._small: dict[str, NDArray[Any]] = {}
         self._pending: deque[tuple[ShardFile, tuple[int, ...], int, Future[bytes]]] = deque()
         self._pending_bytes = 0
-        self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="store")
+        # Where one thread may work, it packs itself.
+        packers = min(_THREADS, thread_count())
+        self._pool = ThreadPoolExecutor(packers, thread_name_prefix="store") if packers > 1 else None
         with without_warnings():
             self._group = group = zarr.create_group(path, zarr_format=3, attributes=attributes[""])
             for name, variable in like.variables.items():
@@ -156,9 +159,16 @@ class StoreWriter:
                 if dim not in at
             )
             chunk = np.ascontiguousarray(values[inner])
-            self._pending.append((file, index, chunk.nbytes, self._pool.submit(_pack, encoder, chunk)))
+            self._pending.append((file, index, chunk.nbytes, self._packed(encoder, chunk)))
             self._pending_bytes += chunk.nbytes
             self._write_out(_PENDING_BYTES)
+
+    def _packed(self, encoder: Any, chunk: NDArray[Any]) -> Future[bytes]:
+        if self._pool is not None:
+            return self._pool.submit(_pack, encoder, chunk)
+        done: Future[bytes] = Future()
+        done.set_result(_pack(encoder, chunk))
+        return done
 
     def _write_out(self, at_most: int) -> None:
         """Append packed chunks to their files, in the order in which they were put."""
@@ -195,7 +205,8 @@ class StoreWriter:
             if kind is None:
                 self._finish()
         finally:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+            if self._pool is not None:
+                self._pool.shutdown(wait=True, cancel_futures=True)
             for file in self._files.values():
                 file.give_up()
             if self._zip is not None:

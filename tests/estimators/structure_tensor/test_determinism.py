@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from scenetruth.estimators.threads import thread_count
+from scenetruth.compilation import thread_count
 from tests.nightly import nightly
 
 CODE = """

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
+from scenetruth.compilation import thread_count
 from scenetruth.estimators.threads import bands, in_threads
 
 __all__ = [
@@ -75,7 +76,7 @@ def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None
     steps = np.arange(count, dtype=np.float64) if positions is None else positions
     detail = np.diff(grey.astype(np.float64), axis=2)
     padded = fft.next_fast_len(2 * width, real=True)
-    spectra = fft.rfft(detail, padded, axis=2, workers=-1)
+    spectra = fft.rfft(detail, padded, axis=2, workers=thread_count())
     limit = int((width - 1) // (2 * np.diff(steps).min()))
     candidates = np.arange(-limit, limit + 1)
     total = np.zeros(len(candidates))
@@ -109,9 +110,9 @@ def find_working_point_of_flow(grey: NDArray[Any]) -> tuple[int, int]:
     detail = images[..., 1:-1, 1:-1] * 4 - images[..., :-2, 1:-1] - images[..., 2:, 1:-1]
     detail -= images[..., 1:-1, :-2] + images[..., 1:-1, 2:]
     shape = [fft.next_fast_len(size + size // 2, real=True) for size in detail.shape[-2:]]
-    spectra = fft.rfft2(detail, shape, workers=-1)
+    spectra = fft.rfft2(detail, shape, workers=thread_count())
     cross = np.sum(np.conj(spectra[:, :-1]) * spectra[:, 1:], axis=(0, 1))
-    correlation = fft.irfft2(cross, shape, workers=-1)
+    correlation = fft.irfft2(cross, shape, workers=thread_count())
     reach_y, reach_x = height // 4, width // 4
     rows, columns = np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1)
     near = correlation[np.ix_(rows % shape[0], columns % shape[1])]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.compilation import thread_count
 from scenetruth.estimators.structure_tensor.carry import carry_to_reference
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE_MOMENT, PAPER, gaussian_window
 from scenetruth.estimators.structure_tensor.maps import Best, Maps
@@ -19,7 +20,7 @@ from scenetruth.estimators.structure_tensor.task import Task, columns_of_s, comm
 from scenetruth.estimators.structure_tensor.texture import STRIDE
 from scenetruth.estimators.structure_tensor.tiling import Rectangle, tiles_of
 from scenetruth.estimators.structure_tensor.uncertainty import texture_transfer
-from scenetruth.estimators.threads import bands, in_threads, thread_count
+from scenetruth.estimators.threads import bands, in_threads
 from scenetruth.progress import Progress
 
 if TYPE_CHECKING:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.compilation import thread_count
+
 __all__ = ["SAMPLES_PER_WAVELENGTH", "BandLimitedNoise", "band_limited_noise", "holds_a_wave", "noise_shape"]
 
 SAMPLES_PER_WAVELENGTH = 16
@@ -173,7 +175,8 @@ def _limited_spectrum(
             break
         # Clipping to a little less than the limit makes the projections settle in a few rounds.
         np.clip(field, -0.96 * limit, 0.96 * limit, out=field)
-        spectrum = fft.fft(fft.rfft(field, axis=1, workers=-1)[:, :used], axis=0, workers=-1) * band
+        across = fft.rfft(field, axis=1, workers=thread_count())
+        spectrum = fft.fft(across[:, :used], axis=0, workers=thread_count()) * band
     return spectrum
 
 
@@ -183,7 +186,7 @@ def _inverse(spectrum: NDArray[np.complex128], shape: tuple[int, int]) -> NDArra
 
     rows, columns = shape
     part = np.zeros((rows, columns // 2 + 1), dtype=np.complex128)
-    part[:, : spectrum.shape[1]] = fft.ifft(spectrum, axis=0, norm="forward", workers=-1)
-    values: NDArray[np.float64] = fft.irfft(part, columns, axis=1, norm="forward", workers=-1)
+    part[:, : spectrum.shape[1]] = fft.ifft(spectrum, axis=0, norm="forward", workers=thread_count())
+    values: NDArray[np.float64] = fft.irfft(part, columns, axis=1, norm="forward", workers=thread_count())
     values *= 1 / (rows * columns)
     return values
