@@ -1,11 +1,12 @@
 """How fast data sets are made, and what making them costs: the figures of docs/scaling.md.
 
-Run it from the top of the repository: ``python -m benchmarks.datasets throughput``, or ``tiny``, ``memory``, ``kills``,
-``cluster``, ``sleeping``; all if nothing is named. Results go to a temporary folder and are removed.
+Run it from the top of the repository: ``python -m benchmarks.datasets throughput``, or ``tiny``, ``resume``,
+``memory``, ``kills``, ``cluster``, ``sleeping``; all if nothing is named. Results go to a temporary folder and are removed.
 
 - throughput: 200 noise cubes of 320 x 240 px, 5 x 9 images, with truth, by one and two processes of one thread each;
   the same samples made by `simulate_into` in one process, without engine, statistics, hashes and catalogue.
 - tiny: 2,000 samples of 48 x 36 px, time per sample in tenths of the run; then what it takes to find all of them done.
+- resume: what it takes to find 10,000 samples done, all of them copies of one.
 - memory: largest memory of one worker after every 30 of 300 samples.
 - kills: 100 SIGKILLs of workers, of the driver, and of all, at random moments; then bytes against an undisturbed run.
 - cluster: the same as throughput's two processes, by a Dask cluster of two.
@@ -33,12 +34,13 @@ import pyarrow.parquet as pq
 import yaml
 from tests.dataset.conftest import RECIPE
 
+from scenetruth.dataset.catalogue.store import CatalogueWriter
 from scenetruth.dataset.engine.workers import LocalWorkers
 from scenetruth.dataset.folder import DatasetFolder
 from scenetruth.dataset.identity import begin
 from scenetruth.dataset.recipe.load import recipe_from_plain
 from scenetruth.dataset.run import run_dataset, status_of
-from scenetruth.dataset.sample import Made, scene_of, try_sample
+from scenetruth.dataset.sample import Made, make_sample, scene_of, try_sample
 from scenetruth.dataset.sampler import Sampler
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -148,6 +150,21 @@ def tiny(folder: Path, samples: int = 2000) -> None:
     print(f"to find {outcome.present} samples done: {time.perf_counter() - start:.2f} s")
 
 
+def resume(folder: Path, samples: int = 10_000) -> None:
+    places, sampler = DatasetFolder(folder / "resume"), tiles(samples)
+    row = make_sample(sampler, begin(places, sampler), 0, places.sample(0))
+    writer = CatalogueWriter(places, sampler)
+    for number in range(samples):
+        if number:
+            shutil.copytree(places.sample(0), places.sample(number), copy_function=os.link)
+        writer.add({**row, "sample": number, "draw": number})
+    writer.flush()
+    for what in ("the first time, with all rows joined", "again"):
+        start = time.perf_counter()
+        outcome = run_dataset(sampler, places.path, workers=1)
+        print(f"to find {outcome.present} samples done, {what}: {time.perf_counter() - start:.2f} s", flush=True)
+
+
 def memory(folder: Path, samples: int = 300) -> None:
     begin(DatasetFolder(folder / "memory"), cubes(samples))
     workers = LocalWorkers(1)
@@ -227,7 +244,7 @@ def sleeping(folder: Path, samples: int = 10_000, seconds: float = 0.5, threads:
     print(f"driver and scheduler together: {1e3 * taken / samples:.2f} ms of processor time per sample")
 
 
-CASES = {case.__name__: case for case in (throughput, tiny, memory, kills, cluster, sleeping)}
+CASES = {case.__name__: case for case in (throughput, tiny, resume, memory, kills, cluster, sleeping)}
 
 
 def main() -> None:
