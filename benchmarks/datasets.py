@@ -1,7 +1,8 @@
 """How fast data sets are made, and what making them costs: the figures of docs/scaling.md.
 
 Run it from the top of the repository: ``python -m benchmarks.datasets throughput``, or ``tiny``, ``resume``,
-``memory``, ``kills``, ``cluster``, ``sleeping``; all if nothing is named. Results go to a temporary folder and are removed.
+``memory``, ``kills``, ``cluster``, ``sleeping``; all if nothing is named.
+Results go to a temporary folder and are removed.
 
 - throughput: 200 noise cubes of 320 x 240 px, 5 x 9 images, with truth, by one and two processes of one thread each;
   the same samples made by `simulate_into` in one process, without engine, statistics, hashes and catalogue.
