@@ -6,12 +6,16 @@ import copy
 import hashlib
 import os
 import signal
+import subprocess
+import sys
+import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from scenetruth.dataset.engine.workers import DaskWorkers
 from scenetruth.dataset.folder import DatasetFolder
@@ -54,6 +58,42 @@ def test_a_cluster_makes_the_same_samples_though_a_worker_is_killed(cluster: Any
     assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
     assert status_of(tmp_path / "cluster").missing == 0
     assert DatasetFolder(tmp_path / "cluster").catalogue.exists()
+
+
+@nightly
+def test_without_its_scheduler_a_run_ends_and_goes_on_with_another(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    dask, scenetruth = (str(Path(sys.executable).with_name(name)) for name in ("dask", "scenetruth"))
+    recipe, folder, known = tmp_path / "recipe.yaml", tmp_path / "cluster", tmp_path / "scheduler.json"
+    recipe.write_text(yaml.safe_dump({**copy.deepcopy(RECIPE), "samples": 30}), encoding="utf-8")
+    command = [scenetruth, "dataset", "run", str(recipe), "-o", str(folder), "--scheduler", str(known)]
+    alone = ["--scheduler-file", str(known)]
+    for killed in (True, False):
+        known.unlink(missing_ok=True)
+        quiet: Any = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        with (
+            subprocess.Popen([dask, "scheduler", *alone, "--port", "0", "--dashboard-address", ":0"], **quiet) as head,
+            subprocess.Popen([dask, "worker", *alone, "--nworkers", "2", "--nthreads", "1"], **quiet) as hands,
+        ):
+            try:
+                while not known.exists():
+                    time.sleep(0.1)
+                with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
+                    while killed and run.poll() is None and sum(1 for _ in DatasetFolder(folder).done()) < 2:
+                        time.sleep(0.05)
+                    if killed:
+                        head.kill()
+                    errors = run.communicate(timeout=200)[1]
+            finally:
+                head.kill()
+                hands.terminate()
+        assert run.returncode == (2 if killed else 0), errors
+        assert ("the scheduler does not answer any more" in " ".join(errors.split())) == killed
+    status = status_of(folder)
+    assert (status.done, status.failed) == (30, {})
+    assert list(folder.rglob(".*")) == []
+    run_dataset(recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 30}), tmp_path / "here", workers=0)
+    assert contents(folder) == contents(tmp_path / "here")
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,6 +105,9 @@ class Drive:
                     self._take(future.result(), again)
                 except self.workers.lost:
                     suspects.append(number)
+                except CancelledError:
+                    self.workers.refuse_unfit()
+                    suspects.append(number)
 
     def _by_itself(self, number: int, again: list[Made]) -> None:
         """Make one sample with nothing else under way: if a process dies now, it is this sample's."""
@@ -115,8 +118,10 @@ class Drive:
                 break
         try:
             self._take(future.result(), again)
-        except self.workers.lost:
+        except (*self.workers.lost, CancelledError) as error:
             self.workers.renew()
+            if isinstance(error, CancelledError):
+                self.workers.refuse_unfit()
             again.append(Made(number, failure={"sample": number, "error": "WorkerDied", "message": _DIED}))
 
     def _take(self, found: Made, again: list[Made]) -> None:

@@ -167,7 +167,7 @@ class DaskWorkers:
             message = f"no scheduler answers there: {error}"
             raise MachineError([Problem("--scheduler", message, address)]) from error
         self.dashboard: str = self._client.dashboard_link
-        self._at_once = at_once
+        self._at_once, self._address = at_once, address
         self._executor: Executor = self._client.get_executor(pure=False, retries=0)
 
     @property
@@ -184,7 +184,10 @@ class DaskWorkers:
         """Do nothing: the cluster looks after its workers itself."""
 
     def refuse_unfit(self) -> None:
-        """Do nothing: the cluster tells."""
+        """Refuse to go on without a scheduler."""
+        if self._client.status != "running":
+            message = "the scheduler does not answer any more; what is done stays: start it, and run the same command"
+            raise MachineError([Problem("--scheduler", message, self._address)])
 
     def close(self) -> None:
         """Take back what has not begun, and leave the cluster."""
