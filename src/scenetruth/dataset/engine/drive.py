@@ -118,11 +118,12 @@ class Drive:
                 break
         try:
             self._take(future.result(), again)
-        except (*self.workers.lost, CancelledError) as error:
+        except self.workers.lost:
             self.workers.renew()
-            if isinstance(error, CancelledError):
-                self.workers.refuse_unfit()
-            again.append(Made(number, failure={"sample": number, "error": "WorkerDied", "message": _DIED}))
+            again.append(_died(number))
+        except CancelledError:
+            self.workers.refuse_unfit()
+            again.append(_died(number))
 
     def _take(self, found: Made, again: list[Made]) -> None:
         self._proven = True
@@ -139,3 +140,7 @@ class Drive:
         elif before and not reason:
             self.said("goes on")
         return reason
+
+
+def _died(number: int) -> Made:
+    return Made(number, failure={"sample": number, "error": "WorkerDied", "message": _DIED})
