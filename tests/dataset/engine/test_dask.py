@@ -102,3 +102,18 @@ def test_where_no_scheduler_answers_it_says_so(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("scenetruth.dataset.engine.workers._PATIENCE_S", 1)
     with pytest.raises(MachineError, match="no scheduler answers there"):
         DaskWorkers("tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_work_of_a_foreign_process_keeps_to_its_threads(threads: int) -> None:
+    code = (
+        "import sys\n"
+        "from scenetruth.dataset.engine.worker import within_threads\n"
+        "from scenetruth.compilation import thread_count\n"
+        "threads = int(sys.argv[1])\n"
+        "found = within_threads(threads, thread_count)\n"
+        "import numba\n"
+        "print(found, within_threads(threads, numba.get_num_threads), within_threads(1, thread_count))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(threads)], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(threads), str(threads), "1"]

@@ -9,8 +9,10 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
+from typing import Any
 
-__all__ = ["limit_threads", "start_worker"]
+__all__ = ["limit_threads", "start_worker", "within_threads"]
 
 _VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLOSC_NTHREADS")
 
@@ -46,6 +48,18 @@ def limit_threads(threads: int) -> None:
         from threadpoolctl import threadpool_limits
 
         threadpool_limits(threads)
+
+
+def within_threads(threads: int, work: Callable[..., Any], *arguments: Any) -> Any:
+    """Do a piece of work with so many threads, in a process that somebody else has started."""
+    # numba counts for each thread by itself.
+    if getattr(_LIMITED, "threads", 0) != threads:
+        limit_threads(threads)
+        _LIMITED.threads = threads
+    return work(*arguments)
+
+
+_LIMITED = threading.local()
 
 
 def _end_with_parent() -> None:

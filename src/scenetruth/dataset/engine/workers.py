@@ -9,7 +9,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from contextlib import suppress
 from typing import Any, Protocol
 
-from scenetruth.dataset.engine.worker import start_worker
+from scenetruth.dataset.engine.worker import start_worker, within_threads
 from scenetruth.errors import MachineError, Problem
 
 __all__ = ["DaskWorkers", "LocalWorkers", "NoWorkers", "Workers", "workers_of"]
@@ -143,6 +143,8 @@ class DaskWorkers:
     ----------
     address
         Of its scheduler: ``tcp://host:8786``, or the path of a scheduler file.
+    threads
+        Threads that each piece of work may use.
     at_once
         Pieces of work that are handed in at once for each worker.
 
@@ -152,7 +154,7 @@ class DaskWorkers:
         If Dask is not installed, or there is no such scheduler.
     """
 
-    def __init__(self, address: str, at_once: int = 2) -> None:
+    def __init__(self, address: str, threads: int = 1, at_once: int = 2) -> None:
         try:
             from distributed import Client, KilledWorker
             from distributed.client import FutureCancelledError
@@ -167,7 +169,7 @@ class DaskWorkers:
             message = f"no scheduler answers there: {error}"
             raise MachineError([Problem("--scheduler", message, address)]) from error
         self.dashboard: str = self._client.dashboard_link
-        self._at_once, self._address = at_once, address
+        self._threads, self._at_once, self._address = threads, at_once, address
         self._executor: Executor = self._client.get_executor(pure=False, retries=0)
 
     @property
@@ -178,7 +180,7 @@ class DaskWorkers:
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Hand in a piece of work."""
-        return self._executor.submit(work, *arguments)
+        return self._executor.submit(within_threads, self._threads, work, *arguments)
 
     def renew(self) -> None:
         """Do nothing: the cluster looks after its workers itself."""
@@ -213,5 +215,5 @@ def workers_of(count: int, threads: int = 1, scheduler: str | None = None) -> Wo
         Address of a Dask scheduler, whose workers are taken instead.
     """
     if scheduler is not None:
-        return DaskWorkers(scheduler)
+        return DaskWorkers(scheduler, threads)
     return LocalWorkers(count, threads) if count > 0 else NoWorkers()
