@@ -14,7 +14,7 @@ from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.files import context_of
 from scenetruth.plain import plain_problems
-from scenetruth.scene.reading import MOST_BYTES, read_text, read_yaml
+from scenetruth.scene.reading import MOST_BYTES, read_file, read_yaml
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.suggestions import kinds_at, known_keys, suggest_key, suggest_setting, suggest_word
 
@@ -65,26 +65,13 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     ...     load_scene(f"{folder}/wall.yaml", ["camera.width=80", "render.backend=raycast"])
     Scene(80 x 30 px; 3 positions x 2 frames; objects: wall)
     """
-    try:
-        path = Path(file)
-    except TypeError as error:
-        raise SceneError([Problem("", "the file must be given by its path", file)]) from error
-    try:
-        plain, problems = read_yaml(read_text(path))
-        folder = path.parent.resolve()
-    except (OSError, RuntimeError) as error:
-        told = getattr(error, "strerror", None) or error
-        raise SceneError([Problem("", f"cannot be read: {told}")], source=path) from error
-    except ValueError as error:
-        raise SceneError([Problem("", str(error))], source=path) from error
-    if problems:
-        raise SceneError(problems, source=path)
+    plain, folder = read_file(file, "a scene file", SceneError)
     if plain is None:
-        raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=path)
+        raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=file)
     if not isinstance(plain, dict):
-        raise SceneError([Problem("", f"must be {_MAPPING}", plain)], source=path)
-    apply_overrides(plain, overrides, source=path)
-    return scene_from_plain(plain, source=path, folder=folder)
+        raise SceneError([Problem("", f"must be {_MAPPING}", plain)], source=file)
+    apply_overrides(plain, overrides, source=file)
+    return scene_from_plain(plain, source=file, folder=folder)
 
 
 _MAPPING = "a mapping of camera, stage, frames, objects, ..."

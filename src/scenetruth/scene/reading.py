@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenetruth.errors import Problem
+from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.files import size_of_file
 from scenetruth.plain import DEEPEST, MOST_VALUES, scalar_problem
 
-__all__ = ["MOST_BYTES", "read_text", "read_yaml"]
+__all__ = ["MOST_BYTES", "read_file", "read_text", "read_yaml"]
 
 MOST_BYTES = 4_000_000
-"""Largest scene file; those of the library have some thousand bytes."""
+"""Largest file of a scene or a recipe; those of the library have some thousand bytes."""
 
 _LONGEST_WORD = 400
 """Plain words that are longer are texts: YAML's rules for numbers and dates are not tried on them."""
@@ -25,13 +25,49 @@ _PREFIX = "tag:yaml.org,2002:"
 _READ_AS = {"null": "nothing", "bool": "yes or no", "int": "a whole number", "float": "a number"}
 
 
-def read_text(file: Path) -> str:
-    """Return the text of a scene file.
+def read_file(file: str | Path, what: str, refused: type[SceneError] | type[RecipeError]) -> tuple[Any, Path]:
+    """Return the plain values in a YAML file, and the folder that relative paths in it count from.
+
+    Parameters
+    ----------
+    file
+        The file.
+    what
+        What it should be, for messages: ``a scene file``.
+    refused
+        What to raise.
+
+    Raises
+    ------
+    SceneError, RecipeError
+        Whichever was asked for, if the file cannot be read or is not valid.
+    """
+    try:
+        path = Path(file)
+    except TypeError as error:
+        raise refused([Problem("", "the file must be given by its path", file)]) from error
+    try:
+        plain, problems = read_yaml(read_text(path, what))
+        folder = path.parent.resolve()
+    except (OSError, RuntimeError) as error:
+        told = getattr(error, "strerror", None) or error
+        raise refused([Problem("", f"cannot be read: {told}")], source=path) from error
+    except ValueError as error:
+        raise refused([Problem("", str(error))], source=path) from error
+    if problems:
+        raise refused(problems, source=path)
+    return plain, folder
+
+
+def read_text(file: Path, what: str = "a scene file") -> str:
+    """Return the text of a file in YAML.
 
     Parameters
     ----------
     file
         The file; it is not opened unless it is a regular one of at most `MOST_BYTES`.
+    what
+        What it should be, for messages.
 
     Raises
     ------
@@ -43,9 +79,9 @@ def read_text(file: Path) -> str:
     try:
         size = size_of_file(file)
     except ValueError as error:
-        msg = f"{error}; give the path of a scene file"
+        msg = f"{error}; give the path of {what}"
         raise ValueError(msg) from error
-    too_large = f"a scene file has at most {MOST_BYTES:,}; is it one?"
+    too_large = f"{what} has at most {MOST_BYTES:,}; is it one?"
     if size > MOST_BYTES:
         msg = f"has {size:,} bytes; {too_large}"
         raise ValueError(msg)

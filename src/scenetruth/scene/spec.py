@@ -167,6 +167,11 @@ class Scene(FrozenModel):
         parts = ["a lens that distorts"] if self.camera.distortion is not None else []
         return " and ".join(parts + (["a rolling shutter"] if self.shutter.readout_time_s > 0 else []))
 
+    def shrunk_to(self, most_px: int) -> Scene:
+        """Return the scene with the reference frame alone, and not more than so many pixels along a side."""
+        frames = self.frames.model_copy(update={"count": 1})
+        return self.model_copy(update={"camera": self.camera.shrunk_to(most_px), "frames": frames})
+
     def __repr__(self) -> str:
         names = [item.name for item in self.objects] + [item.name for item in self.plants]
         return line_of(self.description, self.camera, self.stage, self.frames, names)

@@ -44,11 +44,9 @@ class Look:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        small = scene.camera.shrunk_to(_WIDTH_PX)
-        self.scale = scene.camera.width / small.width
+        self._small = scene.shrunk_to(_WIDTH_PX)
+        self.scale = scene.camera.width / self._small.camera.width
         """Pixels of the camera per pixel of this picture."""
-        frames = scene.frames.model_copy(update={"count": 1})
-        self._small = scene.model_copy(update={"camera": small, "frames": frames})
         self.world = build_world(scene, painted=False)
         with warnings.catch_warnings():
             # Of textures; they are told of when the sample is made.

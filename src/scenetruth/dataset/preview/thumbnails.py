@@ -78,9 +78,8 @@ def simplified(scene: Scene) -> Scene:
 
 
 def _small(scene: Scene, parts: tuple[tuple[str, SceneObject], ...] | list[tuple[str, SceneObject]]) -> Scene:
-    camera, frames = scene.camera.shrunk_to(THUMBNAIL_PX), scene.frames.model_copy(update={"count": 1})
     items = tuple(item for _, item in parts)
-    small = scene.model_copy(update={"camera": camera, "frames": frames, "objects": items, "plants": ()})
+    small = scene.shrunk_to(THUMBNAIL_PX).model_copy(update={"objects": items, "plants": ()})
     # Copies share what the scene had found out about itself.
     small.__dict__.pop("parts", None)
     return small

@@ -15,7 +15,7 @@ from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.files import context_of
 from scenetruth.plain import plain_problems
 from scenetruth.scene import Scene, load_scene, scene_from_plain
-from scenetruth.scene.reading import read_text, read_yaml
+from scenetruth.scene.reading import read_file
 
 __all__ = ["load_recipe", "recipe_from_plain"]
 
@@ -64,17 +64,8 @@ def load_recipe(file: str | Path) -> Sampler:
     ...     len(load_recipe(f"{folder}/walls.yaml"))
     10
     """
-    path = Path(file)
-    try:
-        plain, problems = read_yaml(read_text(path))
-    except (OSError, RuntimeError) as error:
-        told = getattr(error, "strerror", None) or error
-        raise RecipeError([Problem("", f"cannot be read: {told}")], source=path) from error
-    except ValueError as error:
-        raise RecipeError([Problem("", str(error))], source=path) from error
-    if problems:
-        raise RecipeError(problems, source=path)
-    return recipe_from_plain(plain, source=path, folder=path.parent.resolve())
+    plain, folder = read_file(file, "a recipe", RecipeError)
+    return recipe_from_plain(plain, source=file, folder=folder)
 
 
 def recipe_from_plain(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> Sampler:
