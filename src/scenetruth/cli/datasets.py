@@ -54,6 +54,7 @@ def register(parent: typer.Typer) -> None:
 def check(recipe: RecipeFile, limits: options.Limits = None) -> None:
     """Validate a recipe, try some draws, and print what the data set will take."""
     from scenetruth.cli.dataset_tables import print_recipe
+    from scenetruth.compilation import thread_count
     from scenetruth.dataset.checking import refuse_recipe, try_draws
     from scenetruth.dataset.run import forecast_of
     from scenetruth.resources.bounds import limits_from
@@ -61,7 +62,7 @@ def check(recipe: RecipeFile, limits: options.Limits = None) -> None:
     sampler = _load(recipe)
     with _naming(recipe):
         refuse_recipe(sampler)
-        trial = try_draws(sampler, _TRIED)
+        trial = try_draws(sampler, _TRIED, workers=thread_count())
         forecast = forecast_of(sampler, None, limits_from(limits or ()), Path())
     print_recipe(sampler, trial, forecast)
 
@@ -87,11 +88,14 @@ def preview(
 ) -> None:
     """Show what a recipe draws, before anything is made: values, rejected draws, thumbnails."""
     from scenetruth.cli.console import reporting
+    from scenetruth.compilation import thread_count
     from scenetruth.dataset.preview.write import write_preview
 
     sampler = _load(recipe)
     with _naming(recipe), reporting() as reporter:
-        page = write_preview(sampler, output, draws=draws, overwrite=overwrite, progress=reporter)
+        page = write_preview(
+            sampler, output, draws=draws, overwrite=overwrite, workers=thread_count(), progress=reporter
+        )
     _echo(f"written: {page}")
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from scenetruth.dataset.distributions.base import Derived
+from scenetruth.dataset.engine.in_order import in_order
 from scenetruth.dataset.recipe.paths import PathError, assign
 from scenetruth.dataset.sampler import Draw, Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
@@ -130,6 +131,7 @@ def try_draws(
     samples: int | Sequence[int],
     progress: Progress | None = None,
     keep: Callable[[Draw], None] | None = None,
+    workers: int = 0,
 ) -> Trial:
     """Draw some samples, and count what is accepted.
 
@@ -143,21 +145,23 @@ def try_draws(
         Called with (what, done, total).
     keep
         Called with every draw that was accepted.
+    workers
+        Processes that look at the geometry, where bounds ask for it; 0 for this one.
     """
     drawn, reasons, problems = 0, Counter[str](), list[Problem]()
     numbers = range(min(samples, sampler.recipe.samples)) if isinstance(samples, int) else samples
     count = len(numbers)
-    for done, draw in enumerate(numbers):
+    # Without bounds a draw takes less time than handing it to a process.
+    drawings = in_order(_drawn, sampler, numbers, workers if sampler.recipe.accept else 0)
+    for done, (draw, found) in enumerate(zip(numbers, drawings, strict=True)):
         if progress is not None:
             progress("draw", done, count)
-        try:
-            found = sampler.draw(draw * sampler.recipe.steps)
-        except RecipeError as error:
-            problems += error.problems
+        if isinstance(found, RecipeError):
+            problems += found.problems
             drawn += sampler.recipe.most_draws
             continue
-        except SceneError as error:
-            problems += [_of_sample(draw, one) for one in error.problems]
+        if isinstance(found, SceneError):
+            problems += [_of_sample(draw, one) for one in found.problems]
             continue
         drawn += found.attempts
         reasons.update(found.rejected)
@@ -166,6 +170,13 @@ def try_draws(
     if progress is not None:
         progress("draw", count, count)
     return Trial(count - len(problems), drawn, reasons, tuple(problems[:_MOST_TOLD]))
+
+
+def _drawn(sampler: Sampler, draw: int) -> Draw | RecipeError | SceneError:
+    try:
+        return sampler.draw(draw * sampler.recipe.steps)
+    except (RecipeError, SceneError) as error:
+        return error
 
 
 def _problems_with(middle: Mapping[str, Any], places: tuple[str, ...], value: Any) -> tuple[Problem, ...]:

@@ -41,7 +41,7 @@ def test_page_and_pictures(sampler_with: Make, tmp_path: Path) -> None:
     )
     told: list[str] = []
     page = write_preview(sampler, tmp_path / "one", progress=lambda what, done, total: told.append(what))
-    write_preview(sampler, tmp_path / "two")
+    write_preview(sampler, tmp_path / "two", workers=2)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     assert set(told) == {"draw", "thumbnails"}
     assert {path.name for path in page.parent.iterdir()} == {PAGE, "contact_sheet.png", "values.png", "pairs.png"}

@@ -36,7 +36,7 @@ class Drawn:
         return {key: [draw.values[key] for draw in self.draws] for key in keys}
 
 
-def draw_some(sampler: Sampler, count: int | None = None, progress: Progress | None = None) -> Drawn:
+def draw_some(sampler: Sampler, count: int | None = None, progress: Progress | None = None, workers: int = 0) -> Drawn:
     """Draw some samples of a recipe, the same each time.
 
     Parameters
@@ -47,10 +47,12 @@ def draw_some(sampler: Sampler, count: int | None = None, progress: Progress | N
         How many; if not given, 500, or 48 if the geometry of each must be looked at.
     progress
         Called with (what, done, total).
+    workers
+        Processes that look at the geometry; 0 for this one.
     """
     wanted = count or (_BOUNDED if sampler.recipe.accept else _FREE)
     draws: list[Draw] = []
-    trial = try_draws(sampler, some_numbers(sampler.recipe.samples, wanted), progress, draws.append)
+    trial = try_draws(sampler, some_numbers(sampler.recipe.samples, wanted), progress, draws.append, workers)
     return Drawn(trial, draws)
 
 

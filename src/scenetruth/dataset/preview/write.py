@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.dataset.engine.in_order import in_order
 from scenetruth.dataset.pages.charts import MOST_CHARTS, draw_histograms, draw_pairs, paired_of
 from scenetruth.dataset.pages.contact_sheet import ON_A_SHEET, draw_contact_sheet, shown_grey
 from scenetruth.dataset.pages.quantities import drawn_quantities
@@ -19,6 +23,7 @@ from scenetruth.dataset.sampler import Draw, Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.placing import check_output, claim_folder, write_aside
 from scenetruth.progress import Progress
+from scenetruth.scene import scene_from_plain
 
 __all__ = ["PAGE", "write_preview"]
 
@@ -33,6 +38,7 @@ def write_preview(
     *,
     draws: int | None = None,
     overwrite: bool = False,
+    workers: int = 0,
     progress: Progress | None = None,
 ) -> Path:
     """Draw some samples of a recipe, and show them: their values, their thumbnails, and why draws were refused.
@@ -49,6 +55,8 @@ def write_preview(
         How many samples are drawn; if not given, 500, or 48 for recipes that bound the geometry.
     overwrite
         Whether an earlier preview may be replaced.
+    workers
+        Processes that look at the geometry and draw thumbnails; 0 for this one.
     progress
         Called with (what, done, total).
 
@@ -66,12 +74,12 @@ def write_preview(
     """
     claim = claim_folder(PAGE)
     check_output(folder, overwrite=overwrite, claim=claim)
-    drawn = draw_some(sampler, draws, progress)
+    drawn = draw_some(sampler, draws, progress, workers)
     if not drawn.draws:
         raise RecipeError(drawn.trial.problems)
     with write_aside(folder, overwrite=overwrite, claim=claim) as aside:
         aside.mkdir()
-        _draw_sheet(drawn.draws, aside / SHEET, progress)
+        _draw_sheet(drawn.draws, aside / SHEET, workers, progress)
         content = _content(sampler, drawn, aside)
         (aside / PAGE).write_text(render_html("preview.html.j2", **content), encoding="utf-8")
     return Path(folder) / PAGE
@@ -106,19 +114,26 @@ def _content(sampler: Sampler, drawn: Drawn, folder: Path) -> dict[str, Any]:
     }
 
 
-def _draw_sheet(draws: Sequence[Draw], path: Path, progress: Progress | None) -> None:
+def _draw_sheet(draws: Sequence[Draw], path: Path, workers: int, progress: Progress | None) -> None:
     chosen = [draws[number * len(draws) // ON_A_SHEET] for number in range(ON_A_SHEET)]
     chosen = list({draw.number: draw for draw in chosen}.values())
-    images = []
-    for done, draw in enumerate(chosen):
+    images: list[NDArray[np.float32]] = []
+    found = in_order(_thumbnail, None, [draw.plain for draw in chosen], workers)
+    for done, (draw, image) in enumerate(zip(chosen, found, strict=True)):
         if progress is not None:
             progress("thumbnails", done, len(chosen))
-        try:
-            images.append(thumbnail_of(draw.scene()))
-        except SceneError as error:
-            told = [Problem(one.path, f"{one.message} (in sample {draw.number})", one.value) for one in error.problems]
-            raise RecipeError(told) from error
+        if isinstance(image, SceneError):
+            told = [Problem(one.path, f"{one.message} (in sample {draw.number})", one.value) for one in image.problems]
+            raise RecipeError(told)
+        images.append(image)
     if progress is not None:
         progress("thumbnails", len(chosen), len(chosen))
     captions = [f"{draw.number}" + (f" · {draw.split}" if draw.split else "") for draw in chosen]
     draw_contact_sheet(list(zip(captions, shown_grey(images), strict=True)), SIMPLIFIED, path)
+
+
+def _thumbnail(_: None, plain: Mapping[str, Any]) -> NDArray[np.float32] | SceneError:
+    try:
+        return thumbnail_of(scene_from_plain(plain))
+    except SceneError as error:
+        return error
