@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from scenetruth.dataset.catalogue.store import CatalogueWriter, catalogued, write_whole
 from scenetruth.dataset.checking import refuse_recipe
 from scenetruth.dataset.engine.drive import Drive
-from scenetruth.dataset.engine.room import Room
+from scenetruth.dataset.engine.room import Room, patiently
 from scenetruth.dataset.engine.workers import workers_of
 from scenetruth.dataset.folder import DatasetFolder, claim_sample
 from scenetruth.dataset.identity import Identity, begin, open_sampler, read_identity
@@ -188,13 +188,14 @@ def run_dataset(
             work.tell()
             drive.run(number for number in numbers if number not in done)
             crew.renew()
+            patiently(writer.flush, "the catalogue", say)
         finally:
             crew.close()
             for group in places.groups_with_leftovers():
                 sweep_inside(group, claim_sample)
-            writer.flush()
+            writer.flush_if_there_is_room()
         if len(shelf.present(range(identity.count))) == identity.count:
-            write_whole(places, sampler)
+            patiently(lambda: write_whole(places, sampler), "the catalogue", say)
     return outcome
 
 
@@ -280,19 +281,22 @@ class _Work:
         self.writer.add({**found.row, "seconds": found.seconds})
         self.places.failure(found.number).unlink(missing_ok=True)
         self.outcome.made += 1
-        self.shelf.added(found.number)
+        patiently(lambda: self.shelf.added(found.number), "a tar file", self.say)
         self.tell()
 
     def failed(self, found: Made, attempts: int) -> None:
         failure: dict[str, Any] = {**found.failure, "attempts": attempts}
         failure.setdefault("again", f"scenetruth dataset sample {self.places.recipe} {found.number} -o sample")
-        self.places.failed.mkdir(exist_ok=True)
-        with write_aside(self.places.failure(found.number), overwrite=True) as aside:
-            aside.write_text(json.dumps(failure, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        patiently(lambda: self._tell_of(found.number, failure), "what went wrong", self.say)
         self.outcome.failed.append(found.number)
         lines = str(failure["message"]).splitlines()
         self.say(f"sample {found.number} failed: {lines[0] if len(lines) == 1 else ' '.join(lines[:3])}")
         self.tell()
+
+    def _tell_of(self, number: int, failure: Mapping[str, Any]) -> None:
+        self.places.failed.mkdir(exist_ok=True)
+        with write_aside(self.places.failure(number), overwrite=True) as aside:
+            aside.write_text(json.dumps(failure, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
     def tell(self) -> None:
         if self.progress is not None:

@@ -19,7 +19,7 @@ from scenetruth.dataset.identity import Identity, open_sampler, read_identity
 from scenetruth.dataset.sampler import Draw, Sampler
 from scenetruth.dataset.unfit import refuse_other_versions, unfit_to_render
 from scenetruth.errors import BackendUnavailableError, MachineError, ScenetruthError, SceneWarning, StoreError
-from scenetruth.placing import write_aside
+from scenetruth.placing import is_full_disk, write_aside
 from scenetruth.plain import parse_json
 from scenetruth.scene import Scene
 from scenetruth.storage import open_store
@@ -41,12 +41,15 @@ class Made:
         What went wrong, as plain values; empty if nothing did.
     seconds
         Time spent on it.
+    disk_full
+        Whether it failed because the disk was full: no fault of its own.
     """
 
     number: int
     row: dict[str, Any] = field(default_factory=dict)
     failure: dict[str, Any] = field(default_factory=dict)
     seconds: float = math.nan
+    disk_full: bool = False
 
 
 def scene_of(sampler: Sampler, identity: Identity, draw: Draw) -> Scene:
@@ -189,7 +192,8 @@ def try_sample(folder: str, number: int) -> Made:
     except MachineError:
         raise
     except Exception as error:  # whatever it is, the run goes on, and tells
-        return Made(number, failure=_failure(folder, number, error), seconds=time.perf_counter() - start)
+        seconds = time.perf_counter() - start
+        return Made(number, failure=_failure(folder, number, error), seconds=seconds, disk_full=is_full_disk(error))
     return Made(number, row, seconds=time.perf_counter() - start)
 
 

@@ -18,7 +18,7 @@ from scenetruth.placing.locks import locked
 from scenetruth.placing.places import checked_place
 from scenetruth.placing.writers import this_writer, written_by
 
-__all__ = ["check_output", "hold", "scratch_beside", "sweep_inside", "write_aside"]
+__all__ = ["check_output", "hold", "is_full_disk", "scratch_beside", "sweep_inside", "write_aside"]
 
 _QUIET_S, _PATIENCE_S = 0.25, 10.0
 # What goes by these names is never the only copy of anything: dead writers' are removed as they are.
@@ -283,7 +283,19 @@ def _clear_up(path: Path) -> None:
         time.sleep(0.01)
 
 
+def is_full_disk(error: BaseException | None) -> bool:
+    """Return whether an error, or one that it comes from, says that there is no room left to write to."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in _FULL:
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
 def _explain(error: OSError) -> str:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if is_full_disk(error):
         return "the disk is full; nothing was kept. Free some space or choose another output"
     return f"cannot be written: {error.strerror or error}; nothing was kept"

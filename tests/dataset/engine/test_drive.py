@@ -109,6 +109,24 @@ def test_it_pauses_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 @nightly
+def test_a_full_disk_is_no_fault_of_a_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scenetruth.dataset.engine.drive._LOOK_S", 0.01)
+    monkeypatch.setattr("scenetruth.dataset.engine.room.FULL_S", 0.02)
+
+    def writing(folder: str, number: int) -> Made:
+        (Path(folder) / f"{number}-{time.monotonic_ns()}").touch()
+        tries = len(list(Path(folder).glob(f"{number}-*")))
+        full = number in (1, 3) and tries < 5
+        return Made(number, failure={"message": "no space"} if full else {}, disk_full=full)
+
+    notes = Notes()
+    notes.drive(InThisProcess(), tmp_path, writing, retries=1).run(range(6))
+    assert sorted(found.number for found in notes.made) == [0, 1, 2, 3, 4, 5]
+    assert notes.failed == {}
+    assert notes.said[0].startswith("paused: the disk is full")
+    assert notes.said[-1] == "goes on"
+
+
 def test_a_script_that_cannot_start_processes_is_told_so(tmp_path: Path) -> None:
     """Without the usual guard, every process would run the script again."""
     script = tmp_path / "script.py"

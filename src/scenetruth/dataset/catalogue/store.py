@@ -13,7 +13,7 @@ from scenetruth.dataset.catalogue.columns import schema_of, table_of
 from scenetruth.dataset.folder import DatasetFolder
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import StoreError
-from scenetruth.placing import write_aside
+from scenetruth.placing import is_full_disk, write_aside
 
 if TYPE_CHECKING:
     import pyarrow
@@ -45,10 +45,10 @@ class CatalogueWriter:
         self._next = 1 + max((int(name.rpartition("-")[2][:-8]) for name in self._own_parts()), default=-1)
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Take a row; it is on disk after `flush`, or when enough have come together."""
+        """Take a row; it is on disk after `flush`, or when enough have come together and there is room."""
         self._rows.append(row)
         if len(self._rows) >= _ROWS or time.monotonic() - self._written > _SECONDS:
-            self.flush()
+            self.flush_if_there_is_room()
 
     def flush(self) -> None:
         """Write what has come together."""
@@ -59,6 +59,15 @@ class CatalogueWriter:
             )
             self._rows, self._next = [], self._next + 1
         self._written = time.monotonic()
+
+    def flush_if_there_is_room(self) -> None:
+        """Write what has come together, or keep it if the disk is full."""
+        try:
+            self.flush()
+        except (OSError, StoreError) as error:
+            if not is_full_disk(error):
+                raise
+            self._written = time.monotonic()
 
     def _own_parts(self) -> list[str]:
         return [path.name for path in _parts(self._folder) if path.name.startswith(f"part-{self._label}-")]

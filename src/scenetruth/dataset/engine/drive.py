@@ -9,6 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from typing import Any
 
+from scenetruth.dataset.engine import room
 from scenetruth.dataset.engine.workers import Workers
 from scenetruth.dataset.sample import Made
 
@@ -33,7 +34,8 @@ class Drive:
     arguments
         What every call gets first.
     retries
-        How often a sample that failed is tried again, after all others, in a new process.
+        How often a sample that failed is tried again, after all others, in a new process. One that found the disk full
+        is tried until there is room.
     recycle
         Samples after which processes of one machine are started anew.
     pause
@@ -56,6 +58,7 @@ class Drive:
     retries: int = 1
     recycle: int = 500
     _proven: bool = False
+    _full_until: float = -1e9
 
     def run(self, numbers: Iterable[int]) -> None:
         """Make samples; what fails is tried again when all others are done."""
@@ -67,6 +70,9 @@ class Drive:
                 self.workers.renew()
             self._through(left, again)
             for found in again:
+                if found.disk_full:
+                    left.append(found.number)
+                    continue
                 attempts[found.number] = attempts.get(found.number, 0) + 1
                 if attempts[found.number] > self.retries:
                     self.failed(found, attempts[found.number])
@@ -127,6 +133,8 @@ class Drive:
 
     def _take(self, found: Made, again: list[Made]) -> None:
         self._proven = True
+        if found.disk_full:
+            self._full_until = time.monotonic() + room.FULL_S
         if found.failure:
             again.append(found)
         else:
@@ -135,6 +143,8 @@ class Drive:
     def _told_pause(self, before: str) -> str:
         """Return why nothing may be begun now, and tell when that changes."""
         reason = self.pause()
+        if not reason and time.monotonic() < self._full_until:
+            reason = "the disk is full: a sample could not be written; free some, it goes on by itself"
         if reason and not before:
             self.said(f"paused: {reason}")
         elif before and not reason:

@@ -1,16 +1,21 @@
-"""Whether there is room for another sample: disk and memory, looked at now and then while a data set is made."""
+"""Whether there is room for another sample, on the disk and in memory, and patience where there is none."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from scenetruth.errors import ScenetruthError
+from scenetruth.placing import is_full_disk
 from scenetruth.resources.machine import free_disk_bytes, free_memory_bytes
 
-__all__ = ["Room"]
+__all__ = ["FULL_S", "Room", "patiently"]
 
 _LOOK_S = 2.0
+FULL_S = 5.0
+"""Seconds until something is written again that found the disk full."""
 _SPARE_BYTES = 200e6
 """What is left alone on the disk."""
 
@@ -55,3 +60,32 @@ class Room:
                 "it goes on by itself when there is more; or interrupt, and run it again with fewer workers"
             )
         return ""
+
+
+def patiently(write: Callable[[], None], what: str, say: Callable[[str], None]) -> None:
+    """Write, and where the disk is full, try again until it is not.
+
+    Parameters
+    ----------
+    write
+        Writes a file whole, or leaves nothing.
+    what
+        What it is, for the line that says so.
+    say
+        Called with that line.
+    """
+    told = False
+    while True:
+        try:
+            write()
+        except (OSError, ScenetruthError) as error:
+            if not is_full_disk(error):
+                raise
+            if not told:
+                say(f"paused: the disk is full, {what} waits to be written; free some, it goes on by itself")
+            told = True
+            time.sleep(FULL_S)
+        else:
+            if told:
+                say("goes on")
+            return
