@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from typing import Any, Protocol
 
 from scenetruth.dataset.engine.worker import start_worker, within_threads
@@ -71,6 +73,7 @@ class LocalWorkers:
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Hand in a piece of work."""
         if self._pool is None:
+            _track_quietly()
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self.count, context, start_worker, (self._threads,))
         try:
@@ -112,6 +115,16 @@ class LocalWorkers:
         for process in processes:
             with suppress(Exception):
                 process.join(10)
+
+
+def _track_quietly() -> None:
+    """Start the process that removes the locks of killed processes, so that it does it without a warning."""
+    option = "ignore:resource_tracker:UserWarning"
+    sys.warnoptions.append(option)
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(option)
 
 
 class NoWorkers:
