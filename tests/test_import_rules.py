@@ -97,6 +97,18 @@ MAY_IMPORT = {
         "scoring",
         "export",
     },
+    "bound": {*LEAVES, "schema"},
+    "comparison": {
+        *LEAVES,
+        "scene",
+        "schema",
+        "placing",
+        "simulation",
+        "estimators",
+        "scoring",
+        "bound",
+        "dataset",
+    },
     "experiment": {*LEAVES, "scene", "camera", "render", "schema", "estimators"},
 }
 SCENE_MAY_IMPORT = {

@@ -9,6 +9,7 @@ from scenetruth.compilation import keep_compiled_code
 
 if TYPE_CHECKING:
     from scenetruth.camera import two_point_correction
+    from scenetruth.comparison import Comparison, compare
     from scenetruth.dataset.reading import open_dataset
     from scenetruth.dataset.recipe.load import load_recipe, recipe_from_plain
     from scenetruth.dataset.run import run_dataset
@@ -47,6 +48,7 @@ keep_compiled_code()
 
 __all__ = [
     "BackendUnavailableError",
+    "Comparison",
     "EstimateError",
     "EstimateWarning",
     "ExportError",
@@ -66,6 +68,7 @@ __all__ = [
     "Score",
     "ScoreError",
     "StoreError",
+    "compare",
     "estimate",
     "export_data",
     "export_formats",
@@ -93,7 +96,9 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Comparison": "comparison",
     "Limits": "resources",
+    "compare": "comparison",
     "load_recipe": "dataset.recipe.load",
     "open_dataset": "dataset.reading",
     "recipe_from_plain": "dataset.recipe.load",

@@ -1,0 +1,108 @@
+"""The command that compares methods over the metrology suite: compare."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from scenetruth.comparison import Comparison
+
+__all__ = ["register"]
+
+
+class SuiteName(StrEnum):
+    """Suites of the comparison."""
+
+    core = "core"
+    full = "full"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the command line."""
+    app.command()(compare)
+
+
+def compare(
+    methods: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="METHOD...",
+            help="Methods: NAME, MODULE:FUNCTION, NAME[setting: value, ...], LABEL=NAME[...].",
+            show_default=False,
+        ),
+    ] = None,
+    suite: Annotated[SuiteName, typer.Option("--suite", help="For every day, or all of it.")] = SuiteName.core,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the comparison; goes on where it was.", show_default=False),
+    ] = None,
+    *,
+    case: Annotated[
+        list[str] | None,
+        typer.Option("--case", metavar="NAME", help="Only this case; may be repeated.", show_default=False),
+    ] = None,
+    value: Annotated[
+        list[float] | None,
+        typer.Option("--value", metavar="NUMBER", help="Only this value of one case.", show_default=False),
+    ] = None,
+    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
+    listed: Annotated[bool, typer.Option("--list", help="List the cases, and end.")] = False,
+) -> None:
+    """Compare methods over the metrology suite: noise, bias, limits, resolution, with the bound that noise sets."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.comparison import compare as compare_methods
+    from scenetruth.errors import EstimateError, Problem
+
+    if listed:
+        _print_cases()
+        return
+    problems = [] if methods else [Problem("METHOD", "is missing; `scenetruth methods` lists what is installed")]
+    problems += [] if output else [Problem("--output", "is missing: the folder where results go")]
+    if problems or not methods or not output:
+        raise EstimateError(problems)
+    with reporting() as reporter:
+        found = compare_methods(
+            methods,
+            suite.value,
+            output,
+            cases=case or None,
+            values=value or None,
+            workers=workers,
+            progress=reporter,
+            notice=lambda line: print(line, file=sys.stderr),
+        )
+    _print_summary(found)
+    typer.echo(f"written: {output / 'results.parquet'}, {output / 'results.csv'}, {output / 'summary.csv'}")
+    if found.failures:
+        raise typer.Exit(1)
+
+
+def _print_cases() -> None:
+    from scenetruth.comparison.case import all_cases
+
+    for case in all_cases().values():
+        typer.echo(f"{case.kind}: {case.question} ({case.varied}: {', '.join(f'{v:g}' for v in case.core)})")
+
+
+def _print_summary(found: Comparison) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from scenetruth.errors import visible
+
+    frame = found.summary()
+    table = Table(title="median over the values of each case")
+    table.add_column("case")
+    for label in frame.columns:
+        table.add_column(escape(visible(str(label), lines=False)), justify="right")
+    for name, cells in frame.iterrows():
+        table.add_row(escape(str(name)), *("–" if one != one else f"{one:.2g}" for one in cells))
+    Console().print(table)
+    for line in found.failures:
+        typer.echo(f"nothing told: {visible(line, lines=False)}", err=True)

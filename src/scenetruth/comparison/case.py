@@ -1,0 +1,157 @@
+"""What a case of the suite is: a question, the values of what is varied, a scene for each, and how errors are taken."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from typing import Any, ClassVar
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.comparison.rows import Row
+from scenetruth.errors import Problem, RecipeError
+
+__all__ = ["NOISE_STD", "SUITES", "Case", "Found", "Mask", "all_cases", "cases_named", "inner"]
+
+SUITES = ("core", "full")
+"""The suite for every day, and the whole one."""
+NOISE_STD = 0.005
+"""Noise of the images unless the case varies it: standard deviation, of full scale 1; 1.3 steps of 8 bits."""
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What methods have found at one value of a case, with one noise.
+
+    Parameters
+    ----------
+    estimates
+        Estimates by label, of the reference frame alone: t = 0, dimensions (t, y, x).
+    truth
+        The truth of the reference camera at the same frame, and ``seen_throughout``.
+    recording
+        The images that they were made from.
+    value
+        What was varied.
+    """
+
+    estimates: Mapping[str, xr.Dataset]
+    truth: xr.Dataset
+    recording: xr.Dataset
+    value: float
+
+
+class Case:
+    """A case of the suite; one module in `cases` each, which is found by itself.
+
+    Derive from it, set what is below, and write `scene`; the rest has defaults that suit most cases.
+    """
+
+    kind: ClassVar[str]
+    """Its name: lower-case letters and underscores."""
+    title: ClassVar[str]
+    """What it is, in a few words."""
+    question: ClassVar[str]
+    """What it answers, in a sentence."""
+    varied: ClassVar[str]
+    """What is varied, with its unit: the label of the axis."""
+    core: ClassVar[tuple[float, ...]]
+    """Values in the suite ``core``."""
+    full: ClassVar[tuple[float, ...]] = ()
+    """Values in the suite ``full``; those of ``core`` if empty."""
+    quantities: ClassVar[tuple[str, ...]] = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x")
+    """What is measured: keys of `scenetruth.scoring.QUANTITIES`."""
+    logarithmic: ClassVar[bool] = False
+    """Whether the axis is drawn so."""
+    seeds: ClassVar[Mapping[str, int]] = {"core": 1, "full": 3}
+    """How many noises each value gets, by suite."""
+    margin_px: ClassVar[float] = 16.0
+    """Least distance of what is measured from the image's border, which not all images show."""
+    edge_px: ClassVar[float] = 12.0
+    """Least distance from silhouettes and creases."""
+    bounded: ClassVar[bool] = False
+    """Whether the Cramér-Rao bound is told beside it."""
+    one_scene: ClassVar[bool] = False
+    """Whether all values are of one scene, and `region_at` tells them apart."""
+    headline: ClassVar[tuple[str, str]] = ("disparity", "rms")
+    """Quantity and statistic that stand for the case in a summary."""
+
+    def values(self, suite: str) -> tuple[float, ...]:
+        """Return what is varied in a suite."""
+        return self.core if suite == "core" else self.full or self.core
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the scene, as plain values; its sensor is ideal."""
+        raise NotImplementedError
+
+    def noise_std(self, value: float) -> float:
+        """Return the standard deviation of the noise that is added to the images, of full scale 1."""
+        return NOISE_STD
+
+    def region_at(self, truth: xr.Dataset, value: float) -> Mask:
+        """Return which pixels of the reference frame are measured, shape (y, x).
+
+        Those away from edges and from the image's border; where nothing is seen, there is nothing to measure. ``truth``
+        has, besides its own maps, ``seen_throughout``: whether all images show the point.
+        """
+        away = truth["boundary_distance"].values >= self.edge_px
+        return np.asarray(np.isfinite(truth["depth"].values) & away & inner(truth, self.margin_px))
+
+    def further_rows(self, found: Found) -> Iterable[Row]:
+        """Return figures of this case's own at one value."""
+        return ()
+
+    def conclusions(self, rows: Sequence[Row]) -> Iterable[Row]:
+        """Return figures that follow from the rows of all values, as a period at which too much is lost."""
+        return ()
+
+
+def inner(truth: xr.Dataset, margin_px: float) -> Mask:
+    """Return which pixels lie so far from the border of the image."""
+    height, width = truth.sizes["y"], truth.sizes["x"]
+    y, x = np.mgrid[:height, :width]
+    return np.asarray(np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)) >= margin_px)
+
+
+@cache
+def all_cases() -> Mapping[str, Case]:
+    """Return all cases by kind, in the order of their modules' names."""
+    from scenetruth.comparison import cases
+
+    return {case.kind: case for case in _found_in(cases)}
+
+
+def _found_in(package: Any) -> Iterator[Case]:
+    for entry in pkgutil.iter_modules(package.__path__):
+        module = import_module(f"{package.__name__}.{entry.name}")
+        for one in vars(module).values():
+            if isinstance(one, type) and issubclass(one, Case) and one.__module__ == module.__name__:
+                yield one()
+
+
+def cases_named(names: Iterable[str] | None) -> list[Case]:
+    """Return cases by kind; all if no names are given.
+
+    Raises
+    ------
+    RecipeError
+        With every name that is none.
+    """
+    known = all_cases()
+    if names is None:
+        return list(known.values())
+    problems = [
+        Problem("cases", f"there is no such case; known: {', '.join(known)}", name)
+        for name in names
+        if name not in known
+    ]
+    if problems:
+        raise RecipeError(problems)
+    return [known[name] for name in names]

@@ -1,0 +1,198 @@
+"""Compares methods over the cases of a suite; it can be interrupted, and run again."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from scenetruth.comparison.case import SUITES, Case, cases_named
+from scenetruth.comparison.contestants import Contestant, Given, contestants_of
+from scenetruth.comparison.jobs import Job, measure_one, points_of, read_measured
+from scenetruth.comparison.measures.products import product_rows
+from scenetruth.comparison.page.write import write_page
+from scenetruth.comparison.result import Comparison
+from scenetruth.comparison.rows import Row
+from scenetruth.dataset.engine.each import for_each
+from scenetruth.dataset.unfit import versions_here
+from scenetruth.errors import EstimateError, OutputExistsError, Problem, RecipeError
+from scenetruth.placing import hold, write_aside
+from scenetruth.plain import parse_json
+from scenetruth.progress import Progress
+
+__all__ = ["INDEX", "compare"]
+
+INDEX = "comparison.json"
+"""What a folder of a comparison is known by."""
+
+
+def compare(
+    methods: Iterable[Given] | Given,
+    suite: str = "core",
+    folder: str | Path | None = None,
+    *,
+    cases: Sequence[str] | None = None,
+    values: Sequence[float] | None = None,
+    workers: int = 0,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> Comparison:
+    """Find out how accurate methods are, over the cases of the metrology suite.
+
+    Every case varies one thing: noise, contrast, wavelength, slope, disparity, motion, the distance from an outline,
+    and more. All methods get the same images. What is done stays in the folder, and is not done again.
+
+    Parameters
+    ----------
+    methods
+        One or several: names, ``"module:function"``, methods or functions; with settings in brackets,
+        ``"refined[window_sigma_px: 4]"``, and labels before them, ``"fine=refined[window_sigma_px: 4]"``.
+    suite
+        ``"core"``, for every day, or ``"full"``, with more values and more noises.
+    folder
+        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a
+        file for each scene. If not given, nothing is kept.
+    cases
+        Only these cases, by their kinds.
+    values
+        Only these values of what is varied, for a single case.
+    workers
+        Processes of this machine, of one thread each; 0 does all in this one.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Comparison
+        All figures.
+
+    Raises
+    ------
+    EstimateError
+        If there is no such method, a setting is impossible, or a function cannot be sent to another process.
+    RecipeError
+        If there is no such suite or case.
+    OutputExistsError
+        If the folder holds a comparison of other methods, or something else.
+
+    See Also
+    --------
+    score : One estimate against one truth.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> found = st.compare("structure_tensor", cases=["noise"], values=[0.005])
+    >>> row = found.figure("noise", "structure_tensor", "flow_x", "rms")
+    >>> bool(row.low < row.number < row.high), row.unit
+    (True, 'px/frame')
+    """
+    contestants = contestants_of(methods)
+    chosen = _checked(suite, cases, values)
+    if workers:
+        _refuse_what_cannot_travel(contestants)
+    with ExitStack() as stack:
+        if folder is None:
+            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
+        else:
+            place = Path(folder)
+            _begin(place, contestants, suite)
+            stack.enter_context(hold(place / "run"))
+        points = points_of(chosen, suite, values)
+        job = Job(
+            str((place / "points").resolve()), tuple(points), tuple(contestants), tuple(sorted(versions_here().items()))
+        )
+        missing = [number for number in range(len(points)) if not job.is_done(number)]
+        done = for_each(
+            missing,
+            measure_one,
+            (job,),
+            present=len(points) - len(missing),
+            workers=workers,
+            what="scenes",
+            progress=progress,
+            notice=notice,
+        )
+        rows: list[Row] = []
+        failures = list(done.failed.values())
+        for number, point in enumerate(points):
+            if number in done.failed:
+                continue
+            measured = read_measured(job.path(number))
+            rows += measured.rows
+            failures += [f"{point.case} at {point.name}: {label}: {why}" for label, why in measured.failures.items()]
+        for case in chosen:
+            rows += list(case.conclusions([row for row in rows if row.case == case.kind]))
+        rows += list(product_rows(rows))
+        found = Comparison(
+            [one.label for one in contestants], chosen, rows, failures, None if folder is None else place
+        )
+        if folder is not None:
+            _write_tables(found, place)
+            write_page(found, [one.spelled for one in contestants], place, suite)
+    return found
+
+
+def _checked(suite: str, cases: Sequence[str] | None, values: Sequence[float] | None) -> list[Case]:
+    problems = []
+    if suite not in SUITES:
+        problems.append(Problem("suite", f"must be one of {', '.join(SUITES)}", suite))
+    if values is not None and (cases is None or len(cases) != 1):
+        problems.append(Problem("values", "are those of one case: name it", list(values)))
+    chosen: list[Case] = []
+    try:
+        chosen = cases_named(cases)
+    except RecipeError as error:
+        problems += error.problems
+    if problems:
+        raise RecipeError(problems)
+    return chosen
+
+
+def _refuse_what_cannot_travel(contestants: Sequence[Contestant]) -> None:
+    problems = []
+    for one in contestants:
+        try:
+            pickle.dumps(one)
+        except Exception as error:  # whatever pickling raises
+            message = f"cannot be sent to another process ({error}); give 'module:function', or workers=0"
+            problems.append(Problem("methods", message, one.label))
+    if problems:
+        raise EstimateError(problems)
+
+
+def _begin(folder: Path, contestants: Sequence[Contestant], suite: str) -> None:
+    """Claim a folder for a comparison, or find that it is one of the same methods."""
+    index = folder / INDEX
+    wanted = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
+    if index.exists():
+        try:
+            there = parse_json(index.read_bytes())
+        except ValueError as error:
+            raise OutputExistsError(index, f"is damaged: {error}; choose another folder") from error
+        if there != wanted:
+            held = (
+                f"suite {there.get('suite')} of {there.get('methods')}" if isinstance(there, dict) else "something else"
+            )
+            raise OutputExistsError(folder, f"holds another comparison: {held}; choose another folder")
+        return
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise OutputExistsError(folder, "exists, and is no folder of a comparison; choose another")
+    folder.mkdir(parents=True, exist_ok=True)
+    with write_aside(index) as aside:
+        aside.write_text(json.dumps(wanted, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _write_tables(found: Comparison, folder: Path) -> None:
+    frame = found.to_frame()
+    with write_aside(folder / "results.parquet", overwrite=True) as aside:
+        frame.to_parquet(aside)
+    with write_aside(folder / "results.csv", overwrite=True) as aside:
+        frame.to_csv(aside, index=False)
+    with write_aside(folder / "summary.csv", overwrite=True) as aside:
+        found.summary().to_csv(aside)

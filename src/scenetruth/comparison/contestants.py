@@ -1,0 +1,127 @@
+"""The methods that are compared, each with its settings and a label of its own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators import Estimator, choose, find_method, validate_settings
+
+__all__ = ["Contestant", "contestants_of"]
+
+Given = str | Estimator | Callable[..., Any] | Mapping[str, Any]
+
+_SPELLED = re.compile(r"(?:(?P<label>[^=\[\]]+)=)?(?P<method>[^=\[\]]+)(?:\[(?P<settings>.*)\])?", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A method in a comparison.
+
+    Parameters
+    ----------
+    label
+        What it is called in tables and plots.
+    method
+        What `scenetruth.estimate` takes.
+    settings
+        Its settings.
+    """
+
+    label: str
+    method: Any
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def spelled(self) -> str:
+        """What the command line calls it."""
+        plain = yaml.safe_dump(dict(self.settings), default_flow_style=True, width=10**9).strip()[1:-1]
+        name = _path_of(self.method)
+        spelled = f"{name}[{plain}]" if self.settings else name
+        return spelled if self.label == spelled else f"{self.label}={spelled}"
+
+
+def contestants_of(methods: Iterable[Given] | Given) -> list[Contestant]:
+    """Return the methods of a comparison, all of them checked.
+
+    Parameters
+    ----------
+    methods
+        One or several of: a name, ``"module:function"``, a method or function; with settings in brackets,
+        ``"refined[window_sigma_px: 4, motion: rigid]"``; with a label before it, ``"fine=refined[motion: rigid]"``; or
+        a mapping with ``method``, settings, and perhaps ``label``.
+
+    Raises
+    ------
+    EstimateError
+        With every method that is not installed, every setting that is impossible, and labels that are there twice.
+
+    Examples
+    --------
+    >>> [one.label for one in contestants_of(["refined", "fine=refined[window_sigma_px: 4]"])]
+    ['refined', 'fine']
+    """
+    if isinstance(methods, str | Mapping) or callable(methods) or hasattr(methods, "estimate"):
+        methods = [methods]  # type: ignore[list-item]  # callables are not iterated over
+    found: list[Contestant] = []
+    problems: list[Problem] = []
+    for given in methods:
+        try:
+            found.append(_contestant(given))
+        except EstimateError as error:
+            problems += error.problems
+    labels = [one.label for one in found]
+    problems += [
+        Problem("methods", "is there twice: give one of them another label, LABEL=METHOD[SETTINGS]", label)
+        for label in sorted({label for label in labels if labels.count(label) > 1})
+    ]
+    if not found and not problems:
+        problems.append(Problem("methods", "at least one method is needed"))
+    if problems:
+        raise EstimateError(problems)
+    return found
+
+
+def _contestant(given: Any) -> Contestant:
+    if isinstance(given, Mapping):
+        fields = dict(given)
+        label = fields.pop("label", "")
+        method = fields.pop("method", None)
+        return _checked(method, fields, label)
+    if not isinstance(given, str):
+        return _checked(given, {}, "")
+    parts = _SPELLED.fullmatch(given.strip())
+    if parts is None:
+        message = "is not spelled as LABEL=METHOD[setting: value, ...]; label and settings may be left out"
+        raise EstimateError([Problem("methods", message, given)])
+    settings: Any = {}
+    if parts["settings"] is not None:
+        try:
+            settings = yaml.safe_load("{" + parts["settings"] + "}")
+        except yaml.YAMLError as error:
+            message = "settings are not spelled as in YAML: [window_sigma_px: 4, motion: rigid]"
+            raise EstimateError([Problem("methods", message, given)]) from error
+    return _checked(parts["method"].strip(), settings, (parts["label"] or "").strip())
+
+
+def _checked(method: Any, settings: Mapping[str, Any], label: str) -> Contestant:
+    if isinstance(method, str) and ":" not in method:
+        choose({"method": method, **settings})
+    else:
+        validate_settings(find_method(method), settings)
+    short = "" if isinstance(method, str) else getattr(method, "name", getattr(method, "__name__", ""))
+    spelled = Contestant("", method, dict(settings)).spelled.removeprefix("=")
+    return Contestant(label or (short if short and not settings else spelled), method, dict(settings))
+
+
+def _path_of(method: Any) -> str:
+    """Return the name of a method, or where a function or class of somebody else's stands."""
+    if isinstance(method, str):
+        return method
+    found = method if hasattr(method, "__qualname__") else type(method)
+    return f"{found.__module__}:{found.__qualname__}"

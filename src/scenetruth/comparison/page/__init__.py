@@ -1,0 +1,1 @@
+"""The page of a comparison: tables that sort, plots that answer, and the line that makes each point again."""

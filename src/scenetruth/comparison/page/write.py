@@ -1,0 +1,142 @@
+"""Writes the page: one file of HTML that needs no network."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from scenetruth.comparison.case import Case
+from scenetruth.comparison.page.charts import charts_of
+from scenetruth.comparison.result import Comparison
+from scenetruth.comparison.rows import BOUND
+from scenetruth.placing import write_aside
+
+__all__ = ["PAGE", "write_page"]
+
+PAGE = "index.html"
+
+
+def write_page(found: Comparison, spelled: Sequence[str], folder: str | Path, suite: str) -> Path:
+    """Write the page of a comparison.
+
+    Parameters
+    ----------
+    found
+        The comparison.
+    spelled
+        Its methods as the command line calls them.
+    folder
+        Where the page goes.
+    suite
+        The suite.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+    """
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+    from plotly.offline import get_plotlyjs
+
+    # The style is that of the reports.
+    packages = ("scenetruth.comparison.page", "scenetruth.scoring.report")
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader(package) for package in packages]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    sections = [_section(found, case, spelled) for case in found.cases]
+    charts = {chart.name: {"data": chart.data, "layout": chart.layout} for one in sections for chart in one["charts"]}
+    text = environment.get_template("comparison.html.j2").render(
+        methods=list(zip(found.methods, spelled, strict=True)),
+        suite=suite,
+        sections=sections,
+        summary=_summary(found),
+        leads=_leads(found),
+        efficiency=_efficiency(found),
+        efficiency_short=_efficiency_short(found),
+        failures=found.failures,
+        plotly=get_plotlyjs(),
+        # Within a script, nothing may end it.
+        charts=json.dumps(charts, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c"),
+    )
+    path = Path(folder) / PAGE
+    with write_aside(path, overwrite=True) as aside:
+        aside.write_text(text, encoding="utf-8")
+    return path
+
+
+def _section(found: Comparison, case: Case, spelled: Sequence[str]) -> dict[str, Any]:
+    rows = [row for row in found.rows if row.case == case.kind]
+    values = sorted({row.value for row in rows if math.isfinite(row.value)})
+    table = [
+        [row.method, _number(row.value), row.quantity, row.pixels, row.statistic, _number(row.number), row.unit]
+        for row in rows
+        if row.quantity and row.statistic in _TOLD and row.method != BOUND
+    ]
+    words = ["scenetruth", "compare", *spelled, "--case", case.kind, "--value", "VALUE", "-o", "again"]
+    concluded = [
+        (row.method, row.statistic.replace("_", " "), _number(row.number), row.unit)
+        for row in rows
+        if not math.isfinite(row.value)
+    ]
+    return {
+        "case": case,
+        "charts": charts_of(found, case),
+        "table": table,
+        "concluded": concluded,
+        "again": shlex.join(words),
+        "values": ", ".join(map(_number, values)),
+    }
+
+
+_TOLD = ("bias", "rms", "median", "noise", "density", "good", "calibration", "share_left")
+
+
+def _summary(found: Comparison) -> dict[str, Any]:
+    frame = found.summary()
+    lines = []
+    for name, cells in frame.iterrows():
+        numbers = [float(one) for one in cells]
+        lines.append([str(name), *(_number(one) for one in numbers)])
+    return {"columns": [str(one) for one in frame.columns], "lines": lines}
+
+
+def _leads(found: Comparison) -> list[tuple[str, list[str]]]:
+    """Return, for each method, the cases of which its figure is the best; where it is the only one, none."""
+    frame = found.summary()
+    frame = frame[[one for one in frame.columns if one != BOUND]]
+    best: dict[str, list[str]] = {label: [] for label in found.methods}
+    for name, cells in frame.iterrows():
+        there = cells.dropna()
+        if len(there) > 1:
+            # Of what is left of waves, more is better; all else is an error.
+            winner = there.idxmax() if "share_left" in str(name) else there.idxmin()
+            best[str(winner)].append(str(name).partition(":")[0])
+    return [(label, names) for label, names in best.items() if names]
+
+
+def _efficiency(found: Comparison) -> list[list[str]]:
+    frame = found.efficiency()
+    return [
+        [str(one) if isinstance(one, str) else _number(one) for one in cells] for cells in frame.itertuples(index=False)
+    ]
+
+
+def _efficiency_short(found: Comparison) -> dict[str, Any]:
+    frame = found.efficiency()
+    table = frame.pivot_table(
+        index="quantity", columns="method", values="efficiency_percent", aggfunc="median", sort=False
+    )
+    lines = [[str(name), *(_number(float(one)) for one in cells)] for name, cells in table.iterrows()]
+    return {"columns": [str(one) for one in table.columns], "lines": lines}
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else ("–" if math.isnan(value) else "∞" if value > 0 else "-∞")

@@ -1,0 +1,111 @@
+"""Comparisons: resumable, the same by any number of processes, and clear about what cannot be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import scenetruth as st
+from scenetruth.comparison import compare
+from scenetruth.comparison.contestants import contestants_of
+from scenetruth.comparison.rows import Row
+from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from tests.cli.calling import scenetruth
+
+QUICK: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0]}
+
+
+def nearest(recording: xr.Dataset, depth_mm: float = 720.0) -> dict[str, Any]:
+    """Know the depth of all walls, and nothing of their motion."""
+    return {
+        "depth": np.full(recording["image"].isel(s=0).shape, depth_mm),
+        "flow": np.zeros((2, *recording["image"].isel(s=0).shape)),
+    }
+
+
+def failing(recording: xr.Dataset) -> dict[str, Any]:
+    msg = "no idea"
+    raise ZeroDivisionError(msg)
+
+
+def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
+    told: list[tuple[str, int, int]] = []
+    found = compare([nearest, failing], folder=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
+    assert told[-1][1:] == (1, 1)
+    assert found.figure("phase_of_flow", "nearest", "flow_x", "rms").number == 0
+    assert len(found.failures) == 1
+    assert "phase_of_flow at 0: failing" in found.failures[0]
+    assert "no idea" in found.failures[0]
+    (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").iterdir()
+    before = kept.stat().st_mtime_ns
+    again = compare([nearest, failing], folder=tmp_path / "c", **QUICK)
+    assert kept.stat().st_mtime_ns == before
+    assert again.rows == found.rows
+    # A file that was not written to its end, or of another version, is made again.
+    plain = json.loads(kept.read_text())
+    kept.write_text(json.dumps({**plain, "key": "of another"}))
+    compare([nearest, failing], folder=tmp_path / "c", **QUICK)
+    assert json.loads(kept.read_text())["key"] == plain["key"]
+    assert {path.name for path in (tmp_path / "c").iterdir()} >= {"results.parquet", "results.csv", "summary.csv"}
+    frame = found.to_frame()
+    assert list(frame.columns) == list(Row.__dataclass_fields__)
+    assert len(frame) == len(found.rows)
+
+
+def test_processes_find_the_same(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"cases": ["contrast"], "suite": "core"}
+    here = compare("structure_tensor", folder=tmp_path / "a", **options)
+    there = compare("structure_tensor", folder=tmp_path / "b", **options, workers=2)
+    assert not here.failures
+    figures = [[row for row in one.rows if row.quantity] for one in (here, there)]
+    assert figures[0] == figures[1]
+    noise = [here.figure("contrast", "structure_tensor", "flow_x", "rms", value).number for value in (0.03, 0.2)]
+    assert noise[0] > 2 * noise[1]
+
+
+def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(EstimateError) as error:
+        compare(["no_such", "refined[window_sigma: 4]", "structure_tensor", "structure_tensor"])
+    assert "no_such" in str(error.value)
+    assert "window_sigma_px" in str(error.value)
+    assert "twice" in str(error.value)
+    with pytest.raises(RecipeError) as told:
+        compare("refined", "huge", cases=["noize"], values=[1])
+    assert "huge" in str(told.value)
+    assert "noize" in str(told.value)
+    with pytest.raises(EstimateError, match="another process"):
+        compare(lambda recording: {"depth": 1}, workers=2, **QUICK)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes").write_text("mine")
+    with pytest.raises(OutputExistsError, match="no folder of a comparison"):
+        compare(nearest, folder=tmp_path / "mine", **QUICK)
+    compare(nearest, folder=tmp_path / "c", **QUICK)
+    with pytest.raises(OutputExistsError, match="another comparison"):
+        compare(["structure_tensor"], folder=tmp_path / "c", **QUICK)
+
+
+def test_methods_are_spelled_with_settings_and_labels() -> None:
+    found = contestants_of(["refined[window_sigma_px: 4, motion: rigid]", "fine=structure_tensor[window_sigma_px: 3]"])
+    assert [one.label for one in found] == ["refined[motion: rigid, window_sigma_px: 4]", "fine"]
+    assert found[0].settings == {"window_sigma_px": 4, "motion": "rigid"}
+    assert contestants_of(found[1].spelled)[0] == found[1]
+    assert (
+        contestants_of({"method": "refined", "label": "mine", "motion": "rigid"})[0].spelled
+        == "mine=refined[motion: rigid]"
+    )
+
+
+def test_the_command(tmp_path: Path) -> None:
+    done = scenetruth(
+        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise", "--value", "0.005", "--workers", "0"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Noise floor" in done.stdout
+    assert st.Comparison is not None
+    assert scenetruth("compare").returncode == 2
+    assert "contrast" in scenetruth("compare", "--list").stdout
