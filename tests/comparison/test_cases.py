@@ -64,5 +64,5 @@ def test_steps_lie_where_the_truth_has_them() -> None:
 
 
 def test_unknown_cases_are_named() -> None:
-    with pytest.raises(RecipeError, match="no such case; known: blur"):
+    with pytest.raises(RecipeError, match="no such case; known: blur, brightness"):
         cases_named(["noize", "blurr"])

@@ -49,7 +49,7 @@ class Found:
 
 
 class Case:
-    """A case of the suite; one module in `cases` each, which is found by itself.
+    """A case of the suite; one module in a room of `cases` each, which is found by itself.
 
     Derive from it, set what is below, and write `scene`; the rest has defaults that suit most cases.
     """
@@ -122,7 +122,7 @@ def inner(truth: xr.Dataset, margin_px: float) -> Mask:
 
 @cache
 def all_cases() -> Mapping[str, Case]:
-    """Return all cases by kind, in the order of their modules' names."""
+    """Return all cases by kind, in the order of rooms and modules."""
     from scenetruth.comparison import cases
 
     return {case.kind: case for case in _found_in(cases)}
@@ -131,6 +131,8 @@ def all_cases() -> Mapping[str, Case]:
 def _found_in(package: Any) -> Iterator[Case]:
     for entry in pkgutil.iter_modules(package.__path__):
         module = import_module(f"{package.__name__}.{entry.name}")
+        if entry.ispkg:
+            yield from _found_in(module)
         for one in vars(module).values():
             if isinstance(one, type) and issubclass(one, Case) and one.__module__ == module.__name__:
                 yield one()

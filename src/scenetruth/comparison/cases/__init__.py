@@ -1,1 +1,1 @@
-"""The cases of the suite, one module each; those that are here are found by themselves."""
+"""The cases of the suite, one module each, in rooms; those that are here are found by themselves."""

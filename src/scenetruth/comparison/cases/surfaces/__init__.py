@@ -1,0 +1,1 @@
+"""Cases that vary what is seen: slopes, curvature, outlines, waves, growth."""
