@@ -142,7 +142,15 @@ def noisy(ideal: xr.Dataset, noise_std: float, *keys: Any) -> xr.Dataset:
 def _bound_rows(case: Case, value: float, truth: xr.Dataset, ideal: xr.Dataset, noise_std: float) -> Iterator[Row]:
     from scenetruth.bound import cramer_rao
 
-    bound = cramer_rao(truth, ideal, noise_std=noise_std, window_sigma_px=BOUND_SIGMA_PX).sel(t=0)
+    # No method is told that sheets do not grow, or that the light is steady.
+    bound = cramer_rao(
+        truth,
+        ideal,
+        noise_std=noise_std,
+        window_sigma_px=BOUND_SIGMA_PX,
+        motion="growing",
+        brightness="per_image",
+    ).sel(t=0)
     region = case.region_at(truth.sel(t=0).assign(seen_throughout=(("y", "x"), seen_throughout(truth))), value)
     for quantity in case.quantities:
         name, _, axis = quantity.partition("_")
