@@ -11,21 +11,29 @@ import typer
 
 __all__ = [
     "AllowMismatch",
+    "Command",
+    "CommandImages",
+    "CommandName",
     "Content",
     "Figures",
     "Folder",
     "Ideal",
     "ImageForm",
     "Images",
+    "KeepIn",
     "Limits",
+    "MemoryMb",
     "Methods",
     "Output",
     "Overrides",
     "Overwrite",
     "Poses",
+    "ReadsMasks",
     "Report",
     "Results",
     "SceneFile",
+    "SharedForm",
+    "TimeoutS",
     "Truth",
     "TruthContent",
     "TruthPoses",
@@ -44,6 +52,14 @@ class ImageForm(StrEnum):
 
     png = "png"
     tiff = "tiff"
+
+
+class SharedForm(StrEnum):
+    """Forms of the images that commands are given."""
+
+    png = "png"
+    tiff = "tiff"
+    npy = "npy"
 
 
 class TruthViews(StrEnum):
@@ -109,6 +125,29 @@ Methods = Annotated[
         "not given.",
         show_default=False,
     ),
+]
+Command = Annotated[
+    str | None,
+    typer.Option(
+        "--command",
+        metavar="WORDS",
+        help="A program as a method: 'python mine.py {recording} {output}'; see docs/own_programs.md.",
+        show_default=False,
+    ),
+]
+CommandName = Annotated[str, typer.Option("--name", metavar="NAME", help="What the command's method is called.")]
+CommandImages = Annotated[SharedForm, typer.Option("--command-images", help="How the command is given images.")]
+TimeoutS = Annotated[float, typer.Option("--timeout-s", help="How long the command may run, in s.")]
+MemoryMb = Annotated[
+    float | None,
+    typer.Option("--memory-mb", help="How much resident memory the command may have, in MB.", show_default=False),
+]
+ReadsMasks = Annotated[
+    bool, typer.Option("--reads-masks", help="The command leaves out the pixels that masks mark.", show_default=False)
+]
+KeepIn = Annotated[
+    Path | None,
+    typer.Option("--keep-in", metavar="FOLDER", help="Keep what the command reads and writes.", show_default=False),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results that exist.")]
 AllowMismatch = Annotated[bool, typer.Option("--allow-mismatch", help="Take parts of different runs together.")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -104,13 +105,39 @@ def estimate(
     methods: options.Methods = None,
     overwrite: options.Overwrite = False,
     limits: options.Limits = None,
+    *,
+    command: options.Command = None,
+    name: options.CommandName = "command",
+    command_images: options.CommandImages = options.SharedForm.png,
+    timeout_s: options.TimeoutS = 600.0,
+    memory_mb: options.MemoryMb = None,
+    reads_masks: options.ReadsMasks = False,
+    keep_in: options.KeepIn = None,
 ) -> None:
     """Estimate depth and motion from FOLDER/recording.zarr."""
     from scenetruth.cli.console import reporting
 
-    with reporting() as reporter, _runner(folder, overwrite, False, limits, reporter) as runner:
-        names: list[str | None] = [*methods] if methods else [None]
-        choices = [runner.choice(name, overrides or ()) for name in names]
+    with ExitStack() as open_:
+        names: list[str | None] = [*(methods or ())]
+        if command is not None:
+            from scenetruth.estimators import Needs, offered
+            from scenetruth.estimators.external import CommandMethod
+
+            made = CommandMethod(
+                command,
+                name,
+                images=command_images.value,
+                timeout_s=timeout_s,
+                memory_mb=memory_mb,
+                keep_in=keep_in,
+                needs=Needs(mask=reads_masks),
+            )
+            open_.enter_context(offered(made))
+            names.append(name)
+        names = names or [None]
+        reporter = open_.enter_context(reporting())
+        runner = open_.enter_context(_runner(folder, overwrite, False, limits, reporter))
+        choices = [runner.choice(each, overrides or ()) for each in names]
         for choice in choices:
             with runner.keeping_failures(choice.method):
                 runner.estimate(choice)

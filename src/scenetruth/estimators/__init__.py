@@ -3,7 +3,7 @@
 from scenetruth.estimators.choice import MethodChoice, choose, validate_settings
 from scenetruth.estimators.estimation import Estimation, estimate, prepare, requirements
 from scenetruth.estimators.protocol import Estimator, Method, MethodSettings, Needs, StreamingMethod
-from scenetruth.estimators.registry import DEFAULT_METHOD, MethodEntry, find_method, method_entries
+from scenetruth.estimators.registry import DEFAULT_METHOD, MethodEntry, find_method, method_entries, offered
 
 __all__ = [
     "DEFAULT_METHOD",
@@ -19,6 +19,7 @@ __all__ = [
     "estimate",
     "find_method",
     "method_entries",
+    "offered",
     "prepare",
     "requirements",
     "validate_settings",

@@ -113,7 +113,7 @@ class Estimation:
     def estimate(self) -> xr.Dataset:
         """Estimate in memory; see `estimate`."""
         guarded = self._guarded
-        if not isinstance(self._method, StreamingMethod):
+        if not (isinstance(self._method, StreamingMethod) or getattr(self._method, "reads_frames", False)):
             # Whoever wants all images gets them at once, and read-only, from a store too.
             guarded = read_only(self._recording.copy(deep=False).load())
         with self._telling():

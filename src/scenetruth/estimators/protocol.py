@@ -152,6 +152,8 @@ class Method:
     settings: type[FrozenModel] = MethodSettings
     gives: frozenset[str] = frozenset()
     needs: Needs = Needs()
+    reads_frames: bool = False
+    """Whether it reads a recording frame by frame; all others get it in memory."""
 
     def requirements(self, recording: xr.Dataset, settings: Any) -> list[Problem]:
         """Return nothing: whatever meets `needs` will do."""

@@ -19,7 +19,7 @@ from scenetruth.errors import EstimateError, Problem
 if TYPE_CHECKING:
     from scenetruth.estimators.protocol import Estimator
 
-__all__ = ["DEFAULT_METHOD", "ENTRY_POINTS", "MethodEntry", "find_method", "method_entries"]
+__all__ = ["DEFAULT_METHOD", "ENTRY_POINTS", "MethodEntry", "find_method", "method_entries", "offered"]
 
 DEFAULT_METHOD = "structure_tensor"
 """The method where none is named."""
@@ -80,6 +80,8 @@ def find_method(name: object) -> Estimator:
     """
     if not isinstance(name, str):
         return _made(name, getattr(name, "name", getattr(name, "__name__", type(name).__name__)))
+    if name in _OFFERED:
+        return _OFFERED[name]
     if ":" in name:
         return _made(_attribute_of(name), name)
     # A plug-in cannot take the name of one of ours: those need no look at what is installed.
@@ -101,6 +103,32 @@ def find_method(name: object) -> Estimator:
         message = f"cannot be loaded from {entry.origin}: {type(error).__name__}: {error}"
         raise _refused(message, name) from error
     return _made(found, name)
+
+
+_OFFERED: dict[str, Estimator] = {}
+
+
+@contextmanager
+def offered(method: Estimator) -> Iterator[None]:
+    """Let a method that was made just now be found by its name, in this process, until the block ends.
+
+    Parameters
+    ----------
+    method
+        The method; its name must not be that of one that is installed.
+
+    Raises
+    ------
+    EstimateError
+        If it is.
+    """
+    if method.name in _OFFERED or method.name in {entry.name for entry in method_entries()}:
+        raise _refused("is the name of a method that is there already; choose another", method.name)
+    _OFFERED[method.name] = method
+    try:
+        yield
+    finally:
+        del _OFFERED[method.name]
 
 
 @cache
