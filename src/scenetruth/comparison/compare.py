@@ -12,6 +12,7 @@ from pathlib import Path
 from scenetruth.comparison.case import SUITES, Case, cases_named
 from scenetruth.comparison.contestants import Contestant, Given, contestants_of
 from scenetruth.comparison.jobs import Job, measure_one, points_of, read_measured
+from scenetruth.comparison.maps import read_maps
 from scenetruth.comparison.measures.products import product_rows
 from scenetruth.comparison.page.write import write_page
 from scenetruth.comparison.result import Comparison
@@ -134,7 +135,12 @@ def compare(
         )
         if folder is not None:
             _write_tables(found, place)
-            write_page(found, [one.spelled for one in contestants], place, suite)
+            maps = {
+                (point.case, point.values[0]): one
+                for number, point in enumerate(points)
+                if (one := read_maps(job.path(number).with_suffix(".npz"))) is not None
+            }
+            write_page(found, [one.spelled for one in contestants], place, suite, maps)
     return found
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from scenetruth.comparison.case import Case, all_cases
 from scenetruth.comparison.contestants import Contestant
+from scenetruth.comparison.maps import write_maps
 from scenetruth.comparison.point import Measured, Point, measure
 from scenetruth.comparison.rows import Row
 from scenetruth.dataset.sample import Made
@@ -103,6 +104,9 @@ def measure_one(job: Job, number: int) -> Made:
             "failures": found.failures,
         }
         path.parent.mkdir(parents=True, exist_ok=True)
+        if found.maps is not None:
+            write_maps(found.maps, path.with_suffix(".npz"))
+        # A point is done when its figures are there.
         with write_aside(path, overwrite=True) as aside:
             aside.write_text(json.dumps(plain, ensure_ascii=False, allow_nan=False), encoding="utf-8")
     except Exception as error:  # whatever it is, the others go on

@@ -15,6 +15,7 @@ import xarray as xr
 
 from scenetruth.comparison.case import Case, Found
 from scenetruth.comparison.contestants import Contestant
+from scenetruth.comparison.maps import Maps, maps_of
 from scenetruth.comparison.measures.figures import figure_rows
 from scenetruth.comparison.memory import PeakMemory
 from scenetruth.comparison.rows import BOUND, OWN, Row
@@ -66,10 +67,13 @@ class Measured:
         The figures.
     failures
         Why methods have given nothing, by label.
+    maps
+        What is pictured; None where nothing is measured in pixels, or figures were read from a file.
     """
 
     rows: list[Row] = field(default_factory=list)
     failures: dict[str, str] = field(default_factory=dict)
+    maps: Maps | None = None
 
 
 def measure(case: Case, point: Point, contestants: Sequence[Contestant]) -> Measured:
@@ -108,6 +112,7 @@ def measure(case: Case, point: Point, contestants: Sequence[Contestant]) -> Meas
                 for name, number, unit in (("seconds", took, "s"), ("peak_memory", held.megabytes, "MB")):
                     measured.rows.append(Row(case.kind, first, one.label, "", OWN, name, number, at=seed, unit=unit))
             found.append(Found(estimates, truth, recording, first))
+        measured.maps = maps_of(case, found[0])
         for value in point.values:
             measured.rows += figure_rows(case, value, found)
             here = Found(found[0].estimates, truth, found[0].recording, value)

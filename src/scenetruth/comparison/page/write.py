@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from scenetruth.comparison.case import Case
+from scenetruth.comparison.maps import Maps
 from scenetruth.comparison.page.charts import charts_of
+from scenetruth.comparison.page.worst import scale_words, worst_places
 from scenetruth.comparison.result import Comparison
 from scenetruth.comparison.rows import BOUND
 from scenetruth.placing import write_aside
@@ -20,7 +22,13 @@ __all__ = ["PAGE", "write_page"]
 PAGE = "index.html"
 
 
-def write_page(found: Comparison, spelled: Sequence[str], folder: str | Path, suite: str) -> Path:
+def write_page(
+    found: Comparison,
+    spelled: Sequence[str],
+    folder: str | Path,
+    suite: str,
+    maps: Mapping[tuple[str, float], Maps] | None = None,
+) -> Path:
     """Write the page of a comparison.
 
     Parameters
@@ -33,6 +41,8 @@ def write_page(found: Comparison, spelled: Sequence[str], folder: str | Path, su
         Where the page goes.
     suite
         The suite.
+    maps
+        What is pictured of where methods are at their worst, by case and value.
 
     Returns
     -------
@@ -62,6 +72,8 @@ def write_page(found: Comparison, spelled: Sequence[str], folder: str | Path, su
         efficiency=_efficiency(found),
         efficiency_short=_efficiency_short(found),
         failures=found.failures,
+        worst=worst_places(found, maps or {}),
+        scale="; ".join(scale_words()),
         plotly=get_plotlyjs(),
         # Within a script, nothing may end it.
         charts=json.dumps(charts, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c"),
