@@ -1,0 +1,41 @@
+"""Help for tests of estimators of one's own: whether they keep to the contract, and whether they are accurate."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from scenetruth.testing.accuracy import LimitError, assert_accuracy
+    from scenetruth.testing.conformance import (
+        ConformanceError,
+        ConformanceReport,
+        EstimatorCheck,
+        check_estimator,
+        estimator_checks,
+    )
+
+__all__ = [
+    "ConformanceError",
+    "ConformanceReport",
+    "EstimatorCheck",
+    "LimitError",
+    "assert_accuracy",
+    "check_estimator",
+    "estimator_checks",
+]
+
+_HOMES = {"LimitError": "accuracy", "assert_accuracy": "accuracy"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        msg = f"module 'scenetruth.testing' has no attribute '{name}'"
+        raise AttributeError(msg)
+    value = getattr(import_module(f"scenetruth.testing.{_HOMES.get(name, 'conformance')}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
