@@ -109,6 +109,18 @@ MAY_IMPORT = {
         "bound",
         "dataset",
     },
+    "testing": {
+        *LEAVES,
+        "schema",
+        "scene",
+        "provenance",
+        "placing",
+        "storage",
+        "simulation",
+        "estimators",
+        "scoring",
+        "bound",
+    },
     "experiment": {*LEAVES, "scene", "camera", "render", "schema", "estimators"},
 }
 SCENE_MAY_IMPORT = {
