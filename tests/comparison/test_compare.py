@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.comparison import compare
 from scenetruth.comparison.contestants import contestants_of
+from scenetruth.comparison.offline import write_recordings
 from scenetruth.comparison.rows import Row
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from scenetruth.estimators.external import ResultsFolder
 from tests.cli.calling import scenetruth
 
 QUICK: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0]}
@@ -109,3 +112,39 @@ def test_the_command(tmp_path: Path) -> None:
     assert st.Comparison is not None
     assert scenetruth("compare").returncode == 2
     assert "contrast" in scenetruth("compare", "--list").stdout
+
+
+def test_results_made_elsewhere_are_compared_as_if_made_here(tmp_path: Path) -> None:
+    (place,) = write_recordings(tmp_path / "recordings", **QUICK, images="npy")
+    assert write_recordings(tmp_path / "recordings", **QUICK, images="npy") == [place]
+    told = json.loads((place / "camera.json").read_text())
+    shape = (len(told["t"]), told["height_px"], told["width_px"])
+    made = tmp_path / "made" / place.name
+    made.mkdir(parents=True)
+    np.save(made / "depth.npy", np.full(shape, 720.0))
+    np.save(made / "flow.npy", np.full((2, *shape), 0.01))
+    found = compare([ResultsFolder(tmp_path / "made", "elsewhere"), nearest], **QUICK)
+    assert not found.failures
+    # What was handed in, to float32.
+    assert found.figure("phase_of_flow", "elsewhere", "flow_x", "bias").number == pytest.approx(0.01, rel=1e-6)
+    assert found.figure("phase_of_flow", "nearest", "flow_x", "bias").number == 0
+    (tmp_path / "nothing").mkdir()
+    nothing = compare(ResultsFolder(tmp_path / "nothing", "elsewhere"), **QUICK)
+    assert place.name in nothing.failures[0]
+
+
+def test_programs_are_compared_by_the_command(tmp_path: Path) -> None:
+    program = tmp_path / "zero.py"
+    program.write_text(
+        "import json, sys, numpy as np\n"
+        "told = json.load(open(sys.argv[1] + '/camera.json'))\n"
+        "np.save(sys.argv[2] + '/flow.npy', np.zeros((2, len(told['t']), told['height_px'], told['width_px'])))\n"
+    )
+    words = f"zero={sys.executable} {program} {{recording}} {{output}}"
+    place = ["--case", "phase_of_flow", "--value", "0", "--workers", "0"]
+    done = scenetruth("compare", "--command", words, "-o", tmp_path / "c", *place)
+    assert done.returncode == 0, done.stderr
+    assert "zero" in done.stdout
+    refused = scenetruth("compare", "--command", "no label", "-o", tmp_path / "d", *place)
+    assert refused.returncode == 2
+    assert "LABEL=" in refused.stderr

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from scenetruth.cli import options
 
 if TYPE_CHECKING:
     from scenetruth.comparison import Comparison
@@ -50,6 +53,30 @@ def compare(
         list[float] | None,
         typer.Option("--value", metavar="NUMBER", help="Only this value of one case.", show_default=False),
     ] = None,
+    command: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--command",
+            metavar="LABEL=WORDS",
+            help="A program as a method: 'mine=python mine.py {recording} {output}'; may be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    timeout_s: options.TimeoutS = 600.0,
+    memory_mb: options.MemoryMb = None,
+    results: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--results",
+            metavar="LABEL=FOLDER",
+            help="Results that were made elsewhere, of what --recordings has written; may be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    recordings: Annotated[
+        Path | None,
+        typer.Option("--recordings", metavar="FOLDER", help="Write all recordings here, and end.", show_default=False),
+    ] = None,
     workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
     listed: Annotated[bool, typer.Option("--list", help="List the cases, and end.")] = False,
 ) -> None:
@@ -57,17 +84,31 @@ def compare(
     from scenetruth.cli.console import reporting
     from scenetruth.comparison import compare as compare_methods
     from scenetruth.errors import EstimateError, Problem
+    from scenetruth.estimators.external import CommandMethod, ResultsFolder
 
     if listed:
         _print_cases()
         return
-    problems = [] if methods else [Problem("METHOD", "is missing; `scenetruth methods` lists what is installed")]
+    if recordings is not None:
+        from scenetruth.comparison.offline import write_recordings
+
+        with reporting() as reporter:
+            written = write_recordings(
+                recordings, suite.value, cases=case or None, values=value or None, progress=reporter
+            )
+        typer.echo(f"written: {len(written)} recordings in {recordings}")
+        return
+    chosen: list[Any] = [*(methods or ())]
+    for label, words in _labelled("--command", command):
+        chosen.append(CommandMethod(words, label, timeout_s=timeout_s, memory_mb=memory_mb))
+    chosen += [ResultsFolder(folder, label) for label, folder in _labelled("--results", results)]
+    problems = [] if chosen else [Problem("METHOD", "is missing; `scenetruth methods` lists what is installed")]
     problems += [] if output else [Problem("--output", "is missing: the folder where results go")]
-    if problems or not methods or not output:
+    if problems or not output:
         raise EstimateError(problems)
     with reporting() as reporter:
         found = compare_methods(
-            methods,
+            chosen,
             suite.value,
             output,
             cases=case or None,
@@ -77,9 +118,25 @@ def compare(
             notice=lambda line: print(line, file=sys.stderr),
         )
     _print_summary(found)
-    typer.echo(f"written: {output / 'results.parquet'}, {output / 'results.csv'}, {output / 'summary.csv'}")
+    made = ("index.html", "results.parquet", "results.csv", "summary.csv")
+    typer.echo(f"written: {', '.join(str(output / name) for name in made)}")
     if found.failures:
         raise typer.Exit(1)
+
+
+def _labelled(option: str, given: Sequence[str] | None) -> list[tuple[str, str]]:
+    """Return what options of the form LABEL=REST say."""
+    from scenetruth.errors import EstimateError, Problem
+
+    pairs = [one.partition("=") for one in given or ()]
+    problems = [
+        Problem(option, "must be LABEL=..., a name before it", "".join(pair))
+        for pair in pairs
+        if not (pair[0] and pair[2])
+    ]
+    if problems:
+        raise EstimateError(problems)
+    return [(label.strip(), rest.strip()) for label, _, rest in pairs]
 
 
 def _print_cases() -> None:

@@ -24,7 +24,7 @@ from scenetruth.placing import hold, write_aside
 from scenetruth.plain import parse_json
 from scenetruth.progress import Progress
 
-__all__ = ["INDEX", "compare"]
+__all__ = ["INDEX", "chosen_cases", "compare"]
 
 INDEX = "comparison.json"
 """What a folder of a comparison is known by."""
@@ -94,7 +94,7 @@ def compare(
     (True, 'px/frame')
     """
     contestants = contestants_of(methods)
-    chosen = _checked(suite, cases, values)
+    chosen = chosen_cases(suite, cases, values)
     if workers:
         _refuse_what_cannot_travel(contestants)
     with ExitStack() as stack:
@@ -144,7 +144,14 @@ def compare(
     return found
 
 
-def _checked(suite: str, cases: Sequence[str] | None, values: Sequence[float] | None) -> list[Case]:
+def chosen_cases(suite: str, cases: Sequence[str] | None, values: Sequence[float] | None) -> list[Case]:
+    """Return the cases that are asked for.
+
+    Raises
+    ------
+    RecipeError
+        If there is no such suite or case, or values are given for several cases.
+    """
     problems = []
     if suite not in SUITES:
         problems.append(Problem("suite", f"must be one of {', '.join(SUITES)}", suite))

@@ -45,6 +45,12 @@ class Contestant:
         spelled = f"{name}[{plain}]" if self.settings else name
         return spelled if self.label == spelled else f"{self.label}={spelled}"
 
+    @property
+    def identity(self) -> str:
+        """What its figures depend on: where its code stands, and all of its settings."""
+        settings = validate_settings(find_method(self.method), self.settings)
+        return f"{_path_of(self.method)} {settings.model_dump_json()}"
+
 
 def contestants_of(methods: Iterable[Given] | Given) -> list[Contestant]:
     """Return the methods of a comparison, all of them checked.

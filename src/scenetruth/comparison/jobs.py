@@ -86,7 +86,7 @@ def key_of(job: Job, number: int) -> str:
         "point": asdict(point),
         "scene": case.scene(point.values[0]),
         "noise_std": case.noise_std(point.values[0]),
-        "methods": [one.spelled for one in job.contestants],
+        "methods": [(one.label, one.identity) for one in job.contestants],
         "versions": job.versions,
     }
     return digest(json.loads(json.dumps(depends, default=list)))

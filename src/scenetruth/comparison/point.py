@@ -27,7 +27,7 @@ from scenetruth.scoring import units_of
 from scenetruth.scoring.regions import seen_throughout
 from scenetruth.simulation import simulate
 
-__all__ = ["Measured", "Point", "measure"]
+__all__ = ["Measured", "Point", "measure", "noisy", "quiet"]
 
 BOUND_SIGMA_PX = 6.0
 """Window of the Cramér-Rao bound that is told: that of the methods by default."""
@@ -91,7 +91,7 @@ def measure(case: Case, point: Point, contestants: Sequence[Contestant]) -> Meas
     measured = Measured()
     first = point.values[0]
     noise_std = case.noise_std(first)
-    with _quiet():
+    with quiet():
         ideal, whole = simulate(scene_from_plain(case.scene(first)))
         truth = whole.sel(t=[0])
         truth = truth.assign(seen_throughout=(("y", "x"), seen_throughout(whole)))
@@ -169,7 +169,7 @@ def _bound_rows(case: Case, value: float, truth: xr.Dataset, ideal: xr.Dataset, 
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Leave out what the suite's scenes are warned of: they are meant to be difficult."""
     with warnings.catch_warnings():
         for category in (EstimateWarning, SceneWarning, RuntimeWarning):

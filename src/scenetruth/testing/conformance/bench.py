@@ -1,0 +1,205 @@
+"""Where a method is tried: its recordings, its estimate of the plain one, and how large its own error is there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.errors import EstimateError, ScenetruthError
+from scenetruth.estimators import Estimator, find_method, requirements, validate_settings
+from scenetruth.estimators.returned import returned_problems
+from scenetruth.model import FrozenModel
+from scenetruth.progress import Progress
+from scenetruth.schema import check_dataset
+from scenetruth.testing.conformance.comparing import FLOOR, LEAST_KEPT, Maps, agree, reach_of, rms_of, scalar_maps
+from scenetruth.testing.conformance.deviation import Deviation, NotApplicable
+from scenetruth.testing.conformance.scenes import Plane
+
+__all__ = ["Bench"]
+
+_FACTOR = 3.0
+"""How many times a method's own error two of its estimates may differ by. Errors that have nothing to do with each
+other make 1.4, errors that change their sign with the image 2."""
+
+
+class Bench:
+    """A method with its settings, and the recordings on which it is tried.
+
+    Parameters
+    ----------
+    method
+        What `scenetruth.estimate` takes.
+    settings
+        Its settings: a mapping, or its model.
+    size
+        Height and width of the images in px.
+    cameras, frames
+        Number of camera positions and of frames; three, or the next odd number that the method needs, if None.
+    """
+
+    def __init__(
+        self,
+        method: str | Estimator | Callable[..., Any],
+        settings: FrozenModel | Mapping[str, Any] | None = None,
+        *,
+        size: tuple[int, int] | None = None,
+        cameras: int | None = None,
+        frames: int | None = None,
+    ) -> None:
+        self._given, self._settings = method, settings
+        self._size, self._cameras, self._frames = size, cameras, frames
+
+    @cached_property
+    def method(self) -> Estimator:
+        """The method."""
+        return find_method(self._given)
+
+    @cached_property
+    def settings(self) -> FrozenModel:
+        """Its settings, validated."""
+        given = self._settings
+        fields = given.model_dump() if isinstance(given, FrozenModel) else dict(given or {})
+        return validate_settings(self.method, fields)
+
+    @property
+    def says_it_is_thread_safe(self) -> bool:
+        """Whether it, or the function that it is made of, has an attribute ``thread_safe`` that is true."""
+        return any(getattr(item, "thread_safe", False) is True for item in (self.method, self._given))
+
+    @cached_property
+    def plane(self) -> Plane:
+        """The scene of the plain recording."""
+        needs = self.method.needs
+        cameras = self._cameras or max(3, needs.cameras + (needs.cameras + 1) % 2)
+        frames = self._frames or max(3, needs.frames + (needs.frames + 1) % 2)
+        while not self._frames and cameras * frames < needs.images:
+            frames += 2
+        channels = needs.channels if (needs.channels or 1) > 1 else None
+        plane = Plane(cameras=cameras, frames=frames, channels=channels)
+        return plane if self._size is None else replace(plane, size=self._size)
+
+    def recording(self) -> xr.Dataset:
+        """Return the plain recording; each is a new one that may be written to."""
+        return self.plane.recording()
+
+    def estimate(self, recording: xr.Dataset, progress: Progress | None = None) -> xr.Dataset:
+        """Let the method estimate, past `scenetruth.estimate`, which would hide what it does wrong.
+
+        Parameters
+        ----------
+        recording
+            The recording, handed over as it is.
+        progress
+            Handed over.
+
+        Raises
+        ------
+        RecordingError, EstimateError
+            If the recording is none, or does not suit the method.
+        Deviation
+            If it does not return a data set.
+        """
+        check_dataset(recording, "recording")
+        problems = requirements(recording, self.method, self.settings)
+        if problems:
+            raise EstimateError(problems)
+        found: object = self.method.estimate(recording, self.settings, progress)
+        if not isinstance(found, xr.Dataset):
+            raise Deviation(
+                "the method was called",
+                "an xarray.Dataset",
+                f"a {type(found).__name__}",
+                "return scenetruth.make_estimate(like=recording, ...)",
+            )
+        return found
+
+    def estimate_if_it_suits(self, recording: xr.Dataset) -> xr.Dataset:
+        """Let the method estimate a recording that it may refuse.
+
+        Raises
+        ------
+        NotApplicable
+            If it does refuse it, as methods do: by an error of `scenetruth.errors`.
+        """
+        try:
+            return self.estimate(recording)
+        except ScenetruthError as error:
+            msg = f"such a recording is refused: {' '.join(str(error).split())}"
+            raise NotApplicable(msg) from error
+
+    @cached_property
+    def _plain(self) -> xr.Dataset | Exception:
+        try:
+            found = self.estimate(self.recording())
+        except Exception as error:  # whatever the method raises; the check of the plain recording tells it
+            return error
+        problems = returned_problems(found, self.recording(), frozenset())
+        problems = [problem for problem in problems if not problem.path.endswith(".units")]
+        return EstimateError(problems) if problems else found.copy(deep=True)
+
+    @property
+    def plain(self) -> xr.Dataset:
+        """The estimate of the plain recording.
+
+        Raises
+        ------
+        NotApplicable
+            If there is none of the agreed form: then that is the first thing to mend.
+        """
+        if isinstance(self._plain, Exception):
+            msg = "the plain recording has no estimate yet to compare with: see 'gives_what_it_promises' and 'form'"
+            raise NotApplicable(msg)
+        return self._plain
+
+    @cached_property
+    def maps(self) -> dict[str, xr.DataArray]:
+        """What the estimate of the plain recording knows anywhere, component by component."""
+        return {name: item for name, item in scalar_maps(self.plain).items() if bool(np.isfinite(item).any())}
+
+    @cached_property
+    def own_error(self) -> dict[str, float]:
+        """The rms error of each of `maps`, in its unit."""
+        truth = self.plane.truth()
+        return {name: rms_of((item - truth[name]).values) for name, item in self.maps.items()}
+
+    def tolerances(self, factor: float = _FACTOR) -> dict[str, float]:
+        """Return by how much estimates may differ, rms.
+
+        Parameters
+        ----------
+        factor
+            How many times the method's own error, beside a floor of 0.2 % of the quantity.
+        """
+        truth = self.plane.truth()
+        return {name: factor * error + FLOOR * reach_of(truth, name) for name, error in self.own_error.items()}
+
+    def agrees(
+        self,
+        found: Maps,
+        expected: Maps | None = None,
+        *,
+        done: str,
+        expectation: str,
+        remedy: str,
+        factor: float = _FACTOR,
+        least_kept: float = LEAST_KEPT,
+    ) -> None:
+        """Demand that maps agree with those of the plain recording, or with others that are expected; see `agree`."""
+        agree(
+            found,
+            self.maps if expected is None else expected,
+            self.tolerances(factor),
+            done=done,
+            expectation=expectation,
+            remedy=remedy,
+            least_kept=least_kept,
+        )
+
+    def known_of(self, truth: Maps) -> dict[str, xr.DataArray]:
+        """Return a truth, where the estimate of the plain recording knows anything."""
+        return {name: truth[name].where(np.isfinite(item)) for name, item in self.maps.items()}

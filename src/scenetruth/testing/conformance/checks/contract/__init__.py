@@ -1,0 +1,1 @@
+"""What a method must do whatever its images show."""

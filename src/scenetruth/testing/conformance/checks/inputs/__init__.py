@@ -1,0 +1,1 @@
+"""What a method must take, or refuse as methods do."""

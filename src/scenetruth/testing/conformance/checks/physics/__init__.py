@@ -1,0 +1,1 @@
+"""What must hold for any method, because it holds for cameras and surfaces."""

@@ -1,0 +1,154 @@
+"""How checks are run and what they tell."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+from unittest import SkipTest
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import scenetruth as st
+import scenetruth.testing
+from scenetruth.estimators import Needs
+from scenetruth.testing import ConformanceError, check_estimator, estimator_checks
+from scenetruth.testing.conformance.registry import all_checks
+from tests.testing.conformance.broken import BackwardFlow, ZeroForMissing
+from tests.testing.conformance.gradients import Gradients
+
+pytest_plugins = ["pytester"]
+
+
+def far_away(recording: xr.Dataset, depth_mm: float = 600.0) -> dict[str, Any]:
+    return {"depth": np.full([recording.sizes[dim] for dim in ("t", "y", "x")], depth_mm)}
+
+
+def test_checks_are_modules_with_a_sentence() -> None:
+    checks = all_checks()
+    assert len({check.name for check in checks}) == len(checks) > 30
+    for check in checks:
+        assert check.says.endswith("."), check.name
+        assert str(check.needs), check.name
+
+
+def test_checks_for_parametrize_have_names_and_take_nothing() -> None:
+    checks = estimator_checks(Gradients())
+    assert (
+        [str(check) for check in checks]
+        == [check.__name__ for check in checks]
+        == [check.name for check in all_checks()]
+    )
+    by_name = {str(check): check for check in checks}
+    by_name["deterministic"]()
+    with pytest.raises(SkipTest, match="tells no standard deviations"):
+        by_name["standard_deviations"]()
+
+
+def test_a_method_is_only_made_when_a_check_runs() -> None:
+    checks = estimator_checks("no_such_method")
+    with pytest.raises(AssertionError, match="no such method"):
+        checks[0]()
+
+
+def test_under_pytest(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest
+        from scenetruth.testing import estimator_checks
+        from tests.testing.conformance.broken import ZeroForMissing
+
+        @pytest.mark.parametrize("check", [c for c in estimator_checks(ZeroForMissing()) if str(c) in
+                                           ("missing_is_nan", "deterministic", "thread_safe")])
+        def test_conforms(check):
+            check()
+        """
+    )
+    done = pytester.runpytest_inprocess("-v", "-p", "no:cacheprovider", "-rs")
+    done.assert_outcomes(passed=1, failed=1, skipped=1)
+    done.stdout.fnmatch_lines_random(
+        [
+            "*test_conforms[[]missing_is_nan[]] FAILED*",
+            "*test_conforms[[]deterministic[]] PASSED*",
+            "*remedy:*write NaN where nothing is known*",
+            "*the method does not say that it is thread-safe*",
+        ]
+    )
+
+
+def test_all_failures_are_told_at_once() -> None:
+    with pytest.raises(ConformanceError) as caught:
+        check_estimator(BackwardFlow(), only=["truth_in_the_middle", "part_of_frames", "deterministic"])
+    assert isinstance(caught.value, AssertionError)
+    text = str(caught.value)
+    assert "1 of 3 checks passed, 2 failed" in text
+    assert "px/frame in the median, the truth" in text
+    assert "forward in time per frame" in text
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert str(again) == text
+
+
+def test_checks_are_chosen_by_name() -> None:
+    assert check_estimator(ZeroForMissing(), skip="missing_is_nan", only=["missing_is_nan", "form"]).passed == ("form",)
+    with pytest.raises(st.EstimateError) as caught:
+        check_estimator(Gradients(), only=["determinstic"], skip=["nothing_like_it"])
+    assert [problem.path for problem in caught.value.problems] == ["only", "skip"]
+    assert "did you mean 'deterministic'?" in str(caught.value)
+    with pytest.raises(st.EstimateError, match="must be names"):
+        check_estimator(Gradients(), skip=3)  # type: ignore[arg-type]
+
+
+def test_functions_and_paths_are_methods_too() -> None:
+    for method in (far_away, f"{__name__}:far_away"):
+        report = check_estimator(method, only=["deterministic", "form", "own_arrays", "truth_in_the_middle"])
+        assert len(report.passed) == 4
+    with pytest.raises(ConformanceError, match="depth is 900 mm in the median"):
+        check_estimator(far_away, settings={"depth_mm": 900.0}, only="truth_in_the_middle")
+
+
+def test_settings_and_sizes_reach_the_method() -> None:
+    with pytest.raises(st.EstimateError, match="unknown setting"):
+        check_estimator(Gradients(), settings={"begin_px": 3})
+    seen = []
+
+    def watching(recording: xr.Dataset) -> dict[str, Any]:
+        seen.append(recording["image"].shape)
+        return far_away(recording)
+
+    check_estimator(watching, only="gives_what_it_promises", size=(30, 40), cameras=5, frames=4)
+    assert seen == [(5, 4, 30, 40)]
+    report = check_estimator(watching, only="mirror_x", cameras=4)
+    assert report.skipped == {"mirror_x": "needs an odd number of cameras, not 4"}
+
+
+def test_methods_that_need_more_get_more() -> None:
+    seen = []
+
+    def watching(recording: xr.Dataset) -> dict[str, Any]:
+        seen.append(recording["image"].shape)
+        return far_away(recording)
+
+    watching.needs = Needs(cameras=4, frames=6, channels=3)  # type: ignore[attr-defined]
+    check_estimator(watching, only="gives_what_it_promises")
+    assert seen == [(5, 7, 56, 72, 3)]
+
+
+def test_what_cannot_be_estimated_is_told_once() -> None:
+    def fails(recording: xr.Dataset) -> None:
+        msg = "out of luck"
+        raise RuntimeError(msg)
+
+    with pytest.raises(ConformanceError) as caught:
+        check_estimator(fails, only=["gives_what_it_promises", "deterministic", "mirror_x"])
+    assert set(caught.value.report.failed) == {"gives_what_it_promises"}
+    assert "RuntimeError: out of luck" in str(caught.value)
+    assert set(caught.value.report.skipped) == {"deterministic", "mirror_x"}
+
+
+def test_public_names_are_there_and_documented() -> None:
+    for name in ("check_estimator", "estimator_checks", "ConformanceReport", "ConformanceError", "EstimatorCheck"):
+        assert getattr(scenetruth.testing, name).__doc__
+        assert name in dir(scenetruth.testing)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = scenetruth.testing.nothing
