@@ -4,12 +4,13 @@ PYTHON_BIN := .venv/bin
 PATH ?= /usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 export PATH
 
-.PHONY: help setup demo test nightly bench gallery lint format clean
+.PHONY: help setup demo test nightly browser bench gallery lint format clean
 
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
 	@echo "make test    environment, then lint, types and all tests"
 	@echo "make nightly environment, then 10,000 broken scene files, 1,000 stores, 250 killed runs, 300 flipped bits, 1000 simulations; two hours"
+	@echo "make browser environment, chromium and playwright, then the pages in a headless browser"
 	@echo "make bench   environment, then the benchmarks"
 	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md) and of the README"
 	@echo "make format  environment, then the formatter"
@@ -36,6 +37,10 @@ nightly: setup
 		tests/estimators/structure_tensor/test_determinism.py tests/test_accuracy.py \
 		tests/estimators/structure_tensor/test_uncertainty.py tests/estimators/refined/test_plane.py \
 		tests/estimators/refined/test_rigs.py tests/estimators/refined/cameras tests/truth/test_maps.py tests/comparison/test_cases.py
+
+browser: setup
+	@bash tools/setup.sh browser
+	$(PYTHON_BIN)/python -m pytest -q tests/browser
 
 bench: setup
 	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only

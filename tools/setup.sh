@@ -62,3 +62,10 @@ if ! has_osmesa; then
         say "libosmesa6 could not be installed (not root, or no such package): pyrender will use EGL, or ray casting renders"
     fi
 fi
+
+if [ "${1:-}" = browser ]; then
+    say "installing playwright and, where that is allowed, the system package chromium"
+    .venv/bin/python -m pip install -q --disable-pip-version-check -e '.[browser]'
+    command -v chromium >/dev/null 2>&1 || apt_install chromium ||
+        say "chromium could not be installed (not root, or no such package): tests of pages are skipped"
+fi

@@ -30,8 +30,8 @@ def write_recordings(
 ) -> list[Path]:
     """Write all recordings of a suite, each into a folder that is named by its key.
 
-    What a program finds of them goes into folders of the same names, for `scenetruth.estimators.external.ResultsFolder`.
-    Recordings that are there are not written again.
+    What a program finds of them goes into folders of the same names, which
+    `scenetruth.estimators.external.ResultsFolder` reads. Recordings that are there are not written again.
 
     Parameters
     ----------

@@ -217,7 +217,7 @@ class Runner:
 
     def score(self, method: str, settings: ScoreSettings) -> None:
         """Score the estimate of a method."""
-        from scenetruth.scoring import score
+        from scenetruth.scoring import find_slips, score
 
         files = self.folder.of(method)
         self._refuse_existing(files.score_json, files.score_csv)
@@ -251,6 +251,8 @@ class Runner:
             with write_aside(target, overwrite=self.overwrite) as aside:
                 aside.write_text(text, encoding="utf-8")
         self.scores[method] = scored
+        for slip in find_slips(estimated, truth):
+            self._say(f"likely slip in the estimate of '{method}': {slip.message}")
 
     def report(self, method: str, figures: Collection[str] | None = None) -> None:
         """Draw the pictures of a method's estimate, or some, and write the page; errors too, where there is a truth."""

@@ -1,0 +1,81 @@
+"""The page of a comparison in a headless browser: no errors, tables sort, plots answer, a phone shows all of it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenetruth.comparison import compare
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright: make browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs the system package chromium: make browser")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("comparison") / "c"
+    compare(["structure_tensor", "plane_sweep"], folder=place, cases=["contrast", "occlusion", "waves_of_motion"])
+    return place
+
+
+@pytest.fixture
+def page(folder: Path) -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        # In a container there is no sandbox for root.
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.errors = []
+        page.on("console", lambda line: page.errors.append(line.text) if line.type in ("error", "warning") else None)
+        page.on("pageerror", lambda error: page.errors.append(str(error)))
+        page.on("request", lambda one: None if one.url.startswith(("file:", "data:")) else page.errors.append(one.url))
+        page.goto((folder / "index.html").as_uri())
+        page.wait_for_selector(".chart .main-svg")
+        yield page
+        assert page.errors == []
+        browser.close()
+
+
+def column(page: Any, number: int) -> list[str]:
+    found: list[str] = page.eval_on_selector_all(
+        f"#summary tbody tr td:nth-child({number})", "cells => cells.map(cell => cell.textContent)"
+    )
+    return found
+
+
+def test_tables_sort(page: Any) -> None:
+    button = page.locator("#summary th:nth-child(2) button")
+    button.click()
+    assert page.locator("#summary th:nth-child(2)").get_attribute("aria-sort") == "ascending"
+    rising = [float(cell) for cell in column(page, 2) if cell != "–"]
+    assert rising == sorted(rising)
+    button.click()
+    assert [float(cell) for cell in column(page, 2) if cell != "–"] == rising[::-1]
+    # By the keyboard too.
+    page.locator("#summary th:nth-child(1) button").press("Enter")
+    assert column(page, 1) == sorted(column(page, 1))
+
+
+def test_every_chart_is_drawn_and_answers(page: Any) -> None:
+    charts = page.locator(".chart")
+    assert charts.count() == page.locator(".chart .main-svg >> nth=0").count() * charts.count()
+    assert page.locator(".chart:not(.js-plotly-plot)").count() == 0
+    point = page.locator(".chart .points path").first
+    point.scroll_into_view_if_needed()
+    box = point.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.wait_for_selector(".hoverlayer .hovertext")
+
+
+@pytest.mark.parametrize("width_px", [1280, 375])
+def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe: make browser")
+    page.set_viewport_size({"width": width_px, "height": 800})
+    page.wait_for_timeout(300)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width_px
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
