@@ -61,14 +61,12 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
 
 
 def test_processes_find_the_same(tmp_path: Path) -> None:
-    options: dict[str, Any] = {"cases": ["contrast"], "values": [0.01, 0.2]}
+    options: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0, 0.25]}
     here = compare("structure_tensor", folder=tmp_path / "a", **options)
     there = compare("structure_tensor", folder=tmp_path / "b", **options, workers=2)
     assert not here.failures
     figures = [[row for row in one.rows if row.quantity] for one in (here, there)]
     assert figures[0] == figures[1]
-    told = [here.figure("contrast", "structure_tensor", "flow_x", "density", value).number for value in (0.01, 0.2)]
-    assert told[0] < 0.5 < told[1]
 
 
 def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:

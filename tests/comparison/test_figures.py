@@ -65,7 +65,8 @@ def test_the_window_of_a_blurred_truth_comes_back() -> None:
     case, sigma_px = all_cases()["waves_of_motion"], 6.0
     expected = 2 * np.pi * sigma_px / np.sqrt(-2 * np.log(0.9))
     rows: list[Row] = []
-    for value in case.values("full"):
+    # Around the period that is expected; farther away, nothing crosses.
+    for value in (60.0, 72.0, 96.0):
         recording, truth = made(case.kind, value)
         # The window sees what lies beyond the image as well: a wave goes on there, here by its reflection.
         blurred = ndimage.gaussian_filter(truth["velocity"].values, (0, 0, sigma_px, 0), mode="reflect", truncate=6)

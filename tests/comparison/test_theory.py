@@ -46,8 +46,7 @@ def test_a_gaussian_window_leaves_what_it_must() -> None:
 
 
 def test_nothing_locks_to_whole_pixels() -> None:
-    found = compare(["structure_tensor", "refined"], cases=["phase_of_disparity"], values=[4.25, 4.5])
+    found = compare(["structure_tensor", "refined"], cases=["phase_of_disparity"], values=[4.25])
     for method in ("structure_tensor", "refined"):
-        for value in (4.25, 4.5):
-            # Without noise; splines and derivative filters leave some 1e-4 of a pixel.
-            assert abs(found.figure("phase_of_disparity", method, "disparity", "bias", value).number) < 1e-3
+        # Without noise; splines and derivative filters leave some 1e-4 of a pixel.
+        assert abs(found.figure("phase_of_disparity", method, "disparity", "bias", 4.25).number) < 1e-3

@@ -27,7 +27,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-def test_page_and_pictures(sampler_with: Make, tmp_path: Path) -> None:
+def test_page_and_pictures(sampler_with: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sampler = sampler_with(
         description=HOSTILE,
         samples=9,
@@ -41,6 +41,8 @@ def test_page_and_pictures(sampler_with: Make, tmp_path: Path) -> None:
     )
     told: list[str] = []
     page = write_preview(sampler, tmp_path / "one", progress=lambda what, done, total: told.append(what))
+    # As if it took long.
+    monkeypatch.setattr("scenetruth.dataset.engine.in_order.WORTH_S", 0.0)
     write_preview(sampler, tmp_path / "two", workers=2)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     assert set(told) == {"draw", "thumbnails"}

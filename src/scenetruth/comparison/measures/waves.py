@@ -56,8 +56,9 @@ def crossings(periods: Sequence[float], left: Sequence[float], least: float = LE
 
     Examples
     --------
-    >>> crossings([80, 40, 20], [1.0, 0.95, 0.85])
-    (28.284271247461902, 28.284271247461902)
+    >>> first, last = crossings([80, 40, 20], [1.0, 0.95, 0.85])
+    >>> round(first, 6), first == last
+    (28.284271, True)
     """
     order = np.argsort(periods)[::-1]
     logs = np.log(np.asarray(periods, dtype=np.float64)[order])
