@@ -36,7 +36,7 @@ nightly: setup
 		tests/fuzz tests/pipeline/test_killed.py tests/dataset/engine tests/storage/test_integrity.py tests/test_resident_memory.py \
 		tests/estimators/structure_tensor/test_determinism.py tests/test_accuracy.py \
 		tests/estimators/structure_tensor/test_uncertainty.py tests/estimators/refined/test_plane.py \
-		tests/estimators/refined/test_rigs.py tests/estimators/refined/cameras tests/truth/test_maps.py tests/comparison/test_cases.py tests/scoring/slips tests/bound tests/testing
+		tests/estimators/refined/test_rigs.py tests/estimators/refined/cameras tests/truth/test_maps.py tests/comparison tests/scoring/slips tests/bound tests/testing
 
 browser: setup
 	@bash tools/setup.sh browser

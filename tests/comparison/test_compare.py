@@ -19,6 +19,7 @@ from scenetruth.comparison.rows import Row
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
 from scenetruth.estimators.external import ResultsFolder
 from tests.cli.calling import scenetruth
+from tests.nightly import nightly
 
 QUICK: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0]}
 
@@ -60,6 +61,7 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert len(frame) == len(found.rows)
 
 
+@nightly
 def test_processes_find_the_same(tmp_path: Path) -> None:
     options: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0, 0.25]}
     here = compare("structure_tensor", folder=tmp_path / "a", **options)
