@@ -47,8 +47,9 @@ def test_efficiency_and_products_follow_from_rows(comparison: Comparison) -> Non
     frame = comparison.efficiency()
     assert set(frame["efficiency_percent"].round(9)) == {25.0, 6.25}
     first = comparison.figure("waves_of_depth", "mine", "depth", "period_at_10_percent_loss_first").number
-    # 0.99 and 0.8: 0.9 lies at 9/19 of the way over the logarithm.
-    assert first == pytest.approx(96 * 0.5 ** (0.09 / 0.19))
+    # The logarithm of the share is a straight line over the period to the power of -2.
+    way = (math.log(0.99) - math.log(0.9)) / (math.log(0.99) - math.log(0.8))
+    assert first == pytest.approx((96**-2 + way * (48**-2 - 96**-2)) ** -0.5)
     product = comparison.figure("waves_of_depth", HOSTILE, "disparity", "noise_times_period_first").number
     assert product == pytest.approx(2 * 0.005 * first)
     summary = comparison.summary()

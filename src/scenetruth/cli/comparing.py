@@ -146,6 +146,9 @@ def _print_cases() -> None:
         typer.echo(f"{case.kind}: {case.question} ({case.varied}: {', '.join(f'{v:g}' for v in case.core)})")
 
 
+_BESIDE = 3
+
+
 def _print_summary(found: Comparison) -> None:
     from rich.console import Console
     from rich.markup import escape
@@ -154,12 +157,16 @@ def _print_summary(found: Comparison) -> None:
     from scenetruth.errors import visible
 
     frame = found.summary()
-    table = Table(title="median over the values of each case")
-    table.add_column("case")
-    for label in frame.columns:
-        table.add_column(escape(visible(str(label), lines=False)), justify="right")
-    for name, cells in frame.iterrows():
-        table.add_row(escape(str(name)), *("–" if one != one else f"{one:.2g}" for one in cells))
-    Console().print(table)
+    labels = [visible(str(label), lines=False) for label in frame.columns]
+    # So many fit beside each other into a terminal of 80 columns.
+    for first in range(0, len(labels), _BESIDE):
+        table = Table(title="median over the values of each case")
+        table.add_column("case", max_width=30)
+        for label in labels[first : first + _BESIDE]:
+            table.add_column(escape(label), justify="right", overflow="fold", min_width=8)
+        for name, cells in frame.iterrows():
+            numbers = list(cells)[first : first + _BESIDE]
+            table.add_row(escape(str(name)), *("–" if one != one else f"{one:.2g}" for one in numbers))
+        Console().print(table)
     for line in found.failures:
         typer.echo(f"nothing told: {visible(line, lines=False)}", err=True)

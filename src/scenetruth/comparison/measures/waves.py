@@ -12,6 +12,9 @@ __all__ = ["LEAST_LEFT", "crossings", "share_left"]
 LEAST_LEFT = 0.9
 """A period is resolved where at least so much of an amplitude is left."""
 
+_LEAST_LOG = 0.05
+"""Less than this is as good as nothing, and may be negative."""
+
 Map = NDArray[np.float64]
 
 
@@ -36,8 +39,8 @@ def share_left(found: Map, true: Map) -> float:
 def crossings(periods: Sequence[float], left: Sequence[float], least: float = LEAST_LEFT) -> tuple[float, float]:
     """Return the first and the last period at which a curve of shares crosses the least one, from long to short.
 
-    Between two periods the curve is a straight line over the logarithm of the period. NaN is nothing found: too little
-    is left.
+    Between two periods p, the logarithm of the share is a straight line over 1/p², as it is of a Gaussian window. NaN
+    is nothing found: too little is left.
 
     Parameters
     ----------
@@ -56,12 +59,12 @@ def crossings(periods: Sequence[float], left: Sequence[float], least: float = LE
 
     Examples
     --------
-    >>> first, last = crossings([80, 40, 20], [1.0, 0.95, 0.85])
-    >>> round(first, 6), first == last
-    (28.284271, True)
+    >>> first, last = crossings([80, 40, 20], [0.98, 0.95, 0.85])
+    >>> round(first, 3), first == last
+    (25.512, True)
     """
     order = np.argsort(periods)[::-1]
-    logs = np.log(np.asarray(periods, dtype=np.float64)[order])
+    squares = np.asarray(periods, dtype=np.float64)[order] ** -2
     shares = np.nan_to_num(np.asarray(left, dtype=np.float64)[order], nan=0.0)
     enough = shares >= least
     if enough.all():
@@ -71,8 +74,9 @@ def crossings(periods: Sequence[float], left: Sequence[float], least: float = LE
     places = np.flatnonzero(enough[1:] != enough[:-1])
     found = []
     for place in places:
-        one, other = shares[place] - least, shares[place + 1] - least
-        found.append(float(np.exp(logs[place] + one / (one - other) * (logs[place + 1] - logs[place]))))
+        one, other = np.log(np.maximum(shares[place : place + 2], _LEAST_LOG)) - np.log(least)
+        crossing = squares[place] + one / (one - other) * (squares[place + 1] - squares[place])
+        found.append(float(crossing**-0.5))
     if not enough[0]:
         found.insert(0, float("inf"))
     return found[0], found[-1]
