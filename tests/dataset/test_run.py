@@ -30,6 +30,7 @@ from scenetruth.errors import MachineError, MismatchError, StoreError
 from scenetruth.pipeline import verify_folder
 from scenetruth.resources import Limits
 from tests.dataset.conftest import RECIPE
+from tests.nightly import nightly
 
 Make = Callable[..., Sampler]
 PAIRED = {"sensor.noise_std": [0.05]}
@@ -191,6 +192,7 @@ def test_a_sample_that_fails_is_set_aside_and_told(tmp_path: Path, sampler_with:
     assert (status.done, status.missing, list(status.failed)) == (2, 1, [1])
 
 
+@nightly
 def test_a_killed_run_leaves_whole_samples_and_goes_on(made: Path, tmp_path: Path) -> None:
     recipe, folder = tmp_path / "recipe.yaml", tmp_path / "killed"
     recipe.write_text(yaml.safe_dump({**RECIPE, "samples": 3, "paired": PAIRED}), encoding="utf-8")

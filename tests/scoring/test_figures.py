@@ -26,6 +26,7 @@ from scenetruth.scoring.figures.growth import draw_growth, draw_growth_alone, gr
 from scenetruth.scoring.figures.image import draw_image
 from scenetruth.scoring.figures.surface import draw_surface
 from scenetruth.scoring.figures.velocity import draw_velocity_z, pick_row
+from tests.nightly import nightly
 from tests.scoring.conftest import Drawn
 from tests.scoring.synthetic import (
     OF_ERRORS,
@@ -118,7 +119,7 @@ def test_users_settings_are_left_alone(drawn: Drawn) -> None:
     assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
 
 
-@pytest.mark.parametrize("what", ["nothing", "one pixel", "perfect"])
+@pytest.mark.parametrize("what", ["nothing", "one pixel", pytest.param("perfect", marks=nightly)])
 def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
     case = make_case(48, 36, 380.0)
     estimate = {
@@ -136,7 +137,7 @@ def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
     ("reduce", "expected"),
     [
         (of_one_camera, ["image.png", "flow.png", "error_histograms.png", "confidence.png"]),
-        (of_one_frame, files_without(OF_VELOCITY)),
+        pytest.param(of_one_frame, files_without(OF_VELOCITY), marks=nightly),
     ],
 )
 def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
@@ -151,9 +152,13 @@ def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
 @pytest.mark.parametrize(
     ("held", "expected"),
     [
-        (("depth", "disparity", "depth_std"), ["image.png", "surface.png", "depth.png", *LAST]),
+        pytest.param(
+            ("depth", "disparity", "depth_std"), ["image.png", "surface.png", "depth.png", *LAST], marks=nightly
+        ),
         (("disparity", "disparity_std", "confidence"), ["image.png", "disparity.png", *LAST, "confidence.png"]),
-        (("flow", "kind_motion"), ["image.png", "flow.png", "error_histograms.png", "confidence.png"]),
+        pytest.param(
+            ("flow", "kind_motion"), ["image.png", "flow.png", "error_histograms.png", "confidence.png"], marks=nightly
+        ),
         (("velocity",), ["image.png", "velocity_z.png", "velocity_z_row.png", "error_histograms.png"]),
     ],
 )

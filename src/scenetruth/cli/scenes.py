@@ -1,4 +1,4 @@
-"""The commands that look at scenes and at what is installed: check, schema, methods."""
+"""The commands that look at scenes and at what is installed: check, schema, methods, warm-up."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
-    for command in (check, schema, methods):
+    for command in (check, schema, methods, warm_up):
         app.command()(command)
 
 
@@ -38,3 +38,13 @@ def methods() -> None:
     from scenetruth.cli.tables import print_methods
 
     print_methods()
+
+
+def warm_up() -> None:
+    """Compile now what is compiled at first use: a minute or two once, seconds from then on."""
+    from scenetruth import pipeline
+    from scenetruth.cli.console import reporting
+
+    with reporting() as report:
+        pipeline.warm_up(report)
+    typer.echo("everything is compiled")

@@ -7,6 +7,7 @@ from scenetruth.pipeline.requirements import effort_of, method_choices, run_prob
 from scenetruth.pipeline.runner import Runner, RunResults
 from scenetruth.pipeline.scene_run import STAGES, Stage, run_scene
 from scenetruth.pipeline.verifying import Verdict, verify_folder
+from scenetruth.pipeline.warming import warm_up
 
 __all__ = [
     "STAGES",
@@ -24,4 +25,5 @@ __all__ = [
     "run_problems",
     "run_scene",
     "verify_folder",
+    "warm_up",
 ]

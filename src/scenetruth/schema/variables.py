@@ -186,7 +186,9 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "divergence": Variable(_MAP, "1/frame", "divergence u_z = -U_Z / Z of the optical flow"),
         "kind": Variable(_MAP, "1", "what could be estimated: the lesser of disparity and motion", _KINDS),
         "kind_disparity": Variable(_MAP, "1", "what could be estimated of disparity and depth", _KINDS),
-        "kind_motion": Variable(_MAP, "1", "what could be estimated of flow and divergence", _KINDS),
+        "kind_motion": Variable(
+            _MAP, "1", "what could be estimated of flow, and of divergence where it is given", _KINDS
+        ),
         "model_violation": Variable(_MAP, "1", "images contradict one surface in one motion: occlusion, motion edge"),
         "depth_std": _std(_MAP, "mm", "depth"),
         "velocity_std": _std(("component", *_MAP), "mm/frame", "velocity"),

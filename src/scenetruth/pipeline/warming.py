@@ -1,0 +1,111 @@
+"""Compiles what numba compiles at first use, by doing a little of every kind of work."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import suppress
+from typing import Any
+
+from scenetruth.progress import Progress
+
+__all__ = ["warm_up"]
+
+_SMALL: dict[str, Any] = {
+    "camera": {"width": 48, "height": 36, "focal_length_px": 240.0},
+    "stage": {"positions": 3, "baseline_mm": 5.0},
+    "frames": {"count": 3, "frame_interval_s": 60.0},
+    "render": {"backend": "raycast", "supersampling": 2},
+    "seed": 1,
+}
+_NOISE: dict[str, Any] = {"kind": "noise", "wavelength_mm": [3, 15], "rms_contrast": 0.2}
+_SHEET: dict[str, Any] = {
+    "name": "sheet",
+    "mesh": {"kind": "plane", "size_mm": [300, 240], "resolution_mm": 12.0},
+    "pose": {"position_mm": [0, 0, 400], "rotations": [{"axis": [0, 1, 0], "angle_deg": 10}]},
+    "texture": _NOISE,
+}
+_MOVING: dict[str, Any] = {"motion": [{"kind": "velocity", "velocity_mm_per_frame": [0.3, 0, -0.5]}]}
+_SCENES: dict[str, dict[str, Any]] = {
+    "cube": {
+        **_SMALL,
+        "objects": [
+            {**_SHEET, **_MOVING},
+            {
+                "name": "cube",
+                "mesh": {"kind": "box", "size_mm": [60, 60, 60]},
+                "pose": {"position_mm": [0, 0, 330], "rotations": [{"axis": [0, 1, 0], "angle_deg": 30}]},
+                "texture": _NOISE,
+                **_MOVING,
+            },
+        ],
+        "lighting": {"ambient": 0.3, "lights": [{"kind": "directional", "direction": [0, 0.3, 1], "irradiance": 0.7}]},
+        "optics": {"psf": {"kind": "gaussian", "sigma_px": 0.7}},
+        "camera": {**_SMALL["camera"], "distortion": {"k1": -0.1}},
+        "sensor": {"bit_depth": 8, "noise_std": 0.005},
+    },
+    "leaf": {
+        **_SMALL,
+        "objects": [
+            {
+                "name": "leaf",
+                "mesh": {"kind": "leaf", "length_mm": 70, "width_mm": 60, "resolution_mm": 3.0},
+                "pose": {"position_mm": [-20, 0, 380]},
+                "texture": {"kind": "leaf", "channel": "green"},
+                "deformation": [{"kind": "growth", "rate_per_hour": 0.03}],
+            },
+            _SHEET,
+        ],
+        "sensor": "ideal",
+    },
+}
+
+
+def warm_up(progress: Progress | None = None) -> list[str]:
+    """Let numba compile the kernels of scenes, truth, methods and scores; what it has kept is read instead.
+
+    Compiled code is kept beside the package or in the user's cache, so that this takes a minute once, and a few seconds
+    from then on.
+
+    Parameters
+    ----------
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    list of str
+        What was run: scenes and methods.
+    """
+    from scenetruth.bound import cramer_rao
+    from scenetruth.errors import EstimateError
+    from scenetruth.estimators import estimate, method_entries
+    from scenetruth.scene import scene_from_plain
+    from scenetruth.scoring import score
+    from scenetruth.simulation import simulate
+
+    methods = [entry.name for entry in method_entries() if entry.origin == "scenetruth"]
+    steps = len(_SCENES) * (1 + len(methods)) + 1
+    done: list[str] = []
+
+    def tell(what: str) -> None:
+        if progress is not None:
+            progress("warm-up", len(done), steps)
+        done.append(what)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, plain in _SCENES.items():
+            tell(f"{name}: images and truth")
+            recording, truth = simulate(scene_from_plain(plain))
+            for method in methods:
+                tell(f"{name}: {method}")
+                # What an extra brings may not be there.
+                with suppress(EstimateError):
+                    score(estimate(recording, method), truth, margin_px=2)
+            # The bound is that of cameras without distortion.
+            if "distortion" not in plain["camera"]:
+                tell(f"{name}: bound")
+                cramer_rao(truth, recording, window_sigma_px=3, noise_std=0.005)
+    if progress is not None:
+        progress("warm-up", steps, steps)
+    return done
