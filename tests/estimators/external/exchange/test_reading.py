@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 from numpy.typing import NDArray
 
 import scenetruth as st
@@ -55,6 +56,19 @@ def same(found: xr.Dataset, expected: xr.Dataset) -> None:
 
 def write_npz(file: Path, values: Array) -> None:
     np.savez_compressed(file, some_name=values)
+
+
+def write_old_zarr(file: Path, values: Array) -> None:
+    zarr.save_array(file, values, zarr_format=2)
+
+
+def write_zarr_group(file: Path, values: Array) -> None:
+    zarr.save_group(file, some_name=values)
+
+
+def damaged_zarr(folder: Path) -> None:
+    zarr.save_array(folder / "depth.zarr", DEPTH)
+    (folder / "depth.zarr" / "zarr.json").write_text('{"zarr_format": 3, "node_type": "array"}')
 
 
 def write_colour_pfm(file: Path, values: Array) -> None:
@@ -107,6 +121,9 @@ def test_every_shape_means_the_same(
         ("depth", ".npy", np.save),
         ("depth", ".npz", write_npz),
         ("depth", ".pfm", write_pfm),
+        ("depth", ".zarr", zarr.save_array),
+        ("velocity", ".zarr", write_old_zarr),
+        ("flow", ".zarr", write_zarr_group),
         ("flow", ".npz", write_npz),
         ("flow", ".flo", write_flo),
         ("velocity", ".npy", np.save),
@@ -206,7 +223,14 @@ WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
     "capitals": (one(DEPTH, "Depth.npy"), r"Depth\.npy: .* did you mean 'depth'"),
     "unread form": (text("depth.exr", "v/1"), r"depth\.exr: is in a form that is not read; write \.npy"),
     "unread form of a frame": (text("flow_t+0.tiff", "II"), r"flow_t\+0\.tiff: is in a form that is not read"),
-    "store": (lambda folder: (folder / "estimate.zarr").mkdir(), r"estimate\.zarr: stores are not read here"),
+    "store": (lambda folder: (folder / "estimate.zarr").mkdir(), r"estimate\.zarr: whole estimates are not read here"),
+    "no zarr": (lambda folder: (folder / "depth.zarr").mkdir(), r"depth\.zarr: cannot be read"),
+    "damaged zarr": (damaged_zarr, r"depth\.zarr: cannot be read"),
+    "two in zarr": (
+        lambda folder: zarr.save_group(folder / "depth.zarr", a=DEPTH, b=DEPTH),
+        r"must hold one array, or one named 'depth'; it holds a, b",
+    ),
+    "zarr as a file": (text("depth.zarr", "v/1"), r"depth\.zarr: is in a form that is not read"),
     "no sign": (one(DEPTH[0], "depth_t0.npy"), r"depth_t0\.npy: .* depth_t\+0\.npy"),
     "no such frame": (one(DEPTH[0], "depth_t+7.npy"), r"depth_t\+7\.npy: the recording has no such frame"),
     "several in one": (one(DEPTH, "depth_t+0.npy"), r"depth_t\+0\.npy: must hold one frame, by its name; it holds 3"),

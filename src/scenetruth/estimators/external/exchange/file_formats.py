@@ -1,9 +1,10 @@
-"""Files of maps as programs write them: .npy, .npz, .pfm, .flo."""
+"""Files of maps as programs write them: .npy, .npz, .pfm, .flo, and stores .zarr."""
 
 from __future__ import annotations
 
 import re
 import struct
+import warnings
 import zipfile
 import zlib
 from pathlib import Path
@@ -28,7 +29,7 @@ def read_map(file: Path, name: str) -> Array:
     Parameters
     ----------
     file
-        The file, with one of the `ENDINGS`.
+        The file, or the folder of a store, with one of the `ENDINGS`.
     name
         The quantity, by which an array is found among several.
 
@@ -137,5 +138,30 @@ def _floats(data: bytes, first: int, shape: tuple[int, int, int], order: str) ->
     return np.frombuffer(data, dtype=order, offset=first).reshape(shape).astype(np.float32)
 
 
-ENDINGS = {".npy": _npy, ".npz": _npz, ".pfm": _pfm, ".flo": _flo}
+def _zarr(file: Path, name: str) -> Array:
+    import zarr
+
+    try:
+        # What is not yet in its specification is no concern of who reads.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = zarr.open(file, mode="r")
+            if isinstance(found, zarr.Group):
+                names = sorted(found.array_keys())
+                if name not in names and len(names) != 1:
+                    msg = f"must hold one array, or one named '{name}'; it holds {', '.join(names) or 'none'}"
+                    raise ValueError(msg)
+                found = found[name if name in names else names[0]]
+            if found.nbytes > _MOST_BYTES:
+                msg = f"holds an array of {found.nbytes / 1e9:.3g} GB unpacked; write it as .npy"
+                raise ValueError(msg)
+            return np.asarray(found[...])
+    except Exception as error:  # a broken store raises almost anything
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(
+            text if text.startswith(("must hold", "holds an array")) else f"cannot be read: {text}"
+        ) from error
+
+
+ENDINGS = {".npy": _npy, ".npz": _npz, ".pfm": _pfm, ".flo": _flo, ".zarr": _zarr}
 """What reads each ending."""

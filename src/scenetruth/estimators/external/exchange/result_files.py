@@ -85,10 +85,12 @@ def find_results(folder: Path, problems: list[Problem]) -> dict[str, list[Result
 
 def _result_in(path: Path, problems: list[Problem]) -> ResultFile | None:
     stem, ending = path.name, ""
-    if path.is_file() and path.suffix.lower() in ENDINGS:
+    # Stores are folders, all else are files.
+    if path.suffix.lower() in ENDINGS and path.is_dir() == (path.suffix.lower() == ".zarr"):
         stem, ending = path.stem, path.suffix
     if path.name.startswith("estimate.zarr"):
-        problems.append(Problem(path.name, "stores are not read here; write its maps as .npy, or use scenetruth.load"))
+        message = "whole estimates are not read here; write its maps as .npy or NAME.zarr, or use scenetruth.load"
+        problems.append(Problem(path.name, message))
         return None
     framed = _FRAME.fullmatch(stem) if ending else None
     name = framed["name"] if framed else stem
