@@ -34,8 +34,8 @@ def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset
     A file for each quantity, ``depth``, ``disparity``, ``flow``, ``velocity``, ``depth_rate``, ``depth_std``,
     ``disparity_std``, ``velocity_std``, ``kind``: ``NAME.npy``, ``NAME.npz``, ``NAME.pfm``, ``NAME.zarr``, or
     ``flow.flo``; of one frame ``NAME_t+0.npy``. Arrays are (t, y, x) or (y, x); of components (c, t, y, x),
-    (c, y, x), or with c last. ``results.json`` may tell ``t``, ``method`` and ``units``. Pixels are those of the images that `write_recording`
-    wrote; units and signs are those of camera.json.
+    (c, y, x), or with c last. ``results.json`` may tell ``t``, ``method`` and ``units``. Pixels are those of the
+    images that `write_recording` wrote; units and signs are those of camera.json.
 
     Parameters
     ----------
