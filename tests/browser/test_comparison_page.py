@@ -19,7 +19,8 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs the system packa
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("comparison") / "c"
-    compare(["structure_tensor", "plane_sweep"], folder=place, cases=["contrast", "occlusion", "waves_of_motion"])
+    methods = ["structure_tensor", "plane_sweep", "opencv_scene_flow"]
+    compare(methods, folder=place, cases=["contrast", "occlusion", "star"])
     return place
 
 
@@ -58,6 +59,21 @@ def test_tables_sort(page: Any) -> None:
     # By the keyboard too.
     page.locator("#summary th:nth-child(1) button").press("Enter")
     assert column(page, 1) == sorted(column(page, 1))
+
+
+def test_who_is_ahead_is_read_without_scrolling(page: Any) -> None:
+    assert page.locator("h2").first.text_content() == "Who is ahead"
+    # OpenCV's flow resolves finer motion than the structure tensor with its usual window.
+    first = page.locator("#ahead li").filter(has_text="Star")
+    assert "opencv_scene_flow" in first.text_content()
+    assert first.bounding_box()["y"] < 800
+    page.locator("details summary").first.click()
+    assert page.locator("#ahead-by-figures tbody tr").first.is_visible()
+
+
+def test_values_with_names_are_named_on_the_axis(page: Any) -> None:
+    names = page.locator("#chart-occlusion-disparity-rms .xtick").all_text_contents()
+    assert names == ["some", "all"]
 
 
 def test_every_chart_is_drawn_and_answers(page: Any) -> None:

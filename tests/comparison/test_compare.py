@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -57,8 +58,26 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert json.loads(kept.read_text())["key"] == plain["key"]
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {"results.parquet", "results.csv", "summary.csv"}
     frame = found.to_frame()
-    assert list(frame.columns) == list(Row.__dataclass_fields__)
+    fields = list(Row.__dataclass_fields__)
+    assert list(frame.columns) == [*fields[:2], "label", *fields[2:]]
+    assert set(frame["label"]) == {"0"}
     assert len(frame) == len(found.rows)
+
+
+def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
+    found = compare(nearest, "full", tmp_path / "c", cases=["gallery"], values=["plaid"])
+    assert not found.failures
+    # The pattern is 100 mm away, and moves by 1 mm, 0.1 px, per frame.
+    assert found.figure("gallery", "nearest", "depth", "bias", "plaid").number == pytest.approx(620, rel=1e-6)
+    assert found.figure("gallery", "nearest", "flow_x", "bias", "plaid").number == pytest.approx(-0.1, rel=1e-6)
+    assert (tmp_path / "c" / "points" / "gallery" / "plaid.json").exists()
+    table = pd.read_csv(tmp_path / "c" / "results.csv")
+    assert set(table["label"]) == {"plaid"}
+    assert "growth_rate" not in set(table["quantity"])
+    page = (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
+    assert "--suite full --case gallery --value VALUE" in page
+    with pytest.raises(RecipeError, match="must be one of cube, "):
+        compare(nearest, "full", cases=["gallery"], values=["ball"])
 
 
 @nightly

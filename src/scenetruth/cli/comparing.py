@@ -50,8 +50,13 @@ def compare(
         typer.Option("--case", metavar="NAME", help="Only this case; may be repeated.", show_default=False),
     ] = None,
     value: Annotated[
-        list[float] | None,
-        typer.Option("--value", metavar="NUMBER", help="Only this value of one case.", show_default=False),
+        list[str] | None,
+        typer.Option(
+            "--value",
+            metavar="VALUE",
+            help="Only this value of one case, a number or a label; may be repeated.",
+            show_default=False,
+        ),
     ] = None,
     command: Annotated[
         list[str] | None,
@@ -143,7 +148,10 @@ def _print_cases() -> None:
     from scenetruth.comparison.case import all_cases
 
     for case in all_cases().values():
-        typer.echo(f"{case.kind}: {case.question} ({case.varied}: {', '.join(f'{v:g}' for v in case.core)})")
+        suite = "core" if case.core else "full"
+        values = ", ".join(map(case.label_of, case.values(suite))) or case.lacks()
+        alone = "" if case.core else "; suite full alone"
+        typer.echo(f"{case.kind}: {case.question} ({case.varied}: {values}{alone})")
 
 
 _BESIDE = 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pkgutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -62,8 +63,8 @@ class Case:
     """What it answers, in a sentence."""
     varied: ClassVar[str]
     """What is varied, with its unit: the label of the axis."""
-    core: ClassVar[tuple[float, ...]]
-    """Values in the suite ``core``."""
+    core: ClassVar[tuple[float, ...]] = ()
+    """Values in the suite ``core``; a case without any is in the suite ``full`` alone."""
     full: ClassVar[tuple[float, ...]] = ()
     """Values in the suite ``full``; those of ``core`` if empty."""
     quantities: ClassVar[tuple[str, ...]] = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x")
@@ -87,8 +88,40 @@ class Case:
         """Return what is varied in a suite."""
         return self.core if suite == "core" else self.full or self.core
 
+    def labels(self) -> Mapping[float, str]:
+        """Return what values are called that are no amounts, as scenes by their names; empty if all are amounts."""
+        return {}
+
+    def label_of(self, value: float) -> str:
+        """Return what a value is called: in tables, on axes, on the command line, and by its file."""
+        return self.labels().get(value, f"{value:g}")
+
+    def value_of(self, given: float | str) -> float:
+        """Return the value that is given as a number, or by what it is called.
+
+        Raises
+        ------
+        RecipeError
+            If it is neither.
+        """
+        named = {label: value for value, label in self.labels().items()}
+        if given in named:
+            return named[str(given)]
+        try:
+            value = float(given)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or (named and value not in named.values()):
+            must = f"must be one of {', '.join(named)}" if named else "must be a number"
+            raise RecipeError([Problem(f"values of {self.kind}", must, given)])
+        return value
+
+    def lacks(self) -> str:
+        """Return what the case needs and this installation has not, with the remedy; empty if it can be measured."""
+        return ""
+
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the scene, as plain values; its sensor is ideal."""
+        """Return the scene, as plain values; its sensor is ideal if `noise_std` is to be added."""
         raise NotImplementedError
 
     def noise_std(self, value: float) -> float:

@@ -36,7 +36,7 @@ def compare(
     folder: str | Path | None = None,
     *,
     cases: Sequence[str] | None = None,
-    values: Sequence[float] | None = None,
+    values: Sequence[float | str] | None = None,
     workers: int = 0,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
@@ -59,7 +59,7 @@ def compare(
     cases
         Only these cases, by their kinds.
     values
-        Only these values of what is varied, for a single case.
+        Only these values of what is varied, for a single case; labels where values have some, as names of scenes.
     workers
         Processes of this machine, of one thread each; 0 does all in this one.
     progress
@@ -77,7 +77,7 @@ def compare(
     EstimateError
         If there is no such method, a setting is impossible, or a function cannot be sent to another process.
     RecipeError
-        If there is no such suite or case.
+        If there is no such suite, case or value, or a case needs what is not there.
     OutputExistsError
         If the folder holds a comparison of other methods, or something else.
 
@@ -94,7 +94,7 @@ def compare(
     (True, 'px/frame')
     """
     contestants = contestants_of(methods)
-    chosen = chosen_cases(suite, cases, values)
+    chosen = chosen_cases(suite, cases, values, notice)
     if workers:
         _refuse_what_cannot_travel(contestants)
     with ExitStack() as stack:
@@ -131,26 +131,45 @@ def compare(
             rows += list(case.conclusions([row for row in rows if row.case == case.kind]))
         rows += list(product_rows(rows))
         found = Comparison(
-            [one.label for one in contestants], chosen, rows, failures, None if folder is None else place
+            [one.label for one in contestants],
+            chosen,
+            rows,
+            failures,
+            None if folder is None else place,
+            [one.label for one in contestants if one.is_own],
         )
         if folder is not None:
             _write_tables(found, place)
             maps = {
-                (point.case, point.values[0]): one
+                (point.case, value): one
                 for number, point in enumerate(points)
                 if (one := read_maps(job.path(number).with_suffix(".npz"))) is not None
+                for value in point.values
             }
             write_page(found, [one.spelled for one in contestants], place, suite, maps)
     return found
 
 
-def chosen_cases(suite: str, cases: Sequence[str] | None, values: Sequence[float] | None) -> list[Case]:
-    """Return the cases that are asked for.
+def chosen_cases(
+    suite: str,
+    cases: Sequence[str] | None,
+    values: Sequence[float | str] | None,
+    notice: Callable[[str], None] | None = None,
+) -> list[Case]:
+    """Return the cases that are asked for; of all, those that a suite has and that can be measured here.
+
+    Parameters
+    ----------
+    suite, cases, values
+        As of `compare`.
+    notice
+        Called with what is left out for want of something.
 
     Raises
     ------
     RecipeError
-        If there is no such suite or case, or values are given for several cases.
+        If there is no such suite, case or value, values are given for several cases, or a case that is named has none
+        in the suite, or needs what is not there.
     """
     problems = []
     if suite not in SUITES:
@@ -162,9 +181,33 @@ def chosen_cases(suite: str, cases: Sequence[str] | None, values: Sequence[float
         chosen = cases_named(cases)
     except RecipeError as error:
         problems += error.problems
+    named = cases is not None
+    if named and not problems:
+        problems += [problem for case in chosen for problem in _unfit(case, suite, values)]
     if problems:
         raise RecipeError(problems)
-    return chosen
+    if not named and notice is not None:
+        for case in chosen:
+            if case.lacks() and suite == "full":
+                notice(f"case {case.kind} is left out: it {case.lacks()}")
+    return chosen if named else [case for case in chosen if case.values(suite) and not case.lacks()]
+
+
+def _unfit(case: Case, suite: str, values: Sequence[float | str] | None) -> Iterable[Problem]:
+    """Give what is wrong with a case that is named, and with its values."""
+    if case.lacks():
+        yield Problem("cases", case.lacks(), case.kind)
+    elif values is None:
+        if not case.values(suite):
+            yield Problem(
+                "cases", f"has no values in the suite {suite}: choose the suite full, or name values", case.kind
+            )
+    else:
+        for value in values:
+            try:
+                case.value_of(value)
+            except RecipeError as error:
+                yield from error.problems
 
 
 def _refuse_what_cannot_travel(contestants: Sequence[Contestant]) -> None:

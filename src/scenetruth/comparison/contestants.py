@@ -46,6 +46,14 @@ class Contestant:
         return spelled if self.label == spelled else f"{self.label}={spelled}"
 
     @property
+    def is_own(self) -> bool:
+        """Whether its algorithm is scenetruth's own, and not that of others."""
+        if not isinstance(self.method, str) or ":" in self.method:
+            return False
+        home = type(find_method(self.method)).__module__
+        return home.startswith("scenetruth.estimators.") and "opencv" not in home
+
+    @property
     def identity(self) -> str:
         """What its figures depend on: where its code stands, and all of its settings."""
         settings = validate_settings(find_method(self.method), self.settings)

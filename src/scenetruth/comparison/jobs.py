@@ -58,7 +58,7 @@ class Job:
         return isinstance(plain, dict) and plain.get("key") == key_of(self, number)
 
 
-def points_of(cases: Sequence[Case], suite: str, values: Sequence[float] | None = None) -> list[Point]:
+def points_of(cases: Sequence[Case], suite: str, values: Sequence[float | str] | None = None) -> list[Point]:
     """Return the scenes of cases.
 
     Parameters
@@ -68,11 +68,11 @@ def points_of(cases: Sequence[Case], suite: str, values: Sequence[float] | None 
     suite
         ``core`` or ``full``.
     values
-        Only these of what is varied; those of the suite if not given.
+        Only these of what is varied, or their labels; those of the suite if not given.
     """
     found = []
     for case in cases:
-        chosen = tuple(float(value) for value in (case.values(suite) if values is None else values))
+        chosen = tuple(case.value_of(value) for value in (case.values(suite) if values is None else values))
         groups = [chosen] if case.one_scene else [(value,) for value in chosen]
         found += [Point(case.kind, group, case.seeds[suite]) for group in groups]
     return found

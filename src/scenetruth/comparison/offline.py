@@ -24,7 +24,7 @@ def write_recordings(
     suite: str = "core",
     *,
     cases: Sequence[str] | None = None,
-    values: Sequence[float] | None = None,
+    values: Sequence[float | str] | None = None,
     images: Literal["png", "tiff", "npy"] = "png",
     progress: Progress | None = None,
 ) -> list[Path]:

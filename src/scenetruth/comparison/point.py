@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from scenetruth.comparison.case import Case, Found
+from scenetruth.comparison.case import Case, Found, all_cases
 from scenetruth.comparison.contestants import Contestant
 from scenetruth.comparison.maps import Maps, maps_of
 from scenetruth.comparison.measures.figures import figure_rows
@@ -54,7 +54,7 @@ class Point:
     @property
     def name(self) -> str:
         """What its file is called."""
-        return "all" if len(self.values) > 1 else f"{self.values[0]:g}"
+        return "all" if len(self.values) > 1 else all_cases()[self.case].label_of(self.values[0])
 
 
 @dataclass

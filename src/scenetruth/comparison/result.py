@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenetruth.comparison.case import Case
-from scenetruth.comparison.rows import BOUND, COMMON, OWN, Row
+from scenetruth.comparison.rows import BOUND, OWN, Row
+from scenetruth.comparison.standing import Standing, Standings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,6 +34,8 @@ class Comparison:
         Why a method has given nothing, by case, value and label: lines to read.
     folder
         Where it lies; None if it was not kept.
+    own
+        Labels of the methods whose algorithms are scenetruth's own.
     """
 
     methods: Sequence[str]
@@ -40,12 +43,21 @@ class Comparison:
     rows: Sequence[Row] = field(repr=False)
     failures: Sequence[str] = field(default=(), repr=False)
     folder: Path | None = None
+    own: Sequence[str] = ()
 
     def to_frame(self) -> pd.DataFrame:
-        """Return all figures, a row each; columns are the fields of `scenetruth.comparison.rows.Row`."""
+        """Return all figures, a row each.
+
+        Columns are the fields of `scenetruth.comparison.rows.Row`, and after ``value`` its ``label``: what the value is
+        called, as the name of a scene; empty for figures of all values.
+        """
         import pandas as pd
 
-        return pd.DataFrame([asdict(row) for row in self.rows], columns=list(Row.__dataclass_fields__))
+        frame = pd.DataFrame([asdict(row) for row in self.rows], columns=list(Row.__dataclass_fields__))
+        cases = {case.kind: case for case in self.cases}
+        labels = [cases[row.case].label_of(row.value) if math.isfinite(row.value) else "" for row in self.rows]
+        frame.insert(frame.columns.get_loc("value") + 1, "label", pd.Series(labels, dtype=object))
+        return frame
 
     def figure(
         self,
@@ -53,7 +65,7 @@ class Comparison:
         method: str,
         quantity: str,
         statistic: str,
-        value: float | None = None,
+        value: float | str | None = None,
         pixels: str = OWN,
     ) -> Row:
         """Return one figure.
@@ -61,13 +73,15 @@ class Comparison:
         Parameters
         ----------
         case, method, quantity, statistic, value, pixels
-            What tells it from others; without a value, the first one.
+            What tells it from others; without a value, or what that is called, the first one.
 
         Raises
         ------
         KeyError
             If there is none.
         """
+        if isinstance(value, str):
+            value = next((one.value_of(value) for one in self.cases if one.kind == case), math.nan)
         for row in self.rows:
             told = (row.case, row.method, row.quantity, row.statistic, row.pixels)
             if told == (case, method, quantity, statistic, pixels) and (
@@ -85,17 +99,17 @@ class Comparison:
         import pandas as pd
 
         found: dict[str, dict[str, float]] = {}
-        for case in self.cases:
-            quantity, statistic = case.headline
-            for label in [*self.methods, BOUND]:
-                figures = self._headline(case.kind, label, quantity, statistic)
-                if figures:
-                    found.setdefault(f"{case.title}: {quantity} {statistic}", {})[label] = float(
-                        pd.Series(figures).median()
-                    )
+        for one in self.headlines():
+            found[f"{one.case.title}: {one.quantity} {one.statistic.replace('_', ' ')}"] = dict(one.numbers)
         return pd.DataFrame.from_dict(found, orient="index", columns=None).reindex(
             columns=[*self.methods, *([BOUND] if any(BOUND in one for one in found.values()) else [])]
         )
+
+    def headlines(self) -> list[Standing]:
+        """Return what stands for each case, in the median over its values; cases that nobody tells are left out."""
+        standings = Standings(self.rows, self.methods)
+        found = (standings.standing(case, *case.headline) for case in self.cases)
+        return [one for one in found if one is not None]
 
     def efficiency(self) -> pd.DataFrame:
         """Return noise beside the Cramér-Rao bound: columns case, value, method, quantity, noise, bound, efficiency.
@@ -116,10 +130,3 @@ class Comparison:
         ]
         columns = ["case", "value", "method", "quantity", "noise", "bound", "efficiency_percent"]
         return pd.DataFrame(cells, columns=columns)
-
-    def _headline(self, case: str, label: str, quantity: str, statistic: str) -> list[float]:
-        rows: Mapping[str, list[float]] = {OWN: [], COMMON: []}
-        for row in self.rows:
-            if (row.case, row.method, row.quantity, row.statistic) == (case, label, quantity, statistic):
-                rows.get(row.pixels, []).append(abs(row.number))
-        return rows[COMMON] or rows[OWN]

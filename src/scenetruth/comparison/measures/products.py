@@ -10,7 +10,7 @@ from scenetruth.comparison.rows import BOUND, OWN, Row
 
 __all__ = ["product_rows"]
 
-_PAIRS: Mapping[str, str] = {"waves_of_motion": "flow_y", "waves_of_depth": "disparity"}
+_PAIRS: Mapping[str, str] = {"star": "flow_y", "waves_of_motion": "flow_y", "waves_of_depth": "disparity"}
 """Which noise goes with which resolution; of both, px times px."""
 _PERIOD = "period_at_10_percent_loss_"
 

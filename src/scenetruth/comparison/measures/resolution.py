@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from scenetruth.comparison.case import Case, Found
-from scenetruth.comparison.measures.waves import crossings, share_left
+from scenetruth.comparison.measures.waves import crossings, share_left, share_of_size
 from scenetruth.comparison.rows import OWN, Row
 from scenetruth.scoring.reading import Pairs
 
@@ -18,7 +18,7 @@ FEWEST_TOLD = 0.5
 """If less than this share of the pixels is told, a period counts as not resolved."""
 
 
-def left_rows(case: Case, found: Found, quantity: str) -> Iterator[Row]:
+def left_rows(case: Case, found: Found, quantity: str, *, of_mean: bool = False) -> Iterator[Row]:
     """Give the share of a wave that each method leaves; NaN where it tells too little.
 
     Parameters
@@ -27,7 +27,10 @@ def left_rows(case: Case, found: Found, quantity: str) -> Iterator[Row]:
         The case, and what was found.
     quantity
         The quantity that has the wave, a key of `scenetruth.scoring.QUANTITIES`.
+    of_mean
+        Whether a crest alone is measured, whose mean is its amplitude; else the mean of a wave is left out.
     """
+    share = share_of_size if of_mean else share_left
     region = case.region_at(found.truth.isel(t=0), found.value)
     for label, estimate in found.estimates.items():
         pairs, left = Pairs(estimate, found.truth), math.nan
@@ -37,7 +40,7 @@ def left_rows(case: Case, found: Found, quantity: str) -> Iterator[Row]:
         got, true = pair.estimate[0], pair.truth[0]
         told = region & np.isfinite(got) & (True if pair.full is None else pair.full[0])
         if np.count_nonzero(told) >= FEWEST_TOLD * np.count_nonzero(region):
-            left = share_left(got[told], true[told])
+            left = share(got[told], true[told])
         yield Row(case.kind, found.value, label, quantity, OWN, "share_left", left, unit="1")
 
 

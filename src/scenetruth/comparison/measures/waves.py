@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEAST_LEFT", "crossings", "share_left"]
+__all__ = ["LEAST_LEFT", "crossings", "share_left", "share_of_size"]
 
 LEAST_LEFT = 0.9
 """A period is resolved where at least so much of an amplitude is left."""
@@ -34,6 +34,23 @@ def share_left(found: Map, true: Map) -> float:
     """
     centred = true - true.mean()
     return float(np.sum((found - found.mean()) * centred) / np.sum(centred**2))
+
+
+def share_of_size(found: Map, true: Map) -> float:
+    """Return the share of a crest that is found: the slope of found over true, through the origin.
+
+    Parameters
+    ----------
+    found, true
+        Values at the same pixels, shape (n,).
+
+    Examples
+    --------
+    >>> crest = np.array([0.8, 1.0, 0.8])
+    >>> round(share_of_size(0.9 * crest, crest), 12)
+    0.9
+    """
+    return float(np.sum(found * true) / np.sum(true**2))
 
 
 def crossings(periods: Sequence[float], left: Sequence[float], least: float = LEAST_LEFT) -> tuple[float, float]:

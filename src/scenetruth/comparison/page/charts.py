@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from scenetruth.comparison.case import Case
+from scenetruth.comparison.page.leads import STATISTIC_TITLES
 from scenetruth.comparison.result import Comparison
 from scenetruth.comparison.rows import BOUND, COMMON, OWN, Row
 from scenetruth.scoring.quantities import title_of, units_of
@@ -18,14 +19,6 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7
 """Colours that people with colour blindness tell apart (M. Okabe and K. Ito, 2008), and two more."""
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
-_TITLES = {
-    "rms": "rms error",
-    "bias": "bias",
-    "median": "median of the absolute error",
-    "noise": "noise",
-    "share_left": "share that is left",
-    "density": "share of the pixels that is told",
-}
 
 
 @dataclass(frozen=True)
@@ -60,14 +53,17 @@ def charts_of(found: Comparison, case: Case) -> list[Chart]:
     """
     rows = [row for row in found.rows if row.case == case.kind]
     charts = []
-    statistic = case.headline[1]
-    for quantity in dict.fromkeys([case.headline[0], *case.quantities]):
-        chart = _curves(found, case, rows, quantity, statistic if quantity == case.headline[0] else "rms")
+    told = dict.fromkeys([case.headline[0], *case.quantities, *_GROWTH])
+    waves = {row.quantity for row in rows if row.statistic == "share_left"}
+    for quantity in told:
+        statistic = case.headline[1] if quantity == case.headline[0] else "rms"
+        # Periods at which a tenth is lost follow from this curve.
+        chart = _curves(found, case, rows, quantity, "share_left" if quantity in waves else statistic)
         if chart is not None:
             charts.append(chart)
     measured = case.headline[0] if case.headline[0] in case.quantities else case.quantities[0]
-    told = _curves(found, case, rows, measured, "density")
-    charts += [told] if told is not None else []
+    density = _curves(found, case, rows, measured, "density")
+    charts += [density] if density is not None else []
     charts += [chart for chart in (_confidence(found, case, rows, name) for name in _CONFIDENCE) if chart is not None]
     return charts
 
@@ -85,7 +81,7 @@ def _curves(found: Comparison, case: Case, rows: Sequence[Row], quantity: str, s
             (row for row in rows if row.method == label and _is(row, quantity, statistic, pixels)), key=_value
         )
         if points:
-            data.append(_line(label, place, points))
+            data.append(_line(case, label, place, points))
     if not data:
         return None
     bounds = sorted((row for row in rows if row.method == BOUND and row.quantity == quantity), key=_value)
@@ -93,19 +89,19 @@ def _curves(found: Comparison, case: Case, rows: Sequence[Row], quantity: str, s
         data.append(
             {
                 "name": "bound of noise",
-                "x": [row.value for row in bounds],
+                "x": [_place(case, row.value) for row in bounds],
                 "y": [_finite(row.number) for row in bounds],
                 "mode": "lines",
                 "line": {"color": "#444444", "dash": "longdash", "width": 1.5},
             }
         )
     unit = "" if statistic in ("density", "share_left") else f", {units_of(quantity)}"
-    what = f"{title_of(quantity)}: {_TITLES.get(statistic, statistic)}{unit}"
+    what = f"{title_of(quantity)}: {STATISTIC_TITLES.get(statistic, statistic)}{unit}"
     where = "" if statistic in ("density", "share_left") else _WHERE[pixels]
     positive = statistic not in ("bias", "density", "share_left")
     layout: dict[str, dict[str, Any]] = {
         "title": {"text": f"{what}<br><sub>{where}</sub>" if where else what},
-        "xaxis": {"title": {"text": case.varied}, "type": "log" if case.logarithmic else "linear"},
+        "xaxis": {"title": {"text": case.varied}, **_axis(case, rows)},
         "yaxis": {"type": "log" if positive else "linear", "exponentformat": "power"},
     }
     if statistic in ("density", "share_left"):
@@ -113,6 +109,8 @@ def _curves(found: Comparison, case: Case, rows: Sequence[Row], quantity: str, s
     return Chart(f"{case.kind}-{quantity}-{statistic}", f"{what}, over {case.varied}. {_told(data)}", data, layout)
 
 
+_GROWTH = ("growth_rate_windowed",)
+"""What further figures of cases tell, and is drawn as their quantities are."""
 _WHERE = {COMMON: "pixels that all methods tell", OWN: "pixels that each method tells"}
 _CONFIDENCE: Mapping[str, tuple[str, str, str]] = {
     "within": (
@@ -136,8 +134,8 @@ def _confidence(found: Comparison, case: Case, rows: Sequence[Row], statistic: s
     for place, label in enumerate(found.methods):
         points = sorted((row for row in chosen if row.method == label and row.value == value), key=lambda row: row.at)
         if points:
-            line = _line(label, place, points)
-            line["x"] = [row.at for row in points]
+            line = _line(case, label, place, points)
+            line |= {"x": [row.at for row in points], "mode": "lines+markers"}
             data.append(line)
     if statistic == "within":
         at = [k / 20 for k in range(61)]
@@ -147,7 +145,9 @@ def _confidence(found: Comparison, case: Case, rows: Sequence[Row], statistic: s
     else:
         y = f"{y}, {units_of(quantity)}"
     layout = {
-        "title": {"text": f"{title_of(quantity)}: {title.lower()}<br><sub>at {case.varied} = {value:g}</sub>"},
+        "title": {
+            "text": f"{title_of(quantity)}: {title.lower()}<br><sub>at {case.varied} = {case.label_of(value)}</sub>"
+        },
         "xaxis": {"title": {"text": x}},
         "yaxis": {"title": {"text": y}, "rangemode": "tozero"},
     }
@@ -156,13 +156,14 @@ def _confidence(found: Comparison, case: Case, rows: Sequence[Row], statistic: s
     )
 
 
-def _line(label: str, place: int, points: Sequence[Row]) -> dict[str, Any]:
+def _line(case: Case, label: str, place: int, points: Sequence[Row]) -> dict[str, Any]:
     numbers = [_finite(abs(row.number) if row.statistic == "rms" else row.number) for row in points]
     line: dict[str, Any] = {
         "name": label,
-        "x": [row.value for row in points],
+        "x": [_place(case, row.value) for row in points],
         "y": numbers,
-        "mode": "lines+markers",
+        # Between things that have names there is nothing.
+        "mode": "markers" if case.labels() else "lines+markers",
         "line": {"color": COLOURS[place % len(COLOURS)], "dash": _DASHES[place // len(COLOURS) % len(_DASHES)]},
         "marker": {"symbol": _SYMBOLS[place % len(_SYMBOLS)], "size": 8},
     }
@@ -178,14 +179,33 @@ def _line(label: str, place: int, points: Sequence[Row]) -> dict[str, Any]:
 
 
 def _told(data: Iterable[Mapping[str, Any]]) -> str:
-    """Say a chart in words: each line from its first point to its last."""
+    """Say a chart in words: each line from its first point to its last, or from the least to the largest of names."""
     told = []
     for line in data:
         points = [(x, y) for x, y in zip(line["x"], line["y"], strict=True) if y is not None]
         if points:
+            if isinstance(points[0][0], str):
+                points.sort(key=lambda point: point[1])
             (x0, y0), (x1, y1) = points[0], points[-1]
-            told.append(f"{line['name']}: {y0:.2g} at {x0:g}, {y1:.2g} at {x1:g}")
+            told.append(f"{line['name']}: {y0:.2g} at {_said(x0)}, {y1:.2g} at {_said(x1)}")
     return "; ".join(told) + "."
+
+
+def _said(place: float | str) -> str:
+    return place if isinstance(place, str) else f"{place:g}"
+
+
+def _place(case: Case, value: float) -> float | str:
+    """Return where a value is drawn: by its name, if it has one."""
+    return case.label_of(value) if case.labels() else value
+
+
+def _axis(case: Case, rows: Sequence[Row]) -> dict[str, Any]:
+    if case.labels():
+        values = sorted({row.value for row in rows if math.isfinite(row.value)})
+        names = [case.label_of(value) for value in values]
+        return {"type": "category", "categoryorder": "array", "categoryarray": names}
+    return {"type": "log" if case.logarithmic else "linear"}
 
 
 def _is(row: Row, quantity: str, statistic: str, pixels: str) -> bool:

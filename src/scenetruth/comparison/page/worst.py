@@ -51,26 +51,29 @@ def worst_places(found: Comparison, maps: Mapping[tuple[str, float], Maps]) -> l
     found
         The comparison.
     maps
-        What is pictured, by case and value; of a case of one scene, by its first value.
+        What is pictured, by case and value.
     """
     titles = {case.kind: case for case in found.cases}
     pictures = []
     for label in found.methods:
         shares = sorted(
             (
-                (row.number, row.case, row.value)
+                (row.number, row.case, row.value, row.quantity)
                 for row in found.rows
                 if row.method == label and row.pixels == ALL and row.statistic == "good" and row.quantity in PICTURED
             ),
         )
         seen: set[str] = set()
-        for share, kind, value in shares:
+        for share, kind, value, quantity in shares:
             case = titles[kind]
-            one = maps.get((kind, case.core[0] if case.one_scene else value))
-            if kind in seen or one is None or label not in one.errors or len(seen) == _MOST or share > _FINE:
+            one = maps.get((kind, value))
+            if kind in seen or len(seen) == _MOST or share > _FINE:
+                continue
+            if one is None or one.quantity != quantity or label not in one.errors:
                 continue
             seen.add(kind)
-            title = f"{case.title}, {case.varied} = {value:g}: {100 * share:.0f} % within {GOOD_PX:g} px"
+            good = f"{100 * share:.0f} % of {quantity} within {GOOD_PX:g} px"
+            title = f"{case.title}, {case.varied} = {case.label_of(value)}: {good}"
             words = f"Image of the reference camera beside the errors of {one.quantity} by {label}; {title}."
             pictures.append(Worst(label, title, words, _drawn(one, label)))
     return pictures

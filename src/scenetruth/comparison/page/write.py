@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from scenetruth.comparison.case import Case
+from scenetruth.comparison.case import SUITES, Case
 from scenetruth.comparison.maps import Maps
 from scenetruth.comparison.page.charts import charts_of
+from scenetruth.comparison.page.leads import leads_of
 from scenetruth.comparison.page.worst import scale_words, worst_places
 from scenetruth.comparison.result import Comparison
 from scenetruth.comparison.rows import BOUND
@@ -61,14 +62,14 @@ def write_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    sections = [_section(found, case, spelled) for case in found.cases]
+    sections = [_section(found, case, spelled, suite) for case in found.cases]
     charts = {chart.name: {"data": chart.data, "layout": chart.layout} for one in sections for chart in one["charts"]}
     text = environment.get_template("comparison.html.j2").render(
         methods=list(zip(found.methods, spelled, strict=True)),
         suite=suite,
         sections=sections,
         summary=_summary(found),
-        leads=_leads(found),
+        leads=leads_of(found),
         efficiency=_efficiency(found),
         efficiency_short=_efficiency_short(found),
         failures=found.failures,
@@ -84,15 +85,16 @@ def write_page(
     return path
 
 
-def _section(found: Comparison, case: Case, spelled: Sequence[str]) -> dict[str, Any]:
+def _section(found: Comparison, case: Case, spelled: Sequence[str], suite: str) -> dict[str, Any]:
     rows = [row for row in found.rows if row.case == case.kind]
     values = sorted({row.value for row in rows if math.isfinite(row.value)})
     table = [
-        [row.method, _number(row.value), row.quantity, row.pixels, row.statistic, _number(row.number), row.unit]
+        [row.method, case.label_of(row.value), row.quantity, row.pixels, row.statistic, _number(row.number), row.unit]
         for row in rows
         if row.quantity and row.statistic in _TOLD and row.method != BOUND
     ]
-    words = ["scenetruth", "compare", *spelled, "--case", case.kind, "--value", "VALUE", "-o", "again"]
+    chosen = ["--suite", suite] if suite != SUITES[0] else []
+    words = ["scenetruth", "compare", *spelled, *chosen, "--case", case.kind, "--value", "VALUE", "-o", "again"]
     concluded = [
         (row.method, row.statistic.replace("_", " "), _number(row.number), row.unit)
         for row in rows
@@ -104,7 +106,7 @@ def _section(found: Comparison, case: Case, spelled: Sequence[str]) -> dict[str,
         "table": table,
         "concluded": concluded,
         "again": shlex.join(words),
-        "values": ", ".join(map(_number, values)),
+        "values": ", ".join(map(case.label_of, values)),
     }
 
 
@@ -118,20 +120,6 @@ def _summary(found: Comparison) -> dict[str, Any]:
         numbers = [float(one) for one in cells]
         lines.append([str(name), *(_number(one) for one in numbers)])
     return {"columns": [str(one) for one in frame.columns], "lines": lines}
-
-
-def _leads(found: Comparison) -> list[tuple[str, list[str]]]:
-    """Return, for each method, the cases of which its figure is the best; where it is the only one, none."""
-    frame = found.summary()
-    frame = frame[[one for one in frame.columns if one != BOUND]]
-    best: dict[str, list[str]] = {label: [] for label in found.methods}
-    for name, cells in frame.iterrows():
-        there = cells.dropna()
-        if len(there) > 1:
-            # Of what is left of waves, more is better; all else is an error.
-            winner = there.idxmax() if "share_left" in str(name) else there.idxmin()
-            best[str(winner)].append(str(name).partition(":")[0])
-    return [(label, names) for label, names in best.items() if names]
 
 
 def _efficiency(found: Comparison) -> list[list[str]]:

@@ -16,7 +16,7 @@ class Blur(Case):
     title = "Defocus"
     question = "How sharp must images be?"
     varied = "standard deviation of the point spread, px"
-    core = (0.5, 2.0)
+    core = (1.0,)
     full = (0.5, 1.0, 2.0, 3.0, 4.0)
     bounded = True
 

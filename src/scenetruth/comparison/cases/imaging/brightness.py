@@ -16,7 +16,7 @@ class Brightness(Case):
     title = "Change of brightness"
     question = "What does light that changes cost?"
     varied = "change of brightness per frame, %"
-    core = (0.0, 1.0, 10.0)
+    core = (1.0, 10.0)
     full = (0.0, 0.3, 1.0, 3.0, 10.0)
     headline = ("velocity_z", "rms")
 

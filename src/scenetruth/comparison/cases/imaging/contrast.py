@@ -16,7 +16,7 @@ class Contrast(Case):
     title = "Contrast"
     question = "How faint may a texture be, and is that known?"
     varied = "rms contrast of the texture"
-    core = (0.01, 0.03, 0.2)
+    core = (0.03, 0.2)
     full = (0.003, 0.006, 0.01, 0.03, 0.06, 0.1, 0.2, 0.3)
     logarithmic = True
     bounded = True

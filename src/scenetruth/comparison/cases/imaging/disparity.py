@@ -16,7 +16,7 @@ class DisparityRange(Case):
     title = "Range of disparity"
     question = "Over which disparities does it find depth?"
     varied = "disparity, px per step"
-    core = (1.3, 5.3, 20.3)
+    core = (1.3, 20.3)
     full = (0.6, 1.3, 2.6, 5.3, 10.3, 20.3, 40.3)
     logarithmic = True
 

@@ -16,7 +16,7 @@ class NoiseFloor(Case):
     title = "Noise floor"
     question = "How much of the noise of the images reaches the estimate, and how close is that to what is possible?"
     varied = "noise of the images, standard deviation, of full scale"
-    core = (0.002, 0.005, 0.02)
+    core = (0.005, 0.02)
     full = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
     logarithmic = True
     seeds: ClassVar[Mapping[str, int]] = {"core": 3, "full": 8}

@@ -16,7 +16,7 @@ class PhaseOfFlow(Case):
     title = "Phase of motion"
     question = "Does the error of motion depend on the fraction of a pixel?"
     varied = "flow, px per frame"
-    core = (0.0, 0.25, 0.5, 0.75)
+    core = (0.0, 0.25, 0.75)
     full = tuple(k / 16 for k in range(17))
     headline = ("flow_x", "bias")
     quantities = ("velocity_x", "flow_x")

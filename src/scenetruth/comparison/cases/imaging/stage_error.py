@@ -16,7 +16,7 @@ class StageError(Case):
     title = "Error of the stage"
     question = "What do missed positions cost?"
     varied = "repeatability of the stage, px in the image"
-    core = (0.0, 0.1)
+    core = (0.1,)
     full = (0.0, 0.03, 0.1, 0.3)
 
     def scene(self, value: float) -> Mapping[str, Any]:

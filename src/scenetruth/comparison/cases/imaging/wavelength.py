@@ -16,7 +16,7 @@ class Wavelength(Case):
     title = "Wavelength"
     question = "Which texture suits it?"
     varied = "wavelength of the texture, px"
-    core = (3.0, 8.0, 24.0)
+    core = (3.0, 24.0)
     full = (2.2, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 40.0)
     logarithmic = True
     bounded = True

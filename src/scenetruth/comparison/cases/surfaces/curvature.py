@@ -16,7 +16,7 @@ class Curvature(Case):
     title = "Curvature"
     question = "How curved may a surface be?"
     varied = "curvature, 1/m"
-    core = (5.0, 20.0)
+    core = (20.0,)
     full = (2.0, 5.0, 10.0, 20.0, 40.0)
     logarithmic = True
 

@@ -18,10 +18,14 @@ class Occlusion(Case):
     kind = "occlusion"
     title = "Occlusion"
     question = "Does it measure what some cameras do not see?"
-    varied = "seen by all images (1) or by some of them only (0)"
+    varied = "which images see it"
     core = (0.0, 1.0)
     margin_px = 22.0
     one_scene = True
+
+    def labels(self) -> Mapping[float, str]:
+        """Return what both values mean."""
+        return {0.0: "some", 1.0: "all"}
 
     def scene(self, value: float) -> Mapping[str, Any]:
         """Return three upright bars before a sheet."""

@@ -16,7 +16,7 @@ class Slope(Case):
     title = "Slope"
     question = "How steep may a surface be?"
     varied = "angle to the image plane, degrees"
-    core = (0.0, 30.0, 60.0)
+    core = (30.0, 60.0)
     full = (0.0, 15.0, 30.0, 45.0, 60.0, 70.0)
 
     def scene(self, value: float) -> Mapping[str, Any]:

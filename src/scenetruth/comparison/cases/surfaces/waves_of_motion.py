@@ -18,9 +18,9 @@ class WavesOfMotion(Case):
     title = "Resolution of motion"
     question = "Down to which period is a displacement found, 10 % of its amplitude being lost at most?"
     varied = "period of the displacement, px"
-    core = (20.0, 32.0, 48.0, 96.0)
+    core = (32.0, 48.0, 96.0)
     full = (16.0, 20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
-    headline = ("flow_y", "share_left")
+    headline = ("flow_y", "period_at_10_percent_loss_first")
     logarithmic = True
     quantities = ("flow_y", "velocity_y")
 

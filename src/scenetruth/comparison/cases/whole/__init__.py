@@ -1,0 +1,1 @@
+"""Cases that vary everything at once: scenes of the library."""
