@@ -76,7 +76,6 @@ def warm_up(progress: Progress | None = None) -> list[str]:
     list of str
         What was run: scenes and methods.
     """
-    from scenetruth.bound import cramer_rao
     from scenetruth.errors import EstimateError
     from scenetruth.estimators import estimate, method_entries
     from scenetruth.scene import scene_from_plain
@@ -84,7 +83,7 @@ def warm_up(progress: Progress | None = None) -> list[str]:
     from scenetruth.simulation import simulate
 
     methods = [entry.name for entry in method_entries() if entry.origin == "scenetruth"]
-    steps = len(_SCENES) * (1 + len(methods)) + 1
+    steps = len(_SCENES) * (1 + len(methods))
     done: list[str] = []
 
     def tell(what: str) -> None:
@@ -102,10 +101,6 @@ def warm_up(progress: Progress | None = None) -> list[str]:
                 # What an extra brings may not be there.
                 with suppress(EstimateError):
                     score(estimate(recording, method), truth, margin_px=2)
-            # The bound is that of cameras without distortion.
-            if "distortion" not in plain["camera"]:
-                tell(f"{name}: bound")
-                cramer_rao(truth, recording, window_sigma_px=3, noise_std=0.005)
     if progress is not None:
         progress("warm-up", steps, steps)
     return done
