@@ -4,11 +4,12 @@ PYTHON_BIN := .venv/bin
 PATH ?= /usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 export PATH
 
-.PHONY: help setup demo test nightly browser bench gallery lint format clean
+.PHONY: help setup demo test accuracy nightly browser bench gallery lint format clean
 
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
 	@echo "make test    environment, then lint, types and all tests"
+	@echo "make accuracy environment, then all methods over the core of the metrology suite, against bounds of theory"
 	@echo "make nightly environment, then 10,000 broken scene files, 1,000 stores, 250 killed runs, 300 flipped bits, 1000 simulations; two hours"
 	@echo "make browser environment, chromium and playwright, then the pages in a headless browser"
 	@echo "make bench   environment, then the benchmarks"
@@ -32,6 +33,9 @@ lint: setup
 test: setup
 	@$(PYTHON_BIN)/scenetruth warm-up >/dev/null 2>&1 & $(MAKE) --no-print-directory lint || { kill $$!; exit 1; }; wait
 	$(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
+
+accuracy: setup
+	SCENETRUTH_CORE=1 $(PYTHON_BIN)/python -m pytest -q -p no:cacheprovider tests/comparison/test_core.py
 
 nightly: setup
 	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -rP -p no:cacheprovider \

@@ -51,7 +51,7 @@ stamp=.venv/scenetruth-installed
 wanted=$(cksum pyproject.toml; pwd)
 if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
     say "installing scenetruth and what it needs into .venv"
-    .venv/bin/python -m pip install -q --disable-pip-version-check -e '.[opengl,test]'
+    .venv/bin/python -m pip install -q --disable-pip-version-check -e '.[opengl,design,test]'
     printf '%s\n' "$wanted" >"$stamp"
 fi
 
