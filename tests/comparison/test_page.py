@@ -19,6 +19,7 @@ from scenetruth.comparison.page.charts import charts_of
 from scenetruth.comparison.page.leads import leads_of
 from scenetruth.comparison.page.write import write_page
 from scenetruth.comparison.rows import BOUND, COMMON, OWN, Row
+from scenetruth.estimators.external import CommandMethod, ResultsFolder
 
 HOSTILE = "</script><script>alert(1)</script>"
 
@@ -72,7 +73,7 @@ def test_charts_hold_what_was_measured(comparison: Comparison) -> None:
 
 
 def test_the_page_is_one_file_in_which_no_word_acts(comparison: Comparison, tmp_path: Path) -> None:
-    page = write_page(comparison, ["mine", "theirs[a: 1]"], tmp_path, "core")
+    page = write_page(comparison, [["mine"], ["theirs[a: 1]"]], tmp_path, "core")
     text = page.read_text(encoding="utf-8")
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert HOSTILE not in text
@@ -104,7 +105,7 @@ def test_methods_of_others_that_are_ahead_are_told_with_numbers(tmp_path: Path) 
     (one,) = leads_of(found).ahead
     assert one.others == [("quick", "0.0125 px")]
     assert one.own == ["mine", "0.02 px"]
-    text = write_page(found, list(found.methods), tmp_path, "core").read_text(encoding="utf-8")
+    text = write_page(found, [[one] for one in found.methods], tmp_path, "core").read_text(encoding="utf-8")
     head = text.index('id="who-leads"')
     places = [text.index(words) for words in ("1 of the 1</b> case that", "<b>quick</b> 0.0125 px", 'id="methods"')]
     assert [head, *places] == sorted([head, *places])
@@ -117,7 +118,9 @@ def test_nobody_is_ahead_by_nothing(tmp_path: Path) -> None:
     assert leads.cases == 1
     assert not leads.ahead
     assert not leads.best
-    assert "In none of the 1 case that" in write_page(found, ["mine", "theirs"], tmp_path, "core").read_text("utf-8")
+    assert "In none of the 1 case that" in write_page(found, [["mine"], ["theirs"]], tmp_path, "core").read_text(
+        "utf-8"
+    )
     # A method alone, or methods of one kind, are not compared with others.
     assert leads_of(told_by(("mine", 0.02))).cases == 0
     assert leads_of(told_by(("a", 0.02), ("b", 0.03), own=())).best == [("a", ["Noise floor"])]
@@ -172,4 +175,14 @@ def test_others_that_are_ahead_in_one_scene_or_one_quantity_are_told_too() -> No
     assert leads.lines == [
         ["Gallery, star", "Disparity, rms error", "theirs 0.05 px", "mine 0.1 px"],
         ["Gallery, star", "Optical flow in x, rms error", "theirs 2", "–"],
+    ]
+
+
+def test_programs_and_results_are_named_by_their_options(tmp_path: Path) -> None:
+    program = CommandMethod("python mine.py {recording} {output}", "mine")
+    given = contestants_of(["fine=refined[window_sigma_px: 4]", program, ResultsFolder(tmp_path, "theirs")])
+    assert [one.words for one in given] == [
+        ("fine=refined[window_sigma_px: 4]",),
+        ("--command", "mine=python mine.py {recording} {output}"),
+        ("--results", f"theirs={tmp_path}"),
     ]

@@ -35,7 +35,7 @@ def compare(
         list[str] | None,
         typer.Argument(
             metavar="METHOD...",
-            help="Methods: NAME, MODULE:FUNCTION, NAME[setting: value, ...], LABEL=NAME[...].",
+            help="Methods: NAME, MODULE:FUNCTION, NAME\\[setting: value, ...], LABEL=NAME\\[...].",
             show_default=False,
         ),
     ] = None,

@@ -146,7 +146,7 @@ def compare(
                 if (one := read_maps(job.path(number).with_suffix(".npz"))) is not None
                 for value in point.values
             }
-            write_page(found, [one.spelled for one in contestants], place, suite, maps)
+            write_page(found, [one.words for one in contestants], place, suite, maps)
     return found
 
 

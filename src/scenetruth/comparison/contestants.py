@@ -54,6 +54,12 @@ class Contestant:
         return home.startswith("scenetruth.estimators.") and "opencv" not in home
 
     @property
+    def words(self) -> tuple[str, ...]:
+        """Words of the command line that name it: one, or an option and its value."""
+        option = getattr(self.method, "as_option", None)
+        return (self.spelled,) if option is None else tuple(option(self.label))
+
+    @property
     def identity(self) -> str:
         """What its figures depend on: where its code stands, and all of its settings."""
         settings = validate_settings(find_method(self.method), self.settings)

@@ -25,7 +25,7 @@ PAGE = "index.html"
 
 def write_page(
     found: Comparison,
-    spelled: Sequence[str],
+    words: Sequence[Sequence[str]],
     folder: str | Path,
     suite: str,
     maps: Mapping[tuple[str, float], Maps] | None = None,
@@ -36,8 +36,8 @@ def write_page(
     ----------
     found
         The comparison.
-    spelled
-        Its methods as the command line calls them.
+    words
+        What the command line calls each of its methods: a word, or an option and its value.
     folder
         Where the page goes.
     suite
@@ -62,10 +62,10 @@ def write_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    sections = [_section(found, case, spelled, suite) for case in found.cases]
+    sections = [_section(found, case, words, suite) for case in found.cases]
     charts = {chart.name: {"data": chart.data, "layout": chart.layout} for one in sections for chart in one["charts"]}
     text = environment.get_template("comparison.html.j2").render(
-        methods=list(zip(found.methods, spelled, strict=True)),
+        methods=list(zip(found.methods, map(shlex.join, words), strict=True)),
         suite=suite,
         sections=sections,
         summary=_summary(found),
@@ -85,7 +85,7 @@ def write_page(
     return path
 
 
-def _section(found: Comparison, case: Case, spelled: Sequence[str], suite: str) -> dict[str, Any]:
+def _section(found: Comparison, case: Case, words: Sequence[Sequence[str]], suite: str) -> dict[str, Any]:
     rows = [row for row in found.rows if row.case == case.kind]
     values = sorted({row.value for row in rows if math.isfinite(row.value)})
     table = [
@@ -94,7 +94,8 @@ def _section(found: Comparison, case: Case, spelled: Sequence[str], suite: str) 
         if row.quantity and row.statistic in _TOLD and row.method != BOUND
     ]
     chosen = ["--suite", suite] if suite != SUITES[0] else []
-    words = ["scenetruth", "compare", *spelled, *chosen, "--case", case.kind, "--value", "VALUE", "-o", "again"]
+    named = [word for one in words for word in one]
+    again = ["scenetruth", "compare", *named, *chosen, "--case", case.kind, "--value", "VALUE", "-o", "again"]
     concluded = [
         (row.method, row.statistic.replace("_", " "), _number(row.number), row.unit)
         for row in rows
@@ -105,7 +106,7 @@ def _section(found: Comparison, case: Case, spelled: Sequence[str], suite: str) 
         "charts": charts_of(found, case),
         "table": table,
         "concluded": concluded,
-        "again": shlex.join(words),
+        "again": shlex.join(again),
         "values": ", ".join(map(case.label_of, values)),
     }
 

@@ -139,6 +139,10 @@ class CommandMethod(Method):
         # Models that are made at run time cannot be found by those who unpickle: workers make their own.
         return _remade, (self._given, self._base)
 
+    def as_option(self, label: str) -> tuple[str, str]:
+        """Return how the command line of a comparison calls it."""
+        return "--command", f"{label}={self._given['command']}"
+
     def requirements(self, recording: xr.Dataset, settings: CommandSettings) -> list[Problem]:
         """Return what keeps the program from being started, and images from being written."""
         word = filled(words_of(settings.command), {"recording": Path(), "output": Path()}, self._base)[0]

@@ -61,6 +61,10 @@ class ResultsFolder(Method):
         # Models that are made at run time cannot be found by those who unpickle: workers make their own.
         return ResultsFolder, (self._where, self.name)
 
+    def as_option(self, label: str) -> tuple[str, str]:
+        """Return how the command line of a comparison calls it."""
+        return "--results", f"{label}={self._where}"
+
     def requirements(self, recording: xr.Dataset, settings: ResultsFolderSettings) -> list[Problem]:
         """Return whether the folder is missing; what is in it shows when there are images."""
         if Path(settings.folder).is_dir():
