@@ -1,0 +1,126 @@
+"""Writes the page of a design: one file of HTML that needs no network."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from scenetruth.design.optimise.result import Design
+from scenetruth.design.page.answer import orders_of, reached_of, sensitivity_words, warnings_of
+from scenetruth.design.page.charts.front import front_charts
+from scenetruth.design.page.charts.sensitivity import sensitivity_charts
+from scenetruth.design.page.links import links_in
+from scenetruth.design.page.scene_file import plain_yaml, scene_file_of
+from scenetruth.design.page.side_view.draw import drawings_of, words_of
+from scenetruth.design.page.side_view.scenery import colours_of
+from scenetruth.design.page.side_view.view import side_view_of
+from scenetruth.design.page.tables import (
+    constraint_table,
+    discrepancy_table,
+    front_table,
+    parameter_table,
+    rule_table,
+    sensitivity_table,
+    tightest_of,
+)
+from scenetruth.design.page.words import length, number, percent
+from scenetruth.placing import write_aside
+
+__all__ = ["PAGE", "blur_limit_of", "write_design_page"]
+
+PAGE = "index.html"
+_BLUR_PX = 1.0
+"""Blur that counts as sharp where the goal says nothing."""
+
+
+def write_design_page(design: Design, folder: str | Path) -> Path:
+    """Write the page of a design.
+
+    Parameters
+    ----------
+    design
+        The design.
+    folder
+        Where the page goes. Budget and pattern that lie there already are linked.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+
+    Raises
+    ------
+    SceneError
+        If the scene of the recommended rig cannot be made.
+    StoreError
+        If the page cannot be written.
+    """
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+    from plotly.offline import get_plotlyjs
+
+    # The style is that of the reports.
+    packages = ("scenetruth.design.page", "scenetruth.scoring.report")
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader(package) for package in packages]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    view = side_view_of(design.recommended.scene, blur_limit_of(design.goal), design.objectives[0].region)
+    on_front, on_parameters = front_charts(design), sensitivity_charts(design)
+    charts = {chart.name: {"data": chart.data, "layout": chart.layout} for chart in (*on_front, *on_parameters)}
+    tightest = tightest_of(design.recommended)
+    text = environment.get_template("design.html.j2").render(
+        design=design,
+        rig=design.recommended,
+        reached=reached_of(design),
+        warnings=warnings_of(design),
+        tightest=tightest,
+        left=percent(tightest.margin) if tightest is not None else "",
+        view=view,
+        drawings=drawings_of(view),
+        drawn=words_of(view),
+        outlines=list(zip(view.outlines, colours_of(view), strict=True)),
+        parameters=parameter_table(design),
+        file=scene_file_of(design.recommended, "recommended.yaml"),
+        front=front_table(design),
+        front_charts=on_front,
+        constraints=constraint_table(design.recommended),
+        sensitivity_charts=on_parameters,
+        sensitivities=sensitivity_table(design),
+        sensitivity_words=sensitivity_words(design),
+        rules=rule_table(design),
+        discrepancies=discrepancy_table(design),
+        orders=orders_of(design),
+        goal=plain_yaml(design.goal),
+        links=links_in(folder),
+        number=number,
+        length=length,
+        plotly=get_plotlyjs(),
+        # Within a script, nothing may end it.
+        charts=json.dumps(charts, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c"),
+    )
+    path = Path(folder) / PAGE
+    with write_aside(path, overwrite=True) as aside:
+        aside.write_text(text, encoding="utf-8")
+    return path
+
+
+def blur_limit_of(goal: Mapping[str, Any]) -> float:
+    """Return the diameter in px of the blur disc that a goal lets pass as sharp; 1 px if it says nothing.
+
+    Parameters
+    ----------
+    goal
+        The goal as plain values.
+    """
+    limits = []
+    for one in goal.get("constraints") or ():
+        if one.get("kind") == "depth_of_field":
+            limits.append(float(one.get("blur_px") or _BLUR_PX))
+        elif one.get("kind") == "defocus_blur" and one.get("at_most"):
+            limits.append(float(one["at_most"]))
+    return min(limits, default=_BLUR_PX)

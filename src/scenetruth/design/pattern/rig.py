@@ -1,0 +1,159 @@
+"""The camera for which a pattern is made: how large a pixel is on the surface, how sharp and how noisy images are."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from scenetruth.camera import AnySensor, Defocus, GaussianSensor
+from scenetruth.camera.optics import Psf
+from scenetruth.design.pattern.errors import PatternError, validated
+from scenetruth.errors import Problem, SceneError, SceneWarning
+from scenetruth.model import FrozenModel, Positive
+from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene.texture.uniform import UniformTexture
+
+__all__ = ["Rig", "rig_of"]
+
+# Pixels along the longer side of the image from which the distance of a scene's surfaces is taken.
+_COARSE_PX = 64
+
+
+class Rig(FrozenModel):
+    """A camera on its stage, in front of a flat surface that faces it."""
+
+    focal_length_px: Positive
+    """Focal length f in px."""
+    distance_mm: Positive
+    """Depth Z of the surface in mm."""
+    depth_range_mm: tuple[Positive, Positive] | None = None
+    """Nearest and farthest depth that the pattern will be seen at; null if there is no other than ``distance_mm``."""
+    image_size_px: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] | None = None
+    """Width and height of the image; null if unknown."""
+    baseline_mm: Positive | None = None
+    """Distance of neighbouring positions; null if unknown: then nothing can be said of depth in mm."""
+    positions: Annotated[int, Field(ge=1)] = 2
+    """Camera positions."""
+    frames: Annotated[int, Field(ge=1)] = 1
+    """Frames at each of them."""
+    psf: Psf | None = None
+    """Point spread function of the lens in focus; null for a perfect lens."""
+    defocus: Defocus | None = None
+    """Its aperture and focus; null if everything is sharp."""
+    sensor: AnySensor = GaussianSensor(noise_std=0.01)
+    """The sensor, for its noise: 1 % of full scale, 8 bits, if nothing is known."""
+    light: Positive = 1.0
+    """Radiance of a perfectly white surface; textures of scenes without lamps have 1."""
+
+    @property
+    def mm_per_px(self) -> float:
+        """Size of a pixel on the surface, Z / f, in mm."""
+        return self.distance_mm / self.focal_length_px
+
+    @property
+    def field_mm(self) -> tuple[float, float] | None:
+        """Width and height of what the image shows of the surface in mm; None if the image's size is unknown."""
+        if self.image_size_px is None:
+            return None
+        return self.image_size_px[0] * self.mm_per_px, self.image_size_px[1] * self.mm_per_px
+
+
+def rig_of(
+    scene: Scene | Mapping[str, Any] | str | Path | None = None,
+    *,
+    distance_mm: float | None = None,
+    light: float | None = None,
+    **changes: Any,
+) -> Rig:
+    """Return the rig of a scene, or of a few numbers.
+
+    Parameters
+    ----------
+    scene
+        The scene, its plain values or its file; None for a rig of numbers alone.
+    distance_mm
+        Depth of the surface; of a scene, the median depth of what the reference camera sees if not given.
+    light
+        Radiance of a perfectly white surface, 1 if not given.
+    **changes
+        Other fields of `Rig`, which replace the scene's.
+
+    Returns
+    -------
+    Rig
+        Positions that are not equidistant count as so many with the same spread.
+
+    Raises
+    ------
+    PatternError
+        If a number is missing or impossible; lists all that is wrong.
+    SceneError
+        If the scene cannot be made.
+    """
+    values: dict[str, Any] = dict(changes)
+    if distance_mm is not None:
+        values["distance_mm"] = distance_mm
+    if light is not None:
+        values["light"] = light
+    if scene is not None:
+        values = {**_values_of(_loaded(scene), measured=distance_mm is None), **values}
+    rig, problems = validated(Rig, values)
+    if rig is None:
+        raise PatternError(problems, source="the rig")
+    return rig
+
+
+def _loaded(scene: Scene | Mapping[str, Any] | str | Path) -> Scene:
+    if isinstance(scene, Scene):
+        return scene
+    return scene_from_plain(scene) if isinstance(scene, Mapping) else load_scene(scene)
+
+
+def _values_of(scene: Scene, *, measured: bool) -> dict[str, Any]:
+    """Return the fields of a scene's rig; its distance only if it is to be ``measured``."""
+    camera, stage = scene.camera, scene.stage
+    values: dict[str, Any] = {
+        "focal_length_px": camera.focal_px,
+        "image_size_px": (camera.width, camera.height),
+        "positions": stage.positions,
+        "frames": scene.frames.count,
+        "psf": scene.optics.psf,
+        "defocus": scene.optics.defocus,
+        "sensor": scene.sensor,
+    }
+    if stage.positions > 1:
+        # As far apart as gives the same sum of squares.
+        even = np.arange(stage.positions)
+        values["baseline_mm"] = float(np.std(stage.x_mm) / np.std(even))
+    if measured:
+        near, middle, far = _depths(scene)
+        values |= {"distance_mm": middle, "depth_range_mm": (near, far)}
+    return values
+
+
+def _depths(scene: Scene) -> tuple[float, float, float]:
+    """Return the least depth, the median and the largest of what the reference camera sees, on a coarse grid."""
+    from scenetruth.truth import make_truth
+
+    with warnings.catch_warnings():
+        # What is seen on a coarse grid is not what the scene should be warned of.
+        warnings.simplefilter("ignore", SceneWarning)
+        depth = make_truth(_unpainted(scene).shrunk_to(_COARSE_PX))["depth"].values
+    seen = depth[np.isfinite(depth)]
+    if not seen.size:
+        message = "cannot be told: the reference camera sees no surface; give it"
+        raise SceneError([Problem("distance_mm", message)])
+    return float(seen.min()), float(np.median(seen)), float(seen.max())
+
+
+def _unpainted(scene: Scene) -> Scene:
+    """Return a scene whose objects have no textures, which take long to paint."""
+    plain = UniformTexture(kind="uniform")
+    return scene.model_copy(
+        update={"objects": tuple(item.model_copy(update={"texture": plain}) for item in scene.objects)}
+    )

@@ -1,0 +1,151 @@
+"""The page of a design in a headless browser: no errors, tables sort, plots answer, files are saved, phones show it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from scenetruth.design.page.write import write_design_page
+from tests.design.page.sample import design
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright: make browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs the system package chromium: make browser")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_design_page(design(), tmp_path_factory.mktemp("design"))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        # In a container there is no sandbox for root.
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser: Any, file: Path) -> Iterator[Any]:
+    page = browser.new_page(viewport={"width": 1280, "height": 800}, accept_downloads=True)
+    page.errors = []
+    page.on("console", lambda line: page.errors.append(line.text) if line.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: page.errors.append(str(error)))
+    page.on("request", lambda one: None if one.url.startswith(("file:", "data:")) else page.errors.append(one.url))
+    page.goto(file.as_uri())
+    page.wait_for_selector(".chart .main-svg")
+    yield page
+    assert page.errors == []
+    page.close()
+
+
+def column(page: Any, table: str, number: int) -> list[str]:
+    found: list[str] = page.eval_on_selector_all(
+        f"#{table} tbody tr td:nth-child({number})", "cells => cells.map(cell => cell.textContent)"
+    )
+    return found
+
+
+def test_alternatives_sort_by_numbers_and_by_words(page: Any) -> None:
+    simulated = page.locator("#front th:nth-child(4) button")
+    simulated.click()
+    assert page.locator("#front th:nth-child(4)").get_attribute("aria-sort") == "ascending"
+    assert column(page, "front", 4) == ["0.0265", "0.0530", "0.106", "–", "–"]
+    simulated.click()
+    # What was not simulated stays at the end.
+    assert column(page, "front", 4) == ["0.106", "0.0530", "0.0265", "–", "–"]
+    # By the keyboard too, and by what intervals begin with.
+    page.locator("#front th:nth-child(5) button").press("Enter")
+    assert column(page, "front", 5)[0].startswith("0.0238 to")
+    page.locator("#constraints th:nth-child(1) button").click()
+    assert column(page, "constraints", 1) == sorted(column(page, "constraints", 1))
+
+
+def test_the_answer_is_read_without_scrolling(page: Any) -> None:
+    card = page.locator(".card").nth(1)
+    assert "0.309 %/h" in card.text_content()
+    assert "Not reached" in card.text_content()
+    assert page.locator("#limits").bounding_box()["y"] < 800
+
+
+def test_every_chart_is_drawn_and_tells_which_rig_a_point_is(page: Any) -> None:
+    assert page.locator(".chart").count() == 5
+    assert page.locator(".chart:not(.js-plotly-plot)").count() == 0
+    # The first trace is the cloud of all predictions, which says nothing.
+    point = page.locator("#chart-front-0-1 .scatterlayer .trace").nth(1).locator(".points path").first
+    point.scroll_into_view_if_needed()
+    box = point.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.wait_for_selector(".hoverlayer .hovertext")
+    told = page.locator(".hoverlayer .hovertext").text_content()
+    assert "Rig 642" in told
+    assert "stage.baseline_mm = 16" in told
+
+
+def test_simulations_have_bars_both_ways(page: Any) -> None:
+    assert page.locator("#chart-front-0-1 .errorbar path.xerror").count() == 3
+    assert page.locator("#chart-front-0-1 .errorbar path.yerror").count() == 3
+
+
+def test_scene_files_are_saved_as_they_are_shown(page: Any, tmp_path: Path) -> None:
+    with page.expect_download() as found:
+        page.locator("#download").click()
+    assert found.value.suggested_filename == "recommended.yaml"
+    found.value.save_as(tmp_path / "recommended.yaml")
+    text = (tmp_path / "recommended.yaml").read_text(encoding="utf-8")
+    assert yaml.safe_load(text) == design().recommended.scene
+    assert page.locator("section[aria-labelledby=scene] pre").text_content() == text
+
+
+def test_a_wide_screen_has_the_lying_drawing_a_phone_the_upright_one(page: Any) -> None:
+    lying, upright = page.locator("#drawing-whole"), page.locator("#drawing-upright")
+    assert (lying.is_visible(), upright.is_visible()) == (True, False)
+    page.set_viewport_size({"width": 375, "height": 800})
+    assert (lying.is_visible(), upright.is_visible()) == (False, True)
+
+
+@pytest.mark.parametrize("width_px", [1280, 375])
+def test_no_word_of_a_drawing_is_cut_off_or_written_over(page: Any, width_px: int) -> None:
+    page.set_viewport_size({"width": width_px, "height": 800})
+    # Boxes of all words within each drawing that is shown, and of the drawing.
+    boxes = page.evaluate(
+        """() => Array.from(document.querySelectorAll(".drawings svg")).filter((svg) => svg.clientWidth).map((svg) => ({
+             size: [svg.viewBox.baseVal.width, svg.viewBox.baseVal.height],
+             words: Array.from(svg.querySelectorAll("text")).map((one) => [one.textContent, one.getBBox()])
+                      .map(([text, box]) => [text, box.x, box.y, box.width, box.height])}))""",
+    )
+    assert len(boxes) == 3
+    for drawing in boxes:
+        width, height = drawing["size"]
+        words = drawing["words"]
+        assert words
+        for text, x, y, w, h in words:
+            assert x >= 0, text
+            assert y >= 0, text
+            assert x + w <= width, text
+            assert y + h <= height, text
+        for number, (text, x, y, w, h) in enumerate(words):
+            for other, x2, y2, w2, h2 in words[number + 1 :]:
+                apart = x + w <= x2 or x2 + w2 <= x or y + h <= y2 + 2 or y2 + h2 <= y + 2
+                assert apart, f"{text} on {other}"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width_px", [1280, 375])
+def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe: make browser")
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": width_px, "height": 800})
+    for closed in page.locator("details").all():
+        closed.locator("summary").click()
+    page.wait_for_timeout(300)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width_px
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()

@@ -1,0 +1,304 @@
+"""The page of a design: every figure of it comes from the design, and no word in it acts."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scenetruth.design.optimise.result import Design, Interval, Objective
+from scenetruth.design.page.answer import orders_of, reached_of, sensitivity_words, warnings_of
+from scenetruth.design.page.charts.front import front_charts
+from scenetruth.design.page.charts.sensitivity import sensitivity_charts
+from scenetruth.design.page.charts.way import Way, axis_of
+from scenetruth.design.page.scene_file import scene_file_of
+from scenetruth.design.page.tables import constraint_table, discrepancy_table, front_table, parameter_table
+from scenetruth.design.page.write import blur_limit_of, write_design_page
+from scenetruth.scene import load_scene, scene_from_plain
+from tests.design.page.sample import DEPTH, GROWTH, NUMBERS, design
+
+HOSTILE = "</script><script>alert(1)</script>"
+
+
+@pytest.fixture(scope="module")
+def sample() -> Design:
+    return design()
+
+
+def text_of(found: Design, folder: Path) -> str:
+    return write_design_page(found, folder).read_text(encoding="utf-8")
+
+
+def said_in(text: str) -> str:
+    """Return the words of a page, without scripts, styles and tags."""
+    bare = re.sub(r"<(script|style)>.*?</\1>", "", text, flags=re.DOTALL)
+    return html.unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", bare)))
+
+
+def charts_in(text: str) -> dict[str, Any]:
+    found = re.search(r"^const charts = (.*);$", text, re.MULTILINE)
+    assert found is not None
+    charts: dict[str, Any] = json.loads(found[1])
+    return charts
+
+
+def test_the_page_is_one_file_that_tells_all(sample: Design, tmp_path: Path) -> None:
+    text = text_of(sample, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+    # Nothing is fetched.
+    outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
+    assert not re.search(r'(src|href)="(?!#|data:)', outside)
+    for name in charts_in(text):
+        assert f'id="chart-{name}"' in text
+    said = said_in(text)
+    for number in NUMBERS:
+        assert f" {number} " in said
+    told = [
+        *sample.assumptions,
+        sample.recommended.limits,
+        *(each for one in sample.rules for each in (one.here, one.source)),
+    ]
+    told += [one.title for one in sample.recommended.constraints] + [one.says for one in sample.discrepancies]
+    for words in told:
+        assert words in said
+    assert "scenetruth run recommended.yaml -o outputs/recommended" in said
+    assert "within: 0.3" in said
+    identities = re.findall(r' id="([^"]*)"', outside)
+    assert len(identities) == len(set(identities))
+    for place in re.findall(r'href="#([^"]*)"', outside):
+        assert place in identities
+
+
+def test_no_word_acts(sample: Design, tmp_path: Path) -> None:
+    plain = json.loads(json.dumps(sample.recommended.scene))
+    plain["objects"][1]["name"] = plain["description"] = HOSTILE
+    best = replace(
+        sample.recommended,
+        scene=plain,
+        limits=HOSTILE,
+        parameters={**sample.recommended.parameters, "lens": HOSTILE},
+        constraints=tuple(replace(one, title=HOSTILE) for one in sample.recommended.constraints),
+    )
+    front = tuple(best if one.number == best.number else one for one in sample.front)
+    rules = tuple(replace(one, here=HOSTILE, source=HOSTILE) for one in sample.rules)
+    found = replace(sample, title=HOSTILE, recommended=best, front=front, rules=rules, assumptions=(HOSTILE,))
+    text = text_of(found, tmp_path)
+    assert HOSTILE not in text
+    assert said_in(text).count(HOSTILE) > 8
+    assert text.count("</script>") == 2
+
+
+def test_scene_files_run(sample: Design, tmp_path: Path) -> None:
+    text = text_of(sample, tmp_path)
+    files = re.findall(r'href="data:application/yaml;base64,[^"]*" download="([^"]*)"', text)
+    assert sorted(files) == ["recommended.yaml", *sorted(f"rig_{number}.yaml" for number in NUMBERS)]
+    file = scene_file_of(sample.recommended, "recommended.yaml")
+    (tmp_path / file.name).write_text(file.text, encoding="utf-8")
+    assert load_scene(tmp_path / file.name) == scene_from_plain(sample.recommended.scene)
+    assert yaml.safe_load(file.text) == sample.recommended.scene
+    assert "rotations:\n" in file.text
+    # Short lists stand on one line.
+    assert "size_mm: [40, 30]" in file.text
+
+
+def test_the_answer_is_judged_by_simulations(sample: Design) -> None:
+    depth, growth = reached_of(sample)
+    assert (depth.figure, depth.unit, depth.verdict) == ("0.0530", "mm", "")
+    assert depth.source == "rms error in 6 simulated recordings (95 %: 0.0475 to 0.0600; predicted 0.0500)"
+    assert growth.verdict == "Wanted: 0.3 %/h. Not reached."
+
+    def verdict(number: float, low: float, high: float) -> str:
+        figures = {**sample.recommended.simulated, GROWTH: Interval(number, low, high, 1)}
+        return reached_of(replace(sample, recommended=replace(sample.recommended, simulated=figures)))[1].verdict
+
+    assert verdict(0.2, 0.1, 0.29) == "Wanted: 0.3 %/h. Reached, with all of the interval."
+    assert verdict(0.2, 0.1, 0.31) == "Wanted: 0.3 %/h. Reached in the mean, but the interval goes beyond."
+    assert verdict(0.2, math.nan, math.nan) == "Wanted: 0.3 %/h. Reached."
+    assert verdict(math.nan, math.nan, math.nan) == "Wanted: 0.3 %/h. Not reached."
+
+
+def test_what_must_be_known_comes_first(sample: Design, tmp_path: Path) -> None:
+    told = [words for words, _ in warnings_of(sample)]
+    assert told == [
+        f"The recommended rig does not reach what is wanted. {GROWTH}: 0.309 %/h, and not 0.3 %/h.",
+        "Prediction and simulation differ notably in 3 of 6 figures, 1 of them at the recommended rig.",
+    ]
+    last = replace(sample, recommended=sample.front[4])
+    assert "The recommended rig does not keep every constraint: stage travel." in dict(warnings_of(last))
+    unconfirmed = replace(sample, recommended=sample.front[1], discrepancies=())
+    assert "was not simulated" in warnings_of(unconfirmed)[-1][0]
+    text = said_in(text_of(unconfirmed, tmp_path))
+    assert "predicted standard deviation; not simulated" in text
+    assert "No rig was simulated: nothing here is confirmed." in text
+
+
+def test_the_front_is_drawn_with_bars_and_told_in_words(sample: Design) -> None:
+    (chart,) = front_charts(sample)
+    cloud, predicted, _, simulated, star = chart.data
+    assert predicted["x"] == sorted(rig.predicted[DEPTH] for rig in sample.front)
+    # The rigs that hold the constraints, not the others.
+    held = set(sample.screened[sample.screened["holds"]][DEPTH])
+    assert set(cloud["x"]) <= held
+    assert len(cloud["x"]) > 200
+    by_depth = sorted((rig for rig in sample.front if rig.is_confirmed), key=lambda rig: rig.predicted[DEPTH])
+    figures = [rig.simulated[GROWTH] for rig in by_depth]
+    assert simulated["y"] == [one.number for one in figures]
+    assert simulated["error_y"]["array"] == [one.high - one.number for one in figures]
+    assert simulated["error_x"]["arrayminus"] == [
+        rig.simulated[DEPTH].number - rig.simulated[DEPTH].low for rig in by_depth
+    ]
+    assert [star["x"], star["y"]] == [[sample.recommended.predicted[title]] for title in (DEPTH, GROWTH)]
+    assert chart.layout["yaxis"]["type"] == "log"
+    assert chart.layout["annotations"][0]["y"] == pytest.approx(math.log10(0.3))
+    assert "Recommended: rig 1204 with 0.0500 and 0.238" in chart.alt
+
+
+def test_alternatives_behind_the_front_are_told_from_it(sample: Design) -> None:
+    worse = replace(sample.front[1], predicted={DEPTH: 0.11, GROWTH: 0.192})
+    found = replace(sample, front=(sample.front[0], worse, *sample.front[2:]))
+    assert [line[1].text for line in front_table(found).lines] == ["yes", "no", "yes", "yes", "yes"]
+    (chart,) = front_charts(found)
+    names = {trace["name"]: trace["x"] for trace in chart.data if "name" in trace}
+    assert names["alternatives, predicted"] == [0.11]
+    assert len(names["front, predicted"]) == 4
+    # As good is not better.
+    same = replace(found, front=(*sample.front, replace(sample.front[0], number=9999)))
+    assert [line[1].text for line in front_table(same).lines] == ["yes"] * 6
+
+
+def test_three_objectives_have_three_charts_and_one_has_its_parameter(sample: Design) -> None:
+    price = replace(sample.objectives[0], title="third", quantity="slope_x")
+    screened = sample.screened.assign(third=1.0)
+    front = tuple(replace(rig, predicted={**rig.predicted, "third": 1.0}) for rig in sample.front)
+    three = replace(
+        sample, objectives=(*sample.objectives, price), screened=screened, front=front, recommended=front[2]
+    )
+    assert [chart.name for chart in front_charts(three)] == ["front-0-1", "front-0-2", "front-1-2"]
+    # With three objectives there is no line to follow.
+    assert all(chart.data[1]["mode"] == "markers" for chart in front_charts(three))
+    # What nobody simulated has no bars.
+    assert [line["name"] for line in front_charts(three)[1].data if "error_y" in line] == []
+    one = replace(sample, objectives=sample.objectives[1:])
+    (chart,) = front_charts(one)
+    # The interval does more to growth than the baseline.
+    assert chart.layout["xaxis"]["title"]["text"] == "frames.frame_interval_s"
+    assert chart.data[-1]["y"] == [sample.recommended.predicted[GROWTH]]
+    # What is a number in some rigs only is no axis.
+    mixed = [replace(rig, parameters={**rig.parameters, "frames.frame_interval_s": None}) for rig in one.front[:1]]
+    (chart,) = front_charts(replace(one, front=(*mixed, *one.front[1:])))
+    assert chart.layout["xaxis"]["title"]["text"] == "stage.baseline_mm"
+    choices = replace(one, recommended=replace(one.recommended, parameters={"lens": "typical"}))
+    assert front_charts(choices) == []
+
+
+@given(
+    st.lists(st.floats(-1e3, 1e4), min_size=1, max_size=9),
+    st.lists(st.floats(-1e6, 1e6), max_size=6),
+    st.one_of(st.none(), st.floats(0.01, 100.0)),
+)
+def test_axes_hold_all_points_which_long_bars_do_not_push_together(
+    points: list[float], ends: list[float], wanted: float | None
+) -> None:
+    axis = axis_of(Way("depth", Objective("depth", "all", "mm", "depth", wanted)), points, ends)
+    low, high = axis["range"]
+    shown = points if wanted is None else [*points, wanted]
+    is_log = axis["type"] == "log"
+    places = [math.log10(one) for one in shown] if is_log else shown
+    assert low < min(places) <= max(places) < high
+    assert not is_log or min(shown) > 0
+    span = max(places) - min(places)
+    # A factor of three to both sides, or three times what the points span; and five per cent.
+    least = (2 * math.log10(3) + span) * 1.1 + 0.02 if is_log else 7 * (span or abs(places[0]) or 1.0) * 1.1
+    assert high - low <= least * (1 + 1e-9)
+
+
+def test_sensitivities_are_told_the_largest_first(sample: Design) -> None:
+    assert [line.replace("\N{NO-BREAK SPACE}", " ") for line in sensitivity_words(sample)] == [
+        f"{DEPTH}: 10 % more stage.baseline_mm changes it by −9.1 % (better).",
+        f"{GROWTH}: 10 % more frames.frame_interval_s changes it by −9.1 % (better); "
+        "10 % more stage.baseline_mm changes it by +7.4 % (worse).",
+    ]
+    charts = {chart.name: chart for chart in sensitivity_charts(sample)}
+    assert set(charts) == {"ten-percent-0", "sobol-0", "ten-percent-1", "sobol-1"}
+    # Bars are drawn from below; catalogues have no 10 %.
+    assert charts["ten-percent-1"].data[0]["y"] == ["stage.baseline_mm", "frames.<br>frame_interval_s"]
+    assert charts["sobol-1"].data[0]["x"] == [0.1, 0.31, 0.7]
+
+
+def test_tables_hold_what_was_found(sample: Design) -> None:
+    front = front_table(sample)
+    assert front.marked == 2
+    assert [line[0].text for line in front.lines] == ["311", "87", "1204 (recommended)", "530", "642"]
+    assert [cell.text for cell in front.lines[2][1:6]] == ["yes", "0.0500", "0.0530", "0.0475 to 0.0600", "0.0505"]
+    assert front.lines[4][-3].text == "stage travel: does not hold"
+    assert front.numeric[:7] == [True, False, *[True] * 5]
+    constraints = constraint_table(sample.recommended)
+    assert constraints.lines[0][0].text == "field of view along x"
+    assert [cell.text for cell in constraints.lines[0][1:3]] == ["59.9 mm", "at least 55 mm"]
+    # What does not hold comes first, whatever its margin.
+    assert constraint_table(sample.front[4]).lines[0][4].text == "does not hold"
+    assert [line[6].text for line in discrepancy_table(sample).lines[:2]] == ["1.01", "1.25"]
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "told"),
+    [
+        ({"from": 2, "to": 30, "log": True}, 8.0, ("2 to 30, logarithmic", "no")),
+        ({"from": 2, "to": 30}, 29.9, ("2 to 30", "upper end")),
+        ({"from": 2, "to": 30}, 2.0, ("2 to 30", "lower end")),
+        ({"from": None, "to": None, "log": False, "values": [60, 900]}, 60, ("60, 900", "lower end")),
+        ([60, 300, 900], 900, ("60, 300, 900", "upper end")),
+        (["a", "b"], "a", ("a, b", "–")),
+        ("all", "a", ("all", "–")),
+        (None, 3.0, ("–", "–")),
+    ],
+)
+def test_ends_of_ranges_are_told(sample: Design, entry: Any, value: Any, told: tuple[str, str]) -> None:
+    free = {} if entry is None else {"x": entry}
+    found = replace(sample, goal={"free": free}, recommended=replace(sample.recommended, parameters={"x": value}))
+    ((_, _, *rest),) = parameter_table(found).lines
+    assert tuple(cell.text for cell in rest) == told
+
+
+def test_order_is_counted_in_pairs(sample: Design) -> None:
+    assert orders_of(sample)[0].startswith(f"{DEPTH}: 3 of 3 pairs of the 3 simulated rigs")
+    worse = replace(sample.front[4], simulated={**sample.front[4].simulated, DEPTH: Interval(9.0, 8.0, 10.0, 6)})
+    turned = replace(sample, front=(*sample.front[:4], worse))
+    assert orders_of(turned)[0].startswith(f"{DEPTH}: 1 of 3 pairs")
+
+
+def test_figures_that_are_missing_are_dashes(sample: Design, tmp_path: Path) -> None:
+    broken = {DEPTH: Interval(math.nan, math.nan, math.nan, 1), GROWTH: Interval(0.2, math.nan, math.nan, 1)}
+    worst = replace(sample.front[0], simulated=broken, predicted={DEPTH: math.inf, GROWTH: 0.1}, price=None)
+    found = replace(sample, front=(worst, *sample.front[1:]), sensitivities=(), rules=(), assumptions=(), seconds={})
+    line = front_table(found).lines[0]
+    assert [cell.text for cell in line[2:5]] == ["∞", "–", "–"]
+    assert [cell.text for cell in line[6:9]] == ["0.100", "0.200", "–"]
+    # JSON has no numbers that are not finite.
+    charts = charts_in(text_of(found, tmp_path))
+    assert set(charts) == {"front-0-1"}
+
+
+def test_what_lies_beside_is_linked(sample: Design, tmp_path: Path) -> None:
+    assert "pattern/pattern.pdf" not in text_of(sample, tmp_path)
+    (tmp_path / "pattern").mkdir()
+    (tmp_path / "pattern" / "pattern.pdf").touch()
+    assert '<a href="pattern/pattern.pdf">' in text_of(sample, tmp_path)
+
+
+def test_what_is_sharp_is_what_the_goal_says() -> None:
+    assert blur_limit_of({}) == 1.0
+    assert blur_limit_of({"constraints": [{"kind": "depth_of_field", "at_least": 20}]}) == 1.0
+    both = [{"kind": "depth_of_field", "blur_px": 2}, {"kind": "defocus_blur", "at_most": 0.5, "depths_mm": None}]
+    assert blur_limit_of({"constraints": both[:1]}) == 2.0
+    assert blur_limit_of({"constraints": both}) == 0.5
+    assert blur_limit_of({"constraints": [{"kind": "motion_blur", "at_most": 0.1}]}) == 1.0

@@ -1,0 +1,114 @@
+"""Dots: where they lie, what they cover, and the spectrum that theory gives them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+from scipy.spatial import cKDTree
+from scipy.special import j1
+
+from scenetruth.design.pattern import Pattern, make_pattern
+from scenetruth.design.pattern.base import Dots
+from scenetruth.design.pattern.errors import PatternError
+from scenetruth.design.pattern.kinds.speckle import SpecklePattern, boolean_covariance
+from tests.design.pattern.rigs import plain_rig
+
+SIZE = (40.0, 30.0)
+
+
+def dots_of(pattern: Pattern) -> Dots:
+    marks = pattern.marks((0.0, 0.0, *pattern.size_mm))
+    assert isinstance(marks, Dots)
+    return marks
+
+
+@settings(max_examples=15)
+@given(
+    seed=some.integers(0, 2**63 - 1),
+    spacing=some.sampled_from([0.0, 0.5, 0.8, 1.0, 1.2]),
+    share=some.floats(0.1, 1.0),
+    dot_mm=some.floats(0.5, 1.5),
+)
+def test_dots_keep_apart_and_cover_what_they_should(seed: int, spacing: float, share: float, dot_mm: float) -> None:
+    coverage = share * (0.34 if spacing > 1 else 0.5)
+    pattern = make_pattern(
+        plain_rig(), "speckle", size_mm=SIZE, seed=seed, dot_mm=dot_mm, coverage=coverage, spacing=spacing
+    )
+    centres = dots_of(pattern).centres_mm
+    tree = cKDTree(centres)
+    nearest = tree.query(centres, k=2)[0][:, 1] if len(centres) > 1 else np.array([np.inf])
+    assert nearest.min() >= spacing * dot_mm * (1 - 1e-12)
+    # An independent count: points on a fine grid. The kernel counts on a grid of D / 16, so that borders of dots,
+    # 4 / D per covered area, are off by a small share of that; one dot more or less adds its own area.
+    x, y = np.meshgrid(np.linspace(0, SIZE[0], 400), np.linspace(0, SIZE[1], 300))
+    covered = tree.query(np.stack([x.ravel(), y.ravel()], axis=-1))[0] <= dot_mm / 2
+    assert covered.mean() == pytest.approx(coverage, abs=0.01 + dot_mm**2 / 1200)
+    # What is drawn is what is there.
+    assert pattern.drawing.ink((0, 0, *SIZE), (300, 400)).mean() == pytest.approx(covered.mean(), abs=0.01)
+
+
+def test_a_seed_is_a_pattern() -> None:
+    one, same, other = (dots_of(make_pattern(plain_rig(), size_mm=SIZE, seed=seed)).centres_mm for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one[:50], other[:50])
+
+
+def test_px_of_the_sensor_become_mm() -> None:
+    pattern = make_pattern(plain_rig(), size_mm=SIZE, dot_px=5)
+    assert isinstance(pattern.model, SpecklePattern)
+    assert pattern.model.dot_mm == pytest.approx(5 * 400 / 2000)
+    assert "dots of 1.000 mm (5.00 px)" in pattern.told
+    assert make_pattern(plain_rig(image_size_px=(90, 60)), dot_mm=0.5).size_mm == (20.0, 14.0)
+
+
+def test_dots_that_lie_anywhere_have_the_covariance_of_a_boolean_model() -> None:
+    at = np.array([0.0, 0.3, 1.0, 2.0])
+    for coverage in (0.05, 0.5, 0.8):
+        found = boolean_covariance(at, 1.0, coverage)
+        assert found[0] == pytest.approx(coverage * (1 - coverage))
+        np.testing.assert_array_equal(found[2:], 0.0)
+    # Few dots do not overlap: their spectrum is that of a disc, n (D J1(π D f) / 2 f)², but for pairs, a share of about
+    # the coverage.
+    coverage, count, pitch = 1e-4, 512, 1 / 32
+    power = SpecklePattern(kind="speckle", dot_mm=1.0, coverage=coverage, spacing=0.0).power(count, pitch)
+    assert power is not None
+    frequency = np.fft.fftfreq(count, pitch)[1:40]
+    density = power[0, 1:40] * (count * pitch) ** 2
+    disc = coverage * 4 / np.pi * (j1(np.pi * frequency) / (2 * frequency)) ** 2
+    # Sharp rims alias on a raster of D / 32: a few thousandths of the spectrum at 0.
+    np.testing.assert_allclose(density, disc, atol=0.002 * disc[0])
+
+
+def test_a_sheet_covers_as_its_covariance_says() -> None:
+    """The drawing's own covariance against theory.
+
+    60 x 45 diameters hold some 1000 independent pieces, which tell it to 3 % of the variance, 0.25.
+    """
+    pattern = make_pattern(plain_rig(), "speckle", size_mm=(60.0, 45.0), dot_mm=1.0, spacing=0.0, seed=4)
+    ink = pattern.drawing.ink((0, 0, 60, 45), (450, 600)).astype(float)
+    ink -= ink.mean()
+    lags = [3, 6, 12]
+    found = [np.mean(ink[:, : 600 - lag] * ink[:, lag:]) for lag in lags]
+    expected = boolean_covariance(np.array(lags) / 10, 1.0, 0.5)
+    np.testing.assert_allclose(found, expected, atol=0.01)
+
+
+def test_what_cannot_be_is_told() -> None:
+    with pytest.raises(PatternError, match=r"coverage: is more than dots reach .* 0\.50; lower it, or spacing"):
+        make_pattern(plain_rig(), size_mm=SIZE, coverage=0.7)
+    with pytest.raises(PatternError, match=r"dot_mm: needs .* dots .* print a smaller sheet"):
+        make_pattern(plain_rig(), size_mm=(2000, 2000), dot_px=1)
+    with pytest.raises(PatternError, match=r"(?s)4 problems.*dots: is no setting here.*coverage.*size_mm.*seed"):
+        make_pattern(plain_rig(), size_mm=(-1, 3), coverage=2, dots=3, seed=-1)
+    with pytest.raises(PatternError, match="kind: must be one of grey_noise, noise, speckle"):
+        make_pattern(plain_rig(), "stripes", size_mm=SIZE)
+    with pytest.raises(PatternError, match="size_mm: is missing"):
+        make_pattern(plain_rig())
+    with pytest.raises(PatternError, match="size_mm: must be at least 8 times 10 mm"):
+        make_pattern(plain_rig(), size_mm=(50, 200), dot_mm=10)
+    with pytest.raises(PatternError, match=r"(?s)give either dot_px or dot_mm.*ink must be darker"):
+        make_pattern(plain_rig(), size_mm=SIZE, dot_mm=1, dot_px=3, radiances=(0.9, 0.1))
+    with pytest.raises(PatternError, match="dot_px: must be a number"):
+        make_pattern(plain_rig(), size_mm=SIZE, dot_px="large")

@@ -1,0 +1,140 @@
+"""The page of a sweep and its pictures: every figure comes from the rows, and no word in it acts."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenetruth.design.sweep import Sweep
+from scenetruth.design.sweep.page.charts import chart_of
+from scenetruth.design.sweep.page.panels import panels_of, shown_quantities
+from scenetruth.design.sweep.page.pictures import write_pictures
+from scenetruth.design.sweep.page.write import write_page
+from scenetruth.design.sweep.rows import Row
+
+HOSTILE = "</script><script>alert(1)</script>"
+BASELINE, NOISE, KIND = "stage.baseline_mm", "sensor.noise_std", "objects.0.mesh.kind"
+
+
+def rows(points: list[dict[str, Any]], methods: tuple[str, ...] = ("mine",)) -> list[Row]:
+    found = []
+    for number, values in enumerate(points, 1):
+        for factor, method in enumerate(methods, 1):
+            where = (values, "cube", method, None, "interior")
+            error = factor * number
+            found.append(Row(*where, "depth", "rms", error, 0.8 * error, 1.2 * error, "mm"))
+            found.append(Row(*where, "depth", "bias", -error, unit="mm"))
+            found.append(Row(*where, "growth_rate", "rms", error, unit="%/h"))
+            found.append(Row(values, "cube", method, 1, "interior", "depth", "rms", 77.0, unit="mm"))
+            bound = "bound" if len(methods) == 1 else f"bound of {method}"
+            found.append(Row(values, "cube", bound, None, "interior", "depth", "rms", error / 2, unit="mm"))
+    return found
+
+
+def over_one() -> Sweep:
+    return Sweep([BASELINE], ["cube"], ["mine", HOSTILE], rows([{BASELINE: b} for b in (1, 2, 20)], ("mine", HOSTILE)))
+
+
+def over_two() -> Sweep:
+    points = [{BASELINE: b, NOISE: n} for b in (1, 2, 4) for n in (0.01, 0.02)]
+    return Sweep([BASELINE, NOISE], ["cube"], ["mine"], rows(points), ["cube at 3: why"], [HOSTILE])
+
+
+def test_one_factor_makes_lines_with_error_bars_and_the_bound() -> None:
+    (panel,) = panels_of(over_one(), "depth")
+    assert [curve.name for curve in panel.curves][:2] == ["mine", "bound of noise, mine"]
+    assert panel.curves[0].points == (
+        (1.0, 1, 0.8, 1.2),
+        (2.0, 2, 1.6, 2.4),
+        (20.0, 3, 2.4000000000000004, 3.5999999999999996),
+    )
+    # 20 is more than eight times 1.
+    assert panel.x.logarithmic
+    assert "mine: 1 at 1, 3 at 20" in panel.words
+    data = chart_of(panel)["data"]
+    assert data[0]["error_y"]["array"] == pytest.approx([0.2, 0.4, 0.6])
+    assert data[1]["y"] == [0.5, 1.0, 1.5]
+    assert [trace.get("showlegend", True) for trace in data] == [True, True, True, False]
+    (bias,) = panels_of(over_one(), "depth", "bias")
+    assert not bias.y.logarithmic
+    assert panels_of(over_one(), "depth", "std") == []
+
+
+def test_two_factors_make_a_map_and_lines() -> None:
+    heat, lines = panels_of(over_two(), "depth")
+    assert heat.map is not None
+    assert heat.map.names(along_x=True) == ["1", "2", "4"]
+    data = chart_of(heat)["data"][0]
+    assert (data["x"], data["y"]) == (["1", "2", "4"], ["0.01", "0.02"])
+    assert 10 ** np.array(data["z"]) == pytest.approx(np.array([[1, 3, 5], [2, 4, 6]]))
+    assert data["text"][1][2] == "6<br>(3)"
+    assert data["customdata"][0][0] == "1, 95 %: 0.8 to 1.2, bound of noise 0.5"
+    assert "least 1 at stage.baseline_mm = 1, sensor.noise_std = 0.01" in heat.words
+    assert [curve.name for curve in lines.curves if not curve.is_bound] == [f"{NOISE} = 0.01", f"{NOISE} = 0.02"]
+
+
+def test_points_that_fill_ranges_make_a_field_and_more_factors_make_points() -> None:
+    points = [{BASELINE: b, NOISE: n} for b, n in ((1.5, 0.02), (3.1, 0.01), (2.2, 0.04))]
+    filled = Sweep([BASELINE, NOISE], ["cube"], ["mine"], rows(points), is_grid=False, logarithmic=frozenset({NOISE}))
+    field, *marginal = panels_of(filled, "depth")
+    assert chart_of(field)["data"][0]["mode"] == "markers"
+    assert field.y.logarithmic
+    assert [panel.x.title for panel in marginal] == [BASELINE, NOISE]
+    assert [point[0] for point in marginal[0].curves[0].points] == [1.5, 2.2, 3.1]
+    three = [{BASELINE: b, NOISE: 0.1, KIND: kind} for b in (1, 2) for kind in ("plane", "box")]
+    panels = panels_of(Sweep([BASELINE, NOISE, KIND], ["cube"], ["mine"], rows(three)), "depth")
+    assert [panel.x.title for panel in panels] == [BASELINE, NOISE, KIND]
+    assert panels[2].x.names == ("plane", "box")
+    assert not any(curve.joined for panel in panels for curve in panel.curves)
+
+
+def test_growth_is_shown_where_something_grows() -> None:
+    found = over_one()
+    assert shown_quantities(found) == ["depth"]
+    growing = Sweep(found.factors, found.scenes, found.methods, found.rows, grows=True)
+    assert shown_quantities(growing) == ["depth", "growth_rate"]
+
+
+def test_the_page_is_one_file_in_which_no_word_acts(tmp_path: Path) -> None:
+    for found in (over_one(), over_two()):
+        page = write_page(found, tmp_path, "scenetruth design sweep 'a b.yaml'")
+        text = page.read_text(encoding="utf-8")
+        assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+        assert HOSTILE not in text
+        made = re.search(r"^const charts = (.*);$", text, re.MULTILINE)
+        assert made is not None
+        charts = json.loads(made[1])
+        assert set(charts) == {"depth|rms|interior", "depth|bias|interior"}
+        # Nothing is fetched: addresses of plotly's own code are in its script alone.
+        outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
+        assert not re.search(r'(src|href)="(?!#)', outside)
+        assert "design sweep &#39;a b.yaml&#39;" in outside
+    assert "cube at 3: why" in outside
+    # Every point, with its bound; figures of single seeds are in the table of results alone.
+    assert re.search(
+        r"<td>4</td><td>0.02</td><td>cube</td><td>mine</td><td>depth</td><td>6</td><td>4.8 to 7.2</td>", outside
+    )
+    assert "77" not in re.sub(r"<style>.*?</style>", "", outside, flags=re.DOTALL)
+
+
+def test_pictures_are_drawn_of_every_quantity(tmp_path: Path) -> None:
+    made = write_pictures(over_two(), tmp_path / "plots")
+    assert [path.name for path in made] == ["depth_rms.png"]
+    with Image.open(made[0]) as picture:
+        assert picture.info["Software"] == "scenetruth"
+        width, height = picture.size
+        assert width > height > 300
+        # The cells of the map have the colours of their numbers: the largest is yellow, the least is blue.
+        colours = {pixel for _, pixel in picture.convert("RGB").getcolors(1 << 24) or []}
+        assert {(253, 231, 36), (68, 1, 84)} <= colours
+    # Pictures of an earlier sweep go, and what is not ours stays.
+    (tmp_path / "plots" / "flow_x_rms.png").write_bytes(b"old")
+    (tmp_path / "plots" / "mine.txt").write_text("mine")
+    write_pictures(over_one(), tmp_path / "plots")
+    assert {path.name for path in (tmp_path / "plots").iterdir()} == {"depth_rms.png", "mine.txt"}

@@ -1,0 +1,250 @@
+"""Sweeps of a small scene: against theory, against single simulations, interrupted and gone on."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+import scenetruth as st
+from scenetruth.comparison.contestants import contestants_of
+from scenetruth.design.sweep import Sweep, sweep
+from scenetruth.design.sweep.least import window_of
+from scenetruth.design.sweep.planning import plan_of
+from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from tests.design.sweep.small import METHOD, failing, nearest, scene
+from tests.nightly import nightly
+
+NOISE = "sensor.noise_std"
+BASELINE = "stage.baseline_mm"
+# Windows of 3 px are independent at 4π 3² px each: 1300 px that are told, with two seeds, make 23 of them, whose rms
+# scatters by 15 %. Points have the same noise, and differ by less.
+SCATTER = 0.15
+
+
+@pytest.fixture(scope="module")
+def found() -> Sweep:
+    return sweep(scene(), {BASELINE: [1, 2], NOISE: [0.005, 0.01]}, METHOD, seeds=2)
+
+
+def rms(found: Sweep, quantity: str, baseline: float, noise: float, **which: Any) -> float:
+    return found.figure(quantity, at={BASELINE: baseline, NOISE: noise}, **which).number
+
+
+def test_depth_errs_inversely_to_the_baseline_and_in_proportion_to_noise(found: Sweep) -> None:
+    for noise in (0.005, 0.01):
+        assert rms(found, "depth", 1, noise) / rms(found, "depth", 2, noise) == pytest.approx(2, rel=SCATTER)
+    for baseline in (1, 2):
+        for quantity in ("depth", "disparity", "flow_x"):
+            # The noise is the same but for its size, and what is left is of second order: a few per cent.
+            ratio = rms(found, quantity, baseline, 0.01) / rms(found, quantity, baseline, 0.005)
+            assert ratio == pytest.approx(2, rel=0.06)
+
+
+def test_nothing_goes_below_the_bound_and_the_structure_tensor_is_near_it(found: Sweep) -> None:
+    for quantity in ("depth", "disparity", "velocity_x", "velocity_y", "flow_x"):
+        for baseline in (1, 2):
+            bound = rms(found, quantity, baseline, 0.01, method="bound")
+            # Derivative filters and three frames cost up to a third of the noise more than the bound.
+            assert 1 - SCATTER < rms(found, quantity, baseline, 0.01) / bound < 1.33 + SCATTER
+    assert found.figure("depth", "std", method="bound").number == found.figure("depth", method="bound").number
+    median = found.figure("depth", "median", method="bound").number
+    assert median < found.figure("depth", method="bound").number
+
+
+def test_noise_is_the_same_at_every_point() -> None:
+    plan = plan_of(
+        scene(sensor={"noise_std": 0.01, "bit_depth": None}), {BASELINE: [1, 2], NOISE: [0.005, 0.01]}, seeds=2
+    )
+    noises = []
+    for number in range(0, len(plan), 2):
+        recording, _ = st.simulate(plan.scene(number), ideal=True)
+        full_scale = recording.attrs["full_scale"]
+        noise = recording["image"].values / full_scale - recording["ideal"].values
+        noises.append(noise / plan.scene(number).sensor.noise_std)  # type: ignore[union-attr]
+    for other in noises[1:]:
+        # Images are float32, and noise is at least 0.005 of full scale.
+        assert other == pytest.approx(noises[0], abs=1e-4)
+
+
+def test_figures_are_those_of_a_single_simulation(found: Sweep) -> None:
+    plain = scene(stage={"positions": 3, "baseline_mm": 2}, seed=6)
+    recording, truth = st.simulate(st.scene_from_plain(plain))
+    errors = {}
+    for seed in (5, 6):
+        recording, truth = st.simulate(st.scene_from_plain(plain | {"seed": seed}))
+        estimate = st.estimate(recording, "structure_tensor", window_sigma_px=3, window_taps_px=13)
+        score = st.score(estimate, truth, margin_px=0)
+        for name, key in {"rms": "rms", "bias": "bias", "median": "median_abs", "density": "density"}.items():
+            row = found.figure("velocity_z", name, at={BASELINE: 2, NOISE: 0.01}, region="all", seed=seed)
+            assert row.number == score.regions["all"]["velocity_z"][key]
+        error = (estimate["depth"] - truth["depth"].sel(t=[0])).values
+        errors[seed] = np.where(estimate["kind_disparity"] == 2, error, np.nan)
+    both = found.figure("depth", "std", at={BASELINE: 2, NOISE: 0.01}, region="all").number
+    # Between two numbers, the standard deviation is their difference over √2.
+    assert both == pytest.approx(float(np.sqrt(np.nanmean(np.square(errors[5] - errors[6]) / 2))), rel=1e-4)
+    pooled = found.figure("depth", at={BASELINE: 2, NOISE: 0.01}, region="all")
+    each = [found.figure("depth", at={BASELINE: 2, NOISE: 0.01}, region="all", seed=seed).number for seed in (5, 6)]
+    assert pooled.number == pytest.approx(math.hypot(*each) / math.sqrt(2))
+    assert pooled.low < min(each) < max(each) < pooled.high
+
+
+def test_the_table_is_tidy(found: Sweep) -> None:
+    frame = found.to_frame()
+    assert list(frame.columns[:5]) == [BASELINE, NOISE, "scene", "method", "seed"]
+    keys = ["scene", "method", "seed", "region", "quantity", "statistic", BASELINE, NOISE]
+    assert not frame.duplicated(keys).any()
+    assert set(frame["statistic"]) == {"rms", "bias", "std", "median", "density"}
+    assert set(frame["region"]) == {"all", "interior"}
+    assert np.isfinite(frame["number"]).all()
+    told = frame[(frame["quantity"] == "depth") & (frame["statistic"] == "rms") & frame["seed"].isna()]
+    told = told[(told["region"] == "interior") & (told["method"] != "bound")]
+    best = found.best("depth")
+    assert best.number == told["number"].min()
+    assert dict(best.values) == {BASELINE: 2, NOISE: 0.005}
+    with pytest.raises(KeyError, match="no rms of slope_x"):
+        found.best("slope_x")
+    with pytest.raises(KeyError, match=f"{BASELINE} = 7"):
+        found.figure("depth", at={BASELINE: 7})
+
+
+def test_it_goes_on_where_it_was(tmp_path: Path) -> None:
+    told: list[str] = []
+    options: dict[str, Any] = {"seeds": 2, "notice": told.append}
+    calm = sweep(scene(), {BASELINE: [2, 3]}, nearest, tmp_path / "calm", **options)
+    points = tmp_path / "calm" / "points"
+    before = {path.name: path.read_bytes() for path in points.iterdir()}
+    assert len(before) == 8
+    # As if it had been killed: files are missing, and one is half written beside its place.
+    figures = sorted(points.glob("*.json"))
+    figures[0].unlink()
+    figures[1].with_suffix(".npz").unlink()
+    (points / f".{figures[0].name}.partial-0-0-0").write_text("{")
+    again = sweep(scene(), {BASELINE: [2, 3]}, nearest, tmp_path / "calm", **options)
+    assert "4 simulations, 2 of them to be made" in told[-1]
+    assert {path.name: path.read_bytes() for path in points.iterdir() if path.suffix == ".json"} == {
+        name: content for name, content in before.items() if name.endswith(".json")
+    }
+    pd.testing.assert_frame_equal(again.to_frame(), calm.to_frame())
+    # More values, and only these are made.
+    more = sweep(scene(), {BASELINE: [2, 2.5, 3]}, nearest, tmp_path / "calm", **options)
+    assert "6 simulations, 2 of them to be made" in told[-1]
+    kept = pd.read_parquet(tmp_path / "calm" / "results.parquet")
+    pd.testing.assert_frame_equal(kept, more.to_frame())
+    assert len(pd.read_csv(tmp_path / "calm" / "results.csv")) == len(kept)
+    assert (tmp_path / "calm" / "plots" / "depth_rms.png").exists()
+
+
+def test_scenes_and_methods_are_factors_and_what_fails_is_told() -> None:
+    other = scene(objects=[scene()["objects"][0] | {"pose": {"position_mm": [0, 0, 510]}}])
+    methods: list[Any] = [nearest, f"mine={METHOD}", failing]
+    found = sweep([scene(), other], {BASELINE: [2, 3]}, methods, seeds=1)
+    assert found.methods == ["nearest", "mine", "failing"]
+    # The wall is 10 mm farther than the method knows.
+    assert found.figure("depth", "bias", method="nearest", scene="scene 1").number == pytest.approx(0, abs=1e-6)
+    assert found.figure("depth", "bias", method="nearest", scene="scene 2").number == pytest.approx(-10)
+    assert found.figure("depth", method="bound of mine", scene="scene 2").number > 0
+    assert len(found.failures) == 4
+    assert "scene 1, stage.baseline_mm = 2, seed 5: failing" in found.failures[0]
+    assert "no idea" in found.failures[0]
+    with pytest.raises(KeyError):
+        found.figure("depth", "std", method="mine")
+
+
+def test_a_scenes_own_settings_vary_and_what_has_no_noise_has_no_bound() -> None:
+    plain = scene(sensor="ideal", estimate={"window_taps_px": 13})
+    found = sweep(plain, {"estimate.window_sigma_px": [2, 3]}, seeds=1)
+    assert found.methods == ["structure_tensor"]
+    errors = [found.figure("disparity", at={"estimate.window_sigma_px": sigma}).number for sigma in (2, 3)]
+    assert errors[0] != errors[1]
+    assert not any(row.is_bound for row in found.rows)
+    assert "no bound: noise_std: is zero" in found.notes[0]
+    # A wall without motion and light of its own: nothing of the light matters.
+    idle = sweep(scene(), {"render.platform": ["auto", "egl"]}, nearest, seeds=1)
+    assert idle.notes == ["render.platform has changed no figure"]
+
+
+def test_a_method_that_gives_nothing_leaves_a_page_that_says_why(tmp_path: Path) -> None:
+    found = sweep(scene(), {BASELINE: [2, 3]}, failing, tmp_path / "out", seeds=1)
+    assert found.rows == []
+    assert len(found.failures) == 2
+    assert "no idea" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    # A wall of 30 px has no pixels 20 px from its outline.
+    wall = scene()["objects"][0] | {"mesh": {"kind": "plane", "size_mm": [30, 30]}}
+    plain = scene(objects=[wall], score={"interior_margin_px": 20})
+    edge = sweep(plain, {BASELINE: [2, 3]}, nearest, tmp_path / "out", seeds=1)
+    assert (tmp_path / "out" / "plots" / "depth_rms.png").exists()
+    # It moves by 0.1 mm per frame over three frames, and the method does not know it.
+    assert edge.best("depth", region="all").number == pytest.approx(0.1 * math.sqrt(2 / 3), rel=1e-6)
+    with pytest.raises(KeyError):
+        edge.best("depth")
+
+
+def test_the_bound_is_that_of_each_methods_window() -> None:
+    windows = [window_of(one) for one in contestants_of(["structure_tensor", "refined[motion: rigid]", nearest])]
+    told = [(one.sigma_px, one.surface, one.motion, one.brightness) for one in windows]
+    assert told == [
+        (6.0, "constant", "translation", "fixed"),
+        (6.0, "plane", "rigid", "per_image"),
+        (6.0, "constant", "translation", "fixed"),
+    ]
+
+
+def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
+    done: list[str] = []
+    with pytest.raises(RecipeError) as error:
+        sweep(
+            scene(),
+            {"objects.0.pose.position_mm": [[0, 0, 500], [900, 0, 500]], "camera.width": [64, 20]},
+            "structure_tensor",
+            progress=lambda what, *_: done.append(what),
+        )
+    assert "camera.width = 64" in str(error.value)
+    assert set(done) == {"checks"}
+    with pytest.raises(EstimateError, match="no_such"):
+        sweep(scene(), {BASELINE: [1, 2]}, "no_such")
+    with pytest.raises(EstimateError, match="another process"):
+        sweep(scene(), {BASELINE: [1, 2]}, lambda recording: nearest(recording), workers=2)
+    with pytest.raises(EstimateError, match="give another label"):
+        sweep(scene(), {BASELINE: [1, 2]}, "bound=structure_tensor")
+    (tmp_path / "notes").write_text("mine")
+    with pytest.raises(OutputExistsError, match="no folder of a sweep"):
+        sweep(scene(), {BASELINE: [1, 2]}, nearest, tmp_path)
+
+
+@nightly
+def test_processes_find_the_same() -> None:
+    here, there = (sweep(scene(), {BASELINE: [1, 2]}, METHOD, seeds=2, workers=workers) for workers in (0, 2))
+    pd.testing.assert_frame_equal(here.to_frame(), there.to_frame())
+
+
+@nightly
+def test_a_killed_sweep_goes_on_to_the_same_figures(tmp_path: Path) -> None:
+    file = tmp_path / "wall.yaml"
+    file.write_text(yaml.safe_dump(scene()))
+    words = [sys.executable, "-m", "scenetruth", "design", "sweep", str(file), "--vary", f"{BASELINE}=1..4:7"]
+    words += ["--method", METHOD, "--workers", "2", "-o"]
+    generator = random.Random(1)
+    for _ in range(4):
+        run = subprocess.Popen([*words, str(tmp_path / "killed")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(generator.uniform(6.0, 16.0))
+        os.kill(run.pid, signal.SIGKILL)
+        run.wait()
+    for name in ("killed", "calm"):
+        subprocess.run([*words, str(tmp_path / name)], check=True, capture_output=True)
+    killed, calm = (pd.read_parquet(tmp_path / name / "results.parquet") for name in ("killed", "calm"))
+    pd.testing.assert_frame_equal(killed, calm)
+    points = tmp_path / "killed" / "points"
+    assert [path.name for path in points.iterdir() if path.suffix not in (".json", ".npz")] == []
+    assert {path.name for path in points.iterdir()} == {path.name for path in (tmp_path / "calm" / "points").iterdir()}
