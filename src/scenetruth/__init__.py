@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from scenetruth.dataset.reading import open_dataset
     from scenetruth.dataset.recipe.load import load_recipe, recipe_from_plain
     from scenetruth.dataset.run import run_dataset
+    from scenetruth.design.budget import Budget
+    from scenetruth.design.optimise import Design
+    from scenetruth.design.predict import Prediction, predict
+    from scenetruth.design.sweep import Sweep, sweep
     from scenetruth.errors import (
         BackendUnavailableError,
         EstimateError,
@@ -48,7 +52,9 @@ keep_compiled_code()
 
 __all__ = [
     "BackendUnavailableError",
+    "Budget",
     "Comparison",
+    "Design",
     "EstimateError",
     "EstimateWarning",
     "ExportError",
@@ -56,6 +62,7 @@ __all__ = [
     "MachineError",
     "MismatchError",
     "OutputExistsError",
+    "Prediction",
     "Problem",
     "RecipeError",
     "RecordingError",
@@ -68,6 +75,7 @@ __all__ = [
     "Score",
     "ScoreError",
     "StoreError",
+    "Sweep",
     "compare",
     "estimate",
     "export_data",
@@ -81,6 +89,7 @@ __all__ = [
     "make_truth",
     "open_dataset",
     "open_store",
+    "predict",
     "recipe_from_plain",
     "run_dataset",
     "run_scene",
@@ -89,6 +98,7 @@ __all__ = [
     "score",
     "simulate",
     "surface_growth",
+    "sweep",
     "track_points",
     "two_point_correction",
     "verify_folder",
@@ -96,7 +106,13 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Budget": "design.budget",
     "Comparison": "comparison",
+    "Design": "design.optimise",
+    "Prediction": "design.predict",
+    "Sweep": "design.sweep",
+    "predict": "design.predict",
+    "sweep": "design.sweep",
     "Limits": "resources",
     "compare": "comparison",
     "load_recipe": "dataset.recipe.load",

@@ -21,7 +21,7 @@ from scenetruth.bound.windows import Window, parts_of, window_weights
 from scenetruth.errors import RecordingError
 from scenetruth.schema import COMPONENTS, check_dataset, check_same_run, intrinsics_of
 
-__all__ = ["cramer_rao"]
+__all__ = ["bound_maps", "cramer_rao"]
 
 Map = NDArray[np.float64]
 
@@ -130,6 +130,30 @@ def cramer_rao(
     maps = scene.bound(model, window_weights(window, window_sigma_px), every_px)
     more = {"window_sigma_px": float(window_sigma_px), **settings, "noise_std": scene.noise_std()}
     return _labelled(maps, scene, model, every_px, more)
+
+
+def bound_maps(
+    truth: xr.Dataset, recording: xr.Dataset, noise: GreyNoise, model: Model, window_sigma_px: float, every_px: int = 1
+) -> dict[str, Map]:
+    """Return the bound of any model with any noise; see `cramer_rao`, which checks what it is given.
+
+    Parameters
+    ----------
+    truth, recording
+        Checked data sets.
+    noise
+        Of the images, in grey values of the recording.
+    model
+        What is unknown in a window.
+    window_sigma_px, every_px
+        As of `cramer_rao`; the window is Gaussian.
+
+    Returns
+    -------
+    dict
+        Maps as of `functionals_of`, each of shape (y, x).
+    """
+    return _Scene(truth, recording, noise).bound(model, window_weights("gaussian", window_sigma_px), every_px)
 
 
 class _Scene:

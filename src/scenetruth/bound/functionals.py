@@ -25,12 +25,15 @@ def functionals_of(points: Points, intrinsics: Intrinsics, model: Model) -> dict
     -------
     dict
         ``disparity`` in px per step, ``depth`` in mm, ``slope``, ``flow`` in px per frame, ``velocity`` in mm per
-        frame and ``growth_rate`` per frame, as far as the model has them; components are numbered: ``velocity.2``.
+        frame and ``growth_rate`` per frame, as far as the model has them; components are numbered: ``velocity.2``. Of
+        one camera, the flow alone.
     """
     d, focal = points.d, points.focal
     baseline = intrinsics.baseline_mm
-    found: dict[str, Vector] = {"disparity": [(0, 1.0)], "depth": [(0, -focal * baseline / d**2)]}
-    if model.surface == "plane":
+    found: dict[str, Vector] = {}
+    if model.stereo:
+        found |= {"disparity": [(0, 1.0)], "depth": [(0, -focal * baseline / d**2)]}
+    if model.stereo and model.surface == "plane":
         # The plane's normal is (f d_x, f d_y, m).
         m = d - points.x * points.d_x - points.y * points.d_y
         for k, slope in enumerate((points.d_x, points.d_y)):
@@ -42,6 +45,7 @@ def functionals_of(points: Points, intrinsics: Intrinsics, model: Model) -> dict
         for k, at in enumerate((points.x, points.y)):
             ahead = at / focal
             found[f"flow.{k}"] = [(0, points.q[k] - ahead * points.q[2]), (3 + 3 * k, d), (9, -ahead * d)]
+    if model.moving and model.stereo:
         found |= {f"velocity.{k}": [(3 + 3 * k, baseline)] for k in range(3)}
         if model.motion in ("growing", "affine"):
             one, other = points.tangents()

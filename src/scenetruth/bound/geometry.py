@@ -59,7 +59,7 @@ class Points:
         }
         return replace(self, **parts)
 
-    def place(self, s: float, s_y: float, t: float) -> Place:
+    def place(self, s: float | Map, s_y: float | Map, t: float | Map) -> Place:
         """Return where the camera at a position shows the points at a time.
 
         Parameters

@@ -48,12 +48,16 @@ class Model:
         Whether there is motion to be known: several frames.
     brightness
         Number of fields of brightness.
+    stereo
+        Whether disparity is unknown and can be seen. Of one camera it is neither: its windows have a flow that is
+        linear in the image, in all of q_X and q_Y.
     """
 
     surface: Surface
     motion: Motion
     moving: bool
     brightness: int
+    stereo: bool = True
 
     @property
     def fields(self) -> int:
@@ -82,7 +86,7 @@ class Model:
         """Return the highest power of the distance that a field has."""
         if field == 0:
             return int(self.surface == "plane")
-        return int(field < FIELDS and self.moving and self.motion != "translation")
+        return int(field < FIELDS and self.moving and (self.motion != "translation" or not self.stereo))
 
 
 def columns_of(model: Model, points: Points) -> Columns:
@@ -100,13 +104,16 @@ def columns_of(model: Model, points: Points) -> Columns:
     list
         d, then its slopes; q_X, q_Y, q_Z; the velocity gradient; the brightness.
     """
+    first = model.parameters - model.brightness
+    if not model.stereo:
+        flow: Columns = [[(MOTION + k, 1.0)] for k in range(2 * _PER_FIELD)]
+        return flow + [[(first + k, 1.0)] for k in range(model.brightness)]
     found: Columns = [[(0, 1.0)]]
     if model.surface == "plane":
         found += [[(1, 1.0)], [(2, 1.0)]]
     if model.moving:
         found += [[(MOTION + _PER_FIELD * k, 1.0)] for k in range(3)]
         found += _gradient(model.motion, points)
-    first = model.parameters - model.brightness
     return found + [[(first + k, 1.0)] for k in range(model.brightness)]
 
 

@@ -11,7 +11,7 @@ from scenetruth.bound.geometry import Points, Views
 from scenetruth.bound.model import Model
 from scenetruth.bound.texture import Layer
 
-__all__ = ["brightness_of", "pair_of", "products_of"]
+__all__ = ["brightness_of", "pair_of", "products_of", "sensitivity"]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -74,7 +74,7 @@ def products_of(points: Points, views: Views, shown: Mask, layers: Sequence[Laye
         for i in range(len(views)):
             if not shown[i, rows].any():
                 continue
-            inverse, moves = _sensitivity(band, views.s[i], views.s_y[i], views.t[i], shown[i, rows])
+            inverse, moves = sensitivity(band, views.s[i], views.s_y[i], views.t[i], shown[i, rows])
             for number, layer in enumerate(layers):
                 t_x, t_y = layer.gradient[:, rows]
                 along = inverse[0] * t_x + inverse[1] * t_y
@@ -96,8 +96,17 @@ def products_of(points: Points, views: Views, shown: Mask, layers: Sequence[Laye
     return found
 
 
-def _sensitivity(points: Points, s: float, s_y: float, t: float, shown: Mask) -> tuple[Map, Map]:
+def sensitivity(points: Points, s: float | Map, s_y: float | Map, t: float | Map, shown: Mask) -> tuple[Map, Map]:
     """Return how an image's gradient follows from the texture's, and how its places follow from disparity and velocity.
+
+    Parameters
+    ----------
+    points
+        The points.
+    s, s_y, t
+        Where and when the image was taken; of several images, arrays that broadcast with those of the points.
+    shown
+        Whether it shows the points.
 
     Returns
     -------

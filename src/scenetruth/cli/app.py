@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from scenetruth import __version__
-from scenetruth.cli import comparing, datasets, experiments, exporting, running, scenes
+from scenetruth.cli import comparing, datasets, design, experiments, exporting, running, scenes
 
 __all__ = ["app", "run_app"]
 
@@ -42,5 +42,5 @@ def _main(
     pass
 
 
-for room in (running, scenes, datasets, exporting, comparing, experiments):
+for room in (running, scenes, datasets, exporting, comparing, design, experiments):
     room.register(app)

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
@@ -14,15 +15,21 @@ from rich.table import Table
 from scenetruth.camera import Frames, Stage
 from scenetruth.cli.console import print_warning
 from scenetruth.errors import MachineError, SceneError, visible
-from scenetruth.resources import Forecast, Limits, Machine
+from scenetruth.resources import Forecast, Limits, Machine, Part
 from scenetruth.scene import Scene
 from scenetruth.scene.check import SceneReport
+
+if TYPE_CHECKING:
+    from scenetruth.design.predict import Prediction
 
 __all__ = ["print_check"]
 
 _MOST_NAMES, _MOST_OBJECTS = 5, 40
 _DAY_S = 86_400.0
 _UNKNOWN = "unknown"
+_MOST_PRECISIONS, _GROWTH, _NO_GROWTH = 3, "Growth", 1e-7
+_NOT_IN_CHECK = ("Slope", "Optical flow", _GROWTH)
+_MOST_PRECISE = "refined"
 
 
 def print_check(scene: Scene, file: Path, limits: Limits) -> None:
@@ -45,7 +52,7 @@ def print_check(scene: Scene, file: Path, limits: Limits) -> None:
     problems = machine_problems(forecast, machine, limits)
     if problems:
         raise MachineError(problems)
-    messages = list(report.warnings)
+    messages = [*report.warnings, *_print_precision(scene, parts)]
     if without := without_interior(glimpse, scene.score.interior_margin_px):
         messages.append(_interior_warning(without, scene.score.interior_margin_px))
     if glimpse.left_out:
@@ -56,6 +63,57 @@ def print_check(scene: Scene, file: Path, limits: Limits) -> None:
     print(
         "the scene is valid" if not messages else f"the scene is valid, with {len(messages)} warnings", file=sys.stdout
     )
+
+
+def _print_precision(scene: Scene, parts: Sequence[Part]) -> list[str]:
+    """Print how precisely depth, motion and growth can be known, and return what that warns of."""
+    from scenetruth.cli.design.predict import precision_rows
+    from scenetruth.design.predict.methods.base import modelled
+    from scenetruth.design.predict.predicting import advise, predict_in_passing
+
+    own = scene.estimate.method
+    try:
+        found = predict_in_passing(scene, parts, own if own in modelled() else _MOST_PRECISE)
+        # Of methods that do not tell growth, nothing is foretold of it; what is possible is.
+        growing = found if found.method == _MOST_PRECISE else predict_in_passing(scene, parts, _MOST_PRECISE)
+    except SceneError as error:
+        # A scene without noise, or without anything that is quickly looked at, may still be made.
+        print(f"precision is not predicted: {'; '.join(map(str, error.problems))}", file=sys.stdout)
+        return []
+    table = Table(title=f"predicted precision per pixel, {found.method}", title_justify="left")
+    for heading in ("", "precision", "there is", "ratio"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    for region in _most_moving(found):
+        name = region.removeprefix("object_")
+        rows = [row for row in precision_rows(found, region) if not row[0].startswith(_NOT_IN_CHECK)]
+        if _grows(growing, region):
+            grown = [row for row in precision_rows(growing, region) if row[0].startswith(_GROWTH)]
+            rows += [(f"{row[0]}, {growing.method}", *row[1:]) for row in grown]
+        for title, precision, there, ratio in rows:
+            table.add_row(*map(visible, (f"'{name}': {title}", precision, there, ratio)))
+    if table.row_count:
+        _console().print(table)
+    for note in found.notes:
+        print(f"note: {visible(note)}", file=sys.stdout)
+    messages = advise(scene, found, parts, painting=False)
+    if growing is not found:
+        messages += advise(scene, growing, parts, painting=False, growth_alone=True)
+    return messages
+
+
+def _most_moving(found: Prediction) -> list[str]:
+    """Return the regions of the objects that move most, the first ones of those that are at rest."""
+    regions = [region for region in found.regions if region.startswith("object_")]
+    quantity = next((name for name in ("velocity_endpoint", "flow_x") if name in found.quantities), None)
+    if quantity is not None:
+        regions.sort(key=lambda region: found.figure(quantity, region).signal or 0.0, reverse=True)
+    return regions[:_MOST_PRECISIONS]
+
+
+def _grows(found: Prediction, region: str) -> bool:
+    if "growth_rate" not in found.quantities or region not in found.regions:
+        return False
+    return (found.figure("growth_rate", region).signal or 0.0) > _NO_GROWTH
 
 
 def _interior_warning(names: Sequence[str], margin_px: float) -> str:

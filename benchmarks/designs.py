@@ -1,0 +1,153 @@
+"""Measure what optimised rigs are worth: against random rigs, against simulations, and with other seeds.
+
+Run it from the top of the repository: ``python -m benchmarks.designs [--random N] [--seeds N] [--folder FOLDER] [GOAL
+...]``. For every goal, the best prediction is held against the best of random rigs that satisfy the constraints; the
+order of the front's simulated rigs against that of their predictions; and the recommended rig is simulated with other
+seeds than those that its interval was made from: the interval should hold 95 % of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenetruth.dataset.engine.each import for_each
+from scenetruth.dataset.engine.workers import workers_of
+from scenetruth.dataset.unfit import versions_here
+from scenetruth.design.optimise import Design, load_goal, optimise
+from scenetruth.design.optimise.confirm.lighter import lighter
+from scenetruth.design.optimise.confirm.measure import Confirmation, simulate_one
+from scenetruth.design.optimise.constraints.facts import Facts
+from scenetruth.design.optimise.goal.prepare import Prepared, prepare
+from scenetruth.design.optimise.rig.build import build
+from scenetruth.design.optimise.search.ledger import Ledger
+from scenetruth.design.predict import Causes, Prediction
+from scenetruth.errors import SceneError
+from scenetruth.scene import scene_from_plain
+
+GOALS = ("leaf_growth", "cube_depth", "sheet_motion")
+FOLDER = Path(__file__).parents[1] / "scenes" / "goals"
+_MOST_DRAWN, _AT_ONCE, _ABOUT = 500, 500, 0.05
+
+
+def random_rigs(file: Path, count: int) -> list[Mapping[str, float]]:
+    """Return predictions of random rigs that satisfy a goal's constraints."""
+    prepared = prepare(load_goal(file))
+    generator = np.random.default_rng(2026)
+    crew = workers_of(2)
+    ledger = Ledger(prepared.task, prepared.space, crew)
+    found: list[Mapping[str, float]] = []
+    drawn = 0
+    try:
+        while len(found) < count and drawn < _MOST_DRAWN * count:
+            points = generator.random((_AT_ONCE, len(prepared.space))).tolist()
+            likely = [point for point in points if _may_hold(prepared, prepared.space.values(point))]
+            drawn += len(points)
+            found += [one.predicted for one in ledger.ask(likely, "random") if one.holds]
+    finally:
+        crew.close()
+    found = found[:count]
+    print(f"  {len(found)} of {drawn:,} random rigs satisfy the constraints", flush=True)
+    return found
+
+
+def _may_hold(prepared: Prepared, values: Mapping[str, Any]) -> bool:
+    """Tell whether a rig satisfies what geometry tells without a prediction; most random rigs do not."""
+    base = prepared.task.base
+    try:
+        built = build(base, values)
+        scene = scene_from_plain(built.plain)
+    except SceneError:
+        return False
+    depth = float(values.get("working_distance_mm", base.depth_mm))
+    nothing = dict.fromkeys((field.name for field in fields(Causes)), math.nan)
+    causes: Any = {**nothing, "depth_mm": depth, "frames": scene.frames.count}
+    causes["window_sigma_px"] = getattr(scene.estimate.settings, "window_sigma_px", math.nan)
+    region = prepared.task.objectives[0].region
+    blank = Prediction("envelope", "", (region,), 1.0, {}, {region: Causes(**causes)})
+    facts = Facts(scene, blank, region, values, built.lens, built.camera, built.stage, built.f_number)
+    told = [one for limit in prepared.task.limits for one in limit.checked(facts)]
+    # What needs a prediction has no value here; depths in the image differ a little from that of the base scene.
+    return all(one.holds or one.margin > -_ABOUT or math.isnan(one.value) for one in told)
+
+
+def against_random(design: Design, rigs: Sequence[Mapping[str, float]]) -> None:
+    """Print the best of the front beside the best of random rigs, and how many of these the front leaves unbeaten."""
+    for one in design.objectives:
+        best = min(rig.predicted[one.title] for rig in design.front)
+        random = min((rig[one.title] for rig in rigs), default=math.nan)
+        print(f"  {one.title}: {best:.4g} {one.unit}, best of random rigs {random:.4g} ({random / best:.2f} times)")
+    titles = [one.title for one in design.objectives]
+    unbeaten = sum(
+        not any(all(rig.predicted[title] <= told[title] for title in titles) for rig in design.front) for told in rigs
+    )
+    print(f"  random rigs that no rig of the front beats in all objectives: {unbeaten} of {len(rigs)}")
+
+
+def order_kept(design: Design) -> None:
+    """Print how many pairs of simulated rigs have the order of their predictions."""
+    told = [rig for rig in design.front if rig.is_confirmed]
+    for one in design.objectives:
+        pairs = [
+            (first.predicted[one.title] < second.predicted[one.title])
+            == (first.simulated[one.title].number < second.simulated[one.title].number)
+            for first, second in combinations([rig for rig in told if one.title in rig.simulated], 2)
+        ]
+        print(f"  {one.title}: {sum(pairs)} of {len(pairs)} pairs of simulated rigs keep their order")
+    for each in design.discrepancies:
+        print(f"  rig {each.rig}: {each.says}")
+
+
+def other_seeds(design: Design, count: int, most_px: int | None, folder: Path) -> None:
+    """Print how many recordings with other seeds lie in the intervals of the recommended rig."""
+    rig = design.recommended
+    light = lighter(scene_from_plain(rig.scene), design.objectives[0].region, most_px)
+    first = int(rig.scene["seed"]) + 1000
+    seeds = tuple(range(first, first + count))
+    versions = tuple(sorted(versions_here().items()))
+    job = Confirmation(str(folder / "simulations"), (light.plain,), seeds, design.objectives, versions)
+    missing = [number for number in range(count) if job.figures(number) is None]
+    for_each(missing, simulate_one, (job,), present=count - len(missing), workers=2, notice=print)
+    for one in design.objectives:
+        told = rig.simulated[one.title]
+        found = [(job.figures(number) or {}).get(one.title, {}).get("rms", math.nan) for number in range(count)]
+        inside = sum(told.low <= figure <= told.high for figure in found)
+        print(f"  {one.title}, {one.unit}, other seeds: {', '.join(f'{figure:.4g}' for figure in found)}")
+        print(f"  {inside} of {count} within {told.low:.4g} to {told.high:.4g}", end="")
+        reached = sum(figure <= (one.wanted or 0.0) for figure in found)
+        print(f"; {reached} within what is wanted, {one.wanted:g}" if one.wanted is not None else "")
+
+
+def main() -> None:
+    """Print all figures, goal by goal."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("goals", nargs="*", metavar="GOAL", help=f"of {', '.join(GOALS)}; all if not given")
+    parser.add_argument("--random", type=int, default=200, help="random rigs")
+    parser.add_argument("--seeds", type=int, default=0, help="other seeds for the recommended rig")
+    parser.add_argument("--folder", type=Path, help="where designs are kept")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        for name in given.goals or GOALS:
+            file = FOLDER / f"{name}.yaml"
+            print(name, flush=True)
+            folder = (given.folder or Path(scratch)) / name
+            design = optimise(file, folder, notice=print)
+            print(f"  seconds: {dict(design.seconds)}")
+            for line in design.words():
+                print(f"  {line}")
+            against_random(design, random_rigs(file, given.random))
+            order_kept(design)
+            if given.seeds and design.recommended.is_confirmed:
+                other_seeds(design, given.seeds, load_goal(file).confirm.most_px, folder)
+
+
+if __name__ == "__main__":
+    main()

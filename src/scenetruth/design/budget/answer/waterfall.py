@@ -1,0 +1,266 @@
+"""The waterfall: how the parts of an error add up, as a picture and as a chart that answers."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scenetruth.design.budget.answer.words import number, unit_words
+from scenetruth.design.budget.confirm.errors import GROWTH
+from scenetruth.placing import write_aside
+from scenetruth.scoring.quantities import title_of
+
+if TYPE_CHECKING:
+    from scenetruth.design.budget.result import Budget
+
+__all__ = ["COLOURS", "DRAWN", "Step", "chart_of", "steps_of", "waterfall_html", "write_waterfall"]
+
+DRAWN = ("depth", "velocity_x", "velocity_z", GROWTH)
+"""The quantities that are drawn."""
+COLOURS = {"images": "#0072B2", "stage": "#D55E00", "calibration": "#009E73", "surface": "#CC79A7"}
+"""Colours of groups of causes that people with colour blindness tell apart (M. Okabe and K. Ito, 2008)."""
+_TITLES = {"images": "images", "stage": "stage and shutter", "calibration": "calibration", "surface": "surface, method"}
+# Of the sum of squares: what is less is drawn together.
+_LEAST = 1e-3
+
+
+@dataclass(frozen=True)
+class Step:
+    """A bar of the waterfall.
+
+    Parameters
+    ----------
+    title
+        What it stands for.
+    group
+        The causes that it belongs to; empty for several.
+    start, end
+        Root of the sum of squares before it and with it.
+    figure
+        The part alone.
+    simulated
+        Whether it was simulated.
+    """
+
+    title: str
+    group: str
+    start: float
+    end: float
+    figure: float
+    simulated: bool
+
+
+def steps_of(found: Budget, quantity: str, region: str = "interior") -> list[Step]:
+    """Return the bars of a waterfall, the largest part first; what is hardly seen is one bar.
+
+    Parts add up by their squares: every bar reaches from the root of the sum before it to that with it.
+
+    Parameters
+    ----------
+    found
+        The budget.
+    quantity, region
+        What and where.
+    """
+    from scenetruth.design.budget.cause import all_causes
+
+    parts = [one for one in found.of(quantity, region) if math.isfinite(one.figure) and one.figure > 0]
+    whole = sum(one.figure**2 for one in parts)
+    steps: list[Step] = []
+    before, small = 0.0, 0.0
+    for one in parts:
+        if one.figure**2 < _LEAST * whole and steps:
+            small += one.figure**2
+            continue
+        after = before + one.figure**2
+        group = all_causes()[one.cause].group
+        sure = math.isfinite(one.simulated) or group == "surface"
+        steps.append(Step(one.title, group, math.sqrt(before), math.sqrt(after), one.figure, sure))
+        before = after
+    if small > 0:
+        count = len(parts) - len(steps)
+        title = f"{count} smaller part{'s' if count > 1 else ''}"
+        steps.append(Step(title, "", math.sqrt(before), math.sqrt(before + small), math.sqrt(small), False))
+    return steps
+
+
+def _drawn(found: Budget, region: str) -> list[str]:
+    there = {one.quantity for one in found.totals if one.region == region}
+    return [quantity for quantity in DRAWN if quantity in there and steps_of(found, quantity, region)]
+
+
+def _heading(quantity: str) -> str:
+    return "Growth" if quantity == GROWTH else title_of(quantity)
+
+
+def write_waterfall(found: Budget, path: Path, region: str = "interior") -> None:
+    """Draw the waterfalls of depth, motion and growth into a PNG.
+
+    Parameters
+    ----------
+    found
+        The budget.
+    path
+        The picture.
+    region
+        Where.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    drawn = _drawn(found, region)
+    steps = {quantity: steps_of(found, quantity, region) for quantity in drawn}
+    heights = [len(one) + 3.2 for one in steps.values()]
+    figure = Figure(figsize=(9.0, 0.34 * sum(heights) + 0.7), layout="constrained", dpi=110)
+    axes = figure.subplots(max(len(drawn), 1), 1, squeeze=False, height_ratios=heights or None)[:, 0]
+    for axis, quantity in zip(axes, drawn, strict=False):
+        _draw(axis, found, quantity, steps[quantity], region)
+    patches = [Patch(color=colour, label=_TITLES[group]) for group, colour in COLOURS.items()]
+    patches.append(Patch(color="#888888", alpha=0.45, label="pale: predicted, not simulated"))
+    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), fontsize=9, frameon=False)
+    with write_aside(path, overwrite=True) as aside:
+        figure.savefig(aside, format="png")
+
+
+def _draw(axis: Any, found: Budget, quantity: str, steps: list[Step], region: str) -> None:
+    """Draw one waterfall."""
+    from matplotlib.ticker import MaxNLocator
+
+    total, last = found.total(quantity, region), len(steps)
+    bars = [(step.start, step.end, COLOURS.get(step.group, "#888888"), step.simulated, step.figure) for step in steps]
+    for place, (start, end, colour, sure, figure) in enumerate(
+        [*bars, (0.0, total.parts, "#444444", True, total.parts)]
+    ):
+        axis.barh(place, end - start, left=start, color=colour, alpha=1.0 if sure else 0.45, height=0.7)
+        # In front of the line, and of what is behind it.
+        axis.annotate(
+            number(figure),
+            (end, place),
+            (6, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=9,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            zorder=5,
+        )
+    if math.isfinite(total.simulated):
+        axis.axvline(total.simulated, color="black", linestyle="--", linewidth=1)
+        axis.annotate(
+            f"everything on, simulated: {number(total.simulated)}",
+            (total.simulated, 1.0),
+            (0, 3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="right",
+            fontsize=9,
+        )
+    axis.set_yticks(range(last + 1), [*(step.title for step in steps), "root of the sum of squares"], fontsize=9)
+    axis.invert_yaxis()
+    axis.set_xlim(0, 1.16 * max(total.parts, total.simulated if math.isfinite(total.simulated) else 0))
+    axis.xaxis.set_major_locator(MaxNLocator(6))
+    axis.set_title(f"{_heading(quantity)}, {unit_words(total.unit)}", loc="left", fontsize=11, pad=14)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+
+
+def chart_of(found: Budget, quantity: str, region: str = "interior") -> dict[str, Any]:
+    """Return a waterfall as plain values, data and layout, that plotly's JavaScript draws.
+
+    Parameters
+    ----------
+    found
+        The budget.
+    quantity, region
+        What and where.
+    """
+    total, steps = found.total(quantity, region), steps_of(found, quantity, region)
+    unit = unit_words(total.unit)
+    titles = [*(step.title for step in steps), "root of the sum of squares"]
+    figures = [*(step.figure for step in steps), total.parts]
+    bar: dict[str, Any] = {
+        "type": "bar",
+        "orientation": "h",
+        "y": titles,
+        "x": [*(step.end - step.start for step in steps), total.parts],
+        "base": [*(step.start for step in steps), 0.0],
+        "marker": {
+            "color": [*(COLOURS.get(step.group, "#888888") for step in steps), "#444444"],
+            "opacity": [*(1.0 if step.simulated else 0.45 for step in steps), 1.0],
+        },
+        "text": [number(one) for one in figures],
+        "textposition": "outside",
+        "cliponaxis": False,
+        "customdata": [
+            f"{number(step.figure)} {unit}, {'simulated' if step.simulated else 'predicted'}" for step in steps
+        ]
+        + [f"{number(total.parts)} {unit}"],
+        "hovertemplate": "%{y}: %{customdata}<extra></extra>",
+        "showlegend": False,
+    }
+    layout: dict[str, Any] = {
+        "title": {"text": f"{_heading(quantity)}, {unit}"},
+        "yaxis": {"autorange": "reversed", "automargin": True},
+        "xaxis": {
+            "rangemode": "tozero",
+            "exponentformat": "none",
+            "title": {"text": f"root of the sum of squares so far, {unit}"},
+        },
+        "height": 150 + 32 * len(titles),
+        "margin": {"t": 60},
+    }
+    if math.isfinite(total.simulated):
+        layout["shapes"] = [
+            {
+                "type": "line",
+                "x0": total.simulated,
+                "x1": total.simulated,
+                "y0": 0,
+                "y1": 1,
+                "yref": "paper",
+                "layer": "below",
+                "line": {"dash": "dash", "width": 1.5, "color": "#000000"},
+            }
+        ]
+        layout["annotations"] = [
+            {
+                "x": total.simulated,
+                "y": 1,
+                "yref": "paper",
+                "yanchor": "bottom",
+                "text": f"everything on, simulated: {number(total.simulated)}",
+                "showarrow": False,
+            }
+        ]
+    return {"data": [bar], "layout": layout}
+
+
+def waterfall_html(found: Budget, region: str = "interior") -> str:
+    """Return the waterfalls as a fragment of HTML, for a page that has plotly's JavaScript already.
+
+    Parameters
+    ----------
+    found
+        The budget.
+    region
+        Where.
+    """
+    from markupsafe import escape
+
+    pieces = []
+    for quantity in _drawn(found, region):
+        chart = chart_of(found, quantity, region)
+        told = "; ".join(f"{step.title} {number(step.figure)}" for step in steps_of(found, quantity, region))
+        total = found.total(quantity, region)
+        alt = f"{_heading(quantity)}, {unit_words(total.unit)}: {told}; together {number(total.parts)}."
+        name = f"waterfall-{quantity}"
+        # Within a script, nothing may end it.
+        plain = json.dumps(chart, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
+        pieces.append(
+            f'<div id="{name}" role="img" aria-label="{escape(alt)}"></div>\n'
+            f'<script>(function () {{ const chart = {plain}; Plotly.newPlot("{name}", chart.data, chart.layout, '
+            f"{{responsive: true, displaylogo: false}}); }})();</script>"
+        )
+    return "\n".join(pieces)

@@ -1,0 +1,1 @@
+"""Causes in what an estimate is told of its camera."""

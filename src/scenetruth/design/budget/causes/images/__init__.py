@@ -1,0 +1,1 @@
+"""Causes in images: the sensor, the lens, the light."""

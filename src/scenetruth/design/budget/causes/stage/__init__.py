@@ -1,0 +1,1 @@
+"""Causes in where and when images are taken: the stage, the scan, the shutter."""

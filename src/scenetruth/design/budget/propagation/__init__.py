@@ -1,0 +1,1 @@
+"""Models of methods: the errors of their estimates, linear in what is wrong with the images."""

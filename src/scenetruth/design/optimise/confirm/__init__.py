@@ -1,0 +1,1 @@
+"""The confirmation: the best rigs simulated, estimated and scored, with several seeds."""

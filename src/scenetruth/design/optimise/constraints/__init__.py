@@ -1,0 +1,1 @@
+"""What a rig must satisfy: one module per constraint, found by itself."""

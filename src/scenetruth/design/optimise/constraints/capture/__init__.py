@@ -1,0 +1,1 @@
+"""What constraints on the capture measure: times, light, motion, data."""

@@ -1,0 +1,1 @@
+"""What constraints on the hardware measure: travel, stage errors, prices."""

@@ -1,0 +1,1 @@
+"""What constraints on sight measure: distances, fields, blur, disparity, texture."""

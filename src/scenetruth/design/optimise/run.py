@@ -1,0 +1,301 @@
+"""Makes a design: predictions by the thousand, the front, simulations of the best; goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scenetruth.dataset.engine.workers import Workers, workers_of
+from scenetruth.dataset.unfit import versions_here
+from scenetruth.design.optimise.answer.assumptions import assumptions_of
+from scenetruth.design.optimise.answer.infeasible import refuse_unmet
+from scenetruth.design.optimise.answer.rules import rules_of
+from scenetruth.design.optimise.answer.write import write_design
+from scenetruth.design.optimise.confirm.confirm import Confirmed, confirmed
+from scenetruth.design.optimise.goal.load import goal_from_plain, load_goal
+from scenetruth.design.optimise.goal.prepare import Prepared, prepare
+from scenetruth.design.optimise.goal.spec import Goal
+from scenetruth.design.optimise.result import Design, Rig, Sensitivity
+from scenetruth.design.optimise.rig.build import build
+from scenetruth.design.optimise.rig.evaluate import Evaluation, facts_of, predicted
+from scenetruth.design.optimise.rig.rigs import rig_of, ten_percent_of
+from scenetruth.design.optimise.search.budget import shares_of
+from scenetruth.design.optimise.search.front import best_of, front_of, thinned, with_alternatives
+from scenetruth.design.optimise.search.last_steps import last_steps
+from scenetruth.design.optimise.search.ledger import Ledger
+from scenetruth.design.optimise.search.libraries import require_libraries
+from scenetruth.design.optimise.search.sensitivity import Effects, effects_of
+from scenetruth.design.optimise.search.trials import search_by_trials
+from scenetruth.errors import OutputExistsError, StoreError
+from scenetruth.placing import hold, sweep_inside, write_aside
+from scenetruth.plain import parse_json
+from scenetruth.progress import Progress
+from scenetruth.scene import scene_from_plain
+from scenetruth.schema import digest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["INDEX", "optimise"]
+
+INDEX = "goal.json"
+"""What a folder of a design is known by."""
+_PREDICTIONS = "predictions.jsonl"
+_MOST_SHOWN = 24
+
+
+def optimise(
+    goal: Goal | Mapping[str, Any] | str | Path,
+    folder: str | Path | None = None,
+    *,
+    workers: int = 2,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> Design:
+    """Find the rig that knows best what is to be known, within constraints.
+
+    Predictions from theory screen thousands of rigs: an even design, a search by Optuna, steps around the best, and
+    analyses of sensitivity. The best of the front are simulated, estimated and scored with several seeds; the
+    recommended rig is the best of these. What is done stays in the folder: an interrupted design goes on where it was,
+    and comes to the same end.
+
+    Parameters
+    ----------
+    goal
+        The goal, its plain values, or its file.
+    folder
+        Where the answer is kept: the page ``index.html``, ``recommended.yaml``, ``front.csv``, ``screened.csv``,
+        ``design.json``. If not given, nothing is kept.
+    workers
+        Processes of this machine, of one thread each; 0 does all in this one.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Design
+        The recommended rig, the front, and what stands behind them.
+
+    Raises
+    ------
+    RecipeError
+        If the goal cannot be followed, or no rig meets its constraints; lists all that is wrong.
+    MachineError
+        If Optuna or SALib is not installed.
+    OutputExistsError
+        If the folder holds something else.
+
+    See Also
+    --------
+    predict : The precision of one scene.
+    sweep : Simulations over whatever varies.
+    """
+    require_libraries()
+    known = goal if isinstance(goal, Goal) else _goal(goal)
+    prepared = prepare(known)
+    say = notice or (lambda _: None)
+    with ExitStack() as stack:
+        if folder is None:
+            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
+        else:
+            place = Path(folder)
+            _begin(place, known, prepared)
+            stack.enter_context(hold(place / "run"))
+            sweep_inside(place / "simulations")
+        run = _Run(known, prepared, place, progress, say)
+        crew = workers_of(workers)
+        try:
+            run.search(crew)
+        finally:
+            crew.close()
+        design = run.answer(workers)
+        if folder is not None:
+            design = replace(design, folder=place)
+            with run.timed("page"):
+                write_design(design, place)
+    return design
+
+
+def _goal(given: Mapping[str, Any] | str | Path) -> Goal:
+    return goal_from_plain(given) if isinstance(given, Mapping) else load_goal(given)
+
+
+def _begin(folder: Path, goal: Goal, prepared: Prepared) -> None:
+    """Claim a folder for a design."""
+    index = folder / INDEX
+    key = _key(prepared)
+    if index.exists():
+        try:
+            same = parse_json(index.read_bytes())["key"] == key
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise StoreError(index, f"is damaged: {error}; remove the folder, or choose another") from error
+        if not same:
+            message = "is of a design with another scene, other constraints or objectives; choose another folder"
+            raise OutputExistsError(folder, message)
+        return
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise OutputExistsError(folder, "exists, and is no folder of a design; choose another")
+    (folder / "simulations").mkdir(parents=True, exist_ok=True)
+    with write_aside(index) as aside:
+        told = {"format": 1, "key": key, "title": goal.title}
+        aside.write_text(json.dumps(told, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _key(prepared: Prepared) -> str:
+    """Return a hash of all that predictions depend on."""
+    task = prepared.task
+    depends = {
+        "scene": task.base.plain,
+        "places": task.base.places,
+        "light": None if task.base.light is None else task.base.light.model_dump(),
+        "entries": {kind: {k: v.model_dump() for k, v in task.base.entries.of(kind).items()} for kind in _KINDS},
+        "limits": [one.model_dump() for one in task.limits],
+        "objectives": [(one.quantity, one.region) for one in task.objectives],
+        "method": task.method,
+        "versions": versions_here(),
+    }
+    return digest(json.loads(json.dumps(depends, default=str)))
+
+
+_KINDS = ("lens", "camera", "stage")
+
+
+@dataclass
+class _Run:
+    """A design in the making."""
+
+    goal: Goal
+    prepared: Prepared
+    folder: Path
+    progress: Progress | None
+    say: Callable[[str], None]
+    seconds: dict[str, float] = field(default_factory=dict)
+    found: list[Evaluation] = field(default_factory=list)
+    phases: list[str] = field(default_factory=list)
+    effects: Effects = field(default_factory=lambda: Effects({}, {}, (0.0, 0.0)))
+
+    @contextmanager
+    def timed(self, what: str) -> Iterator[None]:
+        """Measure how long something takes."""
+        start = time.perf_counter()
+        yield
+        self.seconds[what] = round(time.perf_counter() - start, 2)
+
+    def search(self, crew: Workers) -> None:
+        """Make all predictions."""
+        from scipy.stats import qmc
+
+        space, objectives, search = self.prepared.space, self.prepared.task.objectives, self.goal.search
+        shares = shares_of(search, len(space))
+        file = self.folder / _PREDICTIONS
+        ledger = Ledger(self.prepared.task, space, crew, file, self.progress, search.predictions)
+        try:
+            with self.timed("even design"):
+                points = qmc.Sobol(len(space), seed=np.random.default_rng(search.seed)).random(shares.even)
+                ledger.ask(points.tolist(), "even design")
+            with self.timed("search"):
+                search_by_trials(ledger, space, objectives, shares.search, search.seed)
+                refuse_unmet(self.goal, ledger.evaluations)
+                last_steps(ledger, space, objectives, shares.last, search.seed)
+            with self.timed("sensitivity"):
+                self.effects = effects_of(ledger, space, objectives, shares.morris, shares.sobol, search.seed)
+        finally:
+            ledger.close()
+        self.found, self.phases = ledger.evaluations, ledger.phases
+
+    def answer(self, workers: int) -> Design:
+        """Simulate the best, and put all together."""
+        space, task = self.prepared.space, self.prepared.task
+        front = front_of(self.found, task.objectives)
+        first = best_of([self.found[number].predicted for number in front], task.objectives)
+        shown = self._thinned(front, _MOST_SHOWN, first)
+        shown = with_alternatives(self.found, task.objectives, space, shown)
+        rigs = [rig_of(number, self.found[number], self.prepared) for number in shown]
+        confirm = self.goal.confirm
+        # Alternatives are simulated where the front is not enough.
+        wanted = set([*self._thinned(shown[: len(front)], confirm.rigs, 0), *shown[len(front) :]][: confirm.rigs])
+        chosen = [rig for rig in rigs if rig.number in wanted]
+        with self.timed("simulations"):
+            simulated = confirmed(
+                chosen, self.prepared, confirm, self.folder, workers, progress=self.progress, notice=self.say
+            )
+        by_number = {rig.number: simulated.rigs.get(rig.number, rig) for rig in rigs}
+        recommended = self._recommended(list(by_number.values()), simulated)
+        ordered = sorted(by_number.values(), key=lambda rig: [rig.predicted[one.title] for one in task.objectives])
+        one = self.found[recommended.number]
+        scene = scene_from_plain(recommended.scene)
+        facts = facts_of(task, build(task.base, one.values), scene, predicted(scene, task.method), one.values)
+        assert facts is not None
+        with self.timed("ten percent"):
+            sensitivities = self._sensitivities(one)
+        return Design(
+            goal=self.goal.model_dump(mode="json", by_alias=True),
+            title=self.goal.title,
+            objectives=task.objectives,
+            recommended=recommended,
+            front=tuple(ordered),
+            screened=self._screened(),
+            sensitivities=sensitivities,
+            rules=rules_of(facts),
+            assumptions=assumptions_of(self.goal, facts, simulated.changes, self.effects.left_out, sensitivities),
+            discrepancies=simulated.discrepancies,
+            seconds=self.seconds,
+        )
+
+    def _thinned(self, numbers: list[int], count: int, first: int) -> list[int]:
+        """Return some rigs: that at a place first, then those far from each other; with one objective, the best."""
+        objectives = self.prepared.task.objectives
+        if len(objectives) == 1 or not count:
+            return numbers[:count]
+        logs = np.log([[self.found[number].predicted[one.title] for one in objectives] for number in numbers])
+        return [numbers[place] for place in thinned(logs, count, first)]
+
+    def _recommended(self, rigs: list[Rig], simulated: Confirmed) -> Rig:
+        """Return the best of the rigs that were simulated, as the simulations tell; else as predicted."""
+        objectives = self.prepared.task.objectives
+        told = [rig for rig in rigs if all(one.title in rig.simulated for one in objectives)]
+        if told:
+            figures = [{one.title: rig.simulated[one.title].number for one in objectives} for rig in told]
+            return told[best_of(figures, objectives)]
+        if simulated.rigs:
+            self.say("no simulation told all objectives; the recommended rig is that of the predictions")
+        return rigs[best_of([rig.predicted for rig in rigs], objectives)]
+
+    def _sensitivities(self, one: Evaluation) -> tuple[Sensitivity, ...]:
+        space, task = self.prepared.space, self.prepared.task
+        more = ten_percent_of(one, self.prepared)
+        nothing = (math.nan, math.nan)
+        found = []
+        for objective in task.objectives:
+            for name in space.names:
+                key = (objective.title, name)
+                morris, sobol = self.effects.morris.get(key, nothing), self.effects.sobol.get(key, nothing)
+                found.append(Sensitivity(name, objective.title, *morris, *sobol, more.get(key, math.nan)))
+        return tuple(found)
+
+    def _screened(self) -> pd.DataFrame:
+        import pandas as pd
+
+        rows = [
+            {
+                **one.values,
+                **one.predicted,
+                "holds": one.holds,
+                "excess": one.excess,
+                "phase": phase,
+                "problem": one.problem,
+            }
+            for one, phase in zip(self.found, self.phases, strict=True)
+        ]
+        return pd.DataFrame(rows)

@@ -1,0 +1,1 @@
+"""The search: predictions by the thousand, what parameters do, and the front."""

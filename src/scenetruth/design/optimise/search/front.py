@@ -1,0 +1,159 @@
+"""The front: rigs of which no other is better in every objective; which of them is recommended, which are shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.design.optimise.parts import Objective
+from scenetruth.design.optimise.rig.evaluate import Evaluation
+from scenetruth.design.optimise.rig.space import Space
+
+__all__ = ["best_of", "front_of", "ratios", "thinned", "with_alternatives"]
+
+Array = NDArray[np.float64]
+
+_APART = 0.2
+"""Rigs are other rigs if a parameter differs by this share of its range, or a choice is another."""
+_MOST_FACTOR = 3.0
+
+
+def front_of(found: Sequence[Evaluation], objectives: Sequence[Objective]) -> list[int]:
+    """Return the numbers of the rigs on the front, by the first objective; with one objective, of its best.
+
+    Parameters
+    ----------
+    found
+        All rigs.
+    objectives
+        What is to be known.
+    """
+    held = [number for number, one in enumerate(found) if one.holds]
+    if not held:
+        return []
+    worths = np.log([[found[number].predicted[one.title] for one in objectives] for number in held])
+    kept: list[int] = []
+    for k in np.lexsort(worths.T[::-1]):
+        if not any((worths[other] <= worths[k]).all() for other in kept):
+            kept.append(int(k))
+    return [held[k] for k in kept]
+
+
+def with_alternatives(
+    found: Sequence[Evaluation], objectives: Sequence[Objective], space: Space, front: Sequence[int], count: int = 6
+) -> list[int]:
+    """Return the front, and if it has few rigs, the best of those that differ from it and from each other.
+
+    Parameters
+    ----------
+    found
+        All rigs.
+    objectives, space
+        What is designed.
+    front
+        Numbers of the rigs on the front.
+    count
+        How many rigs are wanted.
+
+    Returns
+    -------
+    list of int
+        Numbers, those of the front first; none of a rig whose worst factor is three times that of the best.
+    """
+    chosen = list(front)
+    least = {one.title: min(found[number].predicted[one.title] for number in front) for one in objectives}
+    worths = {
+        number: max(one.predicted[each.title] / least[each.title] for each in objectives)
+        for number, one in enumerate(found)
+        if one.holds
+    }
+    end = _MOST_FACTOR * min(worths[number] for number in front)
+    places = [space.point(found[number].values) for number in chosen]
+    for number in sorted(worths, key=lambda number: worths[number]):
+        if len(chosen) >= count or worths[number] > end:
+            break
+        place = space.point(found[number].values)
+        if all(_differ(place, other, space) for other in places):
+            chosen.append(number)
+            places.append(place)
+    return chosen
+
+
+def _differ(one: Sequence[float], other: Sequence[float], space: Space) -> bool:
+    return any(
+        (parameter.choices and a != b) or abs(a - b) > _APART
+        for a, b, parameter in zip(one, other, space.parameters, strict=True)
+    )
+
+
+def ratios(figures: Mapping[str, float], objectives: Sequence[Objective], least: Mapping[str, float]) -> list[float]:
+    """Return how far a rig is from what is wanted, or from the best that there is: factors, one for each objective.
+
+    Parameters
+    ----------
+    figures
+        Of the rig, by objective's title.
+    objectives
+        What is to be known.
+    least
+        The least figure of each objective on the front.
+    """
+    return [figures[one.title] / (one.wanted if one.wanted is not None else least[one.title]) for one in objectives]
+
+
+def best_of(figures: Sequence[Mapping[str, float]], objectives: Sequence[Objective]) -> int:
+    """Return the number of the rig to recommend: the one whose worst factor is least, then their product.
+
+    Parameters
+    ----------
+    figures
+        Figures of rigs, by objective's title; not finite where there are none.
+    objectives
+        What is to be known.
+    """
+    least = {
+        one.title: min((each[one.title] for each in figures if math.isfinite(each[one.title])), default=math.inf)
+        for one in objectives
+    }
+
+    def worth(number: int) -> tuple[float, float]:
+        told = ratios(figures[number], objectives, least)
+        finite = all(math.isfinite(one) for one in told)
+        return (max(told), math.prod(told)) if finite else (math.inf, math.inf)
+
+    return min(range(len(figures)), key=worth)
+
+
+def thinned(figures: Array, count: int, first: int) -> list[int]:
+    """Return some points of a front that are far from each other, ends first.
+
+    Parameters
+    ----------
+    figures
+        Logarithms of the objectives, shape (points, objectives).
+    count
+        How many.
+    first
+        Number of one that must be among them.
+
+    Returns
+    -------
+    list of int
+        Numbers of points, that one first.
+    """
+    spread = np.ptp(figures, axis=0)
+    scaled = figures / np.where(spread > 0, spread, 1.0)
+    chosen = [first]
+    ends = [int(np.argmin(figures[:, k])) for k in range(figures.shape[1])]
+    while len(chosen) < min(count, len(figures)):
+        left = [k for k in ends if k not in chosen]
+        if left and figures.shape[1] > 1:
+            chosen.append(left[0])
+            continue
+        away = np.min([np.abs(scaled - scaled[k]).max(axis=1) for k in chosen], axis=0)
+        away[chosen] = -1.0
+        chosen.append(int(np.argmax(away)))
+    return chosen

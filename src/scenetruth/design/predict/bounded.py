@@ -1,0 +1,116 @@
+"""Precision in seconds: the bound from one rendered image and the exact truth, as maps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.bound.model import Motion
+from scenetruth.design.predict.methods.base import Setup, modelled, setup_of
+from scenetruth.design.predict.prediction import Prediction
+from scenetruth.design.predict.regions import figures_of, quantities_of, regions_of
+from scenetruth.design.predict.rendered import Rendered, rendered
+from scenetruth.scene import Scene
+from scenetruth.schema import COMPONENTS
+
+__all__ = ["bounded"]
+
+Array = NDArray[np.float64]
+
+_NOTHING_PX = 1e3
+_DIMS = {"slope": "slope_component", "flow": "image_component", "velocity": "component"}
+_UNITS = {
+    "disparity": "px/step",
+    "depth": "mm",
+    "slope": "1",
+    "flow": "px/frame",
+    "velocity": "mm/frame",
+    "growth_rate": "1/frame",
+}
+
+
+def bounded(
+    scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | None, envelope: Prediction
+) -> Prediction:
+    """Predict the precision of a scene from an image without noise; see `predict`.
+
+    Parameters
+    ----------
+    scene, method, window_sigma_px, motion
+        As of `predict`.
+    envelope
+        The prediction from geometry and spectra: it tells what went into this one, and what noise that stays with the
+        pixels costs.
+    """
+    setup = setup_of(scene, method, window_sigma_px, motion)
+    frames = setup.scene.frames.model_copy(update={"count": len(np.unique(setup.views.t))})
+    # Rows that are exposed one after the other would have to be rendered one by one.
+    shutter = setup.scene.shutter.model_copy(update={"readout_time_s": 0.0})
+    setup = replace(setup, scene=setup.scene.model_copy(update={"frames": frames, "shutter": shutter}))
+    made = rendered(setup.scene)
+    with np.errstate(all="ignore"):
+        std = modelled()[method].from_images(setup, made)
+    std = _told(std)
+    truth = made.truth.sel(t=0)
+    body = np.where(np.isfinite(truth["depth"].values), truth["object_id"].values, -1).astype(np.int64)
+    interior = truth["boundary_distance"].values >= scene.score.interior_margin_px
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = -truth["normal"].values[:2] / truth["normal"].values[2]
+    regions = regions_of(made.names, body, interior)
+    named = {
+        quantity: values * envelope.pattern_cost.get(quantity, 1.0)
+        for quantity, values in quantities_of(std, slopes).items()
+    }
+    figures = figures_of(named, _signals(truth, setup), regions, np.ones(body.shape), envelope.frame_interval_s)
+    causes = {region: envelope.by_region.get(region, envelope.causes) for region in regions}
+    return replace(
+        envelope,
+        level="bound",
+        regions=tuple(regions),
+        figures=figures,
+        by_region=causes,
+        maps=_maps(std, truth, envelope, made),
+    )
+
+
+def _told(std: dict[str, Array]) -> dict[str, Array]:
+    """Return maps without what only the rounding of images tells: places that are known to many pixels."""
+    for name in ("disparity", "flow.0"):
+        if name in std:
+            unknown = std[name] > _NOTHING_PX
+            return {each: np.where(unknown, np.nan, values) for each, values in std.items()}
+    return std
+
+
+def _signals(truth: xr.Dataset, setup: Setup) -> dict[str, Array]:
+    if not setup.sees_motion:
+        return {}
+    found = {f"flow_{axis}": truth["flow"].values[k] for k, axis in enumerate("xy")}
+    found |= {f"velocity_{axis}": truth["velocity"].values[k] for k, axis in enumerate("xyz")}
+    found["velocity_endpoint"] = np.linalg.norm(truth["velocity"].values, axis=0)
+    return {**found, "growth_rate": truth["growth_rate"].values}
+
+
+def _maps(std: dict[str, Array], truth: xr.Dataset, envelope: Prediction, made: Rendered) -> xr.Dataset:
+    """Return the maps with names, coordinates and units."""
+    found = xr.Dataset(coords={dim: (dim, truth[dim].values) for dim in ("y", "x")})
+    for name, unit in _UNITS.items():
+        parts = {key: values for key, values in std.items() if key.partition(".")[0] == name}
+        if not parts:
+            continue
+        attrs = {"units": unit, "long_name": f"predicted standard deviation of {name.replace('_', ' ')}"}
+        if name in _DIMS:
+            dim = _DIMS[name]
+            found = found.assign_coords({dim: list(COMPONENTS[dim])})
+            cost = [envelope.pattern_cost.get(f"{name}_{axis}".lower(), 1.0) for axis in "xyz"[: len(parts)]]
+            stacked = np.stack(list(parts.values())) * np.array(cost)[:, None, None]
+            found[f"{name}_std"] = ((dim, "y", "x"), stacked, attrs)
+        else:
+            found[f"{name}_std"] = (("y", "x"), parts[name] * envelope.pattern_cost.get(name, 1.0), attrs)
+    noise = np.hypot(made.noise_map, made.pattern_map)
+    attrs = {"units": "1", "long_name": "noise of a grey value, of full scale"}
+    found["noise_std"] = (("y", "x"), noise, attrs)
+    return found

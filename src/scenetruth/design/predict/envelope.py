@@ -1,0 +1,167 @@
+"""Precision in milliseconds: some points of the scene, the spectrum of their texture, and nothing rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.bound.model import Motion
+from scenetruth.design.predict.look import Look, look_at
+from scenetruth.design.predict.methods.base import Setup, modelled, setup_of
+from scenetruth.design.predict.prediction import Causes, Prediction
+from scenetruth.design.predict.regions import figures_of, quantities_of, regions_of, weighted_median
+from scenetruth.design.predict.seen import Seen, flow_of, seen_of
+from scenetruth.design.predict.textures.base import spectra
+from scenetruth.errors import Problem, SceneError
+from scenetruth.resources import Part
+from scenetruth.scene import Scene
+
+__all__ = ["envelope", "noise_problems"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_MOST_NAMES = 3
+
+
+def envelope(
+    scene: Scene,
+    method: str,
+    window_sigma_px: float | None,
+    motion: Motion | None,
+    parts: Sequence[Part],
+    folder: Path = Path(),
+    *,
+    painting: bool = True,
+) -> Prediction:
+    """Predict the precision of a scene from points and spectra; see `predict`.
+
+    Parameters
+    ----------
+    scene, method, window_sigma_px, motion
+        As of `predict`.
+    parts
+        The objects of the scene.
+    folder
+        Where relative paths in the scene count from.
+    painting
+        Whether textures without an exact formula are painted, which takes seconds once and loads compiled code. If
+        not, what is known of them counts, and objects of whose texture nothing is known are left out.
+    """
+    setup = setup_of(scene, method, window_sigma_px, motion)
+    look = look_at(setup.scene, parts, folder)
+    unknown: list[str] = []
+    if not painting:
+        kinds = {part.item.name: part.item.texture.kind for part in parts}
+        unknown = [name for name in look.names if kinds[name] not in spectra()]
+        look = look.of([number for number, name in enumerate(look.names) if name not in unknown])
+    if not len(look):
+        message = "the reference camera sees none of them at the reference frame"
+        raise SceneError([Problem("objects", message)])
+    seen = seen_of(setup.scene, look, parts, folder, painting=painting)
+    problems = noise_problems(scene, seen.noise)
+    if problems:
+        raise SceneError(problems)
+    slopes = _slopes(look)
+    with np.errstate(all="ignore"):
+        std = quantities_of(modelled()[method].from_spectrum(setup, look, seen), slopes)
+        cost: dict[str, float] = {}
+        if (seen.pattern > 0).any():
+            without = replace(seen, pattern=np.zeros_like(seen.pattern))
+            less = quantities_of(modelled()[method].from_spectrum(setup, look, without), slopes)
+            cost = {name: _median_ratio(std[name], less[name]) for name in std}
+            # The same at all points: that of single points scatters by the waves that stand for their texture.
+            std = {name: cost[name] * values for name, values in less.items()}
+    regions = regions_of(look.names, look.body, look.far_from_edges(scene.score.interior_margin_px))
+    interval = scene.frames.frame_interval_s
+    figures = figures_of(std, signals_of(setup, look), regions, look.share, interval)
+    told = _causes_of_points(look, seen)
+    causes = {region: _causes(setup, told, mask, look.share) for region, mask in regions.items()}
+    notes = _notes(scene, look, unknown, painting=painting)
+    return Prediction("envelope", method, tuple(regions), interval, figures, causes, None, notes, cost)
+
+
+def _median_ratio(one: Array, other: Array) -> float:
+    known = np.isfinite(one) & np.isfinite(other) & (other > 0)
+    return float(np.median(one[known] / other[known])) if known.any() else 1.0
+
+
+def noise_problems(scene: Scene, noise: Array) -> list[Problem]:
+    """Return why nothing can be said of a sensor."""
+    if (noise > 0).all():
+        return []
+    message = "has no noise, so that nothing limits precision: give it noise_std, or bit_depth"
+    return [Problem("sensor", message, scene.sensor if isinstance(scene.sensor, str) else scene.sensor.kind)]
+
+
+def signals_of(setup: Setup, look: Look) -> dict[str, Array]:
+    """Return the motion and growth of points, by quantity."""
+    if not setup.sees_motion:
+        return {}
+    flow = flow_of(look)
+    velocity = look.points.q * setup.scene.stage.baseline_mm
+    found = {f"flow_{axis}": flow[:, k] for k, axis in enumerate("xy")}
+    found |= {f"velocity_{axis}": velocity[k] for k, axis in enumerate("xyz")}
+    return {**found, "velocity_endpoint": np.linalg.norm(velocity, axis=0), "growth_rate": look.growth}
+
+
+def _slopes(look: Look) -> Array:
+    # A plane n · P = c has dZ/dX = -n_X / n_Z.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-look.normals[:, :2].T / look.normals[:, 2])
+
+
+def _causes_of_points(look: Look, seen: Seen) -> dict[str, Array]:
+    along, down = (np.sqrt((seen.variance * seen.response[..., k] ** 2).sum(axis=1)) for k in range(2))
+    contrast, whole = (np.sqrt(each.sum(axis=1)) for each in (seen.variance, seen.surface_variance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wavelength = np.where(contrast > 0, 2 * np.pi * contrast / np.hypot(along, down), np.inf)
+        left = np.where(whole > 0, contrast / whole, 0.0)
+    return {
+        "noise_std": seen.noise,
+        "pattern_std": seen.pattern,
+        "grey_level": seen.level,
+        "contrast": contrast,
+        "gradient_x": along,
+        "gradient_y": down,
+        "transfer": left,
+        "wavelength_px": wavelength,
+        "disparity_px": np.abs(look.points.d),
+        "depth_mm": look.depth_mm,
+        "flow_px": np.hypot(*flow_of(look).T),
+        "blur_px": seen.blur_px,
+    }
+
+
+def _causes(setup: Setup, told: Mapping[str, Array], mask: Mask, share: Array) -> Causes:
+    return Causes(
+        **{name: weighted_median(values[mask], share[mask]) for name, values in told.items()},
+        window_sigma_px=setup.window_sigma_px,
+        motion=setup.motion,
+        positions=len(np.unique(np.stack([setup.views.s, setup.views.s_y]), axis=1).T),
+        frames=len(np.unique(setup.views.t)),
+    )
+
+
+def _notes(scene: Scene, look: Look, unknown: Sequence[str], *, painting: bool) -> tuple[str, ...]:
+    """Return what is not in a prediction, in words."""
+    seen = {look.names[number] for number in np.unique(look.body)}
+    veined = [item.name for _, item in scene.parts if item.name in seen and not _is_exact(item.texture.kind)]
+    names = ", ".join(veined[:_MOST_NAMES]) + (" and others" if len(veined) > _MOST_NAMES else "")
+    found: Mapping[str, bool] = {
+        f"not looked at, for their files take long to read: {', '.join(look.left_out)}": bool(look.left_out),
+        f"not looked at, for their textures must be painted first: {', '.join(unknown)}": bool(unknown),
+        f"veins are left out, so that more can be known of: {names}": bool(veined) and not painting,
+        "the lens is taken for one without distortion": scene.camera.distortion is not None,
+        "errors of the stage are no noise, and not in it": scene.stage.errors is not None,
+        "shadows are left out": scene.lighting.lit and scene.lighting.shadows and bool(scene.lighting.lights),
+    }
+    return tuple(words for words, holds in found.items() if holds)
+
+
+def _is_exact(kind: str) -> bool:
+    return kind not in spectra() or spectra()[kind].exact

@@ -1,0 +1,312 @@
+"""A scene as the reference camera sees it in passing: some surface points, how they lie, move and are lit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.bound.geometry import Points
+from scenetruth.design.predict.grey import irradiance_of
+from scenetruth.design.predict.raster import picture_of, pieces_of
+from scenetruth.resources import Part
+from scenetruth.scene import Scene
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.motion import PointMap
+from scenetruth.scene.nodal import NodalModel
+from scenetruth.scene.surface.start import Start, start_of
+from scenetruth.scene.world import maps_of
+
+__all__ = ["Look", "look_at"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+# Along the longer side of the picture, and points on it.
+_PICTURE_PX, _MOST_POINTS, _FEWEST_POINTS = 96, 240, 16
+# Neighbouring triangles of a coarse mesh that differ by more are an edge.
+_EDGE_DEG = 30.0
+# Pixels so near the end of a piece of surface do not count, as in the Cramér-Rao bound.
+_LOST_PX = 2.5
+_HALF_FRAME = 0.5
+# Numbers that no piece has; -1 is where nothing is seen.
+_LOST, _OUTSIDE = -2, -3
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Points on the surfaces that the reference camera sees at the reference frame.
+
+    Parameters
+    ----------
+    points
+        Where they are, how their surface is turned, and how they move.
+    depth_mm, normals
+        Their depths, shape (n,), and unit normals towards the camera, shape (n, 3).
+    body
+        Their objects, numbers of `names`, shape (n,).
+    names
+        Names of the objects.
+    share
+        Pixels of the image for which each stands, shape (n,).
+    chart
+        How the place on the surface in mm changes per px along x and y, shape (n, 2, 2): chart by pixel.
+    light
+        By what factor each is brighter than its texture.
+    growth
+        Growth rate of the area around each, per frame, shape (n,).
+    piece, step_px, first_px
+        A picture of the pieces of surface, shape (rows, columns); the distance of its pixels in those of the camera;
+        and where its first one stands from the principal point (x, y).
+    left_out
+        Names of objects that were not looked at: their files take long to read.
+    """
+
+    points: Points
+    depth_mm: Array
+    normals: Array
+    body: Numbers
+    names: tuple[str, ...]
+    share: Array
+    chart: Array
+    light: Array
+    growth: Array
+    piece: Numbers
+    step_px: float
+    first_px: tuple[float, float]
+    left_out: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.body)
+
+    def piece_at(self, x_px: Array, y_px: Array) -> Numbers:
+        """Return the pieces at places from the principal point; negative where nothing is seen, and outside."""
+        return _at(self.piece, *self._places(x_px, y_px))
+
+    def _places(self, x_px: Array, y_px: Array) -> tuple[Numbers, Numbers]:
+        """Return rows and columns of the picture."""
+        column, row = (
+            np.rint((each - first) / self.step_px).astype(np.int64)
+            for each, first in zip((x_px, y_px), self.first_px, strict=True)
+        )
+        return row, column
+
+    def of(self, bodies: Sequence[int]) -> Look:
+        """Return the points of some objects alone."""
+        kept = np.isin(self.body, bodies)
+        names = ("depth_mm", "normals", "body", "share", "chart", "light", "growth")
+        parts: dict[str, Any] = {name: getattr(self, name)[kept] for name in names}
+        return replace(self, points=self.points.at((np.flatnonzero(kept),)), **parts)
+
+    def own_around(self, offsets_px: Array) -> Mask:
+        """Tell which places around each point are of its own piece of surface, and inside it.
+
+        Parameters
+        ----------
+        offsets_px
+            Steps along x and y, shape (m, 2).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n, m).
+        """
+        x, y = (each[:, None] + offsets_px[:, k] for k, each in enumerate((self.points.x, self.points.y)))
+        own = self.piece_at(self.points.x, self.points.y)[:, None]
+        return np.asarray(_at(self._inside, *self._places(x, y)) == own)
+
+    @cached_property
+    def _inside(self) -> Numbers:
+        """The picture without what is too near to the end of its piece; -2 there."""
+        if self.step_px > 2 * _LOST_PX:
+            return self.piece
+        rows, columns = self.piece.shape
+        x, y = np.meshgrid(
+            *(first + self.step_px * np.arange(n) for first, n in zip(self.first_px, (columns, rows), strict=True))
+        )
+        kept = np.ones(self.piece.shape, dtype=np.bool_)
+        for away_x, away_y in ((_LOST_PX, 0), (-_LOST_PX, 0), (0, _LOST_PX), (0, -_LOST_PX)):
+            beyond = self._places(x + away_x, y + away_y)
+            found = _at(self.piece, *beyond)
+            kept &= (found == self.piece) | (found == _OUTSIDE)
+        return np.where(kept, self.piece, _LOST)
+
+    def far_from_edges(self, margin_px: float) -> Mask:
+        """Tell which points have no silhouette or sharp edge nearer than so many pixels, shape (n,)."""
+        reach = np.arange(-np.ceil(margin_px / self.step_px), np.ceil(margin_px / self.step_px) + 1) * self.step_px
+        across, down = (each.ravel() for each in np.meshgrid(reach, reach))
+        offsets = np.stack([across, down], axis=-1)[np.hypot(across, down) < margin_px]
+        x, y = (each[:, None] + offsets[:, k] for k, each in enumerate((self.points.x, self.points.y)))
+        own = self.piece_at(self.points.x, self.points.y)[:, None]
+        found = self.piece_at(x, y)
+        return np.asarray(((found == own) | (found == _OUTSIDE)).all(axis=1))
+
+
+def _at(picture: Numbers, row: Numbers, column: Numbers) -> Numbers:
+    rows, columns = picture.shape
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    return np.where(inside, picture[np.where(inside, row, 0), np.where(inside, column, 0)], _OUTSIDE)
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """One object: a coarse mesh and its movement."""
+
+    mesh: TriangleMesh
+    start: Start
+    maps: Sequence[PointMap]
+    edge_cos: float
+
+    def at(self, t: float) -> Array:
+        """Return where its vertices are at a time in frames, shape (n, 3)."""
+        time = np.array([float(t)])
+        points = self.start.at(time)
+        for item in self.maps:
+            points = item(points, time)
+        return np.column_stack([np.broadcast_to(field, self.mesh.vertices_mm.shape[:1]) for field in points])
+
+
+def look_at(scene: Scene, parts: Sequence[Part], folder: Path = Path()) -> Look:
+    """Look at a scene in passing.
+
+    Parameters
+    ----------
+    scene
+        The scene. A lens that distorts is taken for a pinhole.
+    parts
+        Its objects with their sketches.
+    folder
+        Where relative paths in it count from.
+
+    Returns
+    -------
+    Look
+        The points; none if nothing is seen.
+    """
+    known = [part for part in parts if part.sketch is not None]
+    with np.errstate(all="ignore"):
+        bodies = [_body(scene, part, folder) for part in known]
+        moments = [[body.at(t) for t in (0.0, -_HALF_FRAME, _HALF_FRAME)] for body in bodies]
+    corners = [
+        np.concatenate([one[k][body.mesh.faces] for one, body in zip(moments, bodies, strict=True)] or [_NOTHING])
+        for k in range(3)
+    ]
+    number = np.repeat(np.arange(len(bodies)), [len(body.mesh.faces) for body in bodies])
+    charts = np.concatenate([body.mesh.chart_mm for body in bodies] or [_NOTHING[..., :2]])
+    normals = _normals(corners[0])
+    camera = scene.camera
+    step = max(max(camera.width, camera.height) / _PICTURE_PX, 1.0)
+    c_x, c_y = camera.principal_point
+    places = [
+        np.asarray((np.arange(max(round(side / step), 1)) + 0.5) * step - 0.5 - centre, dtype=np.float64)
+        for side, centre in ((camera.width, c_x), (camera.height, c_y))
+    ]
+    face = picture_of(corners[0], camera.focal_px, *places)
+    edges = np.array([body.edge_cos for body in bodies] or [1.0])
+    piece = pieces_of(face, normals, number, edges) if len(number) else face
+    chosen, share = _chosen(face, number)
+    row, column = np.unravel_index(chosen, face.shape)
+    triangle = face[row, column]
+    x, y = places[0][column], places[1][row]
+    points, depth, chart, growth = _points(scene, [each[triangle] for each in corners], charts[triangle], x, y)
+    rays = np.column_stack([x, y, np.full_like(x, camera.focal_px)]) / camera.focal_px
+    light = irradiance_of(scene, depth[:, None] * rays, normals[triangle])
+    return Look(
+        points=points,
+        depth_mm=depth,
+        normals=normals[triangle],
+        body=number[triangle],
+        names=tuple(part.item.name for part in known),
+        share=share * step**2,
+        chart=chart,
+        light=light,
+        growth=growth,
+        piece=piece,
+        step_px=step,
+        first_px=(float(places[0][0]), float(places[1][0])),
+        left_out=tuple(part.item.name for part in parts if part.sketch is None),
+    )
+
+
+_NOTHING = np.zeros((0, 3, 3))
+
+
+def _body(scene: Scene, part: Part, folder: Path) -> _Body:
+    item, mesh = part.item, part.sketch
+    assert mesh is not None
+    given = item.deformation[0] if item.deformation else None
+    start = given.start(mesh, folder, scene.frames) if isinstance(given, NodalModel) else start_of(mesh)
+    # A mesh that is made in full has the edges that it has; those of a coarse one are blunter.
+    whole = len(mesh.faces) == part.size.faces
+    edge = float(np.min(mesh.crease_deg)) if whole and not mesh.smooth else _EDGE_DEG
+    return _Body(mesh, start, maps_of(item, mesh, scene.frames.frame_interval_s), float(np.cos(np.deg2rad(edge))))
+
+
+def _normals(corners: Array) -> Array:
+    """Return unit normals of triangles towards the camera, shape (m, 3)."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = across / np.linalg.norm(across, axis=1)[:, None]
+    away = (unit * corners[:, 0]).sum(axis=1) > 0
+    return np.asarray(np.where(away[:, None], -unit, unit))
+
+
+def _chosen(face: Numbers, body: Numbers) -> tuple[Numbers, Array]:
+    """Choose pixels of the picture, evenly among those of each object, and how many each stands for."""
+    places = np.flatnonzero(face.ravel() >= 0)
+    if not len(places):
+        return places, np.zeros(0)
+    own = body[face.ravel()[places]]
+    chosen, shares = [], []
+    for one in np.unique(own):
+        among = places[own == one]
+        count = min(len(among), max(_FEWEST_POINTS, round(_MOST_POINTS * len(among) / len(places))))
+        # Not every n-th: that could follow the columns.
+        order = np.random.default_rng(0).permutation(len(among))[:count]
+        chosen.append(np.sort(among[order]))
+        shares.append(np.full(count, len(among) / count))
+    return np.concatenate(chosen), np.concatenate(shares)
+
+
+def _points(
+    scene: Scene, corners: Sequence[Array], charts: Array, x: Array, y: Array
+) -> tuple[Points, Array, Array, Array]:
+    """Return points on triangles at places of the image, their depths, charts and growth."""
+    focal, baseline = scene.camera.focal_px, scene.stage.baseline_mm
+    now, before, after = corners
+    rays = np.column_stack([x, y, np.full_like(x, focal)])
+    one, two = now[:, 1] - now[:, 0], now[:, 2] - now[:, 0]
+    normal = np.cross(one, two)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        toward = (normal * rays).sum(axis=1)
+        distance = (normal * now[:, 0]).sum(axis=1) / toward
+        place = distance[:, None] * rays
+        depth = place[:, 2]
+        d = focal * baseline / depth
+        d_x, d_y = d * normal[:, 0] / toward, d * normal[:, 1] / toward
+        # Weights of the corners, from products with the edges.
+        gram = np.stack([np.stack([(a * b).sum(axis=1) for b in (one, two)]) for a in (one, two)])
+        area = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
+
+        def along(vectors: Array) -> Array:
+            right = [(vectors * edge).sum(axis=1) for edge in (one, two)]
+            b = (gram[1, 1] * right[0] - gram[0, 1] * right[1]) / area
+            return np.stack([b, (gram[0, 0] * right[1] - gram[0, 1] * right[0]) / area])
+
+        weights = along(place - now[:, 0])
+        velocity = after - before
+        own = velocity[:, 0] + np.einsum("kn,nkc->nc", weights, velocity[:, 1:] - velocity[:, :1])
+        zero = np.zeros((3, len(x)))
+        points = Points(x, y, d, d_x, d_y, own.T / baseline, zero, zero, focal)
+        tangents = [baseline * np.moveaxis(side, 0, -1) for side in points.tangents()]
+        steps = charts[:, 1:] - charts[:, :1]
+        chart = np.stack([np.einsum("kn,nkc->nc", along(side), steps) for side in tangents], axis=-1)
+        areas = [np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1) for c in (before, after)]
+        growth = np.log(areas[1] / areas[0])
+    return points, depth, chart, growth

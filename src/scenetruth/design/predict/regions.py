@@ -1,0 +1,117 @@
+"""Medians over regions of standard deviations at points, and what there is to be measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.design.predict.prediction import Figure, figure_of
+
+__all__ = ["figures_of", "quantities_of", "regions_of", "weighted_median"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_COMPONENTS = {
+    "slope_x": "slope.0",
+    "slope_y": "slope.1",
+    "flow_x": "flow.0",
+    "flow_y": "flow.1",
+    "velocity_x": "velocity.0",
+    "velocity_y": "velocity.1",
+    "velocity_z": "velocity.2",
+}
+
+
+def regions_of(names: tuple[str, ...], body: NDArray[np.int64], interior: Mask) -> dict[str, Mask]:
+    """Return which points are of which region.
+
+    Parameters
+    ----------
+    names
+        Names of the objects.
+    body
+        Their numbers, by point; negative for none.
+    interior
+        Which points are far from edges.
+    """
+    seen = body >= 0
+    found = {"all": seen, "interior": seen & interior}
+    for number, name in enumerate(names):
+        own = body == number
+        if own.any():
+            found[f"object_{name}"] = own & interior if (own & interior).any() else own
+    return found if found["interior"].any() else {"all": seen, **{k: v for k, v in found.items() if "object_" in k}}
+
+
+def quantities_of(std: Mapping[str, Array], slopes: Array | None) -> dict[str, Array]:
+    """Return standard deviations by the names that scores have.
+
+    Parameters
+    ----------
+    std
+        As a method's model gives them.
+    slopes
+        dZ/dX and dZ/dY, shape (2, ...), for the angle of the normal; None without.
+    """
+    found = {name: std[name] for name in ("depth", "disparity") if name in std}
+    found |= {name: std[key] for name, key in _COMPONENTS.items() if key in std}
+    if "velocity_x" in found:
+        found["velocity_endpoint"] = np.sqrt(sum(found[f"velocity_{axis}"] ** 2 for axis in "xyz"))
+    if "slope_x" in found and slopes is not None:
+        # Of n = (a, b, -1) / √(1 + a² + b²), with independent errors of a and b.
+        a, b = slopes
+        square = (1 + b * b) * found["slope_x"] ** 2 + (1 + a * a) * found["slope_y"] ** 2
+        found["normal"] = np.degrees(np.sqrt(square) / (1 + a * a + b * b))
+    if "growth_rate" in std:
+        found["growth_rate"] = std["growth_rate"]
+    return found
+
+
+def figures_of(
+    std: Mapping[str, Array],
+    signals: Mapping[str, Array],
+    regions: Mapping[str, Mask],
+    share: Array,
+    frame_interval_s: float,
+) -> dict[str, dict[str, Figure]]:
+    """Return figures by region and quantity.
+
+    Parameters
+    ----------
+    std
+        Standard deviations of points by quantity.
+    signals
+        What there is to be measured at them.
+    regions
+        Which points count.
+    share
+        What each point stands for.
+    frame_interval_s
+        Time between two frames.
+    """
+    found: dict[str, dict[str, Figure]] = {}
+    for region, mask in regions.items():
+        found[region] = {}
+        total = share[mask].sum()
+        for quantity, values in std.items():
+            known = mask & np.isfinite(values)
+            median = weighted_median(values[known], share[known]) if known.any() else float("inf")
+            signal = None
+            if quantity in signals:
+                there = mask & np.isfinite(signals[quantity])
+                weight = share[there]
+                square = float(np.sum(weight * signals[quantity][there] ** 2) / max(weight.sum(), 1e-300))
+                signal = float(np.sqrt(square))
+            part = float(share[known].sum() / total) if total > 0 else 0.0
+            found[region][quantity] = figure_of(quantity, median, signal, part, frame_interval_s)
+    return found
+
+
+def weighted_median(values: Array, weights: Array) -> float:
+    """Return the value below which half of the weight lies."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])

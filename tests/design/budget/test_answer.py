@@ -1,0 +1,100 @@
+"""Words, picture and page say what the figures say."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenetruth.design.budget.answer.page import write_page
+from scenetruth.design.budget.answer.waterfall import steps_of, waterfall_html, write_waterfall
+from scenetruth.design.budget.answer.words import number
+from scenetruth.design.budget.cause import Remedy
+from scenetruth.design.budget.parts import Part, Total
+from scenetruth.design.budget.result import Budget
+
+HOSTILE = "</script><script>alert(1)</script>"
+
+
+@pytest.fixture
+def found() -> Budget:
+    def part(cause: str, title: str, figure: float, simulated: float = math.nan, seen: float = math.nan) -> Part:
+        told = ("100 µrad", "depth", "interior", "mm")
+        predicted, drawn = (4.2, 1.39) if cause == "stage_yaw" else (figure, math.nan)
+        return Part(cause, title, *told, predicted, drawn, simulated, seen, figure)
+
+    parts = [
+        part("noise", HOSTILE, 0.05),
+        part("stage_yaw", "yaw of the stage", 1.4, 1.4, 0.5),
+        part("slope", "slanted surfaces", 0.16),
+        part("timing", "time between positions", 0.001),
+        part("lens_residual", "distortion of the lens", 0.002),
+        part("curvature", "curved surfaces", math.nan),
+    ]
+    whole = math.sqrt(sum(one.figure**2 for one in parts if math.isfinite(one.figure)))
+    total = Total("depth", "interior", "mm", whole, whole, 1.5, 0.16, 660.0, 0.9)
+    remedies = {"stage_yaw": Remedy("an air bearing", {"stage_yaw": 0.025})}
+    return Budget("A cube", "structure_tensor", parts, [total], 3, remedies)
+
+
+def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budget) -> None:
+    (line,) = found.words()
+    assert line.startswith("Depth: 1.5 mm in all.")
+    assert "Yaw of the stage (100 µrad) makes 1.4 of it in these draws, and 4.2 is to be expected of others" in line
+    # What is left: the root of 0.035² + 0.16² + 0.05², times 1.5 over the parts' sum.
+    left = math.sqrt(0.035**2 + 0.16**2 + 0.05**2 + 5e-6) * 1.5 / found.totals[0].parts
+    assert f"An air bearing brings it to {number(left)} mm; then slanted surfaces limit (0.16)." in line
+    assert "With yaw of the stage, 50 % of the pixels are still told." in line
+
+
+def test_bars_add_up_by_their_squares(found: Budget) -> None:
+    steps = steps_of(found, "depth")
+    assert [step.title for step in steps][:3] == ["yaw of the stage", "slanted surfaces", HOSTILE]
+    assert steps[-1].title == "2 smaller parts"
+    assert steps[0].start == 0
+    assert steps[-1].end == pytest.approx(found.totals[0].parts)
+    for one, other in pairwise(steps):
+        assert other.start == pytest.approx(one.end)
+    for step in steps:
+        assert step.end**2 - step.start**2 == pytest.approx(step.figure**2)
+
+
+def test_the_picture_is_drawn(found: Budget, tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    write_waterfall(found, tmp_path / "w.png")
+    image = imread(tmp_path / "w.png")
+    # The colour of the stage's bar is there.
+    orange = np.abs(image[..., :3] - np.array([0xD5, 0x5E, 0x00]) / 255).max(axis=-1) < 0.02
+    assert orange.sum() > 1000
+
+
+def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Path) -> None:
+    fragment = waterfall_html(found)
+    assert fragment.count("<script>") == 1
+    chart = re.search(r"const chart = (\{.*?\}); Plotly", fragment)
+    assert chart is not None
+    assert json.loads(chart[1])["data"][0]["text"][0] == "1.4"
+    page = write_page(found, tmp_path)
+    text = page.read_text(encoding="utf-8")
+    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+    assert HOSTILE not in text
+    assert "Yaw of the stage" in text
+    outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
+    assert not re.search(r'(src|href)="(?!#)', outside)
+
+
+def test_numbers_are_spelled_with_two_digits() -> None:
+    assert [number(value) for value in (1.44, 0.00123, 123.4, 3e-6, 0.0, math.nan)] == [
+        "1.4",
+        "0.0012",
+        "123",
+        "3.0e-06",
+        "0",
+        "–",
+    ]

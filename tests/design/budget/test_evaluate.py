@@ -1,0 +1,172 @@
+"""Budgets of a small scene: parts predicted and simulated, their sum, and what cannot be."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scenetruth as st
+from scenetruth.comparison.point import quiet
+from scenetruth.design.budget import Budget, Calibration, budget
+from scenetruth.design.budget.calibration import calibration_of
+from scenetruth.design.budget.confirm.runs import Job, Run, observed
+from scenetruth.design.budget.switches import scene_with
+from scenetruth.errors import EstimateError, OutputExistsError, RecipeError, SceneError
+from tests.design.budget.scenes import laboratory
+from tests.nightly import nightly
+
+SOME: dict[str, Any] = {
+    "stage.errors": {"yaw_urad": 100.0},
+    "sensor": {"noise_std": 0.004, "bit_depth": None},
+    "lighting": {"drift_per_frame": 0.002},
+    "frames.count": 3,
+}
+MORE: dict[str, Any] = {
+    **SOME,
+    "stage.errors": {"yaw_urad": 100.0, "pitch_urad": 50.0, "roll_urad": 300.0, "repeatability_um": 20.0},
+    "stage.time_per_position_s": 0.6,
+    "sensor": {"noise_std": 0.004, "bit_depth": 6},
+    "camera.distortion": {"k1": -0.05},
+    "shutter.readout_time_s": 6.0,
+    "optics": {"vignetting": {"coefficients": [-0.1, 0, 0]}},
+    "frames.count": 5,
+}
+
+
+@pytest.fixture(scope="module")
+def scene() -> st.Scene:
+    return laboratory(SOME, everything=False)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("budget") / "b"
+
+
+@pytest.fixture(scope="module")
+def found(scene: st.Scene, folder: Path) -> Budget:
+    return budget(scene, folder, draws=1, confirm=1.0, calibration={"focal_length_percent": 0.1})
+
+
+def agrees(found: Budget, cause: str, quantity: str = "depth", within: float = 0.2) -> None:
+    part = found.part(cause, quantity)
+    expected = part.drawn if math.isfinite(part.drawn) else part.predicted
+    assert part.simulated == pytest.approx(expected, rel=within), (cause, quantity)
+
+
+def test_what_is_predicted_is_simulated(found: Budget) -> None:
+    assert not found.failures
+    # For the very errors that were drawn, to what filters and windows leave.
+    for cause in ("stage_yaw", "focal_length"):
+        agrees(found, cause)
+    # Scatter of some twenty windows.
+    agrees(found, "noise", within=0.3)
+    agrees(found, "brightness", "velocity_z", within=0.3)
+    # Calibrations are off by plus and minus one standard deviation.
+    assert found.part("focal_length", "depth").predicted == pytest.approx(0.72, rel=0.02)
+
+
+@nightly
+def test_everything_predicted_is_simulated() -> None:
+    found = budget(laboratory(MORE, everything=False), draws=4, confirm=1.0)
+    assert not found.failures
+    for cause in ("stage_yaw", "stage_position", "stage_roll", "timing", "focal_length", "baseline", "lens_residual"):
+        agrees(found, cause)
+    # Shifts across the stage do nothing to the first order; what they do is less than ideal images leave.
+    assert found.part("stage_pitch", "depth").simulated < 0.2 * found.total("depth").ideal
+    for cause in ("noise", "quantisation"):
+        agrees(found, cause, within=0.3)
+        agrees(found, cause, "velocity_z", within=0.3)
+    agrees(found, "brightness", "velocity_z", within=0.3)
+    for quantity in ("depth", "velocity_x", "velocity_y", "velocity_z"):
+        total = found.total(quantity)
+        assert total.parts == pytest.approx(total.simulated, rel=0.2), quantity
+        assert total.added == pytest.approx(total.simulated, rel=0.1), quantity
+
+
+def test_parts_add_up_to_the_whole(found: Budget) -> None:
+    for quantity in ("velocity_z", "velocity_y"):
+        total = found.total(quantity)
+        # Of a single draw, parts may be alike by chance.
+        assert total.parts == pytest.approx(total.simulated, rel=0.3), quantity
+        assert total.added == pytest.approx(total.simulated, rel=0.1), quantity
+        parts = [one.figure for one in found.of(quantity) if math.isfinite(one.figure)]
+        assert total.parts == pytest.approx(float(np.linalg.norm(parts)))
+        own = [found.part(kind, quantity).figure for kind in ("slope", "curvature", "rest")]
+        assert total.ideal == pytest.approx(float(np.linalg.norm(own)))
+    everywhere = found.total("depth", "all")
+    assert everywhere.ideal >= found.total("depth").ideal
+
+
+def test_it_says_what_limits(found: Budget) -> None:
+    words = found.words()
+    # The disparity is the depth again.
+    assert len(words) == len(found.quantities) - 1
+    depth = next(line for line in words if line.startswith("Depth: "))
+    largest = found.of("depth")[0]
+    assert largest.title in depth.lower() or largest.title in depth
+    assert "brings it to" in depth
+
+
+def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, folder: Path) -> None:
+    assert {path.name for path in folder.iterdir()} >= {"index.html", "waterfall.png", "budget.csv", "runs"}
+    before = {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()}
+    again = budget(scene, folder, draws=1, confirm=1.0, calibration={"focal_length_percent": 0.1})
+    assert {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()} == before
+    assert [one.simulated for one in again.parts] == pytest.approx([one.simulated for one in found.parts], nan_ok=True)
+    frame = found.to_frame()
+    assert set(frame["cause"]) >= {"noise", "sum", "added", "everything", "ideal"}
+    assert len(frame) == len(found.parts) + 4 * len(found.totals)
+    with pytest.raises(OutputExistsError, match="another scene"):
+        budget(scene, folder, calibration="perfect")
+
+
+def test_little_is_simulated_where_little_matters(scene: st.Scene) -> None:
+    few = budget(scene, calibration="perfect", draws=1, confirm=0.0)
+    assert not [one for one in few.parts if math.isfinite(one.simulated)]
+    part = few.part("stage_yaw", "depth")
+    assert part.figure == part.predicted > 0
+    assert ", as predicted" in few.words()[0]
+
+
+def test_runs_are_what_simulations_of_their_scenes_are() -> None:
+    scene = laboratory({"optics.defocus": None, "shutter": {"readout_time_s": 1.0}})
+    job = Job("", json.dumps(scene.to_plain()), "structure_tensor", "{}", Calibration(), (), ())
+    kinds = ("noise", "quantisation", "fixed_pattern", "stage_yaw")
+    recording, truth = observed(job, Run(kinds, 5, 0))
+    with quiet():
+        same, exact = st.simulate(scene_with(scene, kinds, 5), ideal=True)
+    np.testing.assert_array_equal(recording["image"].values, same["image"].values)
+    np.testing.assert_array_equal(recording["ideal"].values, same["ideal"].values)
+    np.testing.assert_array_equal(truth["depth"].values, exact["depth"].values)
+    assert recording.attrs["full_scale"] == same.attrs["full_scale"]
+
+
+def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None:
+    with pytest.raises(RecipeError) as error:
+        budget(scene, calibration={"focal_percent": 1.0}, draws=0, confirm=2.0)
+    for word in ("draws", "confirm", "focal_percent", "focal_length_percent"):
+        assert word in str(error.value)
+    with pytest.raises(RecipeError, match="typical"):
+        calibration_of("exact")
+    with pytest.raises(SceneError, match=r"stage\.rows"):
+        budget(laboratory({"stage.rows": 2, "stage.row_spacing_mm": 5.0}, everything=False))
+    with pytest.raises(EstimateError, match="no_such"):
+        budget(scene, method="no_such")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes").write_text("mine")
+    with pytest.raises(OutputExistsError, match="no folder of a budget"):
+        budget(scene, tmp_path / "mine")
+
+
+def test_calibrations_are_typical_unless_given() -> None:
+    assert calibration_of("typical") == Calibration()
+    assert calibration_of({"principal_point_px": 2}) == Calibration(
+        focal_length_percent=0, principal_point_px=2, baseline_percent=0
+    )
+    assert not any(calibration_of("perfect").model_dump().values())

@@ -1,0 +1,132 @@
+"""What constraints measure, against formulas and the models of the camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from scenetruth.design.optimise.catalogues.load import load_catalogues
+from scenetruth.design.optimise.constraints.base import Limit, bounded
+from scenetruth.design.optimise.constraints.facts import Facts
+from scenetruth.design.optimise.goal.spec import CONSTRAINT_ROOMS
+from scenetruth.design.predict import predict
+from scenetruth.kinds import kinds_in
+from scenetruth.scene import scene_from_plain
+from tests.design.optimise.small import scene
+
+KINDS = kinds_in(Limit, *CONSTRAINT_ROOMS)
+FOCAL, DEPTH = 500.0, 500.0
+
+
+def facts(**changes: Any) -> Facts:
+    plain = scene()
+    plain["stage"] |= {"positions": 5, "time_per_position_s": 0.05, "errors": {"yaw_urad": 100.0}}
+    plain["frames"] = {"count": 5, "frame_interval_s": 2.0}
+    plain["shutter"] = {"exposure_time_s": 0.02}
+    plain["optics"] = {"defocus": {"aperture_mm": 4.0, "focus_distance_mm": 500.0}}
+    for path, value in changes.items():
+        section, _, key = path.partition("__")
+        plain[section] = {**plain.get(section, {}), key: value}
+    made = scene_from_plain(plain)
+    return Facts(made, predict(made), "all")
+
+
+@pytest.fixture(scope="module")
+def wall() -> Facts:
+    return facts()
+
+
+def value(kind: str, rig: Facts, **settings: Any) -> float:
+    return KINDS[kind](kind=kind, at_most=1e9, **settings).value(rig)  # type: ignore[attr-defined, no-any-return]
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "expected"),
+    [
+        ("working_distance", {}, DEPTH),
+        ("field_of_view", {}, 64.0),
+        ("field_of_view", {"axis": "y"}, 48.0),
+        ("field_of_view", {"seen_by": "all"}, 64.0 - 16.0),
+        ("disparity", {}, 4.0),
+        ("total_disparity", {}, 16.0 / 64.0),
+        ("stereo_angle", {}, math.degrees(2 * math.atan(8 / 500))),
+        ("window", {}, 2.3548 * 6.0),
+        ("time_per_capture", {}, 0.25),
+        ("exposure", {}, 0.02),
+        ("frame_interval", {}, 2.0),
+        ("recording_time", {}, 8.0),
+        ("recording_time", {"of": "window"}, 8.0),
+        ("images", {}, 25.0),
+        # 64 x 48 px, one byte each, 5 positions in 2 s.
+        ("data_rate", {}, 64 * 48 * 5 / 2 / 1e6),
+        # A velocity of 0.1 mm per frame is 0.1 px here, over a hundredth of the interval; Z adds at the image's border.
+        ("motion_blur", {}, 0.001),
+        ("flow", {}, 0.1),
+        ("stage_travel", {}, 16.0),
+        ("defocus_blur", {"depths_mm": [400, 600]}, 500 * 4 * (1 / 400 - 1 / 500)),
+    ],
+)
+def test_values(wall: Facts, kind: str, settings: dict[str, Any], expected: float) -> None:
+    # Medians over points of the wall, which is seen from in front.
+    assert value(kind, wall, **settings) == pytest.approx(expected, rel=0.02)
+
+
+def test_every_kind_is_tested_and_tells_what_it_is(wall: Facts) -> None:
+    elsewhere = {"depth_of_field", "grey_level", "texture_wavelength", "stage_error", "price"}
+    (marks,) = [one for one in test_values.pytestmark if one.args[0] == ("kind", "settings", "expected")]
+    assert {kind for kind, _, _ in marks.args[1]} | elsewhere == set(KINDS)
+    for kind, model in KINDS.items():
+        limit = model(kind=kind, at_least=0.0)
+        assert limit.title  # type: ignore[attr-defined]
+        (told,) = limit.checked(wall)  # type: ignore[attr-defined]
+        assert (told.kind, told.unit, told.sense) == (kind, model.unit, "at least")  # type: ignore[attr-defined]
+
+
+def test_blur_at_the_ends_of_the_depth_of_field(wall: Facts) -> None:
+    whole = value("depth_of_field", wall, blur_px=0.5)
+    defocus = wall.scene.optics.defocus
+    assert defocus is not None
+    # 1 / near and 1 / far lie evenly around 1 / focus; their depths differ by the whole.
+    near = (500 - whole + math.hypot(500, whole)) / 2
+    ends = defocus.blur_diameter_px(np.array([near, near + whole]), FOCAL)
+    assert ends == pytest.approx([0.5, 0.5], rel=1e-9)
+    assert value("depth_of_field", wall, blur_px=5.0) == math.inf
+    assert value("depth_of_field", facts(optics__defocus=None), blur_px=0.5) == math.inf
+
+
+def test_grey_values_and_texture(wall: Facts) -> None:
+    causes = wall.causes
+    assert value("grey_level", wall) == causes.grey_level + 3 * causes.contrast
+    # The band is 4 to 16 mm, a pixel 1 mm.
+    assert 4 < value("texture_wavelength", wall) < 16
+    # 100 µrad at 500 px are 0.05 px, and little more at the image's border.
+    assert value("stage_error", wall) == pytest.approx(0.05, rel=0.01)
+
+
+def test_prices(wall: Facts) -> None:
+    entries = load_catalogues()
+    lens, camera = entries.lenses["c_mount_50mm"], entries.cameras["vga_cmos"]
+    assert math.isnan(value("price", wall))
+    told = replace(wall, lens=lens.model_copy(update={"price_eur": 300.0}), camera=camera)
+    assert math.isnan(value("price", told))
+    assert value("price", replace(told, camera=camera.model_copy(update={"price_eur": 500.0}))) == 800.0
+
+
+def test_margins() -> None:
+    assert bounded("a", "a", 3.0, "at most", 4.0, "mm").margin == 0.25
+    assert bounded("a", "a", 3.0, "at least", 4.0, "mm").margin == -0.25
+    assert bounded("a", "a", 4.0, "at most", 4.0, "mm").holds
+    assert not bounded("a", "a", math.nan, "at most", 4.0, "mm").holds
+    assert bounded("a", "a", math.inf, "at least", 4.0, "mm").holds
+
+
+def test_bounds_that_bound_nothing() -> None:
+    with pytest.raises(ValidationError, match="bounds nothing"):
+        KINDS["images"](kind="images")
+    with pytest.raises(ValidationError, match="can never hold"):
+        KINDS["images"](kind="images", at_least=3, at_most=2)

@@ -1,0 +1,50 @@
+"""Intervals of simulated figures, and what is said of prediction and simulation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from scenetruth.design.optimise.confirm.compare import compared
+from scenetruth.design.optimise.confirm.intervals import interval_of
+from scenetruth.design.optimise.result import Interval
+from tests.design.optimise.small import objective
+
+
+@pytest.mark.parametrize("seeds", [2, 4, 10])
+def test_one_more_figure_lies_inside_with_95_percent(seeds: int) -> None:
+    draws = 2000
+    figures = np.exp(0.2 * np.random.default_rng(seeds).standard_normal((draws, seeds + 1)))
+    inside = 0
+    for *known, another in figures:
+        found = interval_of(known)
+        inside += found.low <= another <= found.high
+    # Of 2000 draws, the share is known to √(0.95 0.05 / 2000) = 0.5 %; three of them are allowed.
+    assert inside / draws == pytest.approx(0.95, abs=0.015)
+
+
+def test_few_figures() -> None:
+    assert interval_of([]).seeds == 0
+    one = interval_of([2.0])
+    assert (one.number, one.seeds) == (2.0, 1)
+    assert math.isnan(one.low)
+    assert math.isnan(interval_of([0.0, 1.0]).high)
+
+
+@pytest.mark.parametrize(
+    ("typical", "notable", "words"),
+    [
+        (Interval(1.1, 1.0, 1.2, 4), False, "factor 1.10"),
+        (Interval(2.0, 1.8, 2.2, 4), True, "2.0 times the prediction"),
+        (Interval(0.5, 0.4, 0.6, 4), True, "0.50 of the prediction"),
+        # Seeds differ too much to tell.
+        (Interval(2.0, 0.5, 8.0, 2), False, "as far as 2 seeds tell"),
+        (Interval(math.nan, math.nan, math.nan, 0), True, "nothing was estimated"),
+    ],
+)
+def test_discrepancies_are_told(typical: Interval, notable: bool, words: str) -> None:
+    found = compared(3, objective(), 1.0, typical)
+    assert (found.rig, found.notable) == (3, notable)
+    assert words in found.says

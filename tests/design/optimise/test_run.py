@@ -1,0 +1,135 @@
+"""A design from its goal to its answer."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import scenetruth as st
+from scenetruth.design.optimise import Design, goal_from_plain, optimise
+from scenetruth.design.optimise.goal.prepare import prepare
+from scenetruth.design.optimise.problems import GoalError
+from scenetruth.design.optimise.rig.evaluate import evaluate
+from scenetruth.errors import MachineError, OutputExistsError
+from tests.design.optimise.small import goal
+
+SMALL = {"predictions": 120, "morris": 1, "sobol": 0}
+CONFIRMED = {"confirm": {"rigs": 1, "seeds": 2, "most_px": 48}, "search": SMALL}
+FEW = {"predictions": 16, "morris": 0, "sobol": 0}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("design") / "wall"
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> Design:
+    return optimise(goal(**CONFIRMED), folder, workers=0)
+
+
+def test_it_is_as_good_as_the_best_of_a_grid(found: Design) -> None:
+    best = found.recommended
+    assert all(one.holds for one in best.constraints)
+    assert best.parameters["optics.psf"] is None
+    task = prepare(goal_from_plain(goal())).task
+    # The more baseline the better: with any number of positions, the best has all of the travel.
+    for positions in (2, 3, 4, 5):
+        values = {
+            "stage.baseline_mm": min(16 / (positions - 1), 12.0),
+            "stage.positions": positions,
+            "optics.psf": None,
+        }
+        assert best.predicted["Depth"] <= 1.05 * evaluate(task, values).predicted["Depth"]
+
+
+def test_what_was_simulated_is_told_beside_the_prediction(found: Design) -> None:
+    told = found.recommended.simulated["Depth"]
+    assert told.seeds == 2
+    assert told.low < told.number < told.high
+    (one,) = found.discrepancies
+    assert one.rig == found.recommended.number
+    assert one.simulated == found.recommended.typical["Depth"]
+    # Wider than 48 px by the disparity between the outermost positions, 16 px at 16 mm.
+    assert any(re.search("images cut from 64 x 48 to 6[0-4] x 3[0-9] px", line) for line in found.assumptions)
+
+
+def test_the_answer_lies_in_its_folder(found: Design, folder: Path) -> None:
+    names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+    assert names >= {"goal.json", "design.json", "recommended.yaml", "front.csv", "screened.csv", "index.html"}
+    scene = st.load_scene(folder / "recommended.yaml")
+    assert scene == st.scene_from_plain(dict(found.recommended.scene))
+    assert scene.stage.baseline_mm == found.recommended.parameters["stage.baseline_mm"]
+    plain = json.loads((folder / "design.json").read_text())
+    assert plain["recommended"] == found.recommended.number
+    assert plain["words"] == list(found.words())
+    assert 20 <= len(found.screened) <= SMALL["predictions"]
+    assert list(found.to_frame()["rig"]) == [rig.number for rig in found.front]
+
+
+def test_words(found: Design) -> None:
+    told = "\n".join(found.words())
+    assert f"recommended, rig {found.recommended.number}" in told
+    assert "Depth: predicted" in told
+    assert "rms against the truth" in told
+    assert "10 % more of each parameter changes depth by" in told
+
+
+def test_ten_percent_more_baseline_is_ten_percent_less_noise(found: Design) -> None:
+    more = {one.parameter: one.ten_percent for one in found.sensitivities}
+    # Depth's noise goes by 1 / d; registrations and windows change it by no more than a few percent.
+    assert more["stage.baseline_mm"] == pytest.approx(1 / 1.1 - 1, abs=0.03)
+    assert np.isnan(more["optics.psf"])
+
+
+def test_what_was_killed_goes_on_to_the_same_end(found: Design, folder: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    lines = (copy / "predictions.jsonl").read_text().splitlines(keepends=True)
+    (copy / "predictions.jsonl").write_text("".join(lines[: len(lines) // 2]) + lines[-1][:20])
+    for name in ("design.json", "index.html", "recommended.yaml"):
+        (copy / name).unlink()
+    again = optimise(goal(**CONFIRMED), copy, workers=0)
+    assert again.screened.equals(found.screened)
+    assert replace(again.recommended, scene={}) == replace(found.recommended, scene={})
+    assert yaml.safe_load((copy / "recommended.yaml").read_text()) == yaml.safe_load(
+        (folder / "recommended.yaml").read_text()
+    )
+
+
+def test_goals_that_cannot_be_met_say_why() -> None:
+    limits = [{"kind": "stage_travel", "at_most": 0.5}, {"kind": "images", "at_most": 40}]
+    with pytest.raises(GoalError) as caught:
+        optimise(goal(constraints=limits, search=FEW), workers=0)
+    told = str(caught.value)
+    assert "constraints.0: stage travel must be at most 0.5 mm; the nearest rig has " in told
+    assert "it excludes all of" in told
+    assert "free: the nearest of" in told
+    assert "constraints.1" not in told
+    # Each can be met, both together cannot: fewer images need fewer positions.
+    limits = [{"kind": "stage_travel", "at_least": 20}, {"kind": "images", "at_most": 6}]
+    with pytest.raises(GoalError, match="satisfy it, but none of them all the others"):
+        optimise(goal(constraints=limits, search=FEW), workers=0)
+
+
+def test_folders_of_others_are_left_alone(folder: Path, found: Design, tmp_path: Path) -> None:
+    with pytest.raises(OutputExistsError, match="another scene, other constraints"):
+        optimise(goal(constraints=[]), folder, workers=0)
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OutputExistsError, match="no folder of a design"):
+        optimise(goal(), tmp_path, workers=0)
+
+
+def test_libraries_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    with pytest.raises(MachineError, match=r"pip install 'scenetruth\[design\]'"):
+        optimise(goal(), workers=0)

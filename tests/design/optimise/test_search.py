@@ -1,0 +1,172 @@
+"""The search, on problems whose answers are known."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+from scenetruth.design.optimise.goal.parts import Search
+from scenetruth.design.optimise.rig.evaluate import Evaluation
+from scenetruth.design.optimise.rig.space import Parameter, Space
+from scenetruth.design.optimise.search.budget import shares_of
+from scenetruth.design.optimise.search.front import best_of, front_of, thinned, with_alternatives
+from scenetruth.design.optimise.search.last_steps import last_steps
+from scenetruth.design.optimise.search.sensitivity import effects_of
+from scenetruth.design.optimise.search.trials import search_by_trials
+from tests.design.optimise.small import Formula, constraint, objective, square
+
+TWO = (objective("a"), objective("b"))
+
+
+def spring(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
+    """A valley along x0 + x1, cut off where their sum passes 1.2: least at x0 = x1 = 0.6, of the third kind."""
+    x, y, kind = values["x"], values["y"], values["kind"]
+    return {"depth": math.exp(4 * (x - y) ** 2 - 2 * (x + y) - 0.5 * (kind == "c"))}, [1.2 - x - y]
+
+
+def springs() -> Formula:
+    choice = Parameter("kind", choices=("a", "b", "c"))
+    return Formula(Space((Parameter("x"), Parameter("y"), choice)), spring)
+
+
+def test_the_best_within_constraints_is_found() -> None:
+    ledger = springs()
+    ledger.ask(np.random.default_rng(0).random((16, 3)).tolist(), "even")
+    search_by_trials(ledger, ledger.space, (objective(),), 64, 0)  # type: ignore[arg-type]
+    last_steps(ledger, ledger.space, (objective(),), 160, 0)  # type: ignore[arg-type]
+    best = ledger.evaluations[front_of(ledger.evaluations, (objective(),))[0]]
+    assert best.values["kind"] == "c"
+    # The least value is exp(-2.4 - 0.5); 160 last steps come within 3 % of it.
+    assert best.predicted["depth"] == pytest.approx(math.exp(-2.9), rel=0.03)
+    random = [spring(ledger.space.values(point)) for point in np.random.default_rng(1).random((200, 3))]
+    assert best.predicted["depth"] <= min(told["depth"] for told, (margin,) in random if margin >= 0)
+
+
+def test_a_search_is_repeated_to_the_last_rig() -> None:
+    found = []
+    for _ in range(2):
+        ledger = springs()
+        ledger.ask(np.random.default_rng(0).random((16, 3)).tolist(), "even")
+        search_by_trials(ledger, ledger.space, (objective(),), 32, 5)  # type: ignore[arg-type]
+        found.append([one.values for one in ledger.evaluations])
+    assert found[0] == found[1]
+    assert len(found[0]) > 30
+
+
+def circle(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
+    """Two distances: whatever lies between the two points is on the front."""
+    x, y = values["x0"], values["x1"]
+    return {"a": math.hypot(x - 0.2, y - 0.5) + 0.1, "b": math.hypot(x - 0.8, y - 0.5) + 0.1}, []
+
+
+def test_the_front_of_two_objectives() -> None:
+    ledger = Formula(square(2), circle)
+    ledger.ask(np.random.default_rng(0).random((48, 2)).tolist(), "even")
+    search_by_trials(ledger, ledger.space, TWO, 144, 0)  # type: ignore[arg-type]
+    last_steps(ledger, ledger.space, TWO, 150, 0)  # type: ignore[arg-type]
+    told = [ledger.evaluations[number].predicted for number in front_of(ledger.evaluations, TWO)]
+    assert len(told) >= 8
+    # On the line between the points, the sum of both is 0.8; off it by a twentieth at most.
+    assert np.median([one["a"] + one["b"] for one in told]) < 0.84
+    # The ends of the front are the points themselves, to a few steps.
+    assert min(one["a"] for one in told) < 0.13
+    assert min(one["b"] for one in told) < 0.13
+
+
+@given(some.lists(some.tuples(some.integers(1, 9), some.integers(1, 9), some.booleans()), min_size=1, max_size=30))
+def test_fronts_hold_what_nothing_beats(figures: list[tuple[int, int, bool]]) -> None:
+    found = [
+        Evaluation({"x0": n, "x1": 0.5}, {"a": float(a), "b": float(b)}, {}, (constraint(0.1 if holds else -0.1),))
+        for n, (a, b, holds) in enumerate(figures)
+    ]
+    front = front_of(found, TWO)
+    held = [(a, b) for a, b, holds in figures if holds]
+    least = {(a, b) for a, b in held if not any((c <= a and d <= b) and (c, d) != (a, b) for c, d in held)}
+    assert {figures[number][:2] for number in front} == least
+    assert [figures[number][0] for number in front] == sorted(figures[number][0] for number in front)
+    # Of rigs that are alike, one is told.
+    assert len(front) == len(least)
+
+
+def test_alternatives_of_one_objective_differ() -> None:
+    ledger = springs()
+    ledger.ask(np.random.default_rng(0).random((200, 3)).tolist(), "even")
+    found = ledger.evaluations
+    best = front_of(found, (objective(),))
+    assert len(best) == 1
+    front = [found[number] for number in with_alternatives(found, (objective(),), ledger.space, best)]
+    assert 1 < len(front) <= 6
+    figures = [one.predicted["depth"] for one in front]
+    assert figures == sorted(figures)
+    assert figures[-1] <= 3 * figures[0]
+    for number, one in enumerate(front):
+        for other in front[:number]:
+            near = all(abs(one.values[name] - other.values[name]) <= 0.2 for name in ("x", "y"))
+            assert not near or one.values["kind"] != other.values["kind"]
+
+
+def test_which_rig_is_recommended() -> None:
+    figures = [{"a": 1.0, "b": 9.0}, {"a": 2.0, "b": 3.0}, {"a": 5.0, "b": 2.0}, {"a": math.nan, "b": 1.9}]
+    # Beside the best of each, 1 and 1.9 (the last one is told in b): factors 4.7, 2, 5.
+    assert best_of(figures, TWO) == 1
+    # What is wanted counts instead.
+    assert best_of(figures, (objective("a", 0.1), objective("b", 9.0))) == 0
+
+
+def test_a_thinned_front_keeps_its_ends_and_lies_evenly() -> None:
+    line = np.stack([np.linspace(0, 1, 101), np.linspace(1, 0, 101)], axis=1)
+    assert set(thinned(line, 5, 50)) == {0, 25, 50, 75, 100}
+    assert thinned(line[:3], 9, 1)[0] == 1
+    assert sorted(thinned(line[:3], 9, 1)) == [0, 1, 2]
+
+
+def planes(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
+    """A plane in the logarithm: its elementary effects and variances are known."""
+    return {
+        "a": math.exp(3 * values["x0"] + values["x1"] + 0.0 * values["x2"]),
+        "b": math.exp(values["x0"] * values["x1"]),
+    }, []
+
+
+def test_effects_of_planes_and_products() -> None:
+    ledger = Formula(square(3), planes)
+    found = effects_of(ledger, ledger.space, TWO, 8, 256, 0)  # type: ignore[arg-type]
+    assert found.left_out == (0.0, 0.0)
+    # Values have four digits, which elementary effects show.
+    for name, slope in (("x0", 3.0), ("x1", 1.0), ("x2", 0.0)):
+        mean, scatter = found.morris["a", name]
+        assert mean == pytest.approx(slope, abs=2e-3)
+        assert scatter == pytest.approx(0.0, abs=3e-3)
+        # Shares of the variance: 9, 1 and 0 of 10. 256 samples know them to a few hundredths.
+        assert found.sobol["a", name] == pytest.approx((slope**2 / 10, slope**2 / 10), abs=0.05)
+    # Of x y, each alone has 3/7 of the variance, both together 1/7 (I. M. Sobol', 1993).
+    assert found.sobol["b", "x0"] == pytest.approx((3 / 7, 4 / 7), abs=0.07)
+    assert found.morris["b", "x0"][1] > 0.1
+
+
+def test_effects_leave_out_what_cannot_be_made() -> None:
+    def torn(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
+        told, _ = planes(values)
+        return {title: math.inf if values["x0"] > 0.9 else value for title, value in told.items()}, []
+
+    ledger = Formula(square(3), torn)
+    found = effects_of(ledger, ledger.space, TWO, 24, 64, 0)  # type: ignore[arg-type]
+    assert 0 < found.left_out[0] < 1
+    assert 0 < found.left_out[1] < 0.6
+    assert found.morris["a", "x1"][0] == pytest.approx(1.0, abs=2e-3)
+
+
+@given(some.integers(16, 20_000), some.integers(0, 50), some.integers(0, 1024), some.integers(1, 20))
+def test_no_more_predictions_than_asked_for(total: int, morris: int, sobol: int, parameters: int) -> None:
+    shares = shares_of(Search(predictions=total, morris=morris, sobol=sobol), parameters)
+    used = shares.even + shares.last + shares.search
+    used += shares.morris * (parameters + 1) + shares.sobol * (parameters + 2)
+    assert used == total
+    assert shares.search >= 0.25 * total - 1
+    assert shares.morris <= morris
+    assert shares.sobol <= sobol

@@ -1,0 +1,32 @@
+"""A design in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from scenetruth.design.optimise.parts import Interval, Rig
+from scenetruth.design.optimise.words import told_value, words_of
+from tests.design.optimise.small import objective
+
+
+@pytest.mark.parametrize(
+    ("wanted", "simulated", "verdict"),
+    [
+        (0.5, None, "wanted 0.5: reached (predicted)"),
+        (0.1, None, "wanted 0.1: NOT reached (predicted)"),
+        (0.5, Interval(0.3, 0.2, 0.4, 3), "wanted 0.5: reached (simulated)"),
+        (0.5, Interval(0.3, 0.1, 0.9, 3), "wanted 0.5: reached, but another recording may miss it (simulated)"),
+        # The prediction would reach it, and the simulation does not.
+        (0.25, Interval(0.3, 0.2, 0.4, 3), "wanted 0.25: NOT reached (simulated)"),
+    ],
+)
+def test_what_is_wanted_is_judged_by_simulations(wanted: float, simulated: Interval | None, verdict: str) -> None:
+    told = {} if simulated is None else {"depth": simulated}
+    rig = Rig(3, {"stage.baseline_mm": 4.25}, {}, {"depth": 0.2}, told, (), None, "")
+    lines = words_of((objective(wanted=wanted),), rig, (), (), ())
+    assert lines[0] == "recommended, rig 3: stage.baseline_mm = 4.25"
+    assert lines[1].endswith(verdict)
+
+
+def test_values_as_people_write_them() -> None:
+    assert (told_value(0.123456), told_value(3), told_value("air_bearing")) == ("0.1235", "3", "air_bearing")

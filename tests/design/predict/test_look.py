@@ -1,0 +1,129 @@
+"""A scene seen in passing, against the exact truth at the same pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scenetruth as st
+from scenetruth.design.predict.look import Look, look_at
+from scenetruth.design.predict.raster import picture_of, pieces_of
+from scenetruth.design.predict.seen import flow_of
+from scenetruth.resources import Limits, bounded_parts
+from scenetruth.scene import Scene, scene_from_plain
+from tests.design.predict.scenes import wall
+from tests.scenes import cube
+
+
+def looked(scene: Scene) -> Look:
+    return look_at(scene, bounded_parts(scene, Limits()))
+
+
+def at_pixels(look: Look, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    c_x, c_y = scene.camera.principal_point
+    return np.rint(look.points.y + c_y).astype(int), np.rint(look.points.x + c_x).astype(int)
+
+
+SCENES: dict[str, dict[str, Any]] = {
+    "slanted": {
+        "pose": {"position_mm": [0, 0, 600], "rotations": [{"axis": [0.3, 1, 0], "angle_deg": 35}]},
+        "motion": [{"kind": "rotation", "axis": [0.2, 0.1, 1], "rate_deg_per_frame": 0.3}],
+    },
+    "growing": {
+        "mesh": {"kind": "plane", "size_mm": [170, 140], "resolution_mm": 8},
+        "deformation": [{"kind": "growth", "rate_per_hour": 0.9}],
+        "frames": {"count": 3, "frame_interval_s": 60},
+    },
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_points_are_those_of_the_truth(name: str) -> None:
+    """A small image is looked at pixel by pixel; velocities are differences over a frame of smooth motions."""
+    scene = scene_from_plain(wall(**SCENES[name]))
+    look, truth = looked(scene), st.make_truth(scene).sel(t=0)
+    where = at_pixels(look, scene)
+    np.testing.assert_allclose(look.depth_mm, truth["depth"].values[where], rtol=1e-9)
+    np.testing.assert_allclose(look.points.d, truth["disparity"].values[where], rtol=1e-9)
+    normal = truth["normal"].values[:, *where].T
+    np.testing.assert_allclose(np.abs((look.normals * normal).sum(axis=1)), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(flow_of(look).T, truth["flow"].values[:, *where], atol=1e-4)
+    velocity = look.points.q * scene.stage.baseline_mm
+    np.testing.assert_allclose(velocity, truth["velocity"].values[:, *where], atol=1e-4)
+    np.testing.assert_allclose(look.growth, truth["growth_rate"].values[where], atol=1e-7)
+    assert look.share.sum() == pytest.approx(96 * 72)
+
+
+def test_slopes_and_the_chart_are_derivatives() -> None:
+    """Those of the disparity and of the place on the surface, by differences between neighbouring pixels."""
+    scene = scene_from_plain(wall(**SCENES["slanted"]))
+    look, truth = looked(scene), st.make_truth(scene).sel(t=0)
+    row, column = at_pixels(look, scene)
+    inner = (row > 0) & (row < 71) & (column > 0) & (column < 95)
+    d = truth["disparity"].values
+    row, column = row[inner], column[inner]
+    np.testing.assert_allclose(look.points.d_x[inner], (d[row, column + 1] - d[row, column - 1]) / 2, rtol=1e-6)
+    np.testing.assert_allclose(look.points.d_y[inner], (d[row + 1, column] - d[row - 1, column]) / 2, rtol=1e-6)
+    # Areas on the surface per pixel: Z² / f² over the cosine of the angle to the ray, which is short of 1 by 1e-3 here.
+    facing = np.abs(look.normals[inner, 2]) * np.ones(inner.sum())
+    area = np.abs(np.linalg.det(look.chart[inner]))
+    rays = np.column_stack([look.points.x, look.points.y, np.full(len(look), 1200.0)])[inner] / 1200.0
+    cosine = np.abs((look.normals[inner] * rays).sum(axis=1))
+    np.testing.assert_allclose(area, (look.depth_mm[inner] / 1200.0) ** 2 / cosine, rtol=1e-9)
+    assert (facing < 1).all()
+
+
+def test_a_cube_has_three_pieces_and_windows_keep_to_them() -> None:
+    scene = cube(camera={"width": 96, "height": 72, "focal_length_px": 752})
+    look = looked(scene)
+    pieces = np.unique(look.piece[look.piece >= 0])
+    assert len(pieces) == 3
+    offsets = np.stack([each.ravel() for each in np.meshgrid(np.arange(-6.0, 7.0), np.arange(-6.0, 7.0))], axis=-1)
+    own = look.own_around(offsets)
+    truth = st.make_truth(scene).sel(t=0)
+    where = at_pixels(look, scene)
+    far = truth["boundary_distance"].values[where] > 12
+    assert far.any()
+    assert own[far].all()
+    assert not own[truth["boundary_distance"].values[where] < 3].all(axis=1).any()
+
+
+def test_interior_is_far_from_edges() -> None:
+    scene = cube(camera={"width": 96, "height": 72, "focal_length_px": 752})
+    look, truth = looked(scene), st.make_truth(scene).sel(t=0)
+    distance = truth["boundary_distance"].values[at_pixels(look, scene)]
+    inside = look.far_from_edges(8.0)
+    # Edges are told to half a pixel or so.
+    assert (distance[inside] > 6.5).all()
+    assert inside[distance > 9.5].all()
+
+
+def test_the_nearest_triangle_is_seen() -> None:
+    """Against every ray and every triangle, by the formula of Möller and Trumbore."""
+    rng = np.random.default_rng(4)
+    corners = rng.uniform([-30, -30, 80], [30, 30, 200], (60, 1, 3)) + rng.uniform(-12, 12, (60, 3, 3))
+    x = y = np.arange(-14.0, 15.0)
+    found = picture_of(corners, 60.0, x, y)
+    rays = np.stack([*np.meshgrid(x / 60.0, y / 60.0), np.ones((29, 29))], axis=-1)
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(rays[:, :, None], two)
+    area = (across * one).sum(axis=-1)
+    start = -corners[:, 0]
+    u = (across * start).sum(axis=-1) / area
+    turned = np.cross(start, one)
+    v = (rays[:, :, None] * turned).sum(axis=-1) / area
+    depth = (two * turned).sum(axis=-1) / area
+    depth[(u < 0) | (v < 0) | (u + v > 1)] = np.inf
+    expected = np.where(np.isfinite(depth.min(axis=-1)), depth.argmin(axis=-1), -1)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_pieces_end_where_normals_turn() -> None:
+    face = np.array([[0, 0, 1, 1], [0, 2, 2, -1]])
+    normals = np.array([[0, 0, -1.0], [0, 0.1, -0.995], [0, 0.9, -0.436]])
+    pieces = pieces_of(face, normals, np.array([0, 0, 0]), np.cos(np.deg2rad([20.0])))
+    assert pieces[0, 0] == pieces[0, 3] == pieces[1, 0]
+    assert pieces[1, 1] == pieces[1, 2] != pieces[0, 0]
+    assert pieces[1, 3] == -1

@@ -1,0 +1,157 @@
+"""Predictions as they are asked for: forms of scenes, regions, figures, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as some
+
+import scenetruth as st
+from scenetruth.design import Figure, predict
+from scenetruth.design.predict.quantities import TITLES, UNITS
+from scenetruth.design.predict.regions import weighted_median
+from scenetruth.scoring import QUANTITIES
+from tests.design.predict.scenes import wall
+from tests.scenes import SCENES, cube
+
+PER_HOUR = 100 * 3600.0
+
+
+def test_units_and_titles_are_those_of_scores() -> None:
+    assert {name: QUANTITIES[name].units for name in UNITS} == dict(UNITS)
+    assert {name: QUANTITIES[name].title for name in TITLES} == dict(TITLES)
+
+
+def test_scenes_in_any_form(tmp_path: Path) -> None:
+    (tmp_path / "wall.yaml").write_text(yaml.safe_dump(wall()))
+    told = [predict(form) for form in (wall(), st.scene_from_plain(wall()), tmp_path / "wall.yaml")]
+    assert len({one.figure("depth").std for one in told}) == 1
+
+
+def test_figures_have_units_signals_and_what_people_read() -> None:
+    growth = {"kind": "growth", "rate_per_hour": 0.9}
+    mesh = {"kind": "plane", "size_mm": [170, 140], "resolution_mm": 10}
+    frames = {"count": 5, "frame_interval_s": 60.0}
+    told = predict(wall(mesh=mesh, deformation=[growth], frames=frames))
+    figure = told.figure("growth_rate", "object_wall")
+    assert (figure.unit, figure.value_unit) == ("1/frame", "%/h")
+    assert figure.value == pytest.approx(PER_HOUR / 60 * figure.std)
+    assert figure.signal_value == pytest.approx(90.0, rel=1e-3)
+    assert figure.signal is not None
+    assert figure.signal_to_noise == pytest.approx(figure.signal / figure.std)
+    depth = told.figure("depth")
+    assert (depth.signal, depth.signal_to_noise, depth.value) == (None, None, depth.std)
+    velocity = told.figure("velocity_z")
+    # It moves by -0.1 mm per frame; growth in its own plane adds nothing to that.
+    assert velocity.signal == pytest.approx(0.1, rel=1e-3)
+
+
+def test_regions_and_table() -> None:
+    behind = wall()["objects"][0] | {"name": "ground", "pose": {"position_mm": [0, 0, 700]}}
+    narrow = wall()["objects"][0] | {"mesh": {"kind": "plane", "size_mm": [24, 100]}}
+    told = predict(wall(objects=[narrow, behind]))
+    assert told.regions == ("all", "interior", "object_wall", "object_ground")
+    table = told.to_frame()
+    assert set(table["region"]) == set(told.regions)
+    assert set(table["quantity"]) == set(told.quantities) <= set(UNITS)
+    assert set(table["level"]) == {"envelope"}
+    near, far = (told.figure("depth", f"object_{name}").std for name in ("wall", "ground"))
+    # Standard deviations of depth grow with the square of it, and textures are finer in the image.
+    assert near < far
+
+
+def test_both_levels_agree_on_the_cube() -> None:
+    """Medians of the envelope are those of the mean texture; windows here hold three waves: 30 % is promised."""
+    scene = cube(sensor={"noise_std": 0.01, "bit_depth": 8}, score={"interior_margin_px": 10})
+    told = {level: predict(scene, level=level, window_sigma_px=4.0) for level in ("envelope", "bound")}
+    for quantity in ("depth", "velocity_z", "flow_x", "slope_x", "growth_rate"):
+        one, other = (told[level].figure(quantity, "interior").std for level in ("envelope", "bound"))
+        assert one == pytest.approx(other, rel=0.3)
+    maps = told["bound"].maps
+    assert maps is not None
+    assert told["envelope"].maps is None
+    assert maps["depth_std"].sizes == {"y": 120, "x": 160}
+    inside = np.nanmedian(maps["depth_std"].values)
+    # The lower of the two in the middle of an even number.
+    assert told["bound"].figure("depth").std == pytest.approx(inside, rel=1e-3)
+
+
+VARIED: dict[str, tuple[dict[str, Any], float]] = {
+    "noise": ({"sensor": {"noise_std": 0.02, "bit_depth": None}}, 2.0),
+    "baseline": ({"stage": {"positions": 5, "baseline_mm": 4.0}}, 0.5),
+    "contrast": ({"texture": {"kind": "noise", "wavelength_mm": [3.0, 9.0], "rms_contrast": 0.125}}, 2.0),
+}
+
+
+@pytest.mark.parametrize("name", VARIED)
+def test_depth_scales_as_it_should(name: str) -> None:
+    """With the noise, one over the baseline, and one over the contrast; longer stages lose a little of the image."""
+    changes, factor = VARIED[name]
+    still = {"motion": [], "camera": {"width": 400, "height": 300, "focal_length_px": 1200}}
+    still |= {"mesh": {"kind": "plane", "size_mm": [300, 200]}}
+    one, other = (predict(wall(**still, **more)).figure("depth").std for more in ({}, changes))
+    assert other / one == pytest.approx(factor, rel=0.03)
+
+
+def test_rounding_is_noise() -> None:
+    told = predict(wall(sensor={"noise_std": 0.0, "bit_depth": 8}))
+    assert told.causes.noise_std == pytest.approx(1 / (255 * np.sqrt(12)))
+
+
+@pytest.mark.parametrize("method", ["refined", "structure_tensor"])
+@pytest.mark.parametrize("level", ["envelope", "bound"])
+def test_one_camera_tells_flow_and_one_frame_depth(method: str, level: Any) -> None:
+    alone = predict(wall(stage={"positions": 1, "baseline_mm": 5.0}), level=level, method=method)
+    assert set(alone.quantities) == {"flow_x", "flow_y"}
+    still = predict(wall(frames={"count": 1}), level=level, method=method)
+    assert {"depth", "disparity"} <= set(still.quantities) <= {"depth", "disparity", "slope_x", "slope_y", "normal"}
+    assert still.figure("depth").std > predict(wall(), level=level, method=method).figure("depth").std
+
+
+@pytest.mark.parametrize("level", ["envelope", "bound"])
+def test_nothing_is_known_of_a_surface_without_texture(level: Any) -> None:
+    told = predict(wall(texture={"kind": "uniform"}), level=level).figure("depth")
+    assert told == Figure(float("inf"), "mm", None, float("inf"), None, "mm", 0.0)
+
+
+def test_what_is_wrong_is_told_at_once() -> None:
+    with pytest.raises(st.SceneError, match=r"(?s)method: .*refined.*window_sigma_px.*motion: must be one of"):
+        predict(wall(), method="guess", window_sigma_px=-1.0, motion="odd")  # type: ignore[arg-type]
+    with pytest.raises(st.SceneError, match="level: must be envelope or bound"):
+        predict(wall(), level="exact")  # type: ignore[arg-type]
+    with pytest.raises(st.SceneError, match="sensor: has no noise"):
+        predict(wall(sensor="ideal"))
+    with pytest.raises(st.SceneError, match="sees none of them"):
+        predict(wall(pose={"position_mm": [3000, 0, 600]}))
+    with pytest.raises(st.SceneError, match=r"(?s)region: .*object_wall.*quantity: "):
+        predict(wall()).figure("charge", "moon")
+    with pytest.raises(st.SceneError, match="frames"):
+        predict(wall(), limits=st.Limits(frames=2))
+
+
+def test_what_is_left_out_is_told() -> None:
+    lens = {"width": 96, "height": 72, "focal_length_px": 1200, "distortion": {"k1": -0.2}}
+    stage = {"positions": 5, "baseline_mm": 2.0, "errors": {"preset": "air_bearing"}}
+    notes = " ".join(predict(wall(camera=lens, stage=stage)).notes)
+    assert "without distortion" in notes
+    assert "errors of the stage" in notes
+
+
+@pytest.mark.parametrize("file", ["cube", "plane", "relief"])
+def test_scenes_of_the_library_are_predicted(file: str) -> None:
+    told = predict(SCENES / f"{file}.yaml")
+    assert 0 < told.figure("depth", "interior").std < 0.1
+    assert told.figure("depth").known_share > 0.9
+
+
+@given(some.lists(some.tuples(some.floats(0, 10), some.integers(1, 5)), min_size=1, max_size=20))
+def test_weighted_medians_are_those_of_repeated_values(pairs: list[tuple[float, int]]) -> None:
+    values, weights = (np.array(each, dtype=float) for each in zip(*pairs, strict=True))
+    repeated = np.sort(np.repeat(values, weights.astype(int)))
+    middle = weighted_median(values, weights)
+    assert middle == repeated[(len(repeated) - 1) // 2]
