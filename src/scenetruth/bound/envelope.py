@@ -183,9 +183,11 @@ def envelope_of(
 
 def _integral(power: float, short: float, long: float) -> float:
     """Return the integral of a power of the frequency over a band of wavelengths."""
-    if power == -1:
-        return math.log(long / short)
-    return float((short ** -(power + 1) - long ** -(power + 1)) / (power + 1))
+    raised, octaves = power + 1, math.log(long / short)
+    if raised == 0:
+        return octaves
+    # The difference of both ends, which is lost in rounding where the power is nearly -1.
+    return float(short**-raised * -math.expm1(-raised * octaves) / raised)
 
 
 def _squares(count: int) -> float:
