@@ -39,10 +39,9 @@ accuracy: setup
 
 nightly: setup
 	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -rP -p no:cacheprovider \
-		tests/fuzz tests/pipeline tests/dataset/engine tests/dataset/test_run.py tests/scoring/test_figures.py tests/storage/test_integrity.py tests/test_resident_memory.py \
-		tests/estimators/structure_tensor/test_determinism.py tests/test_accuracy.py \
-		tests/estimators/structure_tensor/test_uncertainty.py tests/estimators/refined/test_plane.py \
-		tests/estimators/refined/test_rigs.py tests/estimators/refined/cameras tests/truth/test_maps.py tests/comparison tests/scoring/slips tests/bound tests/testing
+		tests/fuzz tests/pipeline tests/dataset tests/storage/test_integrity.py tests/test_resident_memory.py tests/test_accuracy.py \
+		tests/estimators/structure_tensor tests/estimators/refined tests/truth tests/camera tests/experiment tests/scoring \
+		tests/comparison tests/bound tests/testing tests/design tests/cli/design
 
 browser: setup
 	@bash tools/setup.sh browser

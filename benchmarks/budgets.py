@@ -126,7 +126,7 @@ def main() -> None:
     for name, told in found.items():
         for cause, quantity, predicted, drawn, simulated, _ in told["parts"]:
             if quantity in QUANTITIES and simulated == simulated:
-                print(line((name, cause, quantity, number(predicted), number(drawn), number(simulated))))
+                print(line((name, cause, quantity, *map(_spelled, (predicted, drawn, simulated)))))
     effects = {f"effect.{name}": (name, given.set, given.folder) for name in MEASURED}
     print()
     print(heading(("effect, alone", "quantity", "measured", "simulated", "predicted, drawn", "predicted")))
@@ -139,7 +139,11 @@ def main() -> None:
             else:
                 part = next(one for one in told["parts"] if one[:2] == [MEASURED[plain], quantity])
                 values = [part[4], part[3], part[2]]
-            print(line((plain, quantity, number(measured(plain, column)), *map(number, values))), flush=True)
+            print(line((plain, quantity, number(measured(plain, column)), *map(_spelled, values))), flush=True)
+
+
+def _spelled(value: float) -> str:
+    return number(value if value == value else None)
 
 
 def _figure(part: Sequence[Any]) -> float:

@@ -93,15 +93,19 @@ def against_random(design: Design, rigs: Sequence[Mapping[str, float]]) -> None:
 
 
 def order_kept(design: Design) -> None:
-    """Print how many pairs of simulated rigs have the order of their predictions."""
-    told = [rig for rig in design.front if rig.is_confirmed]
+    """Print how many pairs of simulated rigs have the order of their predictions: by rms, and by typical errors."""
     for one in design.objectives:
-        pairs = [
-            (first.predicted[one.title] < second.predicted[one.title])
-            == (first.simulated[one.title].number < second.simulated[one.title].number)
-            for first, second in combinations([rig for rig in told if one.title in rig.simulated], 2)
-        ]
-        print(f"  {one.title}: {sum(pairs)} of {len(pairs)} pairs of simulated rigs keep their order")
+        told = [rig for rig in design.front if one.title in rig.simulated]
+        for name, figures in (
+            ("rms errors", [rig.simulated[one.title].number for rig in told]),
+            ("typical errors", [rig.typical[one.title].number for rig in told]),
+        ):
+            pairs = list(combinations(range(len(told)), 2))
+            kept = [
+                (told[a].predicted[one.title] < told[b].predicted[one.title]) == (figures[a] < figures[b])
+                for a, b in pairs
+            ]
+            print(f"  {one.title}, {name}: {sum(kept)} of {len(pairs)} pairs of simulated rigs keep their order")
     for each in design.discrepancies:
         print(f"  rig {each.rig}: {each.says}")
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Frames, Moment, Schedule, Stage
 from scenetruth.randomness import generator_for
+from tests.nightly import nightly
 
 SCANS = ["unidirectional", "bidirectional"]
 
@@ -54,6 +55,7 @@ def within_sampling_error(sample: np.ndarray[Any, Any], sigma: float) -> bool:
     return bool(abs(sample.mean()) < 5 * sigma / np.sqrt(count) and abs(rms / sigma - 1) < 5 / np.sqrt(2 * count))
 
 
+@nightly
 def test_errors_have_the_stated_statistics() -> None:
     errors = {"repeatability_um": 2, "straightness_um": 3, "pitch_urad": 40, "yaw_urad": 50, "roll_urad": 60}
     plan = schedule(count=10, positions=1001, baseline_mm=0.1, errors=errors)

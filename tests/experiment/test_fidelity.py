@@ -24,6 +24,7 @@ from scenetruth.render import opengl
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.texture.noise import NoiseTexture
 from scenetruth.scene.world import build_world
+from tests.nightly import nightly
 
 SMALL = (50, 75)
 
@@ -129,6 +130,7 @@ def test_a_shifted_texture_is_found_out(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert results[0].rms_px == pytest.approx(1e-3 / np.sqrt(2), rel=0.01)
 
 
+@nightly
 def test_the_whole_experiment(tmp_path: Path) -> None:
     calls: list[tuple[str, int, int]] = []
     results, reason = run_fidelity(

@@ -18,6 +18,7 @@ from scenetruth.experiment.figure2 import run as figure2
 from scenetruth.experiment.figure2.pattern import FOCAL_LENGTH_PX, REFERENCE_DEPTH, pattern_images, pattern_recording
 from scenetruth.experiment.figure2.points import Condition
 from scenetruth.experiment.figure2.run import conditions, measure, run_figure2
+from tests.nightly import nightly
 from tests.scenes import plaid
 
 
@@ -98,6 +99,7 @@ def test_conditions_cover_the_papers_ranges() -> None:
     assert {condition.noise_std for condition in todo} == {0.0, 0.025}
 
 
+@nightly
 def test_the_whole_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = [condition for condition in conditions() if 0.9 < condition.value < 1.5]
     assert {condition.quantity for condition in few} == {"U_X", "U_Z", "V_X"}

@@ -9,8 +9,10 @@ import time
 from pathlib import Path
 
 from scenetruth.pipeline import RunFolder, Runner, figure_help
+from tests.nightly import nightly
 
 
+@nightly
 def test_pictures_are_the_same_with_and_without_help(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.scene import Scene, scene_from_plain
 from scenetruth.scene.world import build_world
 from scenetruth.truth import TruthChoice, make_truth, truth_of_world
+from tests.nightly import nightly
 from tests.scenes import cube
 
 Array = NDArray[np.float64]
@@ -219,6 +220,7 @@ def rosette(width: int, height: int, resolution_mm: float, count: int = 3) -> Sc
     return scene_from_plain(plain)
 
 
+@nightly
 @pytest.mark.filterwarnings("ignore:objects. the texture")
 def test_visible_on_a_rosette_against_brute_force() -> None:
     counts = check_against_force(rosette(44, 34, 4.0))

@@ -13,6 +13,7 @@ import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor, LinearImage
 from scenetruth.randomness import generator_for
 from scenetruth.scene import scene_from_plain
+from tests.nightly import nightly
 from tests.scenes import cube
 from tests.sensors import NOISY_SENSOR
 
@@ -88,6 +89,7 @@ def test_dark_current_and_hot_pixels() -> None:
     assert images[~hot].mean() / sensor.gain_dn_per_e == pytest.approx(30.0, abs=1.0)
 
 
+@nightly
 def test_two_point_correction_takes_the_pattern_out() -> None:
     sensor = made("noisy")
     dark, flat = stacks(sensor, 0.0, 60).mean(axis=0), stacks(sensor, 0.4, 60).mean(axis=0)

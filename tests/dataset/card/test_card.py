@@ -24,6 +24,7 @@ from scenetruth.dataset.run import run_dataset
 from scenetruth.errors import OutputExistsError, RecipeError, StoreError
 from tests.cli.calling import scenetruth
 from tests.dataset.conftest import RECIPE
+from tests.nightly import nightly
 
 HOSTILE = "<script>alert(1)</script> | **bold** [link](x) {{ 7 * 7 }}"
 PUBLISHED = Publication("1.2.0", "2026-11-23", "https://example.org/tiles")
@@ -201,6 +202,7 @@ def test_nothing_half_written_stays(dataset: Path, monkeypatch: pytest.MonkeyPat
     assert {path.name for path in dataset.iterdir()} == before
 
 
+@nightly
 def test_samples_in_tar_files(tmp_path: Path) -> None:
     plain = copy.deepcopy(RECIPE) | {"samples": 2, "layout": "shards", "samples_per_shard": 1}
     run_dataset(recipe_from_plain(plain), tmp_path / "tiles", workers=0)

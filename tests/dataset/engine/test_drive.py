@@ -45,6 +45,7 @@ class Notes:
         return Drive(workers, work, (str(folder),), self.made.append, failed, self.said.append, **options)
 
 
+@nightly
 def test_every_sample_is_made_once_and_the_guilty_ones_alone_are_set_aside(tmp_path: Path) -> None:
     notes, workers = Notes(), LocalWorkers(2)
     try:
@@ -127,6 +128,7 @@ def test_a_full_disk_is_no_fault_of_a_sample(tmp_path: Path, monkeypatch: pytest
     assert notes.said[-1] == "goes on"
 
 
+@nightly
 def test_a_script_that_cannot_start_processes_is_told_so(tmp_path: Path) -> None:
     """Without the usual guard, every process would run the script again."""
     script = tmp_path / "script.py"

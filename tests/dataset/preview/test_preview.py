@@ -18,6 +18,7 @@ from scenetruth.simulation import simulate
 from tests.cli.calling import scenetruth
 from tests.dataset.conftest import SCENE
 from tests.dataset.test_run import Make
+from tests.nightly import nightly
 
 SCENES = Path(__file__).parents[3] / "scenes"
 HOSTILE = '<script>alert(1)</script> & "quotes" {{ 7 * 7 }} \' \u202e'
@@ -27,6 +28,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
+@nightly
 def test_page_and_pictures(sampler_with: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sampler = sampler_with(
         description=HOSTILE,

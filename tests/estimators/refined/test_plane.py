@@ -78,6 +78,7 @@ def test_two_frames_do_not_tell_an_acceleration() -> None:
         estimated(plane, plane.recording(cameras=2, frames=2), acceleration=True)
 
 
+@nightly
 def test_cubic_splines_do_as_well_in_noise() -> None:
     """They err by some 1e-3 px between pixels, and leave another share of the noise, which error bars know."""
     plane = MovingPlane(size=(96, 128))

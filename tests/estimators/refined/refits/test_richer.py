@@ -13,6 +13,7 @@ import scenetruth as st
 from scenetruth.estimators.refined.fits import between, blank_fit, every_other, with_bias
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 from tests.estimators.refined.surface import MovingPlane
+from tests.nightly import nightly
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,7 @@ def test_a_plane_that_grows_evenly_is_plain(motion: str) -> None:
         np.testing.assert_array_equal(one, other)
 
 
+@nightly
 @pytest.mark.parametrize("times", [3, 10])
 def test_shear_takes_any_gradient(times: int) -> None:
     """A turn and even growth take shear for curvature and motion in depth: 4 % per frame, and 36 % over all frames."""
@@ -94,6 +96,7 @@ class Swinging(MovingPlane):
         return still.image(stage_mm, 1.0, channel, moved)
 
 
+@nightly
 def test_fewer_frames_are_used_where_all_do_not_agree() -> None:
     """Over 9 frames, half a period, a parabola errs by more than noise; over 3 it does not.
 

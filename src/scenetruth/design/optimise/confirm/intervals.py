@@ -29,7 +29,7 @@ def interval_of(values: Sequence[float]) -> Interval:
     --------
     >>> found = interval_of([0.9, 1.0, 1.1, 1.0])
     >>> round(found.number, 3), round(found.low, 2), round(found.high, 2), found.seeds
-    (1.002, 0.75, 1.33, 4)
+    (1.002, 0.75, 1.34, 4)
     """
     from scipy.special import stdtrit
 

@@ -56,6 +56,8 @@ def ten_percent_of(one: Evaluation, prepared: Prepared) -> dict[tuple[str, str],
         What is designed.
     """
     task, found = prepared.task, dict[tuple[str, str], float]()
+    # Not the prediction that is kept: it may be of an earlier version.
+    here = evaluate(task, one.values)
     for parameter in prepared.space.parameters:
         value = one.values[parameter.name]
         changed = _changed(task, parameter.name, value)
@@ -64,7 +66,7 @@ def ten_percent_of(one: Evaluation, prepared: Prepared) -> dict[tuple[str, str],
         other, more, factor = changed
         told = evaluate(other, {**one.values, parameter.name: more})
         for objective in task.objectives:
-            before, after = one.predicted[objective.title], told.predicted[objective.title]
+            before, after = here.predicted[objective.title], told.predicted[objective.title]
             if 0 < before < math.inf and 0 < after < math.inf:
                 power = math.log(_MORE) / math.log(factor)
                 found[objective.title, parameter.name] = (after / before) ** power - 1

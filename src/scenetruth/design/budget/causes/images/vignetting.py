@@ -21,6 +21,7 @@ class VignettingOfLens(Cause):
     group = "images"
     perfect: ClassVar[Mapping[str, Any]] = {"optics.vignetting": None}
     takes_contrast = True
+    coarse = True
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
         """Return what is left in a corner."""
