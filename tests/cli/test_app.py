@@ -46,7 +46,9 @@ def finished(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     # That all pictures are drawn if none are chosen says `tests.cli.test_methods`.
     done = in_own_process("run", scene_file, "-o", folder, "--images", "png", "--truth", "all", *PICTURES)
     assert done.returncode == 0, done.stderr
-    assert "depth" in done.stdout
+    assert "Depth" in done.stdout
+    assert f"page: {(folder / 'report.html').as_uri()}" in done.stdout
+    assert "\x1b" not in done.stdout + done.stderr
     assert "rendered with raycast" in done.stderr
     return folder
 
@@ -109,6 +111,12 @@ def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Pa
         assert ("is as new" if command == "report" else "exists already") in again.stderr
         assert scenetruth(command, folder, "--overwrite", *few[:2]).returncode == 0
     assert names(folder) == RESULTS
+    for names_of in ({"image.png", "image.pdf"}, {"image.png"}):
+        # What was drawn as vectors is ours too, and may be replaced.
+        form = "pdf" if "image.pdf" in names_of else "png"
+        done = scenetruth("report", folder, "--overwrite", "--figures-format", form, *PICTURES[:2])
+        assert done.returncode == 0, done.stderr
+        assert names(folder / "figures") == names_of
 
 
 def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Path) -> None:

@@ -1,9 +1,20 @@
-"""Interrupts that compiled code swallows still end the command."""
+"""Interrupts that compiled code swallows still end the command, and nobody waits long for a word."""
 
 from __future__ import annotations
 
+import io
+import itertools
+import math
 import subprocess
 import sys
+from collections.abc import Callable
+from unittest import mock
+
+import pytest
+from rich.console import Console
+from rich.progress import Progress
+
+from scenetruth.cli.console import Reporter, reporting
 
 SWALLOWED = """
 import ctypes, os, signal, time
@@ -25,3 +36,63 @@ def test_an_interrupt_that_c_code_swallows_comes_again() -> None:
     assert done.returncode == 130, done.stderr
     assert "error: interrupted" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+class Clock:
+    """A clock that a test sets."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def told_by(clock: Clock, seconds: float, work: Callable[[Reporter, float], None]) -> list[tuple[float, str]]:
+    """Return the lines of a reporter that is asked every quarter of a second, each with its time."""
+    lines = []
+    with mock.patch("time.monotonic", clock):
+        file = io.StringIO()
+        reporter = Reporter(Progress(console=Console(file=file, width=200)))
+        while clock.now < seconds:
+            clock.now += 0.25
+            work(reporter, clock.now)
+            before = file.tell()
+            reporter.break_silence()
+            if file.tell() > before:
+                lines.append((clock.now, file.getvalue()[before:].strip()))
+    return lines
+
+
+def test_a_pipe_hears_of_compiling_every_three_seconds() -> None:
+    counts = iter(range(10_000))
+    lines = told_by(Clock(), 120, lambda reporter, _: reporter.compiles("kernel", next(counts)))
+    times = [0.0, *(time for time, _ in lines)]
+    assert max(b - a for a, b in itertools.pairwise(times)) <= 3
+    assert lines[0][1] == "after 3 s, compile: 12 kernels so far"
+
+
+def test_a_pipe_hears_of_long_work_ever_more_rarely() -> None:
+    def work(reporter: Reporter, now: float) -> None:
+        if now > 10:
+            reporter("render", int(now), 40_000)
+
+    lines = told_by(Clock(), 36_000, work)
+    assert lines[0] == (2.75, "after 3 s, loading libraries")
+    assert lines[3] == (11.0, "after 11 s, render: 11 of 40,000")
+    # Ten lines to 30 s, and then each when 1.11 times as much time has passed as at the one before.
+    assert len(lines) == pytest.approx(10 + math.log(36_000 / 30) / math.log(1 / 0.9), abs=4)
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_where_nothing_was_worked_on_nothing_is_left(terminal: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", file)
+    monkeypatch.setenv("FORCE_COLOR" if terminal else "NO_COLOR", "1")
+    with reporting():
+        pass
+    assert ("start" in file.getvalue()) == terminal
+    if not terminal:
+        assert file.getvalue() == ""
+    with reporting() as reporter:
+        reporter("render", 1, 2)
+    assert "1/2" in file.getvalue()

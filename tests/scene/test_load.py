@@ -176,3 +176,21 @@ def test_a_later_format_is_refused() -> None:
     assert cube(format=1).format == 1
     with pytest.raises(st.SceneError, match=r"format: is a format .* that this scenetruth does not read; it reads 1"):
         cube(format=2)
+
+
+def test_a_shipped_scene_goes_by_its_name_unless_a_file_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert st.load_scene("plane").objects[0].name == "plane"
+    Path("plane").write_text(FILE_SCENE, encoding="utf-8")
+    assert st.load_scene("plane").objects[0].name == "wall"
+    with pytest.raises(st.SceneError, match="no_such"):
+        st.load_scene("no_such")
+
+
+FILE_SCENE = """
+camera: {width: 40, height: 30, focal_length_px: 60}
+stage: {positions: 3, baseline_mm: 5}
+frames: {count: 2}
+objects:
+  - {name: wall, mesh: {kind: plane, size_mm: [90, 90]}, texture: {kind: uniform}, pose: {position_mm: [0, 0, 100]}}
+"""

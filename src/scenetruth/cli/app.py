@@ -8,6 +8,7 @@ import typer
 
 from scenetruth import __version__
 from scenetruth.cli import comparing, datasets, design, experiments, exporting, running, scenes
+from scenetruth.cli.starter import command as starting
 
 __all__ = ["app", "run_app"]
 
@@ -15,7 +16,6 @@ app = typer.Typer(
     name="scenetruth",
     help="Rendered scenes with exact ground truth for measuring depth and 3D motion from a camera on a linear stage.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
@@ -42,5 +42,5 @@ def _main(
     pass
 
 
-for room in (running, scenes, datasets, exporting, comparing, design, experiments):
+for room in (running, scenes, starting, datasets, exporting, comparing, design, experiments):
     room.register(app)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -31,6 +32,10 @@ __all__ = ["Reporter", "guard", "print_warning", "reporting"]
 _EXIT_ERROR = 2
 _EXIT_INTERRUPTED = 130
 _AGAIN_S = 0.05
+_SILENT_S = 3.0
+_SILENT_PART = 0.1
+_LOOKED_S = 0.25
+_START, _COMPILE = "start", "compile"
 
 
 @dataclass
@@ -48,14 +53,31 @@ class Reporter:
     progress: Progress
     timings_s: dict[str, float] = field(default_factory=dict)
     _tasks: dict[str, TaskID] = field(default_factory=dict)
+    _state: str = "loading libraries"
+    _begun_s: float = field(default_factory=lambda: time.monotonic())
+    _told_s: float = field(default_factory=lambda: time.monotonic())
 
     def __call__(self, what: str, done: int, total: int) -> None:
         """Show that ``done`` of ``total`` pieces of some work are done."""
         if _interrupted:
             raise _Interrupted
+        self._show(what, done, total)
+        self._state = f"{what}: {done:,} of {total:,}"
+
+    def _show(self, what: str, done: int, total: int | None) -> None:
         if what not in self._tasks:
+            self.end_start()
             self._tasks[what] = self.progress.add_task(escape(visible(what, lines=False)), total=total)
         self.progress.update(self._tasks[what], completed=done, total=total)
+
+    def begin_start(self) -> None:
+        """Show that something is going on before any work tells of itself: libraries are loaded."""
+        self._tasks[_START] = self.progress.add_task(_START, total=None)
+
+    def end_start(self) -> None:
+        """Take that away."""
+        if _START in self._tasks:
+            self.progress.remove_task(self._tasks.pop(_START))
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:
@@ -67,18 +89,43 @@ class Reporter:
     def compiles(self, name: str, before: int) -> None:
         """Show that a kernel is being compiled, and how many have been before it."""
         if before == 0:
-            self.say("compiling for this machine, which takes about a minute once; later runs read it from disk")
-            self._tasks["compile"] = self.progress.add_task("compile", total=None)
-        self.progress.update(self._tasks["compile"], completed=before + 1)
+            self.say(
+                "compiling for this machine, which takes a minute or two once; later runs read it from disk "
+                "(`scenetruth warm-up` does it beforehand)"
+            )
+        self._show(_COMPILE, before + 1, None)
+        self._state = f"{_COMPILE}: {before + 1} kernels so far"
 
     def say(self, text: str) -> None:
         """Print a line above the bars."""
+        self._told_s = time.monotonic()
         self.progress.console.print(visible(text), highlight=False, markup=False, emoji=False, soft_wrap=True)
+
+    def break_silence(self) -> None:
+        """Print how far the work is if nothing was printed for seconds, or for a tenth of the time if that is more."""
+        now = time.monotonic()
+        passed = now - self._begun_s
+        # Whoever waits for it to end the first time has not seen yet that it does.
+        patience = 0.0 if self._state.startswith(_COMPILE) else _SILENT_PART * passed
+        if now - self._told_s >= max(_SILENT_S - _LOOKED_S, patience):
+            self.say(f"after {passed:.0f} s, {self._state}")
+
+    def finish(self) -> None:
+        """Leave no bar behind that runs on."""
+        self.end_start()
+        if _COMPILE in self._tasks:
+            task = self._tasks[_COMPILE]
+            self.progress.update(task, total=self.progress.tasks[self.progress.task_ids.index(task)].completed)
+        if not self.progress.task_ids:
+            # Where no bar was, none is printed, nor an empty line after it.
+            self.progress.live.transient = True
+            self.progress.live.stop()
+            self.progress.disable = True
 
 
 @contextmanager
 def reporting() -> Iterator[Reporter]:
-    """Show progress bars on standard error while the block runs."""
+    """Show progress bars on standard error while the block runs; where that is no terminal, a line now and then."""
     columns = (
         TextColumn("{task.description:>10}"),
         BarColumn(),
@@ -88,8 +135,34 @@ def reporting() -> Iterator[Reporter]:
     )
     with Progress(*columns, console=Console(stderr=True)) as progress:
         reporter = Reporter(progress)
-        with announced_compilation(reporter.compiles):
-            yield reporter
+        reporter.begin_start()
+        with _no_silence(reporter):
+            try:
+                with announced_compilation(reporter.compiles):
+                    yield reporter
+            finally:
+                reporter.finish()
+
+
+@contextmanager
+def _no_silence(reporter: Reporter) -> Iterator[None]:
+    """Let a reporter say how far the work is while the block runs, where no bars move because there is no terminal."""
+    if reporter.progress.console.is_terminal:
+        yield
+        return
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(_LOOKED_S):
+            reporter.break_silence()
+
+    watcher = threading.Thread(target=watch, name="no silence", daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
 
 
 def guard(run: Callable[[], None]) -> None:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenetruth.cli import options
+from scenetruth.cli.completion import files_on, method_names
+from scenetruth.cli.shipped import RECIPES, find
 
 if TYPE_CHECKING:
     from scenetruth.dataset.sampler import Sampler
@@ -18,7 +20,16 @@ __all__ = ["register"]
 
 _EXIT_SOME_FAILED = 1
 
-RecipeFile = Annotated[Path, typer.Argument(metavar="RECIPE", help="Recipe of a data set (YAML).", show_default=False)]
+RecipeFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RECIPE",
+        help="Recipe of a data set (YAML), or a name of `scenetruth scenes`.",
+        show_default=False,
+        callback=lambda given: find(RECIPES, given),
+        autocompletion=files_on(RECIPES),
+    ),
+]
 DatasetPath = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a data set.", show_default=False)]
 Workers = Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes of this machine.")]
 Threads = Annotated[int, typer.Option("--threads", min=1, max=1024, help="Threads of each process.")]
@@ -201,7 +212,13 @@ def verify(
 def estimate(
     folder: DatasetPath,
     method: Annotated[
-        str | None, typer.Option("--method", metavar="NAME", help="A method of estimation; the scene's if not given.")
+        str | None,
+        typer.Option(
+            "--method",
+            metavar="NAME",
+            help="A method of estimation; the scene's if not given.",
+            autocompletion=method_names,
+        ),
     ] = None,
     settings: Annotated[
         list[str] | None,

@@ -9,13 +9,18 @@ from typing import Annotated
 
 import typer
 
+from scenetruth.cli.completion import files_on, method_names
+from scenetruth.cli.shipped import SCENES, find
+
 __all__ = [
     "AllowMismatch",
     "Command",
     "CommandImages",
     "CommandName",
     "Content",
+    "FigureForm",
     "Figures",
+    "FiguresFormat",
     "Folder",
     "Ideal",
     "ImageForm",
@@ -45,6 +50,13 @@ __all__ = [
 def helpers() -> int:
     """Return how many further processes a command may take: one, if there is a processor for it."""
     return int(len(os.sched_getaffinity(0)) > 1) if hasattr(os, "sched_getaffinity") else int((os.cpu_count() or 1) > 1)
+
+
+class FigureForm(StrEnum):
+    """File formats of the figures of a report."""
+
+    png = "png"
+    pdf = "pdf"
 
 
 class ImageForm(StrEnum):
@@ -83,7 +95,16 @@ class TruthContent(StrEnum):
     complete = "complete"
 
 
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).", show_default=False)]
+SceneFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SCENE",
+        help="Scene file (YAML), or a name of `scenetruth scenes`.",
+        show_default=False,
+        callback=lambda given: find(SCENES, given),
+        autocompletion=files_on(SCENES),
+    ),
+]
 Results = Annotated[
     Path, typer.Argument(metavar="FOLDER", help="Folder of a run, or a store in it.", show_default=False)
 ]
@@ -124,6 +145,7 @@ Methods = Annotated[
         help="A method of estimation (see `scenetruth methods`), or module:function; may be repeated. The scene's if "
         "not given.",
         show_default=False,
+        autocompletion=method_names,
     ),
 ]
 Command = Annotated[
@@ -165,6 +187,9 @@ Content = Annotated[
     typer.Option("--truth-content", help="What estimates are scored against, or everything known of the surface."),
 ]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw the pictures and the report.")]
+FiguresFormat = Annotated[
+    FigureForm, typer.Option("--figures-format", help="pdf: the figures as vectors too, beside PNG.")
+]
 Figures = Annotated[
     list[str] | None,
     typer.Option(

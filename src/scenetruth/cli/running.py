@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -39,21 +40,15 @@ def run(
     ideal: options.Ideal = False,
     report: options.Report = True,
     figures: options.Figures = None,
+    figures_format: options.FiguresFormat = options.FigureForm.png,
 ) -> None:
     """Render a scene, estimate, score and report, in one go."""
-    from scenetruth.pipeline import STAGES
-    from scenetruth.scene import load_scene
-
-    changes = list(overrides or ())
-    if methods and len(methods) == 1 and methods[0] != load_scene(scene).estimate.method:
-        # --set estimate.FIELD then means a field of that method.
-        changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
     results = _run(
         scene,
-        changes,
+        overrides,
         output,
         limits,
-        stages=STAGES if report else STAGES[:-1],
+        stages=("render", "estimate", "score", "report")[: 4 if report else 3],
         methods=methods or (),
         truth_views=truth.value,
         truth_poses=truth_poses.value,
@@ -62,9 +57,10 @@ def run(
         images=images,
         overwrite=overwrite,
         figures=figures or None,
+        figures_also=_beside_png(figures_format),
         helpers=options.helpers(),
     )
-    _print_scores(results)
+    _print_results(results)
     _echo(f"written: {output}")
     _raise_failures(results)
 
@@ -182,6 +178,7 @@ def report(
     folder: options.Folder,
     methods: options.Methods = None,
     figures: options.Figures = None,
+    figures_format: options.FiguresFormat = options.FigureForm.png,
     overwrite: options.Overwrite = False,
     allow_mismatch: options.AllowMismatch = False,
     limits: options.Limits = None,
@@ -198,7 +195,7 @@ def report(
         names = methods or runner.folder.estimated()
         for method in names:
             with runner.keeping_failures(method):
-                runner.report(method, figures or None)
+                runner.report(method, figures or None, _beside_png(figures_format))
     for method in names:
         if method not in runner.failures:
             _echo(f"written: {runner.folder.of(method).report}")
@@ -227,6 +224,10 @@ def _echo(text: str, *, err: bool = False) -> None:
     typer.echo(visible(text), err=err)
 
 
+def _beside_png(form: options.FigureForm) -> tuple[str, ...]:
+    return () if form is options.FigureForm.png else (form.value,)
+
+
 def _run(
     file: Path,
     overrides: list[str] | None,
@@ -234,24 +235,38 @@ def _run(
     limits: list[str] | None,
     *,
     images: options.ImageForm | None,
+    methods: Sequence[str] = (),
     **wanted: Any,
 ) -> RunResults:
     """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_scene`."""
     from scenetruth.cli.console import reporting
     from scenetruth.errors import SceneError
-    from scenetruth.pipeline import run_scene
-    from scenetruth.resources.bounds import limits_from
-    from scenetruth.scene import load_scene
 
-    loaded, allowed = load_scene(file, overrides or ()), limits_from(limits or ())
     form: Literal["png", "tiff"] | None = None if images is None else images.value
-    try:
-        with reporting() as reporter:
+    with reporting() as reporter:
+        # Libraries take seconds to load when they are read from disk for the first time.
+        from scenetruth.pipeline import run_scene
+        from scenetruth.resources.bounds import limits_from
+        from scenetruth.scene import load_scene
+
+        changes = list(overrides or ())
+        if len(methods) == 1 and methods[0] != load_scene(file).estimate.method:
+            # --set estimate.FIELD then means a field of that method.
+            changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
+        loaded, allowed = load_scene(file, changes), limits_from(limits or ())
+        try:
             return run_scene(
-                loaded, output, limits=allowed, images=form, progress=reporter, notice=reporter.say, **wanted
+                loaded,
+                output,
+                methods=methods,
+                limits=allowed,
+                images=form,
+                progress=reporter,
+                notice=reporter.say,
+                **wanted,
             )
-    except SceneError as error:
-        raise SceneError(error.problems, source=file) from error
+        except SceneError as error:
+            raise SceneError(error.problems, source=file) from error
 
 
 def _runner(
@@ -274,6 +289,19 @@ def _print_scores(results: RunResults) -> None:
 
     for method, scored in results.scores.items():
         print_score(scored, method if len(results.scores) > 1 else "")
+
+
+def _print_results(results: RunResults) -> None:
+    """Print what a run has found, in short, with a picture where the terminal shows one, and name its pages."""
+    from scenetruth.cli.picture import print_picture
+    from scenetruth.cli.tables import console, print_main_figures
+
+    for method, scored in results.scores.items():
+        print_picture(results.folder, method, console())
+        print_main_figures(scored, method)
+        page = results.folder.of(method).report
+        if page.is_file():
+            _echo(f"page: {page.absolute().as_uri()}")
 
 
 def _raise_failures(results: RunResults) -> None:

@@ -1,8 +1,9 @@
-"""The commands that look at scenes and at what is installed: check, schema, methods, warm-up."""
+"""The commands that look at scenes and at what is installed: check, scenes, schema, methods, warm-up, doctor."""
 
 from __future__ import annotations
 
 import json
+from typing import Annotated
 
 import typer
 
@@ -10,10 +11,12 @@ from scenetruth.cli import options
 
 __all__ = ["register"]
 
+_EXIT_UNFIT = 2
+
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
-    for command in (check, schema, methods, warm_up):
+    for command in (check, scenes, schema, methods, warm_up, doctor):
         app.command()(command)
 
 
@@ -24,6 +27,13 @@ def check(scene: options.SceneFile, overrides: options.Overrides = None, limits:
     from scenetruth.scene import load_scene
 
     print_check(load_scene(scene, overrides or ()), scene, limits_from(limits or ()))
+
+
+def scenes() -> None:
+    """List the scenes that are shipped, and recipes and goals: each is called by its name alone."""
+    from scenetruth.cli.tables import print_shipped
+
+    print_shipped()
 
 
 def schema() -> None:
@@ -48,3 +58,20 @@ def warm_up() -> None:
     with reporting() as report:
         pipeline.warm_up(report)
     typer.echo("everything is compiled")
+
+
+def doctor(
+    as_json: Annotated[
+        bool, typer.Option("--json", help="As JSON, to be sent along with the report of a fault.")
+    ] = False,
+) -> None:
+    """Say what works on this machine and what does not, each with a remedy; exit code 2 if scenes cannot be run."""
+    from scenetruth.cli import doctor as room
+
+    findings = room.examine()
+    if as_json:
+        typer.echo(room.as_json(findings))
+    else:
+        room.print_findings(findings)
+    if not room.is_fit(findings):
+        raise typer.Exit(_EXIT_UNFIT)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from scenetruth.scoring import Score
 
-__all__ = ["console", "print_formats", "print_methods", "print_score"]
+__all__ = ["console", "print_formats", "print_main_figures", "print_methods", "print_score", "print_shipped"]
 
 
 def print_methods() -> None:
@@ -52,6 +53,43 @@ def print_formats() -> None:
     console().print(table)
 
 
+def print_shipped() -> None:
+    """Print the scenes, recipes and goals that are shipped, how they are called, and where their files are."""
+    import yaml
+    from rich.table import Table
+
+    from scenetruth.cli.shipped import GOALS, RECIPES, SCENES
+    from scenetruth.errors import StoreError, visible
+    from scenetruth.files.shipped import shipped_folder
+
+    if shipped_folder() is None:
+        raise StoreError("scenes", "are not there; install scenetruth again")
+    for shelf, command in (
+        (SCENES, "scenetruth run NAME -o FOLDER"),
+        (RECIPES, "scenetruth dataset run NAME -o FOLDER"),
+        (GOALS, "scenetruth design optimise NAME -o FOLDER"),
+    ):
+        table = Table(title=f"{shelf.noun}s: {command}", title_justify="left")
+        for heading in ("name", "description", "size"):
+            table.add_column(heading, overflow="fold")
+        for name, file in shelf.files().items():
+            plain = yaml.load(file.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            described = " ".join(str(plain.get("description") or plain.get("title", "")).split())
+            table.add_row(*map(visible, (name, described, _size_in(plain))))
+        console().print(table)
+    print(f"files to copy: {visible(str(shipped_folder()))}", "what a scene takes: scenetruth check NAME", sep="\n")
+
+
+def _size_in(plain: Mapping[str, Any]) -> str:
+    """Return what a scene, a recipe or a goal says of its size; empty if nothing."""
+    if "camera" in plain:
+        camera, stage = plain["camera"], plain["stage"]
+        across = stage.get("positions") or len(stage.get("positions_mm") or [0])
+        images = across * stage.get("rows", 1) * plain["frames"]["count"]
+        return f"{images} images of {camera['width']} x {camera['height']} px"
+    return f"{plain['samples']:,} scenes" if "samples" in plain else ""
+
+
 def console() -> Console:
     """Return a console on standard output, wide enough for tables where it is no terminal; brackets are no markup."""
     from rich.console import Console
@@ -89,6 +127,41 @@ def print_score(scored: Score, method: str = "") -> None:
         table.add_row(quantity, units_of(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
     console().print(table)
     _print_regions(scored)
+
+
+_MAIN = (
+    ("depth", "disparity"),
+    ("velocity_x", "flow_x"),
+    ("velocity_y", "flow_y"),
+    ("velocity_z",),
+    ("growth_rate_windowed", "growth_rate"),
+)
+"""Of each of these, the first that a score has is a main figure."""
+
+
+def print_main_figures(scored: Score, method: str) -> None:
+    """Print how large the errors of depth, motion and growth are in the interior; all else is in the page and files."""
+    from rich.table import Table
+
+    from scenetruth.errors import visible
+    from scenetruth.scoring.quantities import title_of, units_of
+    from scenetruth.scoring.summary import shown_quantities
+
+    shown, interior = shown_quantities(scored.regions, grows=scored.grows), scored.regions["interior"]
+    table = Table(title=visible(f"errors of {method}, region interior", lines=False), title_justify="left")
+    table.add_column("quantity")
+    for heading in ("rms", "median", "unit", "rms, rel.", "density"):
+        table.add_column(heading, justify="left" if heading == "unit" else "right")
+    for name in (next((one for one in several if one in shown), None) for several in _MAIN):
+        if name is None:
+            continue
+        rms, median, relative, density = (
+            interior[name].get(key) for key in ("rms", "median_abs", "relative_rms", "density")
+        )
+        shares = ("–" if value is None else f"{100 * value:.3g} %" for value in (relative, density))
+        values = ("–" if value is None else f"{value:.3g}" for value in (rms, median))
+        table.add_row(title_of(name), *values, units_of(name), *shares)
+    console().print(table)
 
 
 _GROWTH = ("growth_rate", "growth_rate_windowed")

@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails
 from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.files import context_of
+from scenetruth.files.shipped import shipped_files
 from scenetruth.plain import plain_problems
 from scenetruth.scene.reading import MOST_BYTES, read_file, read_yaml
 from scenetruth.scene.spec import Scene
@@ -27,7 +28,8 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     Parameters
     ----------
     file
-        The YAML file. Relative paths in it count from its folder.
+        The YAML file, or the name of a scene that is shipped, as ``"cube"``, if there is no such file. Relative paths in
+        it count from its folder.
     overrides
         Changes to apply first, each ``path=value`` with the value in YAML: ``camera.width=320``, ``sensor=ideal``,
         ``objects.0.texture.rms_contrast=0.1``.
@@ -65,6 +67,7 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     ...     load_scene(f"{folder}/wall.yaml", ["camera.width=80", "render.backend=raycast"])
     Scene(80 x 30 px; 3 positions x 2 frames; objects: wall)
     """
+    file = _shipped(file)
     plain, folder = read_file(file, "a scene file", SceneError)
     if plain is None:
         raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=file)
@@ -75,6 +78,14 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
 
 _MAPPING = "a mapping of camera, stage, frames, objects, ..."
+
+
+def _shipped(file: str | Path) -> str | Path:
+    """Return the file of a scene that is shipped, if a plain name says so and no file has it."""
+    name = str(file)
+    if Path(name).name != name or Path(name).suffix or Path(name).is_file():
+        return file
+    return shipped_files().get(name, file)
 
 
 def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None, folder: Path | None = None) -> Scene:

@@ -81,6 +81,7 @@ def budget(
             calibration=known,
             draws=draws,
             confirm=confirm,
+            region=region,
             workers=workers,
             progress=reporter,
             notice=lambda line: print(line, file=sys.stderr),

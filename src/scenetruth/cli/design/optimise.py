@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scenetruth.cli.completion import files_on
+from scenetruth.cli.shipped import GOALS, find
+
 if TYPE_CHECKING:
     from scenetruth.design.optimise import Design
 
@@ -15,7 +18,16 @@ __all__ = ["optimise"]
 
 
 def optimise(
-    goal: Annotated[Path, typer.Argument(metavar="GOAL", help="Goal file (YAML).", show_default=False)],
+    goal: Annotated[
+        Path,
+        typer.Argument(
+            metavar="GOAL",
+            help="Goal file (YAML), or a name of `scenetruth scenes`.",
+            show_default=False,
+            callback=lambda given: find(GOALS, given),
+            autocompletion=files_on(GOALS),
+        ),
+    ],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder of the answer; goes on where it was.", show_default=False),
@@ -68,7 +80,7 @@ def _print_front(found: Design) -> None:
         headings += [f"{objective.title}, {objective.unit}", "simulated", "95 %"]
     for heading in headings:
         table.add_column(visible(heading, lines=False), overflow="fold")
-    for rig in found.front:
+    for rig in found.rigs:
         mark = " *" if rig.number == found.recommended.number else ""
         cells = [f"{rig.number}{mark}", *(told_value(rig.parameters[name]) for name in names)]
         for objective in found.objectives:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from scenetruth.cli import options
+from scenetruth.cli.completion import files_on
+from scenetruth.cli.shipped import SCENES, find
 
 if TYPE_CHECKING:
     from scenetruth.design.pattern import Rig, Worth
@@ -35,7 +37,13 @@ class Encoding(StrEnum):
 def pattern(
     scene: Annotated[
         Path | None,
-        typer.Argument(metavar="SCENE", help="Scene file (YAML) that tells the rig.", show_default=False),
+        typer.Argument(
+            metavar="SCENE",
+            help="Scene file (YAML) that tells the rig, or a name of `scenetruth scenes`.",
+            show_default=False,
+            callback=lambda given: None if given is None else find(SCENES, given),
+            autocompletion=files_on(SCENES),
+        ),
     ] = None,
     *,
     output: options.Output,

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenetruth.cli import options
+from scenetruth.cli.completion import files_on
+from scenetruth.cli.shipped import SCENES, find
 
 if TYPE_CHECKING:
     from scenetruth.design.sweep import Sweep
@@ -17,7 +19,16 @@ __all__ = ["sweep"]
 
 
 def sweep(
-    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="Scene files (YAML).", show_default=False)],
+    scenes: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SCENE...",
+            help="Scene files (YAML), or names of `scenetruth scenes`.",
+            show_default=False,
+            callback=lambda given: [find(SCENES, one) for one in given],
+            autocompletion=files_on(SCENES),
+        ),
+    ],
     vary: Annotated[
         list[str] | None,
         typer.Option(

@@ -1,0 +1,96 @@
+"""What is shipped is called by its name; a path always wins."""
+
+from __future__ import annotations
+
+import importlib.resources
+from pathlib import Path
+
+import pytest
+
+import scenetruth as st
+from scenetruth.cli.shipped import GOALS, RECIPES, SCENES, Shelf, find
+from scenetruth.design.optimise.problems import GoalError
+from scenetruth.files.shipped import shipped_folder
+from tests.cli.calling import scenetruth
+from tests.scenes import LIBRARY
+from tests.scenes import SCENES as FOLDER
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_all_scenes_recipes_and_goals_are_shipped() -> None:
+    assert list(SCENES.files().values()) == LIBRARY
+    assert set(RECIPES.files().values()) == set((FOLDER / "datasets").glob("*.yaml"))
+    assert set(GOALS.files().values()) == set((FOLDER / "goals").glob("*.yaml"))
+
+
+def test_an_installed_package_brings_them_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.resources, "files", lambda package: tmp_path / "site" / package)
+    assert shipped_folder() is None
+    assert SCENES.files() == {}
+    (tmp_path / "site" / "scenetruth" / "shipped" / "goals").mkdir(parents=True)
+    (tmp_path / "site" / "scenetruth" / "shipped" / "goals" / "far.yaml").touch()
+    assert find(GOALS, Path("far")) == tmp_path / "site" / "scenetruth" / "shipped" / "goals" / "far.yaml"
+
+
+@pytest.mark.parametrize(("shelf", "name"), [(SCENES, "cube"), (RECIPES, "cubes"), (GOALS, "cube_depth")])
+def test_a_name_stands_for_a_file_unless_there_is_one(shelf: Shelf, name: str, tmp_path: Path) -> None:
+    shipped = shelf.files()[name]
+    assert find(shelf, Path(name)) == shipped
+    (tmp_path / name).mkdir()
+    # An earlier run may have left its results under this name; a recipe may be that of a data set.
+    assert find(shelf, Path(name)) == (Path(name) if shelf.takes_folders else shipped)
+    (tmp_path / name).rmdir()
+    (tmp_path / name).touch()
+    assert find(shelf, Path(name)) == Path(name)
+
+
+@pytest.mark.parametrize(
+    ("shelf", "error", "near"),
+    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cube"), (GOALS, GoalError, "cube_dept")],
+)
+def test_unknown_names_are_told_with_those_near_them(shelf: Shelf, error: type[Exception], near: str) -> None:
+    with pytest.raises(error, match=rf"no {shelf.noun} of this name is shipped; did you mean '.*`scenetruth scenes`"):
+        find(shelf, Path(near))
+    with pytest.raises(error, match=r"is shipped; `scenetruth scenes` lists all \(got 'qqqq'\)"):
+        find(shelf, Path("qqqq"))
+
+
+def test_paths_to_nothing_are_left_to_who_reads_them_unless_their_name_is_shipped() -> None:
+    assert find(SCENES, Path("no/such.yaml")) == Path("no/such.yaml")
+    assert find(SCENES, Path("no/cube")) == Path("no/cube")
+    with pytest.raises(st.SceneError, match="called without folder and suffix: cube"):
+        find(SCENES, Path("scenes/cube.yaml"))
+
+
+def test_commands_take_names(tmp_path: Path) -> None:
+    done = scenetruth("check", "plaid")
+    assert done.returncode == 0, done.stderr
+    assert "45 of 64 x 64 px" in done.stdout
+    for command in (
+        ["run", "plad", "-o", "out"],
+        ["render", "plad", "-o", "out"],
+        ["design", "predict", "plad"],
+        ["design", "budget", "plad"],
+        ["design", "sweep", "plaid", "plad", "-o", "out", "--vary", "seed=1,2"],
+        ["design", "pattern", "plad", "-o", "out"],
+        ["design", "optimise", "plad", "-o", "out"],
+        ["dataset", "check", "plad"],
+    ):
+        done = scenetruth(*command)
+        assert done.returncode == 2, command
+        assert "of this name is shipped" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_of_them_are_listed() -> None:
+    done = scenetruth("scenes")
+    assert done.returncode == 0, done.stderr
+    for shelf in (SCENES, RECIPES, GOALS):
+        for name in shelf.files():
+            assert f" {name} " in done.stdout
+    for words in ("Scharr & Küsters 2002", "45 images of 64 x 64 px", "50 scenes", str(FOLDER)):
+        assert words in done.stdout
