@@ -152,7 +152,7 @@ def test_values_with_names_are_drawn_at_their_names() -> None:
     assert chart.data[0]["x"] == ["cube", "leaf", "star"]
     assert chart.data[0]["mode"] == "markers"
     assert chart.layout["xaxis"]["categoryarray"] == ["cube", "leaf", "star"]
-    assert "mine: 0.1 at cube, 10 at star" in chart.alt
+    assert f"mine: 0.1 at cube, {case.value_of('star'):g} at star" in chart.alt
 
 
 def test_others_that_are_ahead_in_one_scene_or_one_quantity_are_told_too() -> None:

@@ -254,12 +254,15 @@ class Runner:
         for slip in find_slips(estimated, truth):
             self._say(f"likely slip in the estimate of '{method}': {slip.message}")
 
-    def report(self, method: str, figures: Collection[str] | None = None) -> None:
-        """Draw the pictures of a method's estimate, or some, and write the page; errors too, where there is a truth."""
+    def report(self, method: str, figures: Collection[str] | None = None, figures_also: Collection[str] = ()) -> None:
+        """Draw the pictures of a method's estimate, or some, and write the page; errors too, where there is a truth.
+
+        ``figures_also`` names further formats of the pictures, beside PNG: ``"pdf"``.
+        """
         from scenetruth.scoring import is_made_of, write_report
 
         files = self.folder.of(method)
-        made_of = self._made_of(files, figures)
+        made_of = self._made_of(files, figures, figures_also)
         if not self.overwrite and files.figures.is_dir() and is_made_of(files.report, made_of):
             self._say(f"{files.report} is as new")
             return
@@ -292,6 +295,7 @@ class Runner:
                 progress=self.progress,
                 check=False,
                 figures=figures,
+                figures_also=figures_also,
                 made_of=made_of,
                 elsewhere=self._elsewhere(files, made / "figures"),
             )
@@ -300,12 +304,13 @@ class Runner:
                 picture.rename(made / picture.name)
             (made / "figures").rmdir()
 
-    def _made_of(self, files: MethodFiles, figures: Collection[str] | None) -> str:
+    def _made_of(self, files: MethodFiles, figures: Collection[str] | None, also: Collection[str]) -> str:
         """Return a hash of everything that a report shows."""
         stores = [store for store in (self.folder.recording, self.folder.truth, files.estimate) if store.exists()]
         seals = [files_of(store).read("zarr.json").decode(errors="replace") for store in stores]
         scored = files.score_json.read_bytes().hex() if files.score_json.exists() else None
-        return digest([version("scenetruth"), seals, scored, None if figures is None else sorted(figures)])
+        chosen = None if figures is None else sorted(figures)
+        return digest([version("scenetruth"), seals, scored, chosen, sorted(also)])
 
     def _elsewhere(self, files: MethodFiles, folder: Path) -> Callable[[str], Future[FigureInfo | None]] | None:
         helper = self.helper

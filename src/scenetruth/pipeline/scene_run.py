@@ -42,6 +42,7 @@ def run_scene(
     limits: Limits | None = None,
     check: bool = True,
     figures: Collection[str] | None = None,
+    figures_also: Collection[str] = (),
     helpers: int = 0,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
@@ -74,6 +75,8 @@ def run_scene(
         Whether to refuse a folder that holds another scene's recording.
     figures
         Names of the figures of the report (`scenetruth.scoring.FIGURES`); all if not given.
+    figures_also
+        Formats that figures are written in beside PNG: ``"pdf"``, vectors for print.
     helpers
         Further processes to draw figures: none, or one.
     progress
@@ -161,7 +164,7 @@ def run_scene(
                 if "score" in stages:
                     runner.score(choice.method, scene.score)
                 if "report" in stages:
-                    runner.report(choice.method, figures)
+                    runner.report(choice.method, figures, figures_also)
     return runner.results()
 
 

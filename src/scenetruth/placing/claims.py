@@ -79,7 +79,10 @@ def claim_folder(sign: str, *names: str) -> Claim:
 
 def _is_drawn(file: Path) -> bool:
     with file.open("rb") as stream:
-        return b"scenetruth" in stream.read(_HEAD_BYTES)
+        head = stream.read(_HEAD_BYTES)
+        # PDF files say at their end who made them.
+        stream.seek(max(0, file.stat().st_size - _HEAD_BYTES))
+        return b"scenetruth" in head or b"scenetruth" in stream.read()
 
 
 def holds(foreign: Collection[str]) -> str:

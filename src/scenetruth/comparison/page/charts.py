@@ -4,41 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from scenetruth.comparison.case import Case
 from scenetruth.comparison.page.leads import STATISTIC_TITLES
 from scenetruth.comparison.result import Comparison
 from scenetruth.comparison.rows import BOUND, COMMON, OWN, Row
+from scenetruth.pages.charts import COLOURS, Chart
 from scenetruth.scoring.quantities import title_of, units_of
 
-__all__ = ["COLOURS", "Chart", "charts_of"]
+__all__ = ["charts_of"]
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F3C8D", "#6B6B00")
-"""Colours that people with colour blindness tell apart (M. Okabe and K. Ito, 2008), and two more."""
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
-
-
-@dataclass(frozen=True)
-class Chart:
-    """A chart.
-
-    Parameters
-    ----------
-    name
-        Its name within the page.
-    alt
-        What it shows, in words, for those who do not see it.
-    data, layout
-        Traces and layout, as plotly has them.
-    """
-
-    name: str
-    alt: str
-    data: list[dict[str, Any]]
-    layout: dict[str, Any]
 
 
 def charts_of(found: Comparison, case: Case) -> list[Chart]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from collections.abc import Mapping, Sequence
@@ -16,6 +15,7 @@ from scenetruth.comparison.page.leads import leads_of
 from scenetruth.comparison.page.worst import scale_words, worst_places
 from scenetruth.comparison.result import Comparison
 from scenetruth.comparison.rows import BOUND
+from scenetruth.pages.rendering import page_of
 from scenetruth.placing import write_aside
 
 __all__ = ["PAGE", "write_page"]
@@ -50,21 +50,12 @@ def write_page(
     pathlib.Path
         The page.
     """
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-    from plotly.offline import get_plotlyjs
-
-    # The style is that of the reports.
-    packages = ("scenetruth.comparison.page", "scenetruth.scoring.report")
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(package) for package in packages]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     sections = [_section(found, case, words, suite) for case in found.cases]
     charts = {chart.name: {"data": chart.data, "layout": chart.layout} for one in sections for chart in one["charts"]}
-    text = environment.get_template("comparison.html.j2").render(
+    text = page_of(
+        "scenetruth.comparison.page",
+        "comparison.html.j2",
+        charts,
         methods=list(zip(found.methods, map(shlex.join, words), strict=True)),
         suite=suite,
         sections=sections,
@@ -75,9 +66,6 @@ def write_page(
         failures=found.failures,
         worst=worst_places(found, maps or {}),
         scale="; ".join(scale_words()),
-        plotly=get_plotlyjs(),
-        # Within a script, nothing may end it.
-        charts=json.dumps(charts, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c"),
     )
     path = Path(folder) / PAGE
     with write_aside(path, overwrite=True) as aside:

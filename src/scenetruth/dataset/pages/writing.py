@@ -6,6 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from scenetruth.errors import visible
+from scenetruth.pages.rendering import environment_of
 from scenetruth.scoring._format import format_count, format_number
 
 if TYPE_CHECKING:
@@ -47,24 +48,13 @@ def render_markdown(template: str, **content: Any) -> str:
     **content
         What it shows; texts may hold anything.
     """
-    environment = _environment(finalize=_finalized)
+    environment = _environment(autoescape=False, finalize=_finalized)
     environment.filters |= {"code": code, "verbatim": Verbatim}
     return environment.get_template(template).render(content)
 
 
 def _environment(**options: Any) -> Environment:
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
-    # The style is that of the reports.
-    packages = ("scenetruth.dataset.pages", "scenetruth.scoring.report")
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(package, "templates") for package in packages]),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        **options,
-    )
+    environment = environment_of("scenetruth.dataset.pages", keep_trailing_newline=True, **options)
     environment.filters |= {"number": format_number, "count": format_count, "size": size_words}
     return environment
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Collection, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +16,10 @@ __all__ = [
     "BLUE",
     "GREY",
     "ORANGE",
+    "VECTOR_FORMATS",
     "VOID",
     "FigureInfo",
+    "also_as",
     "colorbar",
     "map_height",
     "new_figure",
@@ -36,6 +40,15 @@ BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#6b7280"
 
 VOID = "#dbe7ee"
 """The colour of pixels without a value; no colour map that is used contains it."""
+
+
+VECTOR_FORMATS = ("pdf",)
+"""Formats in which figures can be had beside PNG."""
+
+_VECTOR_DPI = 300
+"""Pixels per inch of what is no lines and letters in those: maps, and surfaces of many thousand facets."""
+
+_also: ContextVar[tuple[str, ...]] = ContextVar("formats beside PNG", default=())
 
 
 @dataclass(frozen=True)
@@ -75,6 +88,8 @@ def style() -> AbstractContextManager[None]:
         "ytick.major.width": 0.6,
         "legend.fontsize": 8,
         "legend.frameon": False,
+        # Letters stay letters, which journals ask for.
+        "pdf.fonttype": 42,
         "lines.linewidth": 1.0,
         "image.interpolation": "none",
         "axes.axisbelow": True,
@@ -101,8 +116,18 @@ def map_height(values: Map, width: float, extra: float) -> float:
     return extra + min(max(width * ratio, 0.8), 12.0)
 
 
+@contextmanager
+def also_as(formats: Collection[str]) -> Iterator[None]:
+    """Give a context in which `save` writes every figure in further formats of `VECTOR_FORMATS` too."""
+    before = _also.set(tuple(formats))
+    try:
+        yield
+    finally:
+        _also.reset(before)
+
+
 def save(figure: Any, path: Path) -> None:
-    """Write a figure as PNG, the same bytes for the same drawing."""
+    """Write a figure as PNG, and in the formats of `also_as`, the same bytes for the same drawing."""
     layout = figure.get_layout_engine()
     if layout is not None:
         # Axes that keep a map's shape move when they are laid out, and their labels with them: once is not enough.
@@ -112,6 +137,13 @@ def save(figure: Any, path: Path) -> None:
         figure.set_layout_engine(None)
     # Compression costs more time than drawing at the default level.
     figure.savefig(path, metadata={"Software": "scenetruth"}, pil_kwargs={"compress_level": 4})
+    for name in _also.get():
+        vector = path.with_suffix(f".{name}")
+        metadata = {"Creator": "scenetruth", "CreationDate": None}
+        figure.savefig(vector, format=name, dpi=_VECTOR_DPI, metadata=metadata)
+        # By this, what scenetruth drew is known again; readers pass over what follows the end.
+        with vector.open("ab") as file:
+            file.write(b"% drawn by scenetruth\n")
 
 
 def pixel_axes(axes: Any, *, label_y: bool = True) -> None:

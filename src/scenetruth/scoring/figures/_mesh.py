@@ -169,4 +169,5 @@ def add_polygons(axes: Any, corners: Points, **options: Any) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     if len(corners):
-        axes.add_collection3d(Poly3DCollection(corners[..., _PLOT_ORDER], **options))
+        # In files of vectors they are pixels all the same: a hundred thousand facets would take minutes to show.
+        axes.add_collection3d(Poly3DCollection(corners[..., _PLOT_ORDER], rasterized=True, **options))

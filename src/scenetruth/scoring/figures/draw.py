@@ -10,7 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 from scenetruth.errors import Problem, ScoreError
-from scenetruth.scoring.figures._common import FigureInfo, style
+from scenetruth.scoring.figures._common import VECTOR_FORMATS, FigureInfo, also_as, style
 from scenetruth.scoring.figures._views import views_of
 from scenetruth.scoring.figures.arrows import draw_velocity_arrows
 from scenetruth.scoring.figures.confidence import draw_confidence
@@ -54,6 +54,7 @@ def draw_all(
     *,
     names: Collection[str] | None = None,
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
+    also: Collection[str] = (),
 ) -> list[FigureInfo]:
     """Draw every figure of an estimate.
 
@@ -77,6 +78,9 @@ def draw_all(
         Figures to draw, of `FIGURES`; all if not given.
     elsewhere
         Has a figure drawn by another process into the same folder, while this one draws the next.
+    also
+        Formats in which every figure is written too, beside its PNG file: ``"pdf"``, whose lines and letters are
+        vectors. All are then drawn by this process.
 
     Returns
     -------
@@ -96,9 +100,15 @@ def draw_all(
     check_truth_and_score(truth, score)
     target = Path(folder)
     plan = _plan(recording, estimate, truth, score, target)
-    unknown = sorted(set(names or ()) - set(FIGURES))
-    if unknown:
-        raise ScoreError([Problem("figures", f"are unknown; there are {', '.join(FIGURES)}", unknown)])
+    problems = [
+        Problem(what, f"are unknown; there are {', '.join(known)}", sorted(unknown))
+        for what, wanted, known in (("figures", names or (), FIGURES), ("formats", also, VECTOR_FORMATS))
+        if (unknown := set(wanted) - set(known))
+    ]
+    if problems:
+        raise ScoreError(problems)
+    if also:
+        elsewhere = None
     target.mkdir(parents=True, exist_ok=True)
     left = deque(name for name in plan if names is None or name in names)
     total, done = len(left), 0
@@ -121,7 +131,7 @@ def draw_all(
             away = name, elsewhere(name)
         else:
             name = left.popleft()
-            with style():
+            with style(), also_as(also):
                 found[name] = plan[name]()
             done += 1
     if progress is not None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
-import struct
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Future
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import xarray as xr
 
 from scenetruth.errors import Problem, ScoreError
+from scenetruth.pages.rendering import environment_of
 from scenetruth.plain import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.schema import check_same_run, intrinsics_of, scene_of
@@ -21,6 +22,9 @@ from scenetruth.scoring.evaluate import score as evaluate
 from scenetruth.scoring.figures import FigureInfo, draw_all
 from scenetruth.scoring.report.content import content_of_score
 from scenetruth.scoring.report.maps import describe_maps
+from scenetruth.scoring.report.viewer.content import Viewer, viewer_of
+from scenetruth.scoring.report.viewer.scripts import json_for_script, packed_plotly, viewer_script
+from scenetruth.scoring.report.words import sentences_of_estimate, sentences_of_score
 from scenetruth.scoring.score import Score
 
 __all__ = ["is_made_of", "write_report"]
@@ -44,11 +48,14 @@ def write_report(
     figures: Collection[str] | None = None,
     made_of: str = "",
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
+    figures_also: Collection[str] = (),
 ) -> Path:
-    """Draw the figures of an estimate, and write them with its numbers into one page.
+    """Draw the figures of an estimate, and write them with its numbers and maps into one page.
 
-    With a truth, the numbers are the errors, and the figures show truth and errors. Without, as for real images, the
-    page says so; its numbers are medians and densities, and its figures show the estimate alone.
+    The page can be looked into: maps beside each other with the values under the pointer, profiles, and the surface
+    in space. It needs no network, and it prints. With a truth, the numbers are the errors, and maps and figures show
+    truth and errors. Without, as for real images, the page says so; its numbers are medians and densities, and it shows
+    the estimate alone.
 
     Parameters
     ----------
@@ -71,6 +78,8 @@ def write_report(
         A hash of everything that the page shows, to be found again by `is_made_of`.
     elsewhere
         As of `scenetruth.scoring.draw_all`.
+    figures_also
+        Formats in which the figures are written too, beside PNG: ``"pdf"``.
 
     Returns
     -------
@@ -120,10 +129,19 @@ def write_report(
         score = evaluate(estimate, truth, recording, check=False)
     target = Path(folder)
     drawn = draw_all(
-        recording, estimate, truth, score, target / "figures", progress, names=figures, elsewhere=elsewhere
+        recording,
+        estimate,
+        truth,
+        score,
+        target / "figures",
+        progress,
+        names=figures,
+        elsewhere=elsewhere,
+        also=figures_also,
     )
+    viewer = viewer_of(recording, estimate, truth, score)
     page = target / "report.html"
-    page.write_text(_render(recording, estimate, score, drawn, target / "figures", made_of), encoding="utf-8")
+    page.write_text(_render(recording, estimate, score, drawn, target / "figures", made_of, viewer), encoding="utf-8")
     return page
 
 
@@ -143,20 +161,13 @@ def _render(
     figures: list[FigureInfo],
     folder: Path,
     made_of: str,
+    viewer: Viewer,
 ) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("scenetruth.scoring.report", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = environment_of("scenetruth.scoring.report")
     environment.filters |= {"number": format_number, "percent": format_percent, "count": format_count}
     scene = scene_of(recording)
     metadata = recording.attrs if score is None else score.metadata
-    content = _content_without_truth(estimate) if score is None else content_of_score(score)
+    content = _content_without_truth(estimate) if score is None else _content_with_truth(score, viewer)
     template = "without_truth.html.j2" if score is None else "with_truth.html.j2"
     return environment.get_template(template).render(
         made_of=made_of,
@@ -165,13 +176,23 @@ def _render(
         figures=[(figure, *_inline(folder / figure.file)) for figure in figures],
         metadata=list(_metadata_rows(recording, estimate, score)),
         scene=None if scene is None else json.dumps(scene, indent=2, ensure_ascii=False),
+        viewer_data=json_for_script(viewer.plain),
+        viewer_notes=viewer.notes,
+        viewer_script=viewer_script(),
+        plotly_data=packed_plotly(),
         **content,
     )
 
 
+def _content_with_truth(score: Score, viewer: Viewer) -> dict[str, Any]:
+    """Return what the template of a score shows, apart from maps, figures and origin."""
+    return {**content_of_score(score), "sentences": sentences_of_score(score, viewer)}
+
+
 def _content_without_truth(estimate: xr.Dataset) -> dict[str, Any]:
-    """Return what the template of an estimate without truth shows, apart from figures and origin."""
-    return {"rows": list(describe_maps(estimate).values())}
+    """Return what the template of an estimate without truth shows, apart from maps, figures and origin."""
+    found = describe_maps(estimate)
+    return {"rows": list(found.values()), "sentences": sentences_of_estimate(found)}
 
 
 def _notices(metadata: Mapping[str, Any]) -> Iterator[str]:
@@ -199,8 +220,15 @@ def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | N
 
 
 def _inline(file: Path) -> tuple[str, int]:
-    """Return a picture as a data URL, and how wide to show it, so that all have letters of the same size."""
-    content = file.read_bytes()
-    # The width stands at this place of every PNG file's first chunk.
-    (width,) = struct.unpack(">I", content[16:20])
-    return "data:image/png;base64," + base64.b64encode(content).decode("ascii"), round(width * _SCREEN_SCALE)
+    """Return a picture as a data URL, and how wide to show it, so that all have letters of the same size.
+
+    256 colours are enough for the screen and the printer, and take a quarter of the room.
+    """
+    from PIL import Image
+
+    with Image.open(file) as picture:
+        few = picture.convert("RGB").quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        content = io.BytesIO()
+        few.save(content, "PNG", compress_level=6)
+        width = picture.width
+    return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode("ascii"), round(width * _SCREEN_SCALE)
