@@ -2,8 +2,8 @@
 
 Run it from the top of the repository: ``python -m benchmarks.designs [--random N] [--seeds N] [--folder FOLDER] [GOAL
 ...]``. For every goal, the best prediction is held against the best of random rigs that satisfy the constraints; the
-order of the front's simulated rigs against that of their predictions; and the recommended rig is simulated with other
-seeds than those that its interval was made from: the interval should hold 95 % of them.
+order of simulated rigs against that of their predictions, pair by pair over the same seeds; and the recommended rig is
+simulated with other seeds than those that its interval was made from: the interval should hold 95 % of them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +23,12 @@ from scenetruth.dataset.engine.workers import workers_of
 from scenetruth.dataset.unfit import versions_here
 from scenetruth.design.optimise import Design, load_goal, optimise
 from scenetruth.design.optimise.confirm.lighter import lighter
-from scenetruth.design.optimise.confirm.measure import Confirmation, simulate_one
+from scenetruth.design.optimise.confirm.measure import Confirmation, figure_in, simulate_one
 from scenetruth.design.optimise.constraints.facts import Facts
 from scenetruth.design.optimise.goal.prepare import Prepared, prepare
 from scenetruth.design.optimise.rig.build import build
 from scenetruth.design.optimise.search.ledger import Ledger
+from scenetruth.design.optimise.words import order_words
 from scenetruth.design.predict import Causes, Prediction
 from scenetruth.errors import SceneError
 from scenetruth.scene import scene_from_plain
@@ -93,19 +93,14 @@ def against_random(design: Design, rigs: Sequence[Mapping[str, float]]) -> None:
 
 
 def order_kept(design: Design) -> None:
-    """Print how many pairs of simulated rigs have the order of their predictions: by rms, and by typical errors."""
-    for one in design.objectives:
-        told = [rig for rig in design.front if one.title in rig.simulated]
-        for name, figures in (
-            ("rms errors", [rig.simulated[one.title].number for rig in told]),
-            ("typical errors", [rig.typical[one.title].number for rig in told]),
-        ):
-            pairs = list(combinations(range(len(told)), 2))
-            kept = [
-                (told[a].predicted[one.title] < told[b].predicted[one.title]) == (figures[a] < figures[b])
-                for a, b in pairs
-            ]
-            print(f"  {one.title}, {name}: {sum(kept)} of {len(pairs)} pairs of simulated rigs keep their order")
+    """Print which pairs of simulated rigs keep the order of their predictions, and of which it cannot be told."""
+    for line in order_words(design.objectives, design.orders):
+        print(f"  {line}")
+    for one in design.orders:
+        print(
+            f"  {one.objective}: rig {one.worse} over rig {one.better}: predicted {one.predicted:.2f}, simulated "
+            f"{one.simulated:.2f} ({one.low:.2f} to {one.high:.2f}, {one.seeds} seeds): {one.verdict}"
+        )
     for each in design.discrepancies:
         print(f"  rig {each.rig}: {each.says}")
 
@@ -122,9 +117,11 @@ def other_seeds(design: Design, count: int, most_px: int | None, folder: Path) -
     for_each(missing, simulate_one, (job,), present=count - len(missing), workers=2, notice=print)
     for one in design.objectives:
         told = rig.simulated[one.title]
-        found = [(job.figures(number) or {}).get(one.title, {}).get("rms", math.nan) for number in range(count)]
+        found = [figure_in(job.figures(number), one.title, one.statistic) for number in range(count)]
         inside = sum(told.low <= figure <= told.high for figure in found)
-        print(f"  {one.title}, {one.unit}, other seeds: {', '.join(f'{figure:.4g}' for figure in found)}")
+        print(
+            f"  {one.title}, {one.told_in}, {one.unit}, other seeds: {', '.join(f'{figure:.4g}' for figure in found)}"
+        )
         print(f"  {inside} of {count} within {told.low:.4g} to {told.high:.4g}", end="")
         reached = sum(figure <= (one.wanted or 0.0) for figure in found)
         print(f"; {reached} within what is wanted, {one.wanted:g}" if one.wanted is not None else "")

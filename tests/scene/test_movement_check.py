@@ -190,7 +190,7 @@ KEYS: dict[str, Any] = {"kind": "keyframes", "times_frames": [0, 1, 2], "positio
             r"motion\.0\.direction: .*zero vector",
         ),
         ({"deformation": [GROWTH | {"base_mm": 3, "tip_mm": 2}]}, r"deformation\.0\.tip_mm: .*larger than base_mm, 3"),
-        ({"deformation": [GROWTH | {"along_share": 1.2}]}, r"deformation\.0\.along_share"),
+        ({"deformation": [GROWTH | {"along_share": 2.2}]}, r"deformation\.0\.along_share"),
         ({"deformation": [GROWTH | {"solid": True, "along_share": 0.5}]}, r"deformation\.0\.solid: .*grows alike"),
         ({"deformation": [{"kind": "growth"}]}, r"deformation\.0\.rate_per_hour"),
         ({"deformation": [{"kind": "growth", "preset": "weed"}]}, r"deformation\.0\.preset"),

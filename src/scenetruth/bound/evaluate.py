@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.bound.checking import data_problems, setting_problems
-from scenetruth.bound.functionals import functionals_of
+from scenetruth.bound.functionals import functionals_of, with_products
 from scenetruth.bound.geometry import points_of, views_of
 from scenetruth.bound.model import Brightness, Model, Motion, Surface, columns_of
 from scenetruth.bound.noise import GreyNoise, noise_of
@@ -35,6 +35,7 @@ _TOLD: dict[str, tuple[str | None, str, str]] = {
     "flow": ("image_component", "px/frame", "optical flow"),
     "velocity": ("component", "mm/frame", "velocity"),
     "growth_rate": (None, "1/frame", "the growth rate"),
+    "growth_principal": ("principal", "1/frame", "the growth of length"),
 }
 
 
@@ -93,9 +94,10 @@ def cramer_rao(
     -------
     xarray.Dataset
         At t = 0, dimensions (t, y, x): ``disparity_std`` in px per step, ``depth_std`` in mm, ``flow_std`` in px per
-        frame, ``velocity_std`` in mm per frame, ``slope_std``, ``growth_rate_std`` per frame, as far as the model
-        and the images have them, and ``images_used``, how many images show the pixel's point. NaN where there is no
-        surface, at silhouettes and sharp edges, and where the images do not tell all that is unknown.
+        frame, ``velocity_std`` in mm per frame, ``slope_std``, ``growth_rate_std`` and, of affine motion,
+        ``growth_principal_std`` per frame, as far as the model and the images have them, and ``images_used``, how many
+        images show the pixel's point. NaN where there is no surface, at silhouettes and sharp edges, and where the
+        images do not tell all that is unknown.
 
     Raises
     ------
@@ -198,11 +200,12 @@ class _Scene:
                 )
                 told = functionals_of(points, self.intrinsics, model)
                 std = np.sqrt(variances_of(normal, scatter, columns, list(told.values())))
-                for name, values in zip(told, std, strict=True):
+                for name, values in with_products(dict(zip(told, std, strict=True))).items():
                     found.setdefault(name, np.full(shape, np.nan))[at] = values
         if not found:
             nothing = self.points.at((np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)))
-            found = {name: np.full(shape, np.nan) for name in functionals_of(nothing, self.intrinsics, model)}
+            names = with_products({name: np.zeros(0) for name in functionals_of(nothing, self.intrinsics, model)})
+            found = {name: np.full(shape, np.nan) for name in names}
         return {name: values[::every_px, ::every_px] for name, values in found.items()}
 
 

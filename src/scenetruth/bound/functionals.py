@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from scenetruth.bound.geometry import Points
 from scenetruth.bound.model import Model, Vector
 from scenetruth.schema import Intrinsics
 
-__all__ = ["functionals_of"]
+__all__ = ["functionals_of", "pushed_apart", "with_products"]
+
+Map = NDArray[np.float64]
 
 
 def functionals_of(points: Points, intrinsics: Intrinsics, model: Model) -> dict[str, Vector]:
@@ -26,7 +31,14 @@ def functionals_of(points: Points, intrinsics: Intrinsics, model: Model) -> dict
     dict
         ``disparity`` in px per step, ``depth`` in mm, ``slope``, ``flow`` in px per frame, ``velocity`` in mm per
         frame and ``growth_rate`` per frame, as far as the model has them; components are numbered: ``velocity.2``. Of
-        one camera, the flow alone.
+        one camera, the flow alone. Of any velocity gradient, also ``growth_principal``, the growth of length along the
+        true directions of its largest and least, ``growth_apart``, half their difference, and ``growth_shear``, what
+        turns these directions; ``growth_tilt`` and ``growth_turn`` are for `with_products`.
+
+    Notes
+    -----
+    The largest and the least growth of what is measured are those along its own directions. To first order that is the
+    same, as long as they are farther apart than their noise. Noise pushes them apart: see `pushed_apart`.
     """
     d, focal = points.d, points.focal
     baseline = intrinsics.baseline_mm
@@ -56,4 +68,126 @@ def functionals_of(points: Points, intrinsics: Intrinsics, model: Model) -> dict
             found["growth_rate"] = [
                 (4 + side + 3 * k, dual[k]) for side, dual in enumerate((along, down)) for k in range(3)
             ]
+            if model.motion == "affine":
+                _add_affine_growth(found, points, (one, other), (along, down))
     return found
+
+
+def _add_affine_growth(
+    found: dict[str, Vector], points: Points, tangents: tuple[Map, Map], duals: tuple[Map, Map]
+) -> None:
+    """Add the growth of length along the true principal directions, and what tells how well these are known.
+
+    Along a unit vector e = Σ v_i P_i of the surface, growth is λ = e · q_e with q_e = Σ v_i q_i. Errors δP_i of the
+    tangents add δe · (q_e - 2 λ e) to it, with δe = Σ v_i δP_i. What the turn's own error adds is of second order.
+    """
+    slopes = (points.q_x, points.q_y)
+    first = tangents[0] / np.sqrt((tangents[0] ** 2).sum(axis=0))
+    # The second dual tangent is across the first tangent.
+    second = duals[1] / np.sqrt((duals[1] ** 2).sum(axis=0))
+
+    def change(one: Map, other: Map) -> Map:
+        return np.asarray(
+            sum(
+                (one * slope).sum(axis=0) * (dual * other).sum(axis=0)
+                for slope, dual in zip(slopes, duals, strict=True)
+            )
+        )
+
+    def vector(terms: list[tuple[float, Map, Map]]) -> Vector:
+        return [
+            (4 + side + 3 * k, sum(share * one[k] * (dual * other).sum(axis=0) for share, one, other in terms))
+            for side, dual in enumerate(duals)
+            for k in range(3)
+        ]
+
+    half = 0.5 * (change(first, first) - change(second, second))
+    angle = 0.5 * np.arctan2(0.5 * (change(first, second) + change(second, first)), half)
+    axes = (np.cos(angle) * first + np.sin(angle) * second, np.cos(angle) * second - np.sin(angle) * first)
+    normal = np.cross(first, second, axis=0)
+    place = np.stack([points.x, points.y, np.full_like(points.x, points.focal)]) / points.d
+
+    def by_shape(along: Map, shares: list[Map]) -> Vector:
+        # The surface P = (x, y, f) / d has δP_i = -P_i δ / d - P δ_i / d + P δ d_i / d².
+        far = (place * along).sum(axis=0) / points.d
+        own = sum(share * (side * along).sum(axis=0) for share, side in zip(shares, tangents, strict=True))
+        bent = shares[0] * points.d_x + shares[1] * points.d_y
+        return [(0, (far * bent - own) / points.d), (1, -far * shares[0]), (2, -far * shares[1])]
+
+    area: Vector = []
+    for k, axis in enumerate(axes):
+        shares = [(dual * axis).sum(axis=0) for dual in duals]
+        moved = shares[0] * slopes[0] + shares[1] * slopes[1]
+        rate = (moved * axis).sum(axis=0)
+        shape = by_shape(moved - 2 * rate * axis, shares)
+        area = _added(area, shape)
+        found[f"growth_principal.{k}"] = [*vector([(1.0, axis, axis)]), *shape]
+        found[f"growth_tilt.{k}"] = by_shape(normal, shares)
+        found[f"growth_turn.{k}"] = vector([(1.0, normal, axis)])
+    found["growth_rate"] = [*found["growth_rate"], *area]
+    found["growth_apart"] = vector([(0.5, axes[0], axes[0]), (-0.5, axes[1], axes[1])])
+    found["growth_shear"] = vector([(0.5, axes[0], axes[1]), (0.5, axes[1], axes[0])])
+
+
+def _added(vector: Vector, more: Vector) -> Vector:
+    known = dict(vector)
+    return [(place, known.get(place, 0.0) + share) for place, share in more]
+
+
+def with_products(std: dict[str, Map]) -> dict[str, Map]:
+    """Return standard deviations with what products of errors add: of the surface's inclination and of its turn.
+
+    Parameters
+    ----------
+    std
+        By the names of `functionals_of`.
+
+    Returns
+    -------
+    dict
+        The same, with the variance of these products in those of growth, if any velocity gradient may be; without
+        ``growth_tilt`` and ``growth_turn``.
+    """
+    kept = {name: values for name, values in std.items() if not name.startswith(("growth_tilt", "growth_turn"))}
+    if "growth_tilt.0" not in std:
+        return kept
+    tilt, turn = ([std[f"growth_{name}.{k}"] ** 2 for k in range(2)] for name in ("tilt", "turn"))
+    own = [tilt[k] * turn[k] for k in range(2)]
+    crossed = tilt[0] * turn[1] + tilt[1] * turn[0]
+    more = {
+        "growth_rate": own[0] + own[1],
+        "growth_principal.0": own[0],
+        "growth_principal.1": own[1],
+        "growth_apart": 0.25 * (own[0] + own[1]),
+        "growth_shear": 0.25 * crossed,
+    }
+    return kept | {name: np.sqrt(kept[name] ** 2 + variance) for name, variance in more.items()}
+
+
+def pushed_apart(half: Map, apart_std: Map, shear_std: Map) -> Map:
+    """Return by how much noise makes the largest growth of length too large in the mean, and the least too small.
+
+    Half the difference of the two is the length of a vector: half the difference along the true directions, and the
+    shear between them. Normal errors of equal variance make its length Rice's distribution (1945, Bell System
+    Technical Journal 24, 46); the two variances are replaced by their mean.
+
+    Parameters
+    ----------
+    half
+        Half the true difference.
+    apart_std, shear_std
+        Standard deviations of half the difference along the true directions, and of the shear.
+
+    Returns
+    -------
+    numpy.ndarray
+        Mean of the length less what it is without noise: σ √(π/2) where nothing grows differently along one direction
+        than along another, σ² / 2h where half the difference h is large.
+    """
+    from scipy.special import i0e, i1e
+
+    sigma = np.sqrt(0.5 * (apart_std**2 + shear_std**2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        y = (half / (2 * sigma)) ** 2
+        mean = sigma * np.sqrt(np.pi / 2) * ((1 + 2 * y) * i0e(y) + 2 * y * i1e(y))
+    return np.asarray(np.where(sigma > 0, mean - half, 0.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -87,6 +88,20 @@ def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Pat
     assert "Yaw of the stage" in text
     outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r'(src|href)="(?!#)', outside)
+
+
+def test_the_page_is_of_one_region_and_says_which(found: Budget, tmp_path: Path) -> None:
+    parts = [replace(one, region="object_leaf", figure=7 * one.figure) for one in found.parts]
+    total = replace(found.totals[0], region="object_leaf", simulated=9.5)
+    both = replace(found, parts=[*found.parts, *parts], totals=[*found.totals, total])
+    inside, leaf = (
+        write_page(both, tmp_path, region).read_text(encoding="utf-8").split("<main>")[1]
+        for region in ("interior", "object_leaf")
+    )
+    assert "rms over the interior." in inside
+    assert "Depth: 1.5 mm in all." in inside
+    assert "rms over the interior of leaf." in leaf
+    assert "Depth: 9.5 mm in all." in leaf
 
 
 def test_numbers_are_spelled_with_two_digits() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,12 +13,15 @@ import scenetruth as st
 from scenetruth.dataset.sample import Made
 from scenetruth.design.optimise import goal_from_plain
 from scenetruth.design.optimise.confirm.confirm import confirmed
-from scenetruth.design.optimise.confirm.measure import Confirmation, simulate_one, simulated
+from scenetruth.design.optimise.confirm.intervals import interval_of
+from scenetruth.design.optimise.confirm.measure import Confirmation, figure_in, simulate_one, simulated
 from scenetruth.design.optimise.goal.parts import Confirm
 from scenetruth.design.optimise.goal.prepare import prepare
 from scenetruth.design.optimise.parts import Objective
 from scenetruth.design.optimise.rig.evaluate import evaluate
 from scenetruth.design.optimise.rig.rigs import rig_of
+from scenetruth.design.optimise.statistics import STATISTICS
+from scenetruth.design.optimise.words import words_of
 from scenetruth.scene import scene_from_plain
 from tests.design.optimise.small import goal, scene
 
@@ -33,6 +39,28 @@ def test_figures_are_those_of_a_score() -> None:
     # The only object is all that there is; what nothing is told of is left out.
     assert found["Depth of wall"] == found["Depth"]
     assert "Growth" not in found
+
+
+def test_growth_of_lengths_is_measured_though_the_standard_truth_does_not_tell_it() -> None:
+    method = {"method": "refined", "motion": "affine", "surface": "plane"}
+    made = scene_from_plain({**scene(), "estimate": method})
+    found = simulated(made, (Objective("growth_largest", "interior", "%/h", "Growth"),))
+    assert found["Growth"]["rms"] > 0
+    assert 0 < found["Growth"]["density"] <= 1
+
+
+def test_a_rig_of_which_little_is_told_says_so() -> None:
+    prepared = prepare(goal_from_plain(goal()))
+    values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
+    rig = rig_of(7, evaluate(prepared.task, values), prepared)
+    assert math.isnan(rig.density("Depth"))
+    every = dict.fromkeys(STATISTICS, (0.1, 0.2))
+    for densities, told in (((0.5, 0.7), True), ((0.9, 0.95), False), ((0.6, math.nan), True)):
+        simulated_rig = replace(
+            rig, figures={"Depth": {**every, "density": densities}}, simulated={"Depth": interval_of((0.1, 0.2))}
+        )
+        words = " ".join(words_of(prepared.task.objectives, simulated_rig, (), (), ()))
+        assert ("only 60 % of the pixels are told" in words) == told
 
 
 def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,7 +84,23 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
     again = confirmed([rig], prepared, Confirm(rigs=1, seeds=3, most_px=None), tmp_path, 0)
     assert numbers == [2]
     assert again.rigs[7].simulated["Depth"].seeds == 3
+    figures = again.rigs[7].figures["Depth"]
+    # A median is no larger than √2 of the rms; what 95 % lie below, no larger than √20 of it.
+    for typical, rms, percentile in zip(*(figures[name] for name in STATISTICS), strict=True):
+        assert 0 < typical <= 1.4826 * 2**0.5 * rms
+        assert typical / 1.4826 <= percentile <= 20**0.5 * rms
+    assert again.rigs[7].simulated["Depth"] == interval_of(figures["typical"])
     assert confirmed([], prepared, Confirm(), tmp_path, 0).rigs == {}
+
+
+def test_figures_that_lack_a_statistic_are_made_again(tmp_path: Path) -> None:
+    plain = {**scene(), "estimate": {"method": "structure_tensor"}}
+    job = Confirmation(str(tmp_path), (plain,), (1,), (DEPTH,), ())
+    told = {"Depth": {"rms": 0.2, "median_abs": 0.1, "bias": 0.0, "density": 1.0}}
+    (tmp_path / f"{job.key(0)}.json").write_text(json.dumps({"key": job.key(0), "figures": told}))
+    assert job.figures(0) == told
+    assert figure_in(told, "Depth", "typical") == pytest.approx(0.14826)
+    assert replace(job, objectives=(replace(DEPTH, statistic="percentile_95"),)).figures(0) is None
 
 
 def test_what_fails_is_told(tmp_path: Path) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from scenetruth.design.optimise import goal_from_plain
 from scenetruth.design.optimise.goal.prepare import Prepared, prepare
-from scenetruth.design.optimise.rig.evaluate import Evaluation, evaluate, sorted_by_worth
+from scenetruth.design.optimise.rig.evaluate import Evaluation, evaluate, parts_of, sorted_by_worth
 from scenetruth.design.optimise.rig.rigs import rig_of, ten_percent_of
 from scenetruth.design.predict import predict
 from scenetruth.scene import scene_from_plain
@@ -51,6 +52,22 @@ def test_parts_add_up_to_what_is_predicted(prepared: Prepared) -> None:
     assert better.parts[depth]["noise"] == pytest.approx(one.parts[depth]["noise"], rel=1e-6)
 
 
+@pytest.mark.parametrize("statistic", ["rms", "percentile_95"])
+def test_statistics_are_those_of_the_region(prepared: Prepared, statistic: Any) -> None:
+    one = evaluated(prepared, stage="air_bearing")
+    scene = scene_from_plain(dict(rig_of(3, one, prepared).scene))
+    prediction = predict(scene, method="structure_tensor")
+    figure = prediction.figure("depth", "interior")
+    depth = replace(prepared.task.objectives[0], statistic=statistic)
+    parts = parts_of(depth, scene, prediction)
+    assert parts["noise"] == getattr(figure, statistic)
+    # Standard deviations differ from place to place, but not by much: a wall.
+    factor = {"rms": 1.0, "percentile_95": 1.96}[statistic]
+    assert factor * figure.value * 0.95 < parts["noise"] < factor * figure.value * 1.5
+    typical = parts_of(prepared.task.objectives[0], scene, prediction)
+    assert parts["stage"] == pytest.approx(factor * typical["stage"], rel=1e-4)
+
+
 @pytest.mark.parametrize(
     ("changes", "kind"),
     [
@@ -83,3 +100,6 @@ def test_ten_percent_of_lenses_and_apertures(prepared: Prepared) -> None:
     # The stage's turns limit depth, at any focal length: ψ f px, over f B / Z.
     assert more["Depth", "stage.baseline_mm"] == pytest.approx(1 / 1.1 - 1, abs=0.01)
     assert abs(more["Depth", "lens"]) < 0.02
+    less = ten_percent_of(evaluated(prepared), prepared, 0.9)
+    assert less["Depth", "stage.baseline_mm"] == pytest.approx(1 / 0.9 - 1, abs=0.01)
+    assert set(less) == set(more)

@@ -11,6 +11,7 @@ import yaml
 from scenetruth.design.optimise import goal_from_plain, load_goal
 from scenetruth.design.optimise.goal.prepare import prepare
 from scenetruth.design.optimise.problems import GoalError
+from scenetruth.scoring import QUANTITIES
 from tests.design.optimise.small import goal
 from tests.nightly import nightly
 
@@ -113,6 +114,26 @@ def test_objectives_that_are_not_told() -> None:
     assert "objectives.1.quantity: is not predicted for this scene by structure_tensor" in told
 
 
+def test_statistics_that_are_not_told() -> None:
+    assert "objectives.0.statistic: input should be 'typical', 'rms' or 'percentile_95'" in refused(
+        objectives=[{"quantity": "depth", "statistic": "std"}]
+    )
+    wanted = [{"quantity": "velocity_endpoint", "statistic": kind} for kind in ("percentile_95", "rms")]
+    told = refused(objectives=wanted)
+    assert "objectives.0.statistic: is not predicted of velocity_endpoint, which is a distance or an angle" in told
+    assert "objectives.1" not in told
+    assert "is there twice: depth of all, rms" in refused(
+        objectives=[{"quantity": "depth", "region": "all", "statistic": "rms"}] * 2
+    )
+
+
+@pytest.mark.parametrize("quantity", ["mean_curvature", "growth_direction", "rotation_rate_x"])
+def test_what_is_scored_but_not_predicted_is_refused_with_what_is(quantity: str) -> None:
+    assert quantity in QUANTITIES
+    told = refused(objectives=[{"quantity": quantity}])
+    assert "objectives.0.quantity: is not predicted for this scene by structure_tensor, which tells depth" in told
+
+
 def test_scenes_and_methods_that_are_wrong() -> None:
     told = refused(scene={**goal()["scene"], "widht": 3}, catalogues=["none.yaml"])
     assert "scene.widht: unknown key" in told
@@ -128,6 +149,9 @@ def test_titles_tell_objectives_apart() -> None:
     assert [one.title for one in task.objectives] == ["Depth, interior", "Depth of wall", "Velocity in Z, interior"]
     task = prepare(goal_from_plain(goal())).task
     assert [one.title for one in task.objectives] == ["Depth"]
+    wanted = [{"quantity": "depth"}, {"quantity": "depth", "statistic": "rms"}, {"quantity": "velocity_z"}]
+    task = prepare(goal_from_plain(goal(objectives=wanted))).task
+    assert [one.title for one in task.objectives] == ["Depth, typical error", "Depth, rms error", "Velocity in Z"]
 
 
 @nightly

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from scenetruth.design.optimise.confirm.compare import compared
-from scenetruth.design.optimise.confirm.intervals import interval_of
-from scenetruth.design.optimise.result import Interval
+from scenetruth.design.optimise.confirm.intervals import interval_at, interval_of
+from scenetruth.design.optimise.result import Interval, Rig
 from tests.design.optimise.small import objective
 
 
@@ -31,10 +31,16 @@ def test_few_figures() -> None:
     assert (one.number, one.seeds) == (2.0, 1)
     assert math.isnan(one.low)
     assert math.isnan(interval_of([0.0, 1.0]).high)
+    figures = {"depth": {"typical": (1.0, math.nan, 4.0), "rms": (2.0, 2.0, 2.0)}}
+    rig = Rig(1, {}, {}, {}, {}, (), None, "", figures)
+    # What was not told of a seed is left out.
+    assert interval_at(rig, "depth", "typical") == interval_of([1.0, 4.0])
+    assert interval_at(rig, "depth", "rms").number == 2.0
+    assert interval_at(rig, "growth", "rms").seeds == 0
 
 
 @pytest.mark.parametrize(
-    ("typical", "notable", "words"),
+    ("simulated", "notable", "words"),
     [
         (Interval(1.1, 1.0, 1.2, 4), False, "factor 1.10"),
         (Interval(2.0, 1.8, 2.2, 4), True, "2.0 times the prediction"),
@@ -44,7 +50,7 @@ def test_few_figures() -> None:
         (Interval(math.nan, math.nan, math.nan, 0), True, "nothing was estimated"),
     ],
 )
-def test_discrepancies_are_told(typical: Interval, notable: bool, words: str) -> None:
-    found = compared(3, objective(), 1.0, typical)
+def test_discrepancies_are_told(simulated: Interval, notable: bool, words: str) -> None:
+    found = compared(3, objective(), 1.0, simulated)
     assert (found.rig, found.notable) == (3, notable)
     assert words in found.says

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -17,7 +18,8 @@ from scenetruth.design.optimise import Design, goal_from_plain, optimise
 from scenetruth.design.optimise.goal.prepare import prepare
 from scenetruth.design.optimise.problems import GoalError
 from scenetruth.design.optimise.rig.evaluate import evaluate
-from scenetruth.errors import MachineError, OutputExistsError
+from scenetruth.design.page.write import write_design_page
+from scenetruth.errors import MachineError, OutputExistsError, StoreError
 from tests.design.optimise.small import goal
 
 SMALL = {"predictions": 120, "morris": 1, "sobol": 0}
@@ -56,7 +58,8 @@ def test_what_was_simulated_is_told_beside_the_prediction(found: Design) -> None
     assert told.low < told.number < told.high
     (one,) = found.discrepancies
     assert one.rig == found.recommended.number
-    assert one.simulated == found.recommended.typical["Depth"]
+    assert one.simulated == found.recommended.simulated["Depth"]
+    assert found.orders == ()
     # Wider than 48 px by the disparity between the outermost positions, 16 px at 16 mm.
     assert any(re.search("images cut from 64 x 48 to 6[0-4] x 3[0-9] px", line) for line in found.assumptions)
 
@@ -71,15 +74,52 @@ def test_the_answer_lies_in_its_folder(found: Design, folder: Path) -> None:
     assert plain["recommended"] == found.recommended.number
     assert plain["words"] == list(found.words())
     assert 20 <= len(found.screened) <= SMALL["predictions"]
-    assert list(found.to_frame()["rig"]) == [rig.number for rig in found.front]
+    assert list(found.to_frame()["rig"]) == [rig.number for rig in found.rigs]
+    # With one objective, the front is one rig.
+    assert len(found.front) == 1
+    assert found.to_frame()["front"].sum() == 1
+    assert found.recommended in found.rigs
+
+
+def test_a_design_is_loaded_as_it_was(found: Design, folder: Path) -> None:
+    again = Design.load(folder)
+    # The time of the page itself is not in what was written before it.
+    assert {**again.to_plain(), "seconds": {}} == {**found.to_plain(), "seconds": {}}
+    for name in ("title", "objectives", "rules", "assumptions", "discrepancies", "orders", "folder"):
+        assert getattr(again, name) == getattr(found, name)
+    assert again.recommended == found.recommended
+    # NaN is no other NaN's equal.
+    assert repr(again.sensitivities) == repr(found.sensitivities)
+    assert again.words() == found.words()
+    pd.testing.assert_frame_equal(again.screened, found.screened)
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert write_design_page(again, folder).read_text(encoding="utf-8") == page
+
+
+def test_folders_that_hold_no_design_are_refused(found: Design, folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match=r"design\.json: is missing"):
+        Design.load(tmp_path)
+    plain = found.to_plain()
+    for name, told, message in (
+        ("older", {**plain, "format": 1}, "is of format 1, and not 2"),
+        ("cut", {"format": 2}, "is damaged \\(KeyError"),
+        ("other", {**plain, "recommended": -1}, "is damaged \\(ValueError"),
+        ("words", {**plain, "seconds": {"search": "long"}}, "is damaged \\(ValueError"),
+        ("table", plain, r"screened\.csv: is missing"),
+    ):
+        place = tmp_path / name
+        place.mkdir()
+        (place / "design.json").write_text(json.dumps(told))
+        with pytest.raises(StoreError, match=message):
+            Design.load(place)
 
 
 def test_words(found: Design) -> None:
     told = "\n".join(found.words())
     assert f"recommended, rig {found.recommended.number}" in told
-    assert "Depth: predicted" in told
-    assert "rms against the truth" in told
-    assert "10 % more of each parameter changes depth by" in told
+    assert "Depth: typical error, predicted" in told
+    assert "; rms error " in told
+    assert "10 % more (less) of each parameter changes depth by" in told
 
 
 def test_ten_percent_more_baseline_is_ten_percent_less_noise(found: Design) -> None:
@@ -87,6 +127,8 @@ def test_ten_percent_more_baseline_is_ten_percent_less_noise(found: Design) -> N
     # Depth's noise goes by 1 / d; registrations and windows change it by no more than a few percent.
     assert more["stage.baseline_mm"] == pytest.approx(1 / 1.1 - 1, abs=0.03)
     assert np.isnan(more["optics.psf"])
+    less = {one.parameter: one.ten_percent_less for one in found.sensitivities}
+    assert less["stage.baseline_mm"] == pytest.approx(1 / 0.9 - 1, abs=0.03)
 
 
 def test_what_was_killed_goes_on_to_the_same_end(found: Design, folder: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from scenetruth.design.optimise.goal.parts import Search
 from scenetruth.design.optimise.rig.evaluate import Evaluation
 from scenetruth.design.optimise.rig.space import Parameter, Space
 from scenetruth.design.optimise.search.budget import shares_of
-from scenetruth.design.optimise.search.front import best_of, front_of, thinned, with_alternatives
+from scenetruth.design.optimise.search.front import best_of, far_apart, front_of, thinned, with_alternatives
 from scenetruth.design.optimise.search.last_steps import last_steps
 from scenetruth.design.optimise.search.sensitivity import effects_of
 from scenetruth.design.optimise.search.trials import search_by_trials
@@ -116,6 +116,9 @@ def test_which_rig_is_recommended() -> None:
     assert best_of(figures, TWO) == 1
     # What is wanted counts instead.
     assert best_of(figures, (objective("a", 0.1), objective("b", 9.0))) == 0
+    # A hundredth of the worst factor is nothing, where the other is far better.
+    assert best_of([{"a": 1.0, "b": 4.0}, {"a": 1.01, "b": 1.0}], (objective("a"), objective("b", 8.0))) == 1
+    assert best_of([{"a": 1.0, "b": 4.0}, {"a": 1.2, "b": 1.0}], (objective("a"), objective("b", 8.0))) == 0
 
 
 def test_a_thinned_front_keeps_its_ends_and_lies_evenly() -> None:
@@ -123,6 +126,21 @@ def test_a_thinned_front_keeps_its_ends_and_lies_evenly() -> None:
     assert set(thinned(line, 5, 50)) == {0, 25, 50, 75, 100}
     assert thinned(line[:3], 9, 1)[0] == 1
     assert sorted(thinned(line[:3], 9, 1)) == [0, 1, 2]
+
+
+def test_rigs_to_simulate_are_far_enough_apart_to_be_told() -> None:
+    # Logarithms: three of the front within a tenth of each other, and one beyond; two alternatives.
+    front = [[0.0, 0.0], [0.05, -0.02], [-0.05, 0.02], [0.6, -0.1]]
+    behind = [[0.02, 0.03], [0.4, 0.5]]
+    rigs = np.array(front + behind)
+    # The front's that is apart, then the alternative that is apart, then the others of the front, the farthest first.
+    assert far_apart(rigs, 4, 2) == [0, 3]
+    assert far_apart(rigs, 4, 3) == [0, 3, 5]
+    assert far_apart(rigs, 4, 5) == [0, 3, 5, 1, 2]
+    assert far_apart(rigs, 4, 9) == [0, 3, 5, 1, 2, 4]
+    assert far_apart(rigs, 4, 0) == []
+    # One objective: the best, what is apart from it, then the next best.
+    assert far_apart(np.array([[0.0], [0.02], [0.1], [0.3]]), 1, 3) == [0, 3, 1]
 
 
 def planes(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
@@ -143,10 +161,30 @@ def test_effects_of_planes_and_products() -> None:
         assert mean == pytest.approx(slope, abs=2e-3)
         assert scatter == pytest.approx(0.0, abs=3e-3)
         # Shares of the variance: 9, 1 and 0 of 10. 256 samples know them to a few hundredths.
-        assert found.sobol["a", name] == pytest.approx((slope**2 / 10, slope**2 / 10), abs=0.05)
+        told = found.sobol["a", name]
+        assert (told.first, told.total) == pytest.approx((slope**2 / 10, slope**2 / 10), abs=0.05)
+        assert told.samples == 256
     # Of x y, each alone has 3/7 of the variance, both together 1/7 (I. M. Sobol', 1993).
-    assert found.sobol["b", "x0"] == pytest.approx((3 / 7, 4 / 7), abs=0.07)
+    told = found.sobol["b", "x0"]
+    assert (told.first, told.total) == pytest.approx((3 / 7, 4 / 7), abs=0.07)
     assert found.morris["b", "x0"][1] > 0.1
+
+
+def test_indices_from_few_samples_lie_within_their_intervals() -> None:
+    inside, halves = [], {16: [], 64: []}  # type: ignore[var-annotated]
+    for samples, several in halves.items():
+        for seed in range(12):
+            ledger = Formula(square(3), planes)
+            found = effects_of(ledger, ledger.space, TWO[1:], 0, samples, seed)  # type: ignore[arg-type]
+            for name, first, total in (("x0", 3 / 7, 4 / 7), ("x1", 3 / 7, 4 / 7), ("x2", 0.0, 0.0)):
+                told = found.sobol["b", name]
+                inside += [abs(told.first - first) <= told.first_half + 1e-9]
+                inside += [abs(told.total - total) <= told.total_half + 1e-9]
+                several.append(told.first_half)
+    # Resampled intervals of 95 % are a little short with so few samples.
+    assert np.mean(inside) > 0.85
+    # Four times the samples, half the width.
+    assert np.mean(halves[16]) / np.mean(halves[64]) == pytest.approx(2.0, rel=0.3)
 
 
 def test_effects_leave_out_what_cannot_be_made() -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 
-from scenetruth.design.optimise.parts import Interval, Rig
+from scenetruth.design.optimise.parts import Interval, Rig, Sensitivity
 from scenetruth.design.optimise.words import told_value, words_of
 from tests.design.optimise.small import objective
 
@@ -25,7 +28,28 @@ def test_what_is_wanted_is_judged_by_simulations(wanted: float, simulated: Inter
     rig = Rig(3, {"stage.baseline_mm": 4.25}, {}, {"depth": 0.2}, told, (), None, "")
     lines = words_of((objective(wanted=wanted),), rig, (), (), ())
     assert lines[0] == "recommended, rig 3: stage.baseline_mm = 4.25"
+    assert lines[1].startswith("depth: typical error, predicted 0.2 mm")
     assert lines[1].endswith(verdict)
+
+
+def test_the_rms_error_stands_beside_a_typical_one() -> None:
+    figures = {"depth": {"typical": (0.3, 0.3), "rms": (0.7, 0.7)}}
+    rig = Rig(3, {}, {}, {"depth": 0.2}, {"depth": Interval(0.3, 0.2, 0.4, 2)}, (), None, "", figures)
+    assert "from 2 seeds; rms error 0.7)" in words_of((objective(),), rig, (), (), ())[1]
+    of_rms = replace(objective(), statistic="rms")
+    assert words_of((of_rms,), rig, (), (), ())[1].endswith("from 2 seeds)")
+
+
+def test_changes_both_ways_are_told_the_largest_first() -> None:
+    rig = Rig(3, {}, {}, {"depth": 0.2}, {}, (), None, "")
+    nothing = (math.nan,) * 4
+    effects = [
+        Sensitivity("a", "depth", *nothing, 0.02, -0.019),
+        Sensitivity("b", "depth", *nothing, -0.091, 0.111),
+        Sensitivity("c", "depth", *nothing, math.nan, math.nan),
+    ]
+    (line,) = words_of((objective(),), rig, effects, (), ())[2:]
+    assert line == "10 % more (less) of each parameter changes depth by: b -9.1 % (+11.1 %), a +2.0 % (-1.9 %)"
 
 
 def test_values_as_people_write_them() -> None:

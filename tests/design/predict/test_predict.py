@@ -134,6 +134,15 @@ def test_what_is_wrong_is_told_at_once() -> None:
         predict(wall(), limits=st.Limits(frames=2))
 
 
+def test_texture_that_is_too_fine_is_told() -> None:
+    """2 px per mm: waves of 1.2 to 1.6 mm are 2.4 to 3.2 px."""
+    fine, coarse = (
+        predict(wall(texture={"kind": "noise", "wavelength_mm": waves})).notes for waves in ([1.2, 1.6], [3.0, 9.0])
+    )
+    assert any("shorter than 3 px" in note for note in fine)
+    assert not any("shorter than 3 px" in note for note in coarse)
+
+
 def test_what_is_left_out_is_told() -> None:
     lens = {"width": 96, "height": 72, "focal_length_px": 1200, "distortion": {"k1": -0.2}}
     stage = {"positions": 5, "baseline_mm": 2.0, "errors": {"preset": "air_bearing"}}

@@ -38,7 +38,7 @@ def grown(entry: Growth, x: float, hours: float) -> float:
 @given(
     r=some.floats(-0.05, 0.05),
     gradient=some.tuples(some.floats(-2, 3), some.floats(-2, 3)),
-    share=some.none() | some.floats(0, 1),
+    share=some.none() | some.floats(-1, 2),
     diel=some.floats(0, 1.5),
     hours=some.floats(-30, 30),
 )
@@ -68,7 +68,7 @@ def test_areas_grow_by_the_given_rate(
 
 
 def test_nothing_has_grown_at_first_and_the_origin_stays() -> None:
-    for share in (None, 0.0, 0.3, 1.0):
+    for share in (None, -1.0, 0.0, 0.3, 1.0, 2.0):
         entry = Growth(**GROWTH, base_to_tip=(1.5, 0.5), along_share=share, diel_amplitude=0.5)
         points = np.concatenate([sheet(5, 4).material_mm, np.ones((30, 1))], 1)
         np.testing.assert_allclose(positions([made(entry)], points, 0.0), points, atol=1e-14)
@@ -98,6 +98,16 @@ def test_own_ends_of_the_gradient() -> None:
     start = sheet(8, 2)
     found = body(start, [made(entry)]).surface_at(5.0)[:, TRACE].sum(axis=1)
     np.testing.assert_allclose(found, 0.03 * (2 - (start.material_mm[:, 0] - 10) / 10), atol=1e-14)
+
+
+@given(nu=some.floats(0.0, 0.5), strain=some.floats(-0.3, 0.3), hours=some.floats(-3, 3))
+def test_a_pulled_sheet_gets_narrower_by_its_poisson_ratio(nu: float, strain: float, hours: float) -> None:
+    """Lengths along X become exp(ε h) times as long, those along Y exp(-ν ε h), whichever axis is pulled."""
+    points = np.array([[10.0, -4, 0], [-3, 7, 0]])
+    for along, across, share in ((1.0, -nu, 1 / (1 - nu)), (-nu, 1.0, -nu / (1 - nu))):
+        entry = Growth(kind="growth", rate_per_hour=strain * (1 - nu), along_share=share)
+        expected = points * np.exp(strain * hours * np.array([along, across, 0]))
+        np.testing.assert_allclose(positions([made(entry)], points, hours), expected, rtol=1e-13)
 
 
 def test_solids_grow_alike() -> None:

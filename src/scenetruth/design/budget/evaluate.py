@@ -47,6 +47,7 @@ def budget(
     draws: int = 4,
     confirm: float = 0.9,
     workers: int = 0,
+    region: str = "interior",
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> Budget:
@@ -75,6 +76,9 @@ def budget(
         Share of the sum of squares that is simulated; 1 for all causes, 0 for those alone that cannot be predicted.
     workers
         Processes of this machine, of one thread each; 0 does all in this one.
+    region
+        Where the figures of the page and the picture are from: ``"all"``, ``"interior"``, or ``"object_NAME"``. The
+        table and what is returned have all regions.
     progress
         Called with (what, done, total).
     notice
@@ -101,6 +105,9 @@ def budget(
         problems.append(Problem("draws", f"must be a whole number, 1 to {_MOST_DRAWS}", draws))
     if not 0 <= confirm <= 1:
         problems.append(Problem("confirm", "must be a share, 0 to 1", confirm))
+    regions = ["all", "interior", *(f"object_{item.name}" for _, item in whole.parts)]
+    if region not in regions:
+        problems.append(Problem("region", f"must be one of {', '.join(regions)}", region))
     try:
         known = calibration_of(calibration)
     except RecipeError as error:
@@ -142,7 +149,7 @@ def budget(
             totals=totals,
         )
         if folder is not None:
-            _write(told, place)
+            _write(told, place, region)
     return told
 
 
@@ -343,11 +350,11 @@ def _begin(folder: Path, scene: Scene, calibration: dict[str, Any]) -> None:
         aside.write_text(json.dumps(wanted, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _write(found: Budget, folder: Path) -> None:
+def _write(found: Budget, folder: Path, region: str) -> None:
     from scenetruth.design.budget.answer.page import write_page
     from scenetruth.design.budget.answer.waterfall import write_waterfall
 
     with write_aside(folder / "budget.csv", overwrite=True) as aside:
         found.to_frame().to_csv(aside, index=False)
-    write_waterfall(found, folder / "waterfall.png")
-    write_page(found, folder)
+    write_waterfall(found, folder / "waterfall.png", region)
+    write_page(found, folder, region)

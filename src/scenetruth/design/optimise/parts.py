@@ -1,12 +1,15 @@
-"""The parts of a design: objectives, constraints, rigs, figures from simulations, sensitivities, rules."""
+"""The parts of a design: objectives, constraints, rigs, figures from simulations, orders, sensitivities, rules."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Constraint", "Discrepancy", "Interval", "Objective", "Rig", "Rule", "Sensitivity"]
+from scenetruth.design.optimise.statistics import STATISTICS, Statistic
+
+__all__ = ["Constraint", "Discrepancy", "Interval", "Objective", "Order", "Rig", "Rule", "Sensitivity"]
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Objective:
-    """What is to be known precisely: a standard deviation that is to be small.
+    """What is to be known precisely: a statistic of errors that is to be small.
 
     Parameters
     ----------
@@ -79,6 +82,8 @@ class Objective:
         What it is called everywhere else: keys of ``Rig.predicted`` and ``Rig.simulated``.
     wanted
         The figure that is good enough; None to minimise.
+    statistic
+        Key of `scenetruth.design.optimise.statistics.STATISTICS`: what predictions and simulations are told in.
     """
 
     quantity: str
@@ -86,6 +91,12 @@ class Objective:
     unit: str
     title: str
     wanted: float | None = None
+    statistic: Statistic = "typical"
+
+    @property
+    def told_in(self) -> str:
+        """The statistic in words."""
+        return STATISTICS[self.statistic].title
 
 
 @dataclass(frozen=True)
@@ -101,18 +112,19 @@ class Rig:
     scene
         The scene with it, as plain values, ready to run.
     predicted
-        Predicted standard deviations by objective's title.
+        Predicted statistics of errors, by objective's title.
     simulated
-        Rms errors against the truth, by objective's title; empty if it was not simulated.
+        The same statistics of errors against the truth, by objective's title; empty if it was not simulated.
     constraints
         Every constraint of the goal.
     price
         Sum of the prices of what is from catalogues; None if one is not known, or none was chosen.
     limits
         What limits it, in words.
-    typical
-        What is compared with the prediction: 1.4826 times the median of the errors' sizes, the standard deviation of
-        normal errors with that median; by objective's title.
+    figures
+        All statistics of simulations, by objective's title and statistic: one figure for each seed, NaN where nothing
+        was told; ``density`` is the share of the region's pixels that the method tells. The seeds are the same for all
+        rigs.
     """
 
     number: int
@@ -123,7 +135,12 @@ class Rig:
     constraints: tuple[Constraint, ...]
     price: float | None
     limits: str
-    typical: Mapping[str, Interval] = field(default_factory=dict)
+    figures: Mapping[str, Mapping[str, tuple[float, ...]]] = field(default_factory=dict, repr=False)
+
+    def density(self, title: str) -> float:
+        """Return the share of an objective's region that simulations tell, in the mean; NaN if there are none."""
+        each = [one for one in self.figures.get(title, {}).get("density", ()) if math.isfinite(one)]
+        return sum(each) / len(each) if each else math.nan
 
     @property
     def is_confirmed(self) -> bool:
@@ -146,9 +163,14 @@ class Sensitivity:
         natural logarithm of the objective: 0.7 is a factor of two. NaN if not computed.
     sobol_first, sobol_total
         Shares of the logarithm's variance: of the parameter alone, and with all its interactions. NaN if not computed.
-    ten_percent
-        Relative change of the objective at the recommended rig for 10 % more of the parameter: -0.09 is 9 % better. NaN
-        of choices that have no size.
+        Estimates from few samples may lie outside of 0 to 1, and the first above the total.
+    ten_percent, ten_percent_less
+        Relative change of the objective at the recommended rig for 10 % more of the parameter, and for 10 % less: -0.09
+        is 9 % better. NaN of choices that have no size.
+    sobol_first_half, sobol_total_half
+        Half widths of the indices' intervals of 95 %, from resampling. NaN if not computed.
+    sobol_samples
+        Base samples from which the indices are estimated.
     """
 
     parameter: str
@@ -158,6 +180,43 @@ class Sensitivity:
     sobol_first: float
     sobol_total: float
     ten_percent: float
+    ten_percent_less: float = math.nan
+    sobol_first_half: float = math.nan
+    sobol_total_half: float = math.nan
+    sobol_samples: int = 0
+
+
+@dataclass(frozen=True)
+class Order:
+    """Two rigs that were simulated, and whether simulations keep the order that was predicted.
+
+    Parameters
+    ----------
+    objective
+        Title of the objective.
+    better, worse
+        Numbers of the rigs: which is predicted to be better, which worse.
+    predicted
+        Prediction of the worse one over that of the better one: above 1.
+    simulated
+        The same of simulations, geometric mean over seeds; NaN if fewer than two seeds tell both.
+    low, high
+        Interval of that mean, 95 %.
+    seeds
+        How many seeds tell both.
+    verdict
+        ``"kept"`` or ``"swapped"`` if the interval is on one side of 1, else ``"cannot be told"``.
+    """
+
+    objective: str
+    better: int
+    worse: int
+    predicted: float
+    simulated: float
+    low: float
+    high: float
+    seeds: int
+    verdict: str
 
 
 @dataclass(frozen=True)
@@ -196,9 +255,9 @@ class Discrepancy:
     objective
         Title of the objective.
     predicted
-        Predicted standard deviation.
+        What is predicted of the images that were simulated: the objective's statistic.
     simulated
-        What it is compared with: ``Rig.typical``.
+        What it is compared with: ``Rig.simulated``.
     ratio
         Simulated over predicted.
     notable

@@ -8,18 +8,59 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenetruth.design.optimise.parts import Constraint, Discrepancy, Interval, Objective, Rig, Rule, Sensitivity
+from scenetruth.design.optimise.answer.plain import made_of, plain_of
+from scenetruth.design.optimise.answer.screened import read_screened
+from scenetruth.design.optimise.parts import (
+    Constraint,
+    Discrepancy,
+    Interval,
+    Objective,
+    Order,
+    Rig,
+    Rule,
+    Sensitivity,
+)
 from scenetruth.design.optimise.words import words_of
+from scenetruth.errors import StoreError
+from scenetruth.plain import parse_json
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Constraint", "Design", "Discrepancy", "Interval", "Objective", "Rig", "Rule", "Sensitivity"]
+__all__ = [
+    "ANSWER",
+    "SCREENED",
+    "Constraint",
+    "Design",
+    "Discrepancy",
+    "Interval",
+    "Objective",
+    "Order",
+    "Rig",
+    "Rule",
+    "Sensitivity",
+]
+
+ANSWER, SCREENED = "design.json", "screened.csv"
+"""Files of a folder: the answer as plain values, and all predictions."""
+_FORMAT = 2
+_PARTS: Mapping[str, Any] = {
+    "title": str,
+    "objectives": tuple[Objective, ...],
+    "front": tuple[Rig, ...],
+    "alternatives": tuple[Rig, ...],
+    "orders": tuple[Order, ...],
+    "sensitivities": tuple[Sensitivity, ...],
+    "rules": tuple[Rule, ...],
+    "assumptions": tuple[str, ...],
+    "discrepancies": tuple[Discrepancy, ...],
+    "seconds": Mapping[str, float],
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """The answer: a rig, the alternatives, and what stands behind them.
+    """The answer: a rig, the front, alternatives, and what stands behind them.
 
     Parameters
     ----------
@@ -30,10 +71,10 @@ class Design:
     objectives
         What is to be known precisely.
     recommended
-        The best rig.
+        The best rig: one of the front or of the alternatives.
     front
-        Rigs of which no other is better in every objective; if these are few, some that are nearly as good and differ
-        from them. The recommended one is among them. Sorted by the first objective; confirmed ones have ``simulated``.
+        Rigs of which no other is predicted to be better in every objective; sorted by the first objective. Those that
+        were simulated have ``simulated``.
     screened
         Every prediction: parameters by path, objectives by title, ``holds``, ``excess`` and ``phase``.
     sensitivities
@@ -48,6 +89,10 @@ class Design:
         Where it lies; None if it was not kept.
     seconds
         What took how long: seconds by name.
+    alternatives
+        Rigs behind the front that are nearly as good and differ from those on it; none where the front has enough.
+    orders
+        Whether simulations keep the order of predictions: all pairs of rigs that were simulated.
     """
 
     goal: Mapping[str, Any] = field(repr=False)
@@ -62,23 +107,33 @@ class Design:
     discrepancies: tuple[Discrepancy, ...]
     folder: Path | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
+    alternatives: tuple[Rig, ...] = ()
+    orders: tuple[Order, ...] = ()
+
+    @property
+    def rigs(self) -> tuple[Rig, ...]:
+        """The front and the alternatives, sorted by the first objective."""
+        titles = [one.title for one in self.objectives]
+        return tuple(sorted((*self.front, *self.alternatives), key=lambda rig: [rig.predicted[one] for one in titles]))
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the front, a rig each row.
+        """Return the front and the alternatives, a rig each row.
 
         Returns
         -------
         pandas.DataFrame
-            ``rig``, ``recommended``, a column for each parameter; for each objective ``TITLE``, ``TITLE simulated``,
-            ``TITLE low``, ``TITLE high`` (missing where it was not simulated); ``price`` and ``limits``.
+            ``rig``, ``recommended``, ``front`` (whether it is on it), a column for each parameter; for each objective
+            ``TITLE``, ``TITLE simulated``, ``TITLE low``, ``TITLE high`` (missing where it was not simulated);
+            ``price`` and ``limits``.
         """
         import pandas as pd
 
         nothing = Interval(math.nan, math.nan, math.nan, 0)
+        first = {rig.number for rig in self.front}
         rows = []
-        for rig in self.front:
+        for rig in self.rigs:
             row: dict[str, Any] = {"rig": rig.number, "recommended": rig.number == self.recommended.number}
-            row |= rig.parameters
+            row |= {"front": rig.number in first, **rig.parameters}
             for objective in self.objectives:
                 title, found = objective.title, rig.simulated.get(objective.title, nothing)
                 row |= {title: rig.predicted[title], f"{title} simulated": found.number}
@@ -88,4 +143,54 @@ class Design:
 
     def words(self) -> tuple[str, ...]:
         """Return the answer in words, a line each."""
-        return words_of(self.objectives, self.recommended, self.sensitivities, self.discrepancies, self.rules)
+        return words_of(
+            self.objectives, self.recommended, self.sensitivities, self.discrepancies, self.rules, self.orders
+        )
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return all but the screened predictions as plain values: what ``design.json`` holds.
+
+        Numbers that are not finite are None (not a number), ``"inf"`` and ``"-inf"``.
+        """
+        told = {name: plain_of(getattr(self, name)) for name in _PARTS}
+        more = {"recommended": self.recommended.number, "words": list(self.words())}
+        return {"format": _FORMAT, "goal": plain_of(self.goal), **told, **more}
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Design:
+        """Load what `optimise` left in a folder.
+
+        Parameters
+        ----------
+        folder
+            The folder; ``design.json`` and ``screened.csv`` of it are read.
+
+        Raises
+        ------
+        StoreError
+            If one of them is missing, damaged, or of another version.
+
+        Examples
+        --------
+        To write the page again, without optimising:
+
+        >>> from scenetruth.design.page.write import write_design_page
+        >>> write_design_page(Design.load("outputs/rig"), "outputs/rig")  # doctest: +SKIP
+        """
+        place = Path(folder)
+        file = place / ANSWER
+        remedy = "run 'scenetruth design optimise' again; what is kept of predictions and simulations is used"
+        try:
+            plain = parse_json(file.read_bytes())
+            if isinstance(plain, dict) and plain.get("format") != _FORMAT:
+                raise StoreError(file, f"is of format {plain.get('format')}, and not {_FORMAT}: {remedy}")
+            parts = {name: made_of(kind, plain[name]) for name, kind in _PARTS.items()}
+            goal = dict(plain["goal"])
+            (best,) = (rig for rig in (*parts["front"], *parts["alternatives"]) if rig.number == plain["recommended"])
+            file = place / SCREENED
+            table = read_screened(file, goal.get("free", {}))
+        except FileNotFoundError as error:
+            raise StoreError(file, f"is missing: {remedy}") from error
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise StoreError(file, f"is damaged ({type(error).__name__}: {error}): {remedy}") from error
+        return cls(goal=goal, recommended=best, screened=table, folder=place, **parts)

@@ -6,13 +6,14 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenetruth.dataset.engine.workers import Workers, workers_of
 from scenetruth.dataset.unfit import versions_here
@@ -21,6 +22,7 @@ from scenetruth.design.optimise.answer.infeasible import refuse_unmet
 from scenetruth.design.optimise.answer.rules import rules_of
 from scenetruth.design.optimise.answer.write import write_design
 from scenetruth.design.optimise.confirm.confirm import Confirmed, confirmed
+from scenetruth.design.optimise.confirm.order import orders_of
 from scenetruth.design.optimise.goal.load import goal_from_plain, load_goal
 from scenetruth.design.optimise.goal.prepare import Prepared, prepare
 from scenetruth.design.optimise.goal.spec import Goal
@@ -29,11 +31,11 @@ from scenetruth.design.optimise.rig.build import build
 from scenetruth.design.optimise.rig.evaluate import Evaluation, facts_of, predicted
 from scenetruth.design.optimise.rig.rigs import rig_of, ten_percent_of
 from scenetruth.design.optimise.search.budget import shares_of
-from scenetruth.design.optimise.search.front import best_of, front_of, thinned, with_alternatives
+from scenetruth.design.optimise.search.front import best_of, far_apart, front_of, thinned, with_alternatives
 from scenetruth.design.optimise.search.last_steps import last_steps
 from scenetruth.design.optimise.search.ledger import Ledger
 from scenetruth.design.optimise.search.libraries import require_libraries
-from scenetruth.design.optimise.search.sensitivity import Effects, effects_of
+from scenetruth.design.optimise.search.sensitivity import Effects, SobolIndices, effects_of
 from scenetruth.design.optimise.search.trials import search_by_trials
 from scenetruth.errors import OutputExistsError, StoreError
 from scenetruth.placing import hold, sweep_inside, write_aside
@@ -85,7 +87,7 @@ def optimise(
     Returns
     -------
     Design
-        The recommended rig, the front, and what stands behind them.
+        The recommended rig, the front, alternatives, and what stands behind them.
 
     Raises
     ------
@@ -161,7 +163,7 @@ def _key(prepared: Prepared) -> str:
         "light": None if task.base.light is None else task.base.light.model_dump(),
         "entries": {kind: {k: v.model_dump() for k, v in task.base.entries.of(kind).items()} for kind in _KINDS},
         "limits": [one.model_dump() for one in task.limits],
-        "objectives": [(one.quantity, one.region) for one in task.objectives],
+        "objectives": [(one.quantity, one.region, one.statistic) for one in task.objectives],
         "method": task.method,
         "versions": versions_here(),
     }
@@ -219,20 +221,19 @@ class _Run:
         space, task = self.prepared.space, self.prepared.task
         front = front_of(self.found, task.objectives)
         first = best_of([self.found[number].predicted for number in front], task.objectives)
-        shown = self._thinned(front, _MOST_SHOWN, first)
-        shown = with_alternatives(self.found, task.objectives, space, shown)
+        front = [front[place] for place in thinned(self._logs(front), _MOST_SHOWN, first)]
+        shown = with_alternatives(self.found, task.objectives, space, front)
         rigs = [rig_of(number, self.found[number], self.prepared) for number in shown]
         confirm = self.goal.confirm
-        # Alternatives are simulated where the front is not enough.
-        wanted = set([*self._thinned(shown[: len(front)], confirm.rigs, 0), *shown[len(front) :]][: confirm.rigs])
-        chosen = [rig for rig in rigs if rig.number in wanted]
+        chosen = [rigs[place] for place in far_apart(self._logs(shown), len(front), confirm.rigs)]
         with self.timed("simulations"):
             simulated = confirmed(
                 chosen, self.prepared, confirm, self.folder, workers, progress=self.progress, notice=self.say
             )
         by_number = {rig.number: simulated.rigs.get(rig.number, rig) for rig in rigs}
         recommended = self._recommended(list(by_number.values()), simulated)
-        ordered = sorted(by_number.values(), key=lambda rig: [rig.predicted[one.title] for one in task.objectives])
+        on_front = [by_number[number] for number in front]
+        on_front.sort(key=lambda rig: [rig.predicted[one.title] for one in task.objectives])
         one = self.found[recommended.number]
         scene = scene_from_plain(recommended.scene)
         facts = facts_of(task, build(task.base, one.values), scene, predicted(scene, task.method), one.values)
@@ -244,22 +245,21 @@ class _Run:
             title=self.goal.title,
             objectives=task.objectives,
             recommended=recommended,
-            front=tuple(ordered),
+            front=tuple(on_front),
             screened=self._screened(),
             sensitivities=sensitivities,
             rules=rules_of(facts),
             assumptions=assumptions_of(self.goal, facts, simulated.changes, self.effects.left_out, sensitivities),
             discrepancies=simulated.discrepancies,
             seconds=self.seconds,
+            alternatives=tuple(by_number[number] for number in shown if number not in front),
+            orders=orders_of(list(by_number.values()), task.objectives),
         )
 
-    def _thinned(self, numbers: list[int], count: int, first: int) -> list[int]:
-        """Return some rigs: that at a place first, then those far from each other; with one objective, the best."""
-        objectives = self.prepared.task.objectives
-        if len(objectives) == 1 or not count:
-            return numbers[:count]
-        logs = np.log([[self.found[number].predicted[one.title] for one in objectives] for number in numbers])
-        return [numbers[place] for place in thinned(logs, count, first)]
+    def _logs(self, numbers: Sequence[int]) -> NDArray[np.float64]:
+        """Return logarithms of predictions, shape (rigs, objectives)."""
+        titles = [one.title for one in self.prepared.task.objectives]
+        return np.log([[self.found[number].predicted[title] for title in titles] for number in numbers])
 
     def _recommended(self, rigs: list[Rig], simulated: Confirmed) -> Rig:
         """Return the best of the rigs that were simulated, as the simulations tell; else as predicted."""
@@ -275,13 +275,28 @@ class _Run:
     def _sensitivities(self, one: Evaluation) -> tuple[Sensitivity, ...]:
         space, task = self.prepared.space, self.prepared.task
         more = ten_percent_of(one, self.prepared)
-        nothing = (math.nan, math.nan)
+        less = ten_percent_of(one, self.prepared, 0.9)
+        nothing, no_indices = (math.nan, math.nan), SobolIndices(math.nan, math.nan, math.nan, math.nan, 0)
         found = []
         for objective in task.objectives:
             for name in space.names:
                 key = (objective.title, name)
-                morris, sobol = self.effects.morris.get(key, nothing), self.effects.sobol.get(key, nothing)
-                found.append(Sensitivity(name, objective.title, *morris, *sobol, more.get(key, math.nan)))
+                mean, scatter = self.effects.morris.get(key, nothing)
+                sobol = self.effects.sobol.get(key, no_indices)
+                told = Sensitivity(
+                    name,
+                    objective.title,
+                    mean,
+                    scatter,
+                    sobol.first,
+                    sobol.total,
+                    more.get(key, math.nan),
+                    less.get(key, math.nan),
+                    sobol.first_half,
+                    sobol.total_half,
+                    sobol.samples,
+                )
+                found.append(told)
         return tuple(found)
 
     def _screened(self) -> pd.DataFrame:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
-from scenetruth.design.optimise.result import Design, Interval, Objective
+from scenetruth.design.optimise.confirm.intervals import interval_at
+from scenetruth.design.optimise.result import Design, Objective
+from scenetruth.design.optimise.words import MUCH_TOLD
 from scenetruth.design.page.words import interval, length, number, signed_percent
 
-__all__ = ["Reached", "orders_of", "reached_of", "sensitivity_words", "warnings_of"]
+__all__ = ["Reached", "reached_of", "sensitivity_words", "warnings_of"]
 
 _MOST_WORDS = 3
 
@@ -45,21 +46,25 @@ def reached_of(design: Design) -> list[Reached]:
         predicted = design.recommended.predicted[objective.title]
         simulated = design.recommended.simulated.get(objective.title)
         if simulated is None:
-            source = "predicted standard deviation; not simulated"
+            source = f"predicted {objective.told_in}; not simulated"
             figure = predicted
         else:
             between = interval(simulated.low, simulated.high)
             told = f"95 %: {between}; " if between else ""
             several = "recording" if simulated.seeds == 1 else "recordings"
-            source = f"rms error in {simulated.seeds} simulated {several} ({told}predicted {number(predicted)})"
+            rms = interval_at(design.recommended, objective.title, "rms")
+            beside = f"; rms error {number(rms.number)}" if objective.statistic != "rms" and rms.seeds else ""
+            told += f"predicted {number(predicted)}{beside}"
+            source = f"{objective.told_in} in {simulated.seeds} simulated {several} ({told})"
             figure = simulated.number
-        verdict = _verdict(objective, predicted, simulated)
+        verdict = _verdict(design, objective)
         found.append(Reached(objective.title, number(figure), objective.unit, source, verdict))
     return found
 
 
-def _verdict(objective: Objective, predicted: float, simulated: Interval | None) -> str:
-    wanted = objective.wanted
+def _verdict(design: Design, objective: Objective) -> str:
+    wanted, title = objective.wanted, objective.title
+    predicted, simulated = design.recommended.predicted[title], design.recommended.simulated.get(title)
     if wanted is None:
         return ""
     aim = f"Wanted: {length(wanted)} {objective.unit}"
@@ -68,8 +73,11 @@ def _verdict(objective: Objective, predicted: float, simulated: Interval | None)
     if not simulated.number <= wanted:
         return f"{aim}. Not reached."
     if math.isfinite(simulated.high) and simulated.high > wanted:
-        return f"{aim}. Reached in the mean, but the interval goes beyond."
-    return f"{aim}. Reached{', with all of the interval' if math.isfinite(simulated.high) else ''}."
+        told = "Reached in the mean, but the interval goes beyond."
+    else:
+        told = f"Reached{', with all of the interval' if math.isfinite(simulated.high) else ''}."
+    rms = interval_at(design.recommended, title, "rms")
+    return f"{aim}. {told}" + (" The rms error is beyond." if rms.number > wanted else "")
 
 
 def warnings_of(design: Design) -> list[tuple[str, str]]:
@@ -90,6 +98,11 @@ def warnings_of(design: Design) -> list[tuple[str, str]]:
             told.append(
                 (f"The recommended rig does not reach what is wanted. {objective.title}: {aim}.", "alternatives")
             )
+        told += _far_off(design, objective, figure)
+        if design.recommended.density(objective.title) < MUCH_TOLD:
+            share = f"{100 * design.recommended.density(objective.title):.0f} %"
+            words = f"{objective.title}: the method tells only {share} of the pixels; the figures are of these."
+            told.append((words, "agreement"))
     notable = [one for one in design.discrepancies if one.notable]
     if notable:
         count = f"{len(notable)} of {len(design.discrepancies)}"
@@ -99,25 +112,18 @@ def warnings_of(design: Design) -> list[tuple[str, str]]:
     return told
 
 
-def orders_of(design: Design) -> list[str]:
-    """Say whether rigs keep their order from prediction to simulation, objective by objective."""
-    told = []
-    for objective in design.objectives:
-        known = [rig for rig in design.front if objective.title in rig.simulated]
-        pairs = list(
-            combinations([(r.predicted[objective.title], r.simulated[objective.title].number) for r in known], 2)
-        )
-        if pairs:
-            kept = sum((a[0] - b[0]) * (a[1] - b[1]) >= 0 for a, b in pairs)
-            told.append(
-                f"{objective.title}: {kept} of {len(pairs)} pairs of the {len(known)} simulated rigs of the front "
-                "keep the order that was predicted."
-            )
-    return told
+def _far_off(design: Design, objective: Objective, figure: float) -> list[tuple[str, str]]:
+    """Warn of places that are so far off that the rms error misses what the objective's statistic reaches."""
+    rms = interval_at(design.recommended, objective.title, "rms")
+    wanted = objective.wanted
+    if objective.statistic == "rms" or wanted is None or not figure <= wanted or not rms.number > wanted:
+        return []
+    words = f"{objective.title}: some places are far off. The {objective.told_in} is {number(figure)} {objective.unit},"
+    return [(f"{words} but the rms error {number(rms.number)} {objective.unit}.", "alternatives")]
 
 
 def sensitivity_words(design: Design) -> list[str]:
-    """Say what 10 % more of the parameters that matter most does, objective by objective."""
+    """Say what 10 % more and less of the parameters that matter most does, objective by objective."""
     told = []
     for objective in design.objectives:
         own = [
@@ -129,7 +135,7 @@ def sensitivity_words(design: Design) -> list[str]:
         if own:
             parts = [
                 f"10 % more {one.parameter} changes it by {signed_percent(one.ten_percent)} "
-                f"({'better' if one.ten_percent < 0 else 'worse'})"
+                f"({'better' if one.ten_percent < 0 else 'worse'}), 10 % less by {signed_percent(one.ten_percent_less)}"
                 for one in own
             ]
             told.append(f"{objective.title}: {_listed(parts)}.")

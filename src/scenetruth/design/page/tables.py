@@ -6,16 +6,17 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeGuard
 
+from scenetruth.design.optimise.confirm.intervals import interval_at
 from scenetruth.design.optimise.result import Constraint, Design, Interval, Rig
-from scenetruth.design.page.cells import Cell, Table, number_cell
-from scenetruth.design.page.leading import leading
 from scenetruth.design.page.scene_file import scene_file_of
-from scenetruth.design.page.words import UNDEFINED, interval, length, percent, said, signed_percent
+from scenetruth.design.page.words import UNDEFINED, estimate, interval, length, number, percent, said, signed_percent
+from scenetruth.pages.tables import Cell, Table
 
 __all__ = [
     "constraint_table",
     "discrepancy_table",
     "front_table",
+    "order_table",
     "parameter_table",
     "rule_table",
     "sensitivity_table",
@@ -23,6 +24,12 @@ __all__ = [
 ]
 
 _NOTHING = Interval(math.nan, math.nan, math.nan, 0)
+_OTHER: Mapping[str, Mapping[str, str]] = {
+    "typical": {"rms": "rms error"},
+    "rms": {"typical": "typical error"},
+    "percentile_95": {"rms": "rms error"},
+}
+"""What is told of simulations besides an objective's statistic."""
 _AT_THE_END = 0.01
 """A parameter is at the end of its range if no more than this share of the range is left."""
 
@@ -40,34 +47,36 @@ def parameter_table(design: Design) -> Table:
 
 
 def front_table(design: Design) -> Table:
-    """Return the front, a rig each line."""
+    """Return the front and the alternatives, a rig each line."""
     parameters = list(design.recommended.parameters)
     columns = ["rig", "on the front"]
-    first = leading(design.front, design.objectives)
+    rigs, first = design.rigs, {rig.number for rig in design.front}
     for objective in design.objectives:
         of = f"{objective.title}, {objective.unit}"
-        columns += [f"{of}: predicted", "simulated rms", "95 %", "typical error"]
-    priced = any(rig.price is not None for rig in design.front)
+        columns += [f"{of}: predicted {objective.told_in}", "simulated", "95 %", *_OTHER[objective.statistic].values()]
+    priced = any(rig.price is not None for rig in rigs)
     columns += [*parameters, *(["price, €"] if priced else []), "tightest constraint", "what limits", "scene file"]
     lines, marked = [], None
-    for place, rig in enumerate(design.front):
+    for place, rig in enumerate(rigs):
         is_best = rig.number == design.recommended.number
         marked = place if is_best else marked
         line = [Cell(f"{rig.number} (recommended)" if is_best else str(rig.number), rig.number)]
-        line.append(Cell("yes" if rig in first else "no"))
+        line.append(Cell("yes" if rig.number in first else "no"))
         for objective in design.objectives:
-            found, typical = (each.get(objective.title, _NOTHING) for each in (rig.simulated, rig.typical))
+            found = rig.simulated.get(objective.title, _NOTHING)
             told = interval(found.low, found.high) or UNDEFINED
-            line += [number_cell(rig.predicted.get(objective.title)), number_cell(found.number)]
-            line += [Cell(told, found.low if math.isfinite(found.low) else None), number_cell(typical.number)]
+            line += [_number_cell(rig.predicted.get(objective.title)), _number_cell(found.number)]
+            line.append(Cell(told, found.low if math.isfinite(found.low) else None))
+            others = [interval_at(rig, objective.title, name) for name in _OTHER[objective.statistic]]
+            line += [_number_cell(one.number) for one in others]
         line += [Cell(said(value), _key(value)) for value in (rig.parameters.get(path, "") for path in parameters)]
-        line += [number_cell(rig.price)] if priced else []
+        line += [_number_cell(rig.price)] if priced else []
         line += [_tightest_cell(rig), Cell(rig.limits or UNDEFINED)]
         file = scene_file_of(rig, f"rig_{rig.number}.yaml")
-        lines.append([*line, Cell(file.name, float(rig.number), file)])
+        lines.append([*line, Cell(file.name, float(rig.number), file.address, file.name)])
     return Table(
         "front",
-        "The front: rigs than which no other is better in every objective; and alternatives behind it",
+        "The front: rigs than which no other is predicted to be better in every objective; and alternatives behind it",
         columns,
         lines,
         marked,
@@ -79,7 +88,7 @@ def constraint_table(rig: Rig) -> Table:
     lines = [
         [
             Cell(one.title),
-            number_cell(one.value, one.unit),
+            _number_cell(one.value, one.unit),
             Cell(f"{one.sense} {length(one.limit)} {one.unit}".rstrip(), one.limit),
             Cell(percent(one.margin), one.margin if math.isfinite(one.margin) else None),
             Cell("holds" if one.holds else "does not hold"),
@@ -101,12 +110,17 @@ def sensitivity_table(design: Design) -> Table:
         [
             Cell(one.parameter),
             Cell(one.objective),
-            Cell(signed_percent(one.ten_percent), None if math.isnan(one.ten_percent) else one.ten_percent),
-            *map(number_cell, (one.sobol_first, one.sobol_total, one.morris_mu_star, one.morris_sigma)),
+            *(Cell(signed_percent(each), _finite(each)) for each in (one.ten_percent, one.ten_percent_less)),
+            *(
+                Cell(estimate(index, half, one.sobol_samples), _finite(index))
+                for index, half in ((one.sobol_first, one.sobol_first_half), (one.sobol_total, one.sobol_total_half))
+            ),
+            *map(_number_cell, (one.morris_mu_star, one.morris_sigma)),
         ]
         for one in design.sensitivities
     ]
-    columns = ["parameter", "objective", "10 % more of it", "Sobol' first", "Sobol' total", "Morris μ*", "Morris σ"]
+    columns = ["parameter", "objective", "10 % more of it", "10 % less", "Sobol' first", "Sobol' total"]
+    columns += ["Morris μ*", "Morris σ"]
     return Table("sensitivities", "What parameters do to objectives", columns, lines)
 
 
@@ -126,11 +140,11 @@ def discrepancy_table(design: Design) -> Table:
         [
             Cell(str(one.rig), one.rig),
             Cell(one.objective),
-            number_cell(one.predicted),
-            number_cell(one.simulated.number),
+            _number_cell(one.predicted),
+            _number_cell(one.simulated.number),
             Cell(interval(one.simulated.low, one.simulated.high) or UNDEFINED, _finite(one.simulated.low)),
             Cell(str(one.simulated.seeds), one.simulated.seeds),
-            number_cell(one.ratio),
+            _number_cell(one.ratio),
             Cell("differs" if one.notable else "agrees"),
             Cell(one.says),
         ]
@@ -140,7 +154,7 @@ def discrepancy_table(design: Design) -> Table:
         "rig",
         "objective",
         "predicted",
-        "simulated, typical",
+        "simulated",
         "95 %",
         "recordings",
         "ratio",
@@ -148,6 +162,26 @@ def discrepancy_table(design: Design) -> Table:
         "in words",
     ]
     return Table("discrepancies", "Prediction beside simulation, every rig that was simulated", columns, lines)
+
+
+def order_table(design: Design) -> Table:
+    """Return whether simulations keep the order of predictions, a pair of rigs each line."""
+    lines = [
+        [
+            Cell(one.objective),
+            Cell(str(one.better), one.better),
+            Cell(str(one.worse), one.worse),
+            _number_cell(one.predicted),
+            _number_cell(one.simulated),
+            Cell(interval(one.low, one.high) or UNDEFINED, _finite(one.low)),
+            Cell(str(one.seeds), one.seeds),
+            Cell(one.verdict),
+        ]
+        for one in design.orders
+    ]
+    columns = ["objective", "better by prediction", "worse", "by a factor of", "simulated factor", "95 %", "seeds"]
+    caption = "Order of rigs: by what factor the worse one is worse, from paired figures of the same seeds"
+    return Table("orders", caption, [*columns, "order"], lines)
 
 
 def _tightest_cell(rig: Rig) -> Cell:
@@ -191,3 +225,9 @@ def _key(value: Any) -> float | None:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _number_cell(value: float | None, unit: str = "") -> Cell:
+    if value is None or not math.isfinite(value):
+        return Cell(number(value))
+    return Cell(f"{number(value)} {unit}".rstrip(), float(value))

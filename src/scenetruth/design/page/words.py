@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["UNDEFINED", "interval", "length", "number", "percent", "said", "signed_percent"]
+__all__ = ["UNDEFINED", "estimate", "interval", "length", "number", "percent", "said", "signed_percent"]
 
 UNDEFINED = "–"
 _MINUS = "−"
@@ -56,6 +56,34 @@ def interval(low: float, high: float) -> str:
     ('0.190 to 0.254', '')
     """
     return f"{number(low)} to {number(high)}" if math.isfinite(low) and math.isfinite(high) else ""
+
+
+def estimate(value: float, half: float, samples: int) -> str:
+    """Spell an estimate with the half width of its interval; say so where it is not known, or only that it is small.
+
+    Parameters
+    ----------
+    value, half
+        The estimate, and the half width of its interval.
+    samples
+        From how many samples it is.
+
+    Examples
+    --------
+    >>> estimate(0.532, 0.21, 64), estimate(-0.04, 0.09, 64), estimate(0.001, 0.004, 64), estimate(0.3, math.nan, 64)
+    ('0.53 ± 0.21', 'cannot be told from 64 samples', 'under 0.05', '0.30')
+    """
+    if not math.isfinite(value):
+        return UNDEFINED
+    if not math.isfinite(half):
+        return f"{value:.2f}".replace("-", _MINUS)
+    if half <= abs(value):
+        return f"{value:.2f} ± {half:.2f}".replace("-", _MINUS)
+    return f"under {_LITTLE:g}" if value + half < _LITTLE else f"cannot be told from {samples} samples"
+
+
+_LITTLE = 0.05
+"""A share of the variance that is as good as none."""
 
 
 def percent(share: float) -> str:

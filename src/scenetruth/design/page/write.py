@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from scenetruth.design.optimise.result import Design
-from scenetruth.design.page.answer import orders_of, reached_of, sensitivity_words, warnings_of
+from scenetruth.design.optimise.words import order_words
+from scenetruth.design.page.answer import reached_of, sensitivity_words, warnings_of
 from scenetruth.design.page.charts.front import front_charts
 from scenetruth.design.page.charts.sensitivity import sensitivity_charts
 from scenetruth.design.page.links import links_in
@@ -20,12 +20,14 @@ from scenetruth.design.page.tables import (
     constraint_table,
     discrepancy_table,
     front_table,
+    order_table,
     parameter_table,
     rule_table,
     sensitivity_table,
     tightest_of,
 )
 from scenetruth.design.page.words import length, number, percent
+from scenetruth.pages.rendering import page_of
 from scenetruth.placing import write_aside
 
 __all__ = ["PAGE", "blur_limit_of", "write_design_page"]
@@ -57,23 +59,14 @@ def write_design_page(design: Design, folder: str | Path) -> Path:
     StoreError
         If the page cannot be written.
     """
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-    from plotly.offline import get_plotlyjs
-
-    # The style is that of the reports.
-    packages = ("scenetruth.design.page", "scenetruth.scoring.report")
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(package) for package in packages]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     view = side_view_of(design.recommended.scene, blur_limit_of(design.goal), design.objectives[0].region)
     on_front, on_parameters = front_charts(design), sensitivity_charts(design)
     charts = {chart.name: {"data": chart.data, "layout": chart.layout} for chart in (*on_front, *on_parameters)}
     tightest = tightest_of(design.recommended)
-    text = environment.get_template("design.html.j2").render(
+    text = page_of(
+        "scenetruth.design.page",
+        "design.html.j2",
+        charts,
         design=design,
         rig=design.recommended,
         reached=reached_of(design),
@@ -94,14 +87,12 @@ def write_design_page(design: Design, folder: str | Path) -> Path:
         sensitivity_words=sensitivity_words(design),
         rules=rule_table(design),
         discrepancies=discrepancy_table(design),
-        orders=orders_of(design),
+        orders=order_table(design),
+        order_words=list(order_words(design.objectives, design.orders)),
         goal=plain_yaml(design.goal),
         links=links_in(folder),
         number=number,
         length=length,
-        plotly=get_plotlyjs(),
-        # Within a script, nothing may end it.
-        charts=json.dumps(charts, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c"),
     )
     path = Path(folder) / PAGE
     with write_aside(path, overwrite=True) as aside:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.bound.model import Motion
 from scenetruth.design.predict.methods.base import Setup, modelled, setup_of
 from scenetruth.design.predict.prediction import Prediction
-from scenetruth.design.predict.regions import figures_of, quantities_of, regions_of
+from scenetruth.design.predict.regions import NAMES, figures_of, quantities_of, regions_of
 from scenetruth.design.predict.rendered import Rendered, rendered
 from scenetruth.scene import Scene
 from scenetruth.schema import COMPONENTS
@@ -21,7 +21,12 @@ __all__ = ["bounded"]
 Array = NDArray[np.float64]
 
 _NOTHING_PX = 1e3
-_DIMS = {"slope": "slope_component", "flow": "image_component", "velocity": "component"}
+_DIMS = {
+    "slope": "slope_component",
+    "flow": "image_component",
+    "velocity": "component",
+    "growth_principal": "principal",
+}
 _UNITS = {
     "disparity": "px/step",
     "depth": "mm",
@@ -29,6 +34,7 @@ _UNITS = {
     "flow": "px/frame",
     "velocity": "mm/frame",
     "growth_rate": "1/frame",
+    "growth_principal": "1/frame",
 }
 
 
@@ -50,7 +56,7 @@ def bounded(
     # Rows that are exposed one after the other would have to be rendered one by one.
     shutter = setup.scene.shutter.model_copy(update={"readout_time_s": 0.0})
     setup = replace(setup, scene=setup.scene.model_copy(update={"frames": frames, "shutter": shutter}))
-    made = rendered(setup.scene)
+    made = rendered(setup.scene, complete=setup.motion == "affine")
     with np.errstate(all="ignore"):
         std = modelled()[method].from_images(setup, made)
     std = _told(std)
@@ -91,6 +97,8 @@ def _signals(truth: xr.Dataset, setup: Setup) -> dict[str, Array]:
     found = {f"flow_{axis}": truth["flow"].values[k] for k, axis in enumerate("xy")}
     found |= {f"velocity_{axis}": truth["velocity"].values[k] for k, axis in enumerate("xyz")}
     found["velocity_endpoint"] = np.linalg.norm(truth["velocity"].values, axis=0)
+    if "growth_principal" in truth:
+        found |= dict(zip(("growth_largest", "growth_least"), truth["growth_principal"].values, strict=True))
     return {**found, "growth_rate": truth["growth_rate"].values}
 
 
@@ -105,8 +113,7 @@ def _maps(std: dict[str, Array], truth: xr.Dataset, envelope: Prediction, made: 
         if name in _DIMS:
             dim = _DIMS[name]
             found = found.assign_coords({dim: list(COMPONENTS[dim])})
-            cost = [envelope.pattern_cost.get(f"{name}_{axis}".lower(), 1.0) for axis in "xyz"[: len(parts)]]
-            stacked = np.stack(list(parts.values())) * np.array(cost)[:, None, None]
+            stacked = np.stack([envelope.pattern_cost.get(NAMES[key], 1.0) * values for key, values in parts.items()])
             found[f"{name}_std"] = ((dim, "y", "x"), stacked, attrs)
         else:
             found[f"{name}_std"] = (("y", "x"), parts[name] * envelope.pattern_cost.get(name, 1.0), attrs)

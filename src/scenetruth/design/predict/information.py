@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.bound.functionals import functionals_of
+from scenetruth.bound.functionals import functionals_of, with_products
 from scenetruth.bound.geometry import Views
 from scenetruth.bound.model import Model, columns_of
 from scenetruth.bound.products import pair_of, sensitivity
@@ -153,7 +153,7 @@ def deviations(
     told = functionals_of(points, intrinsics, model)
     information, spread = (normal_matrix(each, columns, model) for each in (normal, squared))
     variances = variances_of(information, spread, columns, list(told.values()))
-    return dict(zip(told, np.sqrt(variances), strict=True))
+    return with_products(dict(zip(told, np.sqrt(variances), strict=True)))
 
 
 def _pattern_products(look: Look, views: Views, seen: Seen, change: Array, sigma_px: float) -> Array:

@@ -61,6 +61,8 @@ class Look:
         By what factor each is brighter than its texture.
     growth
         Growth rate of the area around each, per frame, shape (n,).
+    growth_principal
+        Largest and least growth rate of length there, per frame, shape (2, n).
     piece, step_px, first_px
         A picture of the pieces of surface, shape (rows, columns); the distance of its pixels in those of the camera;
         and where its first one stands from the principal point (x, y).
@@ -77,6 +79,7 @@ class Look:
     chart: Array
     light: Array
     growth: Array
+    growth_principal: Array
     piece: Numbers
     step_px: float
     first_px: tuple[float, float]
@@ -102,6 +105,7 @@ class Look:
         kept = np.isin(self.body, bodies)
         names = ("depth_mm", "normals", "body", "share", "chart", "light", "growth")
         parts: dict[str, Any] = {name: getattr(self, name)[kept] for name in names}
+        parts["growth_principal"] = self.growth_principal[:, kept]
         return replace(self, points=self.points.at((np.flatnonzero(kept),)), **parts)
 
     def own_around(self, offsets_px: Array) -> Mask:
@@ -214,7 +218,9 @@ def look_at(scene: Scene, parts: Sequence[Part], folder: Path = Path()) -> Look:
     row, column = np.unravel_index(chosen, face.shape)
     triangle = face[row, column]
     x, y = places[0][column], places[1][row]
-    points, depth, chart, growth = _points(scene, [each[triangle] for each in corners], charts[triangle], x, y)
+    points, depth, chart, growth, principal = _points(
+        scene, [each[triangle] for each in corners], charts[triangle], x, y
+    )
     rays = np.column_stack([x, y, np.full_like(x, camera.focal_px)]) / camera.focal_px
     light = irradiance_of(scene, depth[:, None] * rays, normals[triangle])
     return Look(
@@ -227,6 +233,7 @@ def look_at(scene: Scene, parts: Sequence[Part], folder: Path = Path()) -> Look:
         chart=chart,
         light=light,
         growth=growth,
+        growth_principal=principal,
         piece=piece,
         step_px=step,
         first_px=(float(places[0][0]), float(places[1][0])),
@@ -276,8 +283,8 @@ def _chosen(face: Numbers, body: Numbers) -> tuple[Numbers, Array]:
 
 def _points(
     scene: Scene, corners: Sequence[Array], charts: Array, x: Array, y: Array
-) -> tuple[Points, Array, Array, Array]:
-    """Return points on triangles at places of the image, their depths, charts and growth."""
+) -> tuple[Points, Array, Array, Array, Array]:
+    """Return points on triangles at places of the image, their depths, charts, and growth of area and length."""
     focal, baseline = scene.camera.focal_px, scene.stage.baseline_mm
     now, before, after = corners
     rays = np.column_stack([x, y, np.full_like(x, focal)])
@@ -305,8 +312,21 @@ def _points(
         zero = np.zeros((3, len(x)))
         points = Points(x, y, d, d_x, d_y, own.T / baseline, zero, zero, focal)
         tangents = [baseline * np.moveaxis(side, 0, -1) for side in points.tangents()]
+        q_x, q_y = (
+            np.einsum("kn,nkc->cn", along(side), velocity[:, 1:] - velocity[:, :1]) / baseline for side in tangents
+        )
+        points = replace(points, q_x=q_x, q_y=q_y)
         steps = charts[:, 1:] - charts[:, :1]
         chart = np.stack([np.einsum("kn,nkc->nc", along(side), steps) for side in tangents], axis=-1)
         areas = [np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1) for c in (before, after)]
         growth = np.log(areas[1] / areas[0])
-    return points, depth, chart, growth
+        # Rates of the squares of lengths and of their product, ½ dg/dt with the metric g of the edges.
+        change = [velocity[:, 1] - velocity[:, 0], velocity[:, 2] - velocity[:, 0]]
+        mixed = np.stack([np.stack([(a * b).sum(axis=1) for b in change]) for a in (one, two)])
+        rate = 0.5 * (mixed + mixed.swapaxes(0, 1))
+        trace = (gram[1, 1] * rate[0, 0] - 2 * gram[0, 1] * rate[0, 1] + gram[0, 0] * rate[1, 1]) / area
+        product = (rate[0, 0] * rate[1, 1] - rate[0, 1] ** 2) / area
+        spread = np.sqrt(np.maximum((0.5 * trace) ** 2 - product, 0.0))
+        # Areas tell the sum more exactly: over a frame, lengths change by their logarithm.
+        principal = np.stack([0.5 * growth + spread, 0.5 * growth - spread])
+    return points, depth, chart, growth, principal

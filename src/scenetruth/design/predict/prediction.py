@@ -36,6 +36,9 @@ class Figure:
         The same for people: growth in % per hour, all else as it is.
     known_share
         Share of the region where the images tell it.
+    rms, percentile_95
+        Root mean square over the region of the standard deviation, and the 95th percentile of the sizes of normal
+        errors with such standard deviations; in ``value_unit``, infinite where the images do not tell it.
     """
 
     std: float
@@ -45,6 +48,8 @@ class Figure:
     signal_value: float | None
     value_unit: str
     known_share: float
+    rms: float = float("inf")
+    percentile_95: float = float("inf")
 
     @property
     def signal_to_noise(self) -> float | None:
@@ -178,7 +183,7 @@ class Prediction:
         return self.figures[region][quantity]
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table: region, quantity, std, unit, signal, value, signal_value, value_unit, known_share, level."""
+        """Return a table, a figure each row: region, quantity, all of `Figure`, level, method."""
         import pandas as pd
 
         rows: list[dict[str, Any]] = [
@@ -189,14 +194,22 @@ class Prediction:
         return pd.DataFrame(rows)
 
 
-def figure_of(quantity: str, std: float, signal: float | None, known_share: float, frame_interval_s: float) -> Figure:
+def figure_of(
+    quantity: str,
+    spread: tuple[float, float, float],
+    signal: float | None,
+    known_share: float,
+    frame_interval_s: float,
+) -> Figure:
     """Return a figure with what it is for people.
 
     Parameters
     ----------
     quantity
         Key of `UNITS`.
-    std, signal, known_share
+    spread
+        Median and root mean square of the standard deviation, and the 95th percentile of errors.
+    signal, known_share
         As of `Figure`.
     frame_interval_s
         Time between two frames.
@@ -204,4 +217,6 @@ def figure_of(quantity: str, std: float, signal: float | None, known_share: floa
     unit = UNITS[quantity]
     factor = 100.0 * _S_PER_H / frame_interval_s if unit in _UNITS_INSIDE else 1.0
     told = None if signal is None else factor * signal
-    return Figure(std, _UNITS_INSIDE.get(unit, unit), signal, factor * std, told, unit, known_share)
+    std, rms, percentile = spread
+    inside = _UNITS_INSIDE.get(unit, unit)
+    return Figure(std, inside, signal, factor * std, told, unit, known_share, factor * rms, factor * percentile)

@@ -1,4 +1,4 @@
-"""Medians over regions of standard deviations at points, and what there is to be measured."""
+"""Statistics over regions of standard deviations at points, and what there is to be measured."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scenetruth.design.predict.prediction import Figure, figure_of
 
-__all__ = ["figures_of", "quantities_of", "regions_of", "weighted_median"]
+__all__ = ["NAMES", "figures_of", "quantities_of", "regions_of", "spread_of", "weighted_median"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,7 +22,13 @@ _COMPONENTS = {
     "velocity_x": "velocity.0",
     "velocity_y": "velocity.1",
     "velocity_z": "velocity.2",
+    "growth_rate": "growth_rate",
+    "growth_largest": "growth_principal.0",
+    "growth_least": "growth_principal.1",
 }
+
+NAMES = {key: name for name, key in _COMPONENTS.items()}
+"""What scores call what models of methods tell, by component."""
 
 
 def regions_of(names: tuple[str, ...], body: NDArray[np.int64], interior: Mask) -> dict[str, Mask]:
@@ -65,8 +71,6 @@ def quantities_of(std: Mapping[str, Array], slopes: Array | None) -> dict[str, A
         a, b = slopes
         square = (1 + b * b) * found["slope_x"] ** 2 + (1 + a * a) * found["slope_y"] ** 2
         found["normal"] = np.degrees(np.sqrt(square) / (1 + a * a + b * b))
-    if "growth_rate" in std:
-        found["growth_rate"] = std["growth_rate"]
     return found
 
 
@@ -98,7 +102,7 @@ def figures_of(
         total = share[mask].sum()
         for quantity, values in std.items():
             known = mask & np.isfinite(values)
-            median = weighted_median(values[known], share[known]) if known.any() else float("inf")
+            spread = spread_of(values[known], share[known])
             signal = None
             if quantity in signals:
                 there = mask & np.isfinite(signals[quantity])
@@ -106,8 +110,52 @@ def figures_of(
                 square = float(np.sum(weight * signals[quantity][there] ** 2) / max(weight.sum(), 1e-300))
                 signal = float(np.sqrt(square))
             part = float(share[known].sum() / total) if total > 0 else 0.0
-            found[region][quantity] = figure_of(quantity, median, signal, part, frame_interval_s)
+            found[region][quantity] = figure_of(quantity, spread, signal, part, frame_interval_s)
     return found
+
+
+def spread_of(std: Array, weights: Array) -> tuple[float, float, float]:
+    """Return the median and the root mean square of standard deviations, and the 95th percentile of normal errors.
+
+    Parameters
+    ----------
+    std
+        Standard deviations of points; all infinite results if there are none.
+    weights
+        What each point stands for.
+
+    Examples
+    --------
+    >>> [round(one, 3) for one in spread_of(np.full(9, 2.0), np.ones(9))]
+    [2.0, 2.0, 3.92]
+    """
+    if not len(std):
+        return (float("inf"),) * 3
+    order = np.argsort(std)
+    std, weights = std[order], weights[order]
+    total = np.cumsum(weights)
+    rms = float(np.sqrt(np.sum(weights * std**2) / total[-1]))
+    # Some of them, each for the same weight.
+    places = np.searchsorted(total, (np.arange(_NODES) + 0.5) / _NODES * total[-1])
+    return weighted_median(std, weights), rms, _percentile(std[places])
+
+
+_NODES = 256
+_PERCENTILE, _KNOWN_TO = 0.95, 1e-4
+
+
+def _percentile(std: Array) -> float:
+    """Return below which size 95 % of normal errors lie, with standard deviations of equal weight."""
+    from scipy.special import erf
+
+    known = std[std > 0] * 2**0.5
+    # Two standard deviations hold more than 95 %.
+    low, high = 0.0, float(2**0.5 * known[-1]) if len(known) else 0.0
+    while high - low > _KNOWN_TO * high:
+        middle = (low + high) / 2
+        held = len(std) - len(known) + float(erf(middle / known).sum())
+        low, high = (middle, high) if held < _PERCENTILE * len(std) else (low, middle)
+    return (low + high) / 2
 
 
 def weighted_median(values: Array, weights: Array) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -25,6 +25,7 @@ __all__ = ["Rendered", "rendered"]
 Array = NDArray[np.float64]
 
 _MAPS = ("depth", "velocity", "normal", "disparity", "flow", "mixed", "object_id", "growth_rate", "boundary_distance")
+_MORE_MAPS = ("growth_principal",)
 _KEPT_TIMES = 4
 
 
@@ -56,13 +57,15 @@ class Rendered:
     names: tuple[str, ...]
 
 
-def rendered(scene: Scene) -> Rendered:
+def rendered(scene: Scene, *, complete: bool = False) -> Rendered:
     """Render the reference image of a scene and compute what it shows, at the planned poses.
 
     Parameters
     ----------
     scene
         The scene, with no more frames than are estimated together; its lens does not distort.
+    complete
+        Whether the truth has the growth of length too.
 
     Raises
     ------
@@ -78,7 +81,8 @@ def rendered(scene: Scene) -> Rendered:
     topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
     geometries = Geometries(world, topology, _KEPT_TIMES)
     geometry = geometries.at(reference.t)
-    maps = truth_maps(geometry, scene.camera, reference.viewpoint, stage.baseline_mm, "standard")
+    extent: Literal["standard", "complete"] = "complete" if complete else "standard"
+    maps = truth_maps(geometry, scene.camera, reference.viewpoint, stage.baseline_mm, extent)
     places = [[(moment.t, moment.viewpoint) for moment in row] for row in moments]
     follower = Follower(geometries, scene.camera, places, "standard")
     points = PixelPoints(maps, geometry, reference.viewpoint)
@@ -96,7 +100,7 @@ def rendered(scene: Scene) -> Rendered:
     # Of the other frames nobody asks anything but `visible`: they share the reference's maps, which takes no memory.
     arrays: dict[str, NDArray[Any]] = {
         name: np.broadcast_to(maps[name][..., None, :, :], (*maps[name].shape[:-2], frames.count, *size))
-        for name in _MAPS
+        for name in (*_MAPS, *_MORE_MAPS)
         if name in maps
     }
     arrays["visible"] = shown.reshape(*lead, frames.count, *size)

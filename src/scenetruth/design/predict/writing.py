@@ -16,7 +16,7 @@ _TABLE, _PICTURE = "prediction.csv", "prediction.png"
 _COLUMNS = 3
 # Of the values of a map, the share below which colours tell them apart: edges are far beyond.
 _MOST = 0.95
-_SHOWN = ("depth", "slope", "velocity", "growth_rate", "flow")
+_SHOWN = ("depth", "slope", "velocity", "growth_rate", "growth_principal", "flow")
 _S_PER_H = 3600.0
 
 
@@ -87,13 +87,13 @@ def _panels(prediction: Prediction) -> dict[str, Any]:
             continue
         one = maps[f"{name}_std"]
         words, unit = name.replace("_rate", "").replace("_", " "), one.attrs["units"]
+        if unit == "1/frame":
+            one, unit = per_hour * one, "%/h"
         lead = [dim for dim in one.dims if dim not in ("y", "x")]
         if lead:
             for label in one[lead[0]].values.tolist():
                 shown = "" if unit == "1" else f", {unit}"
                 found[f"{words} {label}{shown}"] = one.sel({lead[0]: label}).values
-        elif name == "growth_rate":
-            found[f"{words}, %/h"] = per_hour * one.values
         else:
             found[f"{words}, {unit}"] = one.values
     return found

@@ -43,8 +43,10 @@ class Growth(DeformationModel):
     """X of the base; the least X of the mesh if not given."""
     tip_mm: Finite | None = None
     """X of the tip; the largest X of the mesh if not given."""
-    along_share: Annotated[float, Described(ge=0, le=1, allow_inf_nan=False)] | None = None
-    """Share of the rate that goes along X, the rest goes along Y; null for growth alike in all directions."""
+    along_share: Annotated[float, Described(ge=-1, le=2, allow_inf_nan=False)] | None = None
+    """Share p of the rate that goes along X, the rest, 1 - p, goes along Y; null for growth alike in all directions.
+    More than 1 for what gets narrower as it gets longer: a sheet of Poisson's ratio ν that is pulled along X has
+    p = 1 / (1 - ν), which is 2 for rubber; pulled along Y, it has -ν / (1 - ν)."""
     diel_amplitude: NonNegative = 0.0
     """Largest deviation from the mean of a day, relative to it."""
     peak_h: Finite = 6.0
@@ -82,8 +84,8 @@ class Growth(DeformationModel):
 
         With R(t) the rate integrated over time, and g(X) linear, growth alike in all directions is the conformal map
         f(z) = ∫ exp(g R / 2) dz of z = X + i Y: its local area grows by |f'|² = exp(g R), and log |f'| is harmonic
-        because g is linear. Other growth is X' = ∫ exp(p g R) dX, Y' = Y exp((1 - p) g R), with the Jacobian exp(g R)
-        again.
+        because g is linear. Other growth, of the share p along X, is X' = ∫ exp(p g R) dX, Y' = Y exp((1 - p) g R),
+        with the Jacobian exp(g R) again.
         """
         at_origin, slope = _gradient(self, around.extent_mm)
 
@@ -112,6 +114,8 @@ class Growth(DeformationModel):
         at_origin, slope = _gradient(self, around.extent_mm)
         at_points = at_origin + slope * values_of(points[0])
         grown = float(np.max(np.abs(_grown(self, around.hours_per_frame, t) * at_points)))
+        if self.along_share is not None:
+            grown *= max(1.0, abs(self.along_share), abs(1 - self.along_share))
         if not grown <= _LARGEST_EXPONENT:
             message = f"grows or shrinks by a factor of exp({grown:.4g}) within the frames; make it slower"
             return "rate_per_hour", message

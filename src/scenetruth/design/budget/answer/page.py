@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from scenetruth.design.budget.answer.waterfall import DRAWN, waterfall_html
 from scenetruth.design.budget.answer.words import number, unit_words
+from scenetruth.pages.rendering import environment_of
 from scenetruth.placing import write_aside
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ _TEMPLATE = """<!DOCTYPE html>
 <main>
 <h1>Error budget</h1>
 <p>{{ found.scene }}{{ "." if found.scene }}
-Method: {{ found.method }}; {{ found.draws }} draw{{ "s" if found.draws > 1 }}; rms over the interior.</p>
+Method: {{ found.method }}; {{ found.draws }} draw{{ "s" if found.draws > 1 }}; rms over {{ place }}.</p>
 <ul>
 {% for line in words %}
 <li>{{ line }}</li>
@@ -63,6 +64,9 @@ slanted surfaces, curved surfaces and the rest. Pale bars are predicted, full on
 """
 
 
+_PLACES = {"interior": "the interior", "all": "all that is seen"}
+
+
 def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
     """Write the page of a budget.
 
@@ -80,16 +84,9 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
     pathlib.Path
         The page.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
 
-    environment = Environment(
-        loader=PackageLoader("scenetruth.scoring.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = environment_of("scenetruth.pages")
     tables = []
     for quantity in DRAWN:
         parts = found.of(quantity, region)
@@ -114,6 +111,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         tables.append({"title": f"{quantity.replace('_', ' ')}, {unit_words(total.unit)}", "rows": rows})
     text = environment.from_string(_TEMPLATE).render(
         found=found,
+        place=_PLACES.get(region, f"the interior of {region.removeprefix('object_')}"),
         words=found.words(region),
         waterfalls=waterfall_html(found, region),
         tables=tables,

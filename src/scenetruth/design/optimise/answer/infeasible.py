@@ -56,7 +56,8 @@ def _told(goal: Goal, one: Constraint, made: Sequence[Evaluation]) -> Problem:
         if (each.kind, each.title, each.sense) == (one.kind, one.title, one.sense)
     ]
     holding = sum(each.holds for each in same)
-    here = f"{one.title} must be {one.sense} {one.limit:.4g} {one.unit}; the nearest rig has {one.value:.4g}"
+    unit = "" if one.unit == "1" else f" {one.unit}"
+    here = f"{one.title} must be {one.sense} {one.limit:.4g}{unit}; the nearest rig has {one.value:.4g}"
     if holding:
         return Problem(path, f"{here}; {holding:,} of {len(same):,} rigs satisfy it, but none of them all the others")
     best = max(same, key=lambda each: each.margin)

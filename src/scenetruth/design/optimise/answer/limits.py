@@ -30,7 +30,10 @@ def limits_of(one: Evaluation, space: Space, objectives: tuple[Objective, ...]) 
         What is to be known.
     """
     parts = [*_errors(one, objectives)]
-    used = [f"{each.title} ({each.value:.4g} of {each.limit:.4g} {each.unit})" for each in at_limit(one)]
+    used = [
+        f"{each.title} ({each.value:.4g} of {each.limit:.4g}{'' if each.unit == '1' else f' {each.unit}'})"
+        for each in at_limit(one)
+    ]
     if used:
         parts.append(f"used up: {', '.join(used)}")
     ends = list(_ends(one, space))

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from scenetruth.dataset.engine.each import for_each
 from scenetruth.dataset.unfit import versions_here
-from scenetruth.design.optimise.confirm.compare import TYPICAL, compared
-from scenetruth.design.optimise.confirm.intervals import interval_of
+from scenetruth.design.optimise.confirm.compare import compared
+from scenetruth.design.optimise.confirm.intervals import interval_at, interval_of
 from scenetruth.design.optimise.confirm.lighter import lighter
-from scenetruth.design.optimise.confirm.measure import Confirmation, Figures, simulate_one
+from scenetruth.design.optimise.confirm.measure import Confirmation, Figures, figure_in, simulate_one
 from scenetruth.design.optimise.goal.parts import Confirm
 from scenetruth.design.optimise.goal.prepare import Prepared
-from scenetruth.design.optimise.parts import Discrepancy, Interval, Rig
+from scenetruth.design.optimise.parts import Discrepancy, Objective, Rig
 from scenetruth.design.optimise.rig.evaluate import parts_of, predicted
+from scenetruth.design.optimise.statistics import STATISTICS
 from scenetruth.progress import Progress
 from scenetruth.scene import scene_from_plain
 
@@ -97,16 +99,17 @@ def confirmed(
     found: dict[int, Rig] = {}
     discrepancies: list[Discrepancy] = []
     for place, rig in enumerate(rigs):
-        each = [job.figures(place * confirm.seeds + number) or {} for number in range(confirm.seeds)]
-        told = replace(rig, simulated=_intervals(each, "rms", 1.0), typical=_intervals(each, "median_abs", TYPICAL))
-        found[rig.number] = told
+        each = [job.figures(place * confirm.seeds + number) for number in range(confirm.seeds)]
+        told = replace(rig, figures=_by_seed(each, task.objectives))
+        intervals = {one.title: interval_at(told, one.title, one.statistic) for one in task.objectives}
+        found[rig.number] = replace(told, simulated={title: one for title, one in intervals.items() if one.seeds})
         scene = scene_from_plain(light[place].plain)
         prediction = predicted(scene, task.method)
         for objective in task.objectives:
             parts = parts_of(objective, scene, prediction)
             here = sum(value * value for value in parts.values()) ** 0.5
-            typical = told.typical.get(objective.title, interval_of([]))
-            discrepancies.append(compared(rig.number, objective, here, typical))
+            simulated = found[rig.number].simulated.get(objective.title, interval_of([]))
+            discrepancies.append(compared(rig.number, objective, here, simulated))
     changes = tuple(dict.fromkeys(change for one in light for change in one.changes))
     return Confirmed(found, tuple(discrepancies), changes)
 
@@ -116,9 +119,14 @@ def seeds_of(seed: int, count: int) -> tuple[int, ...]:
     return tuple((seed + 1 + number) % (_LARGEST_SEED + 1) for number in range(count))
 
 
-def _intervals(each: Sequence[Figures], statistic: str, factor: float) -> dict[str, Interval]:
-    titles = dict.fromkeys(title for one in each for title in one)
-    found = {
-        title: [factor * one[title][statistic] for one in each if statistic in one.get(title, {})] for title in titles
+def _by_seed(
+    each: Sequence[Figures | None], objectives: Sequence[Objective]
+) -> dict[str, dict[str, tuple[float, ...]]]:
+    """Return all statistics by objective's title, a figure for each seed."""
+    told = {
+        one.title: {name: tuple(figure_in(figures, one.title, name) for figures in each) for name in STATISTICS}
+        for one in objectives
     }
-    return {title: interval_of(values) for title, values in found.items() if values}
+    for title, figures_of in told.items():
+        figures_of["density"] = tuple((one or {}).get(title, {}).get("density", math.nan) for one in each)
+    return told

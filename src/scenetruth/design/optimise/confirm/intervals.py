@@ -7,11 +7,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scenetruth.design.optimise.parts import Interval
+from scenetruth.design.optimise.parts import Interval, Rig
 
-__all__ = ["interval_of"]
+__all__ = ["interval_at", "interval_of"]
 
 _LEVEL = 0.975
+
+
+def interval_at(rig: Rig, title: str, statistic: str) -> Interval:
+    """Return what simulations say of any statistic of a rig.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    title
+        The objective.
+    statistic
+        Key of `scenetruth.design.optimise.statistics.STATISTICS`.
+    """
+    figures = rig.figures.get(title, {}).get(statistic, ())
+    return interval_of([one for one in figures if math.isfinite(one)])
 
 
 def interval_of(values: Sequence[float]) -> Interval:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,21 +13,42 @@ from typing import Any
 from scenetruth.comparison.point import quiet
 from scenetruth.dataset.sample import Made
 from scenetruth.design.optimise.parts import Objective
+from scenetruth.design.optimise.statistics import STATISTICS
 from scenetruth.estimators import estimate
 from scenetruth.placing import is_full_disk, write_aside
 from scenetruth.plain import parse_json
 from scenetruth.provenance import scene_hash
 from scenetruth.scene import Scene, scene_from_plain
 from scenetruth.schema import digest
-from scenetruth.scoring import score
+from scenetruth.scoring import QUANTITIES, score
 from scenetruth.simulation import simulate
 
-__all__ = ["Confirmation", "Figures", "simulate_one", "simulated"]
+__all__ = ["Confirmation", "Figures", "figure_in", "simulate_one", "simulated"]
 
 Figures = dict[str, dict[str, float]]
-"""Statistics by objective's title: ``rms``, ``median_abs``, ``bias``, ``density``."""
+"""Statistics of scores by objective's title: ``rms``, ``median_abs``, ``p95_abs``, ``bias``, ``density``."""
 
-_STATISTICS = ("rms", "median_abs", "bias", "density")
+_STATISTICS = ("rms", "median_abs", "p95_abs", "bias", "density")
+
+
+_ALL = dict.fromkeys(_STATISTICS, math.nan)
+"""Nothing was told: nothing is lacking."""
+
+
+def figure_in(figures: Figures | None, title: str, statistic: str) -> float:
+    """Return the figure of an objective's simulation; NaN where there is none.
+
+    Parameters
+    ----------
+    figures
+        Of a simulation; None if it is not made.
+    title
+        The objective.
+    statistic
+        Key of `STATISTICS`.
+    """
+    kind = STATISTICS[statistic]
+    return kind.factor * (figures or {}).get(title, {}).get(kind.scored, math.nan)
 
 
 @dataclass(frozen=True)
@@ -75,7 +97,7 @@ class Confirmation:
         return digest(json.loads(json.dumps(depends)))
 
     def figures(self, number: int) -> Figures | None:
-        """Return the figures of a simulation; None if it is not made."""
+        """Return the figures of a simulation; None if it is not made, or lacks a statistic that is wanted."""
         key = self.key(number)
         try:
             plain = parse_json((Path(self.folder) / f"{key}.json").read_bytes())
@@ -84,7 +106,10 @@ class Confirmation:
         if not isinstance(plain, dict) or plain.get("key") != key:
             return None
         figures: Figures = plain["figures"]
-        return figures
+        lacking = [
+            one for one in self.objectives if STATISTICS[one.statistic].scored not in figures.get(one.title, _ALL)
+        ]
+        return None if lacking else figures
 
 
 def simulated(scene: Scene, objectives: tuple[Objective, ...]) -> Figures:
@@ -98,7 +123,7 @@ def simulated(scene: Scene, objectives: tuple[Objective, ...]) -> Figures:
         What is measured; what nothing is told of is left out.
     """
     with quiet():
-        recording, truth = simulate(scene)
+        recording, truth = simulate(scene, truth_content="complete" if _is_further(objectives) else "standard")
         maps = estimate(recording, scene.estimate.method, scene.estimate.settings.model_dump())
         found = score(maps, truth, **scene.score.model_dump())
     figures: Figures = {}
@@ -111,6 +136,16 @@ def simulated(scene: Scene, objectives: tuple[Objective, ...]) -> Figures:
         if "rms" in values:
             figures[one.title] = values
     return figures
+
+
+def _is_further(objectives: tuple[Objective, ...]) -> bool:
+    """Whether something is measured that the standard truth does not tell."""
+    variables = {QUANTITIES[one.quantity].variable for one in objectives}
+    return not variables <= _STANDARD
+
+
+_STANDARD = frozenset(("depth", "disparity", "velocity", "flow", "normal", "growth_rate", ""))
+"""Variables of the standard truth; windowed growth follows from them and has none."""
 
 
 def simulate_one(job: Confirmation, number: int) -> Made:

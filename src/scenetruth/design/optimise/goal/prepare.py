@@ -6,7 +6,7 @@ import copy
 import difflib
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -99,9 +99,8 @@ def prepare(goal: Goal) -> Prepared:
     objectives = []
     for number, wanted in enumerate(goal.objectives):
         problems += _not_predicted(f"objectives.{number}", wanted, prediction, scene.estimate.method)
-        objectives.append(
-            Objective(wanted.quantity, wanted.region, QUANTITIES[wanted.quantity].units, "", wanted.within)
-        )
+        units = QUANTITIES[wanted.quantity].units
+        objectives.append(Objective(wanted.quantity, wanted.region, units, "", wanted.within, wanted.statistic))
     if problems:
         raise GoalError(problems)
     task = Task(base, goal.constraints, tuple(_titled(one, objectives) for one in objectives), scene.estimate.method)
@@ -343,6 +342,9 @@ def _not_predicted(where: str, wanted: Wanted, prediction: Prediction, method: s
         known = ", ".join(prediction.quantities) or "nothing"
         message = f"is not predicted for this scene by {method}, which tells {known}"
         yield Problem(f"{where}.quantity", message, wanted.quantity)
+    elif wanted.statistic == "percentile_95" and QUANTITIES[wanted.quantity].error != "difference":
+        message = f"is not predicted of {wanted.quantity}, which is a distance or an angle; choose typical or rms"
+        yield Problem(f"{where}.statistic", message, wanted.statistic)
 
 
 def _titled(objective: Objective, others: list[Objective]) -> Objective:
@@ -351,4 +353,5 @@ def _titled(objective: Objective, others: list[Objective]) -> Objective:
     place = objective.region.removeprefix("object_")
     alone = len({one.region for one in others}) == 1 and objective.region in ("all", "interior")
     title = name if alone else f"{name} of {place}" if objective.region.startswith("object_") else f"{name}, {place}"
-    return Objective(objective.quantity, objective.region, objective.unit, title, objective.wanted)
+    same = sum((one.quantity, one.region) == (objective.quantity, objective.region) for one in others)
+    return replace(objective, title=f"{title}, {objective.told_in}" if same > 1 else title)

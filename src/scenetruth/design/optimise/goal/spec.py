@@ -79,9 +79,10 @@ class Goal(FrozenModel):
         if unknown:
             msg = f"no such quantity: {', '.join(unknown)}; there are {', '.join(QUANTITIES)}"
             raise ValueError(msg)
-        twice = [key for key, count in Counter((one.quantity, one.region) for one in value).items() if count > 1]
+        told = Counter((one.quantity, one.region, one.statistic) for one in value)
+        twice = [key for key, count in told.items() if count > 1]
         if twice:
-            msg = f"is there twice: {', '.join(' of '.join(one) for one in twice)}"
+            msg = f"is there twice: {', '.join(f'{name} of {region}, {kind}' for name, region, kind in twice)}"
             raise ValueError(msg)
         return value
 

@@ -13,6 +13,7 @@ from scenetruth.design.optimise.constraints.facts import Facts
 from scenetruth.design.optimise.parts import Constraint, Objective
 from scenetruth.design.optimise.rig.build import Base, Built, build
 from scenetruth.design.optimise.rig.systematic import added
+from scenetruth.design.optimise.statistics import STATISTICS, predicted_of
 from scenetruth.design.predict import Prediction, predict
 from scenetruth.errors import SceneError, SceneWarning
 from scenetruth.scene import Scene, scene_from_plain
@@ -57,7 +58,7 @@ class Evaluation:
     values
         Of what is free, by name.
     predicted
-        Standard deviations by objective's title; infinite where nothing is told.
+        Of each objective its statistic, by title; infinite where nothing is told.
     parts
         What they are made of, by title: ``noise``, ``stage``, ``scan``.
     constraints
@@ -132,7 +133,7 @@ def facts_of(task: Task, built: Built, scene: Scene, prediction: Prediction, val
 
 
 def parts_of(objective: Objective, scene: Scene, prediction: Prediction) -> dict[str, float]:
-    """Return what the standard deviation of an objective is made of; empty if nothing is told."""
+    """Return what an objective's statistic is made of, by its causes alone; empty if nothing is told."""
     quantity, region = objective.quantity, objective.region
     figures = prediction.figures.get(region, {})
     if quantity not in figures:
@@ -141,8 +142,9 @@ def parts_of(objective: Objective, scene: Scene, prediction: Prediction) -> dict
     signals = {name: one.signal for name, one in figures.items()}
     hour = 100.0 * _S_PER_H / scene.frames.frame_interval_s if QUANTITIES[quantity].units == "%/h" else 1.0
     more = added(scene, prediction.by_region[region], signals)
-    found = {"noise": figure.value}
-    return found | {what: hour * told[quantity] for what, told in more.items() if quantity in told}
+    factor = hour * STATISTICS[objective.statistic].of_normal
+    found = {"noise": predicted_of(figure, objective.statistic)}
+    return found | {what: factor * told[quantity] for what, told in more.items() if quantity in told}
 
 
 def _root_sum(values: Any) -> float:

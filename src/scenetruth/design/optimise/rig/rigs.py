@@ -1,4 +1,4 @@
-"""Rigs from their evaluations, and what ten percent more of each parameter does to them."""
+"""Rigs from their evaluations, and what ten percent more or less of each parameter does to them."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from scenetruth.scene import scene_from_plain
 
 __all__ = ["rig_of", "ten_percent_of"]
 
-_MORE = 1.1
-_LONGER = "10 % longer"
+_OTHER = "another length"
 
 
 def rig_of(number: int, one: Evaluation, prepared: Prepared) -> Rig:
@@ -42,11 +41,11 @@ def rig_of(number: int, one: Evaluation, prepared: Prepared) -> Rig:
     return Rig(number, dict(one.values), plain, dict(one.predicted), {}, one.constraints, price, limits)
 
 
-def ten_percent_of(one: Evaluation, prepared: Prepared) -> dict[tuple[str, str], float]:
+def ten_percent_of(one: Evaluation, prepared: Prepared, factor: float = 1.1) -> dict[tuple[str, str], float]:
     """Return by what share objectives change for ten percent more of each parameter, by objective and parameter.
 
-    Of whole numbers, one more is taken, and what ten percent would do follows on logarithmic scales. Of a lens, it is
-    the focal length. What cannot be made, or has no size, is left out.
+    Of whole numbers, at least one more or less is taken, and what ten percent would do follows on logarithmic scales.
+    Of a lens, it is the focal length. What cannot be made, or has no size, is left out.
 
     Parameters
     ----------
@@ -54,36 +53,39 @@ def ten_percent_of(one: Evaluation, prepared: Prepared) -> dict[tuple[str, str],
         The rig.
     prepared
         What is designed.
+    factor
+        What parameters are multiplied with: 0.9 for ten percent less.
     """
     task, found = prepared.task, dict[tuple[str, str], float]()
     # Not the prediction that is kept: it may be of an earlier version.
     here = evaluate(task, one.values)
     for parameter in prepared.space.parameters:
         value = one.values[parameter.name]
-        changed = _changed(task, parameter.name, value)
+        changed = _changed(task, parameter.name, value, factor)
         if changed is None:
             continue
-        other, more, factor = changed
-        told = evaluate(other, {**one.values, parameter.name: more})
+        other, new, changed_by = changed
+        told = evaluate(other, {**one.values, parameter.name: new})
         for objective in task.objectives:
             before, after = here.predicted[objective.title], told.predicted[objective.title]
             if 0 < before < math.inf and 0 < after < math.inf:
-                power = math.log(_MORE) / math.log(factor)
+                power = math.log(factor) / math.log(changed_by)
                 found[objective.title, parameter.name] = (after / before) ** power - 1
     return found
 
 
-def _changed(task: Task, name: str, value: Any) -> tuple[Task, Any, float] | None:
-    """Return what evaluates more of a parameter, its new value, and the factor; None if it has no size."""
+def _changed(task: Task, name: str, value: Any, factor: float) -> tuple[Task, Any, float] | None:
+    """Return what evaluates a changed parameter, its new value, and by what it changed; None if it has no size."""
     if name == "lens":
         entry = task.base.entries.lenses[value]
-        longer = entry.model_copy(update={"focal_length_mm": _MORE * entry.focal_length_mm})
+        other = entry.model_copy(update={"focal_length_mm": factor * entry.focal_length_mm})
         entries = task.base.entries
-        more = Entries({**entries.lenses, _LONGER: longer}, entries.cameras, entries.stages)
-        return replace(task, base=replace(task.base, entries=more)), _LONGER, _MORE
+        more = Entries({**entries.lenses, _OTHER: other}, entries.cameras, entries.stages)
+        return replace(task, base=replace(task.base, entries=more)), _OTHER, factor
     if isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
         return None
     if isinstance(value, int):
-        further = max(round(_MORE * value), value + 1)
-        return (task, further, further / value) if value > 0 else None
-    return task, _MORE * value, _MORE
+        rounded = round(factor * value)
+        new = max(rounded, value + 1) if factor > 1 else min(rounded, value - 1)
+        return (task, new, new / value) if new > 0 and value > 0 else None
+    return task, factor * value, factor

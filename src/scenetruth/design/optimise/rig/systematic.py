@@ -101,6 +101,8 @@ def added(scene: Scene, causes: Causes, signals: Mapping[str, float | None]) -> 
             nearer = depth / disparity * shifts.visit / (over_s * over_t)
             lateral = depth * flow / focal
             told |= {"flow_x": flow, "velocity_x": lateral, "velocity_z": nearer, "growth_rate": 2 * nearer / depth}
+            # What comes nearer is taken for growth of all lengths alike.
+            told |= {"growth_largest": nearer / depth, "growth_least": nearer / depth}
             told["velocity_endpoint"] = math.hypot(lateral, nearer)
         found["stage"] = told
     lag = scene.stage.time_per_position_s / scene.frames.frame_interval_s

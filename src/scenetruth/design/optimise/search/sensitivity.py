@@ -17,13 +17,34 @@ from scenetruth.design.optimise.rig.space import Space
 from scenetruth.design.optimise.search.ledger import Ledger
 from scenetruth.design.optimise.search.libraries import library
 
-__all__ = ["Effects", "effects_of"]
+__all__ = ["Effects", "SobolIndices", "effects_of"]
 
 Array = NDArray[np.float64]
 
 _LEVELS = 4
 _FEWEST = 2
 _FEWEST_BASE = 8
+
+
+@dataclass(frozen=True)
+class SobolIndices:
+    """Sobol' indices of a parameter.
+
+    Parameters
+    ----------
+    first, total
+        Of the parameter alone, and with all its interactions.
+    first_half, total_half
+        Half widths of their intervals of 95 %, from resampling the base samples.
+    samples
+        Base samples that tell.
+    """
+
+    first: float
+    total: float
+    first_half: float
+    total_half: float
+    samples: int
 
 
 @dataclass(frozen=True)
@@ -35,13 +56,13 @@ class Effects:
     morris
         Mean size and scatter of elementary effects.
     sobol
-        First and total index.
+        Sobol' indices.
     left_out
         Share of the trajectories and of the base samples that held a rig that cannot be made.
     """
 
     morris: Mapping[tuple[str, str], tuple[float, float]]
-    sobol: Mapping[tuple[str, str], tuple[float, float]]
+    sobol: Mapping[tuple[str, str], SobolIndices]
     left_out: tuple[float, float]
 
 
@@ -67,7 +88,7 @@ def effects_of(
     """
     problem = {"num_vars": len(space), "names": space.names, "bounds": [[0.0, 1.0]] * len(space)}
     found_morris: dict[tuple[str, str], tuple[float, float]] = {}
-    found_sobol: dict[tuple[str, str], tuple[float, float]] = {}
+    found_sobol: dict[tuple[str, str], SobolIndices] = {}
     left_out = [0.0, 0.0]
     if morris:
         points = _quiet(library("SALib.sample.morris").sample, problem, morris, num_levels=_LEVELS, seed=seed)
@@ -85,7 +106,7 @@ def _each(
     objectives: Sequence[Objective],
     block: int,
     points: Array,
-    found: dict[tuple[str, str], tuple[float, float]],
+    found: dict[tuple[str, str], Any],
     problem: Mapping[str, Any],
     analysed: Any,
 ) -> float:
@@ -97,8 +118,8 @@ def _each(
         lost = max(lost, 1.0 - float(whole.mean()))
         kept = np.repeat(whole, block)
         if whole.sum() >= _FEWEST:
-            for name, pair in zip(problem["names"], analysed(problem, points[kept], logs[kept]), strict=True):
-                found[one.title, name] = pair
+            for name, told in zip(problem["names"], analysed(problem, points[kept], logs[kept]), strict=True):
+                found[one.title, name] = told
     return lost
 
 
@@ -107,11 +128,15 @@ def _morris(problem: Mapping[str, Any], points: Array, logs: Array) -> list[tupl
     return [(float(mean), float(scatter)) for mean, scatter in zip(told["mu_star"], told["sigma"], strict=True)]
 
 
-def _sobol(problem: Mapping[str, Any], points: Array, logs: Array) -> list[tuple[float, float]]:
-    if len(logs) // (problem["num_vars"] + 2) < _FEWEST_BASE or float(logs.std()) < 1e-12:
-        return [(math.nan, math.nan)] * problem["num_vars"]
+def _sobol(problem: Mapping[str, Any], points: Array, logs: Array) -> list[SobolIndices]:
+    samples = len(logs) // (problem["num_vars"] + 2)
+    if samples < _FEWEST_BASE or float(logs.std()) < 1e-12:
+        return [SobolIndices(math.nan, math.nan, math.nan, math.nan, samples)] * problem["num_vars"]
     told = _quiet(library("SALib.analyze.sobol").analyze, dict(problem), logs, calc_second_order=False, seed=0)
-    return [(float(first), float(total)) for first, total in zip(told["S1"], told["ST"], strict=True)]
+    each = zip(*(told[name] for name in ("S1", "ST", "S1_conf", "ST_conf")), strict=True)
+    return [
+        SobolIndices(float(s1), float(st), float(s1_half), float(st_half), samples) for s1, st, s1_half, st_half in each
+    ]
 
 
 def _quiet(work: Any, *arguments: Any, **named: Any) -> Any:

@@ -6,12 +6,11 @@ import math
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from scenetruth.comparison.page.charts import Chart
 from scenetruth.design.optimise.result import Design, Rig
 from scenetruth.design.page.charts.traces import cloud, joins, predicted, simulated, star
 from scenetruth.design.page.charts.way import Way, axis_of, wanted_on
-from scenetruth.design.page.leading import leading
 from scenetruth.design.page.words import number
+from scenetruth.pages.charts import Chart
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,11 +40,12 @@ def _chart(design: Design, x: Way, y: Way, name: str) -> Chart:
     """Return rigs by two figures."""
     is_front = x.objective is not None
     held, best = _held(design.screened), design.recommended
-    rigs = sorted(design.front, key=x.predicted)
+    rigs = sorted(design.rigs, key=x.predicted)
     confirmed = [rig for rig in rigs if x.simulated(rig) is not None and y.simulated(rig) is not None]
     # In two of several objectives, the front is no line that goes down; of a single one it is a point.
-    first = leading(rigs, design.objectives) if is_front else []
-    behind = [rig for rig in rigs if rig not in first]
+    numbers = {rig.number for rig in design.front} if is_front else set()
+    first = [rig for rig in rigs if rig.number in numbers]
+    behind = [rig for rig in rigs if rig.number not in numbers]
     data = [cloud(x.screened(held), y.screened(held))]
     data += [predicted(first, x, y, joined=len(design.objectives) == 2)] if first else []
     data += [predicted(behind, x, y, joined=None)] if behind else []
@@ -91,7 +91,7 @@ def _most_telling(design: Design) -> str | None:
 
 
 def _rigs(design: Design) -> list[Rig]:
-    return [design.recommended, *design.front]
+    return list(design.rigs)
 
 
 def _is_number(value: object) -> bool:

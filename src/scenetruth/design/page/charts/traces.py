@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from scenetruth.comparison.page.charts import COLOURS
 from scenetruth.design.optimise.result import Rig
 from scenetruth.design.page.charts.way import Way, finite
 from scenetruth.design.page.words import interval, number, said
+from scenetruth.pages.charts import COLOURS
 
 __all__ = ["cloud", "joins", "predicted", "simulated", "star"]
 
@@ -51,7 +51,7 @@ def predicted(rigs: Sequence[Rig], x: Way, y: Way, *, joined: bool | None) -> di
 def simulated(rigs: Sequence[Rig], x: Way, y: Way) -> dict[str, Any]:
     """Return what simulations of some rigs found, with bars."""
     trace: dict[str, Any] = {
-        "name": "simulated: rms error, 95 %",
+        "name": "simulated, 95 %",
         "mode": "markers",
         "marker": {"color": _RED, "symbol": "diamond", "size": 9},
         **_hover(rigs),

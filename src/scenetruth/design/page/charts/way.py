@@ -43,7 +43,7 @@ class Way:
     @property
     def title(self) -> str:
         """What stands at the axis."""
-        return self.name if self.objective is None else f"{self.name}, {self.objective.unit}"
+        return self.name if self.objective is None else f"{self.name}: {self.objective.told_in}, {self.objective.unit}"
 
     def predicted(self, rig: Rig) -> float:
         """Return where a rig's prediction is drawn."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from scenetruth.comparison.page.charts import COLOURS
 from scenetruth.design.page.side_view.frame import Frame
 from scenetruth.design.page.side_view.marks import area, line
 from scenetruth.design.page.side_view.view import SideView
+from scenetruth.pages.charts import COLOURS
 
 __all__ = ["CAMERA", "cameras_on", "colours_of", "scenery_in"]
 

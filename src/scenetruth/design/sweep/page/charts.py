@@ -6,8 +6,8 @@ import math
 from html import escape
 from typing import Any
 
-from scenetruth.comparison.page.charts import COLOURS
 from scenetruth.design.sweep.page.panels import Axis, Curve, Map, Panel, said, short
+from scenetruth.pages.charts import COLOURS
 
 __all__ = ["chart_of"]
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from scenetruth.comparison.page.charts import COLOURS
 from scenetruth.design.sweep.page.panels import (
     Axis,
     Curve,
@@ -24,6 +23,7 @@ from scenetruth.design.sweep.page.panels import (
 )
 from scenetruth.design.sweep.result import Sweep
 from scenetruth.design.sweep.rows import STATISTICS
+from scenetruth.pages.charts import COLOURS
 from scenetruth.placing import Claimed, write_aside
 from scenetruth.scoring import QUANTITIES
 

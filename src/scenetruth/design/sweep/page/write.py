@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from scenetruth.design.sweep.page.charts import chart_of
 from scenetruth.design.sweep.page.panels import STATISTIC_TITLES, main_region, panels_of, short, shown_quantities
 from scenetruth.design.sweep.result import Sweep
 from scenetruth.design.sweep.rows import Row
+from scenetruth.pages.rendering import page_of
 from scenetruth.placing import write_aside
 from scenetruth.scoring import units_of
 from scenetruth.scoring.quantities import title_of
@@ -41,18 +41,6 @@ def write_page(found: Sweep, folder: str | Path, again: str = "") -> Path:
     pathlib.Path
         The page.
     """
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-    from plotly.offline import get_plotlyjs
-
-    # The style is that of the reports.
-    packages = ("scenetruth.design.sweep.page", "scenetruth.scoring.report")
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(package) for package in packages]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     quantities = shown_quantities(found)
     regions = list(dict.fromkeys(row.region for row in found.rows))
     charts = {
@@ -65,7 +53,10 @@ def write_page(found: Sweep, folder: str | Path, again: str = "") -> Path:
     statistics = [name for name in STATISTIC_TITLES if any(key.split("|")[1] == name for key in charts)]
     region = main_region(found)
     lines = _lines(found, region)
-    text = environment.get_template("sweep.html.j2").render(
+    text = page_of(
+        "scenetruth.design.sweep.page",
+        "sweep.html.j2",
+        charts,
         found=found,
         values=_values(found),
         seeds=len({row.seed for row in found.rows if row.seed is not None}),
@@ -80,9 +71,6 @@ def write_page(found: Sweep, folder: str | Path, again: str = "") -> Path:
         lines=lines[:_MOST_LINES],
         left_out=max(0, len(lines) - _MOST_LINES),
         again=again,
-        plotly=get_plotlyjs(),
-        # Within a script, nothing may end it.
-        charts=json.dumps(charts, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c"),
     )
     path = Path(folder) / PAGE
     with write_aside(path, overwrite=True) as aside:
