@@ -87,10 +87,14 @@ def test_every_chart_is_drawn_and_answers(page: Any) -> None:
     page.wait_for_selector(".hoverlayer .hovertext")
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width_px", [1280, 375])
-def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int) -> None:
+def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe: make browser")
+    page.emulate_media(color_scheme=scheme)
     page.set_viewport_size({"width": width_px, "height": 800})
+    for closed in page.locator("details").all():
+        closed.locator("summary").click()
     page.wait_for_timeout(300)
     assert page.evaluate("document.documentElement.scrollWidth") <= width_px
     found = axe.Axe().run(page)
