@@ -4,7 +4,7 @@ PYTHON_BIN := .venv/bin
 PATH ?= /usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 export PATH
 
-.PHONY: help setup demo test accuracy nightly browser bench gallery lint format clean
+.PHONY: help setup demo test accuracy nightly browser bench docs gallery lint format clean
 
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
@@ -13,6 +13,7 @@ help:
 	@echo "make nightly environment, then 10,000 broken scene files, 1,000 stores, 250 killed runs, 300 flipped bits, 1000 simulations; two hours"
 	@echo "make browser environment, chromium and playwright, then the pages in a headless browser"
 	@echo "make bench   environment, then the benchmarks"
+	@echo "make docs    environment and Sphinx, then the site in outputs/site: warnings and dead links are errors"
 	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md) and of the README"
 	@echo "make format  environment, then the formatter"
 	@echo "make clean   remove the environment, caches and results"
@@ -22,7 +23,6 @@ setup:
 
 demo: setup
 	$(PYTHON_BIN)/scenetruth run scenes/cube.yaml -o outputs/cube --overwrite
-	@echo "open outputs/cube/report.html"
 
 lint: setup
 	$(PYTHON_BIN)/ruff check .
@@ -49,6 +49,15 @@ browser: setup
 
 bench: setup
 	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only
+
+# What is kept between builds lies beside the site: pages that did not change, and the results of notebooks. Pages with
+# warnings are read again: what has failed fails until it is mended.
+docs:
+	@bash tools/setup.sh docs
+	$(PYTHON_BIN)/python -m sphinx -q -W --keep-going -j 2 -b html -d outputs/site_cache/doctrees docs outputs/site || \
+		{ rm -rf outputs/site_cache/doctrees; exit 1; }
+	PYTHONPATH=docs/_ext $(PYTHON_BIN)/python -m scenetruth_site.dead_links outputs/site
+	@echo "open outputs/site/index.html"
 
 gallery: setup
 	$(PYTHON_BIN)/python docs/make_gallery.py

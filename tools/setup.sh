@@ -69,3 +69,8 @@ if [ "${1:-}" = browser ]; then
     command -v chromium >/dev/null 2>&1 || apt_install chromium ||
         say "chromium could not be installed (not root, or no such package): tests of pages are skipped"
 fi
+
+if [ "${1:-}" = docs ] && ! .venv/bin/python -c 'import mathjax, myst_nb, notfound, pydata_sphinx_theme, sphinx_copybutton, sphinx_design' 2>/dev/null; then
+    say "installing what builds the site"
+    .venv/bin/python -m pip install -q --disable-pip-version-check -e '.[docs]'
+fi

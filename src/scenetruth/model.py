@@ -95,6 +95,8 @@ class FrozenModel(BaseModel):
         """
         schema = handler(core_schema)
         told = field_docstrings(cls)
+        # The schema has fields by the names that files use.
+        told |= {field.alias: told[name] for name, field in cls.model_fields.items() if field.alias and name in told}
         whole = handler.resolve_ref_schema(schema)
         if "description" in whole:
             # What a model means; its examples are for whoever reads the code.

@@ -1,0 +1,162 @@
+"""What can be imported, grouped by what it is for, as pages of the reference."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Any
+
+from pydantic import BaseModel
+
+__all__ = ["API", "api_in_markdown", "documented_names"]
+
+API: dict[str, dict[str, tuple[str, ...]]] = {
+    "scenes": {"scenetruth": ("load_scene", "scene_from_plain", "Scene", "Limits")},
+    "simulation": {
+        "scenetruth": (
+            "simulate",
+            "make_truth",
+            "track_points",
+            "two_point_correction",
+            "run_scene",
+            "RunFolder",
+            "verify_folder",
+        )
+    },
+    "data": {"scenetruth": ("make_recording", "make_estimate", "save", "load", "open_store")},
+    "estimation": {
+        "scenetruth": ("estimate",),
+        "scenetruth.estimators": (
+            "DEFAULT_METHOD",
+            "Estimator",
+            "Method",
+            "StreamingMethod",
+            "Estimation",
+            "MethodSettings",
+            "Needs",
+            "MethodEntry",
+            "method_entries",
+            "find_method",
+            "validate_settings",
+        ),
+        "scenetruth.estimators.external": (
+            "CommandMethod",
+            "ResultsFolder",
+            "write_recording",
+            "read_results",
+            "recording_key",
+        ),
+    },
+    "scoring": {"scenetruth": ("score", "Score", "surface_growth", "write_report")},
+    "comparison": {
+        "scenetruth": ("compare", "Comparison"),
+        "scenetruth.bound": ("cramer_rao", "envelope_of", "Envelope", "gradient_of_texture"),
+    },
+    "datasets": {"scenetruth": ("load_recipe", "recipe_from_plain", "run_dataset", "open_dataset")},
+    "design": {
+        "scenetruth": ("predict", "Prediction", "sweep", "Sweep", "Budget", "Design"),
+        "scenetruth.design.predict": ("Figure", "Causes", "advise"),
+        "scenetruth.design.budget": ("budget", "Calibration"),
+        "scenetruth.design.optimise": ("optimise", "load_goal", "goal_from_plain", "Goal"),
+        "scenetruth.design.page.write": ("write_design_page",),
+        "scenetruth.design.pattern": (
+            "make_pattern",
+            "write_pattern",
+            "pattern_worth",
+            "rig_of",
+            "Pattern",
+            "Rig",
+            "Worth",
+        ),
+    },
+    "export": {"scenetruth": ("export_run", "export_data", "export_formats")},
+    "testing": {
+        "scenetruth.testing": (
+            "estimator_checks",
+            "EstimatorCheck",
+            "check_estimator",
+            "ConformanceReport",
+            "ConformanceError",
+            "assert_accuracy",
+            "LimitError",
+        )
+    },
+    "errors": {
+        "scenetruth": (
+            "ScenetruthError",
+            "Problem",
+            "SceneError",
+            "RecipeError",
+            "RecordingError",
+            "EstimateError",
+            "ScoreError",
+            "MismatchError",
+            "RenderError",
+            "BackendUnavailableError",
+            "MachineError",
+            "StoreError",
+            "OutputExistsError",
+            "ExportError",
+            "SceneWarning",
+            "EstimateWarning",
+        )
+    },
+}
+"""Pages, each with modules and the names that are imported from them."""
+
+
+_FILES = {"Scene": "scene_file/scene", "Goal": "goal_file"}
+"""Models that are files, and the pages that describe their fields."""
+
+
+def documented_names() -> dict[str, str]:
+    """Return the full names of everything documented, by the last part; the first page that has it counts."""
+    found: dict[str, str] = {}
+    for modules in API.values():
+        for module, names in modules.items():
+            for name in names:
+                found.setdefault(name, f"{module}.{name}")
+    return found
+
+
+def api_in_markdown(page: str) -> str:
+    """Return a page of the reference: a table of names for each module, then each name with its docstring.
+
+    Parameters
+    ----------
+    page
+        A key of ``API``.
+    """
+    return "\n".join(line for module, names in API[page].items() for line in _module(module, names))
+
+
+def _module(module: str, names: tuple[str, ...]) -> Iterator[str]:
+    yield f"## From `{module}`\n"
+    yield "```{eval-rst}"
+    yield f".. currentmodule:: {module}\n"
+    yield ".. autosummary::\n   :nosignatures:\n"
+    yield from (f"   {name}" for name in names)
+    yield "\n```\n"
+    for name in names:
+        yield f"### {name}\n"
+        yield "```{eval-rst}"
+        yield f".. currentmodule:: {module}\n"
+        yield from _thing(name, getattr(import_module(module), name))
+        yield "```\n"
+
+
+def _thing(name: str, thing: Any) -> Iterator[str]:
+    if inspect.isclass(thing) and issubclass(thing, BaseModel):
+        # Signatures of models are as long as files; what a file may say has pages of its own.
+        page = _FILES.get(name)
+        hidden = ["model_config", *(thing.model_fields if page else ())]
+        yield f".. autoclass:: {name}(**fields)\n   :members:\n   :member-order: bysource"
+        yield f"   :exclude-members: {', '.join(hidden)}\n"
+        if page:
+            yield f"   Its fields are those of the :doc:`file <../{page}>`.\n"
+    elif inspect.isclass(thing):
+        word = "autoexception" if issubclass(thing, BaseException) else "autoclass"
+        yield f".. {word}:: {name}\n   :members:\n   :member-order: bysource\n"
+    else:
+        yield f".. {'autofunction' if callable(thing) else 'autodata'}:: {name}\n"

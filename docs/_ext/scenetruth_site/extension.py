@@ -1,0 +1,122 @@
+"""The site's own part of Sphinx: generated pages, links to public names and interactive pages, shared scripts."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+from sphinx.transforms import SphinxTransform
+from sphinx.util.osutil import relative_uri
+
+from scenetruth_site.api import documented_names
+from scenetruth_site.generated import fill_in, generated_parts
+from scenetruth_site.site_text import site_text
+
+__all__ = ["setup"]
+
+INTERACTIVE = "examples/pages"
+"""Pages of HTML that are copied as they are; plotly's bundle is put beside them."""
+MATHJAX = "mathjax/tex-svg.js"
+"""MathJax with its fonts in one file, below the folder of static files."""
+
+
+def _fill_in(app: Sphinx, name: str, source: list[str]) -> None:
+    source[0] = site_text(Path(app.srcdir), name, source[0])
+
+
+def _made_anew(app: Sphinx, env: BuildEnvironment, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
+    """Name the pages whose generated parts are not those of the last build; docstrings Sphinx looks after itself."""
+    before: dict[str, str] = getattr(env, "scenetruth_parts", {})
+    now = {}
+    for name in sorted(env.found_docs - removed):
+        file = Path(app.srcdir, f"{name}.md")
+        parts = generated_parts(file.read_text(encoding="utf-8")) if file.is_file() else []
+        if parts:
+            made = "".join(fill_in(f"<!-- generated: {part} -->") for part in parts)
+            now[name] = hashlib.sha256(made.encode()).hexdigest()
+    env.scenetruth_parts = now
+    return [name for name, digest in now.items() if before.get(name) != digest]
+
+
+def _public_name(app: Sphinx, env: BuildEnvironment, node: addnodes.pending_xref, inside: nodes.Element) -> Any:
+    """Resolve what is called by its last name, or by the module that it is made in, to where it is documented."""
+    if node.get("refdomain") != "py":
+        return None
+    name = documented_names().get(str(node["reftarget"]).rsplit(".", 1)[-1].rstrip("()"))
+    domain: Any = env.domains["py"]
+    if name is None or name not in domain.objects or name == node["reftarget"]:
+        return None
+    found = domain.objects[name]
+    return nodes.reference(
+        "",
+        "",
+        inside,
+        internal=True,
+        refuri=app.builder.get_relative_uri(str(node["refdoc"]), found.docname) + f"#{found.node_id}",
+        reftitle=name,
+    )
+
+
+def _name_or_code(
+    name: str, rawtext: str, text: str, lineno: int, inliner: Any, options: Any = None, content: Any = ()
+) -> tuple[list[nodes.Node], list[nodes.system_message]]:
+    """Take text in single backticks as code; if it is a public name, it becomes a link."""
+    if text.rstrip("()").rsplit(".", 1)[-1] not in documented_names():
+        return [nodes.literal(rawtext, text)], []
+    reference = addnodes.pending_xref(
+        rawtext, refdomain="py", reftype="obj", reftarget=text.rstrip("()"), refexplicit=False, refwarn=False
+    )
+    reference["refdoc"] = inliner.document.settings.env.docname
+    reference += nodes.literal(rawtext, text, classes=["xref", "py"])
+    return [reference], []
+
+
+class InteractivePages(SphinxTransform):  # type: ignore[misc]
+    """Links to interactive pages lead to them, where they would be offered as files to be saved."""
+
+    default_priority = 300
+
+    def apply(self, **kwargs: Any) -> None:
+        """Replace links to files below ``examples/pages``."""
+        for node in list(self.document.findall(addnodes.download_reference)):
+            target = Path(self.env.srcdir, self.env.docname).parent.joinpath(str(node["reftarget"]))
+            path = Path(self.env.relfn2path(str(node["reftarget"]), self.env.docname)[0]).as_posix()
+            if path.startswith(f"{INTERACTIVE}/") and target.is_file():
+                uri = relative_uri(f"{self.env.docname}.html", path)
+                reference = nodes.reference("", "", *node.children, internal=False, refuri=uri)
+                node.replace_self(reference)
+
+
+def _copy_shared(app: Sphinx, failure: Exception | None) -> None:
+    """Put beside the pages what they share and must not load from elsewhere."""
+    if failure is not None or app.builder.format != "html":
+        return
+    script = Path(app.outdir, "_static", MATHJAX)
+    script.parent.mkdir(parents=True, exist_ok=True)
+    with resources.as_file(resources.files("mathjax") / "static" / "mathjax" / "es5" / "tex-svg.js") as file:
+        shutil.copyfile(file, script)
+    pages = Path(app.srcdir, INTERACTIVE)
+    if not pages.is_dir():
+        return
+    target = Path(app.outdir, INTERACTIVE)
+    shutil.copytree(pages, target, dirs_exist_ok=True)
+    with resources.as_file(resources.files("plotly") / "package_data" / "plotly.min.js") as file:
+        shutil.copyfile(file, target / "plotly.min.js")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register all of it."""
+    app.connect("source-read", _fill_in)
+    app.connect("env-get-outdated", _made_anew)
+    app.connect("missing-reference", _public_name)
+    app.connect("build-finished", _copy_shared)
+    app.add_role("name_or_code", _name_or_code)
+    app.add_transform(InteractivePages)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,106 @@
+"""Reference pages of files as Markdown: the models of one part of a file, each field with all that is to be said."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping
+
+import yaml
+
+from scenetruth_site.field_words import default_of, range_of, type_of, yaml_of
+from scenetruth_site.file_examples import FileExamples
+from scenetruth_site.file_models import FileModel, ModelField, Schema, anchor_of
+from scenetruth_site.units import unit_of
+
+__all__ = ["models_in_markdown", "room_of"]
+
+_LONGEST = 70
+"""Letters of an example within a line; longer ones stand in the model's example only."""
+_MOST_LINES = 16
+
+
+def room_of(model: FileModel, rooms: Mapping[str, str]) -> str:
+    """Return the part of the file that a model is described with: that of the longest path that its own begins with.
+
+    Parameters
+    ----------
+    model
+        The model.
+    rooms
+        Paths, each with the part that is described there; the empty path stands for the file itself.
+    """
+    path = model.paths[0]
+    starts = [start for start in rooms if path == start or path.startswith((f"{start}.", f"{start}["))]
+    return rooms[max(starts, key=len)] if starts else rooms[""]
+
+
+def models_in_markdown(models: Mapping[str, FileModel], file: str, schema: Schema, examples: FileExamples) -> str:
+    """Return a section for every model.
+
+    Parameters
+    ----------
+    models
+        The models, by name.
+    file
+        The sort of file, which anchors begin with: ``scene``.
+    schema
+        The JSON Schema of the whole file.
+    examples
+        What files that come with the project say.
+    """
+    return "\n".join(line for model in models.values() for line in _section(model, file, schema, examples))
+
+
+def _section(model: FileModel, file: str, schema: Schema, examples: FileExamples) -> Iterator[str]:
+    yield f"({anchor_of(file, model.name)})="
+    yield f"## {_title(model)}\n"
+    if model.description:
+        yield f"{model.description}\n"
+    paths = [f"`{path}`" for path in model.paths if path]
+    if paths:
+        more = [f"and {len(paths) - 4} more places"] if len(paths) > 4 else []
+        yield f"*At* {', '.join([*paths[:4], *more])}\n"
+    for one in model.fields:
+        if not (model.kind and one.name == model.kind[0]):
+            yield from _field(model, one, file, schema, examples)
+    yield from _example(model, examples)
+
+
+def _title(model: FileModel) -> str:
+    return f"`{model.kind[0]}: {model.kind[1]}`" if model.kind else model.name
+
+
+def _field(model: FileModel, one: ModelField, file: str, schema: Schema, examples: FileExamples) -> Iterator[str]:
+    told = [type_of(one.node, file, schema)]
+    told += [text for text in (unit_of(one.name), range_of(one.node)) if text]
+    told += ["**required**" if one.required else f"default: {default_of(one.node)}"]
+    anchor = anchor_of(file, model.name, one.name)
+    yield f"[[`{one.name}`](#{anchor})]{{#{anchor}}}"
+    yield f": {'; '.join(told)}"
+    description = one.node.get("description", "")
+    if description:
+        yield "\n" + textwrap.indent(description, "  ")
+    source, value = examples.of_fields.get((model.name, one.name), ("", None))
+    text = yaml_of(value)
+    if value is not None and len(text) <= _LONGEST:
+        yield f"\n  Example: `{one.name}: {text}`{f' ({source})' if source else ''}"
+    yield ""
+
+
+def _example(model: FileModel, examples: FileExamples) -> Iterator[str]:
+    if model.name not in examples.of_models:
+        return
+    source, value = examples.of_models[model.name]
+    text = "\n".join(_line(name, inner) for name, inner in value.items())
+    if len(text.splitlines()) <= _MOST_LINES:
+        yield f"{f'From {source}' if source else 'Example'}:\n\n```yaml\n{text}\n```\n"
+
+
+def _line(name: str, value: object) -> str:
+    """Return a key with its value, on one line if it is short."""
+    short = yaml_of(value)
+    if len(short) <= _LONGEST:
+        return f"{name}: {short}"
+    flow = None if isinstance(value, list | dict) else False
+    text = yaml.safe_dump({name: value}, default_flow_style=flow, width=80, allow_unicode=True, sort_keys=False)
+    return text.rstrip()

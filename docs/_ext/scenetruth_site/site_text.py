@@ -1,0 +1,43 @@
+"""Pages of the repository as the site takes them: what is good on a code host, and not here, is put otherwise."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from scenetruth_site.generated import fill_in
+from scenetruth_site.toctrees import added_toctree, without_empty_globs
+
+__all__ = ["site_text"]
+
+_LINKED_HEADING = re.compile(r"^(#+) \[([^\]]+)\]\(([^)\s]+)\)$", re.MULTILINE)
+_MARKDOWN_ABOVE = re.compile(r"\]\(((?:\.\./)+[^)#\s]+\.md)\)")
+
+
+def site_text(docs: Path, page: str, text: str) -> str:
+    """Return a page as Sphinx is to read it.
+
+    Parameters
+    ----------
+    docs
+        The folder of all pages.
+    page
+        The page's name: its path without the ending.
+    text
+        What its file holds.
+
+    Returns
+    -------
+    str
+        Generated parts are filled in. Links in headings stand below them, since tables of contents hold plain words.
+        Markdown that is no page of the site is offered as a file.
+    """
+    text = _LINKED_HEADING.sub(lambda found: f"{found[1]} {found[2]}\n\n[`{Path(found[3]).name}`]({found[3]})", text)
+    folder = (docs / page).parent
+
+    def no_page(found: re.Match[str]) -> str:
+        target = (folder / found[1]).resolve()
+        return found[0] if target.is_relative_to(docs.resolve()) else f"](path:{found[1]})"
+
+    text = _MARKDOWN_ABOVE.sub(no_page, text)
+    return fill_in(without_empty_globs(docs, page, text)) + added_toctree(page)

@@ -1,0 +1,92 @@
+"""How Sphinx builds the site: ``make docs``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_ext"))
+
+from scenetruth import __version__  # noqa: E402
+
+project = "scenetruth"
+author = "The scenetruth developers"
+copyright = author
+version = release = __version__
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "notfound.extension",
+    "scenetruth_site.extension",
+]
+exclude_patterns = ["_*", "**/.ipynb_checkpoints", "examples/pages"]
+templates_path = ["_templates"]
+language = "en"
+
+# Every link must lead somewhere. Types of other libraries have no pages here: nothing is looked up on a network.
+nitpicky = True
+nitpick_ignore_regex = [("py:.*", r"(?!scenetruth\.).*"), ("py:.*", r"scenetruth\..*")]
+suppress_warnings = ["toc.empty_glob"]
+
+# Pages
+myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath", "fieldlist"]
+myst_heading_anchors = 4
+mathjax_path = "mathjax/tex-svg.js"
+mathjax3_config = {"options": {"enableAssistiveMml": True}}
+
+# Notebooks run when they, or what they are made of, have changed.
+nb_execution_mode = os.environ.get("SCENETRUTH_SITE_NOTEBOOKS", "cache")
+nb_execution_cache_path = str(HERE.parent / "outputs" / "site_cache" / "notebooks")
+nb_execution_timeout = 600
+nb_execution_raise_on_error = True
+
+# Reference
+autosummary_generate = False
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_typehints_format = "short"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+napoleon_use_rtype = True
+default_role = "name_or_code"
+add_module_names = False
+toc_object_entries = False
+
+# Looks
+html_theme = "pydata_sphinx_theme"
+html_title = "scenetruth"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_js_files = ["site.js"]
+html_context = {"default_mode": "auto"}
+html_copy_source = False
+html_show_sourcelink = False
+html_sidebars: dict[str, list[str]] = {"index": []}
+html_theme_options = {
+    "logo": {"text": "scenetruth"},
+    "navbar_align": "left",
+    "show_toc_level": 2,
+    "show_prev_next": True,
+    "navigation_with_keys": False,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "secondary_sidebar_items": ["page-toc"],
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
+}
+notfound_urls_prefix = os.environ.get("SCENETRUTH_SITE_PREFIX", "/")
+notfound_context = {
+    "title": "No such page",
+    "body": "<h1>No such page</h1><p>There is nothing at this address. "
+    'The search above knows every page; <a href="/index.html">the first page</a> leads to all of them.</p>',
+}
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True

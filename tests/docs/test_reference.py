@@ -1,0 +1,152 @@
+"""The generated reference covers every public name, every command and option, every model and field of a file."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import typer
+import yaml
+from pydantic import BaseModel
+
+import scenetruth
+import scenetruth.testing
+from scenetruth.cli.app import app
+from scenetruth.dataset.recipe.spec import Recipe
+from scenetruth.design.optimise import Goal
+from scenetruth.scene import Scene
+from scenetruth_site.api import API, api_in_markdown, documented_names
+from scenetruth_site.commands import command_names, commands_in_markdown
+from scenetruth_site.file_examples import examples_in
+from scenetruth_site.file_models import anchor_of, models_of
+from scenetruth_site.files import DESCRIBED, room_in_markdown, rooms_of
+from scenetruth_site.generated import generated_parts
+
+DOCS = Path(__file__).parents[2] / "docs"
+NAMES = Counter(f"{module}.{name}" for modules in API.values() for module, names in modules.items() for name in names)
+
+
+def test_every_public_name_is_documented_once() -> None:
+    assert set(NAMES.values()) == {1}
+    public = {f"scenetruth.{name}" for name in scenetruth.__all__}
+    public |= {f"scenetruth.testing.{name}" for name in scenetruth.testing.__all__}
+    assert public <= set(NAMES)
+
+
+def test_documented_names_exist_and_are_found_by_their_last_part() -> None:
+    for name in NAMES:
+        module, last = name.rsplit(".", 1)
+        assert hasattr(import_module(module), last), name
+    assert documented_names()["simulate"] == "scenetruth.simulate"
+
+
+def imported_in_pages() -> Iterator[tuple[str, str]]:
+    """Yield what examples in pages import from the package, with the page."""
+    for file in [*sorted(DOCS.rglob("*.md")), DOCS.parent / "README.md"]:
+        # Pages on extending the package speak to those who know its inside.
+        if file.name.startswith("add_"):
+            continue
+        for block in re.findall(r"^```python\n(.*?)^```", file.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+            for node in ast.walk(ast.parse(block)):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "scenetruth":
+                    yield from ((file.name, f"{node.module}.{alias.name}") for alias in node.names)
+
+
+def test_what_examples_import_is_documented() -> None:
+    last_parts = {name.rsplit(".", 1)[1] for name in NAMES}
+    seen = list(imported_in_pages())
+    assert len(seen) > 10
+    assert [one for one in seen if one[1].rsplit(".", 1)[1] not in last_parts] == []
+
+
+def test_examples_in_pages_use_names_that_exist() -> None:
+    for file in [*sorted(DOCS.rglob("*.md")), DOCS.parent / "README.md"]:
+        for block in re.findall(r"^```python\n(.*?)^```", file.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+            for node in ast.walk(ast.parse(block)):
+                if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "st":
+                    assert hasattr(scenetruth, node.attr), f"{file.name}: st.{node.attr}"
+
+
+def test_pages_show_each_generated_part_once() -> None:
+    shown = Counter(part for file in DOCS.rglob("*.md") for part in generated_parts(file.read_text(encoding="utf-8")))
+    made = {"commands", *(f"api {page}" for page in API)}
+    made |= {f"{file} {room}" for file in DESCRIBED for room in rooms_of(file)}
+    assert shown == Counter(made)
+
+
+@pytest.mark.parametrize("page", API)
+def test_pages_of_names_hold_directives_for_each(page: str) -> None:
+    text = api_in_markdown(page)
+    for names in API[page].values():
+        for name in names:
+            assert re.search(
+                rf"^\.\. auto(function|class|exception|data):: {name}(\(\*\*fields\))?$", text, re.MULTILINE
+            ), name
+
+
+def test_every_command_and_option_is_described() -> None:
+    text = commands_in_markdown(app, "scenetruth")
+    names = command_names(app, "scenetruth")
+    assert re.findall(r"^###? (scenetruth.*)$", text, re.MULTILINE) == names
+
+    def options_of(command: object, words: tuple[str, ...]) -> Iterator[str]:
+        for one in command.params:  # type: ignore[attr-defined]
+            if one.param_type_name == "option" and not one.hidden:
+                yield f"{{#{'-'.join(('command', *words))}{max(one.opts, key=len)}}}"
+        for word, inner in getattr(command, "commands", {}).items():
+            yield from options_of(inner, (*words, word))
+
+    anchors = list(options_of(typer.main.get_command(app), ()))
+    assert len(anchors) > 100
+    assert [one for one in anchors if one not in text and "#command--" not in one] == []
+
+
+@pytest.mark.parametrize("file", DESCRIBED)
+def test_every_field_of_every_model_is_described_once(file: str) -> None:
+    models = models_of(DESCRIBED[file].schema())
+    rooms = rooms_of(file)
+    assert sorted(name for room in rooms.values() for name in room) == sorted(models)
+    text = "".join(room_in_markdown(file, room) for room in rooms)
+    anchors = Counter(re.findall(rf"\{{#({file}-[a-z0-9-]+)\}}|^\(({file}-[a-z0-9-]+)\)=", text, re.MULTILINE))
+    assert set(anchors.values()) == {1}
+    told = {first or second for first, second in anchors}
+    for model in models.values():
+        assert anchor_of(file, model.name) in told
+        fields = [one.name for one in model.fields if not (model.kind and one.name == model.kind[0])]
+        assert {anchor_of(file, model.name, name) for name in fields} <= told
+    # Whatever is linked is there.
+    assert set(re.findall(rf"\(#({file}-[a-z0-9-]+)\)", text)) <= told
+
+
+def test_the_schema_has_no_model_that_is_not_described() -> None:
+    for described in DESCRIBED.values():
+        schema = described.schema()
+        names = {name for name, node in schema.get("$defs", {}).items() if "properties" in node}
+        assert names <= set(models_of(schema))
+
+
+@pytest.mark.parametrize(("file", "model"), [("scene", Scene), ("recipe", Recipe), ("goal", Goal)])
+def test_examples_are_valid_and_show_every_model(file: str, model: type[BaseModel]) -> None:
+    source = DOCS / "reference" / "examples" / f"{file}.yaml"
+    documents = list(yaml.safe_load_all(source.read_text(encoding="utf-8")))
+    for document in documents:
+        model.model_validate(document)
+    schema = DESCRIBED[file].schema()
+    shown = examples_in([*sorted(DOCS.parent.glob(DESCRIBED[file].examples)), source], schema)
+    assert set(models_of(schema)) - set(shown.of_models) == set()
+
+
+def test_every_field_says_what_it_means() -> None:
+    silent = [
+        f"{file}: {model.name}.{one.name}"
+        for file, described in DESCRIBED.items()
+        for model in models_of(described.schema()).values()
+        for one in model.fields
+        if not (one.node.get("description") or (model.kind and one.name == model.kind[0]))
+    ]
+    assert silent == []
