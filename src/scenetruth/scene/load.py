@@ -28,8 +28,8 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     Parameters
     ----------
     file
-        The YAML file, or the name of a scene that is shipped, as ``"cube"``, if there is no such file. Relative paths in
-        it count from its folder.
+        The YAML file, or the name of a scene that is shipped, as ``"cube"``, if no file has it. Relative paths in it
+        count from its folder.
     overrides
         Changes to apply first, each ``path=value`` with the value in YAML: ``camera.width=320``, ``sensor=ideal``,
         ``objects.0.texture.rms_contrast=0.1``.

@@ -10,11 +10,14 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as some
+from PIL import Image
 
 import scenetruth as st
 from scenetruth.design import Figure, predict
+from scenetruth.design.predict.predicting import predict_in_passing
 from scenetruth.design.predict.quantities import TITLES, UNITS
 from scenetruth.design.predict.regions import weighted_median
+from scenetruth.resources.refusal import bounded_parts
 from scenetruth.scoring import QUANTITIES
 from tests.design.predict.scenes import wall
 from tests.scenes import SCENES, cube
@@ -164,3 +167,10 @@ def test_weighted_medians_are_those_of_repeated_values(pairs: list[tuple[float, 
     repeated = np.sort(np.repeat(values, weights.astype(int)))
     middle = weighted_median(values, weights)
     assert middle == repeated[(len(repeated) - 1) // 2]
+
+
+def test_a_texture_that_is_not_painted_is_not_called_out_of_sight(tmp_path: Path) -> None:
+    Image.fromarray((np.arange(64 * 64) % 251).astype(np.uint8).reshape(64, 64)).save(tmp_path / "print.png")
+    scene = st.scene_from_plain(wall(texture={"kind": "image", "file": str(tmp_path / "print.png")}))
+    with pytest.raises(st.SceneError, match=r"not known before they are painted; `scenetruth design predict` paints"):
+        predict_in_passing(scene, bounded_parts(scene, st.Limits()), "refined")

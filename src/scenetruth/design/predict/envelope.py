@@ -66,6 +66,9 @@ def envelope(
         kinds = {part.item.name: part.item.texture.kind for part in parts}
         unknown = [name for name in look.names if kinds[name] not in spectra()]
         look = look.of([number for number, name in enumerate(look.names) if name not in unknown])
+    if not len(look) and unknown:
+        message = f"textures of {', '.join(unknown)} are not known before they are painted; "
+        raise SceneError([Problem("objects", message + "`scenetruth design predict` paints them")])
     if not len(look):
         message = "the reference camera sees none of them at the reference frame"
         raise SceneError([Problem("objects", message)])
