@@ -21,7 +21,7 @@ __all__ = ["AnyEffect", "OpenSensor", "SensorChain"]
 if TYPE_CHECKING:
     AnyEffect = Effect
 else:
-    AnyEffect = one_of(Effect, "scenetruth.camera.sensor.effects")
+    AnyEffect = one_of(Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noises")
 
 
 class SensorChain(FrozenModel):

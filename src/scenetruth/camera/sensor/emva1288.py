@@ -9,18 +9,18 @@ from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, field_v
 from scenetruth.camera.sensor.base import Effect
 from scenetruth.camera.sensor.chain import SensorChain
 from scenetruth.camera.sensor.effects.bayer_filter import BayerFilter, BayerOrder
-from scenetruth.camera.sensor.effects.dark_current import DarkCurrent, checked_hot_pixel_current
-from scenetruth.camera.sensor.effects.dark_signal_nonuniformity import DarkSignalNonuniformity
 from scenetruth.camera.sensor.effects.digitisation import Digitisation
 from scenetruth.camera.sensor.effects.full_well import FullWell
 from scenetruth.camera.sensor.effects.gain import Gain
 from scenetruth.camera.sensor.effects.gamma import Exponent, Gamma
-from scenetruth.camera.sensor.effects.photo_response_nonuniformity import PhotoResponseNonuniformity
 from scenetruth.camera.sensor.effects.photon_conversion import PhotonConversion
 from scenetruth.camera.sensor.effects.quantum_efficiency import QuantumEfficiency
-from scenetruth.camera.sensor.effects.readout_noise import ReadoutNoise
-from scenetruth.camera.sensor.effects.shot_noise import ShotNoise
 from scenetruth.camera.sensor.insertion import Insertion, inserted, misplaced
+from scenetruth.camera.sensor.noises.dark_current import DarkCurrent, checked_hot_pixel_current
+from scenetruth.camera.sensor.noises.dark_signal_nonuniformity import DarkSignalNonuniformity
+from scenetruth.camera.sensor.noises.photo_response_nonuniformity import PhotoResponseNonuniformity
+from scenetruth.camera.sensor.noises.readout_noise import ReadoutNoise
+from scenetruth.camera.sensor.noises.shot_noise import ShotNoise
 from scenetruth.camera.sensor.presets import PRESETS, PresetName
 from scenetruth.model import FrozenModel, NonNegative, Positive
 

@@ -11,7 +11,7 @@ from scenetruth.camera.sensor.chain import SensorChain
 from scenetruth.camera.sensor.effects.digitisation import Digitisation
 from scenetruth.camera.sensor.effects.full_range_gain import FullRangeGain
 from scenetruth.camera.sensor.effects.full_scale import FullScale
-from scenetruth.camera.sensor.effects.gaussian_noise import GaussianNoise
+from scenetruth.camera.sensor.noises.gaussian_noise import GaussianNoise
 from scenetruth.model import FrozenModel, NonNegative, Positive
 
 __all__ = ["GaussianSensor"]

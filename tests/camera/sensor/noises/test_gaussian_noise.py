@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenetruth.camera.sensor.effects.gaussian_noise import GaussianNoise
+from scenetruth.camera.sensor.noises.gaussian_noise import GaussianNoise
 from tests.sensors import applied, assert_random, uniform
 
 

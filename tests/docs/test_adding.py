@@ -1,0 +1,129 @@
+"""Pages on adding things, followed word by word in a copy: a module, its test and its row are all that it takes."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.nightly import NIGHTLY
+from tests.test_import_rules import MAY_IMPORT, MOST_MODULES, imported_rooms
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs" / "how_to").glob("add_*.md"))
+MOST_LINES = 80
+
+_FILE = re.compile(r"^`((?:src|tests)/[\w/]+\.py)`[^\n]*:\n\n```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_ROW = re.compile(r"^In `(docs/\w+\.md)`, below the line that begins with ``(.+?) ``:\n\n    (\|.*\|)$", re.MULTILINE)
+_COMMAND = re.compile(r"^    ((?:python|scenetruth) .*)$", re.MULTILINE)
+# By night only: what makes images, and the tests that look through all of the package or of a room.
+_LONG = re.compile(r"scenetruth (run|render)")
+_TESTS = {
+    "motion": "tests/scene/test_motion_kinds.py",
+    "estimator": "tests/estimators/test_plugins.py",
+    "effect": "tests/camera/sensor/test_chain.py",
+    "exporter": "tests/export/test_writing.py",
+}
+_RULES = "tests/test_import_rules.py tests/test_style.py"
+
+
+@dataclass(frozen=True)
+class Page:
+    """What a page tells to write and to run."""
+
+    files: dict[str, str]
+    rows: list[tuple[str, str, str]]
+    commands: list[str]
+
+
+def read(page: Path) -> Page:
+    text = page.read_text(encoding="utf-8")
+    found = Page(dict(_FILE.findall(text)), _ROW.findall(text), _COMMAND.findall(text))
+    # Every block of the page is one of these.
+    assert text.count("```python\n") == len(found.files)
+    assert len(re.findall(r"^    (?! )\S", _without_code(text), re.MULTILINE)) == len(found.rows) + len(found.commands)
+    return found
+
+
+def _without_code(text: str) -> str:
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def checkout(folder: Path) -> Path:
+    """Make a copy of the repository, of links to its files: compiled code and all."""
+    for name in ("src", "tests", "docs", "examples", "scenes"):
+        shutil.copytree(ROOT / name, folder / name, copy_function=os.symlink)
+    (folder / "pyproject.toml").symlink_to(ROOT / "pyproject.toml")
+    (folder / "bin").mkdir()
+    for name, command in (("python", ""), ("scenetruth", "-m scenetruth")):
+        script = folder / "bin" / name
+        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" {command} "$@"\n')
+        script.chmod(0o755)
+    return folder
+
+
+def run(command: str, folder: Path) -> None:
+    # What is tried is one page, not thousands of examples of its test.
+    env = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST_", "HYPOTHESIS_"))}
+    env |= {"PATH": f"{folder / 'bin'}{os.pathsep}{env['PATH']}", "PYTHONPATH": str(folder / "src")}
+    words = ["bash", "-o", "pipefail", "-c", command]
+    done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+
+
+def below(text: str, anchor: str, row: str) -> str:
+    """Put a row below the one line that begins with an anchor."""
+    lines = text.splitlines(keepends=True)
+    (number,) = (number for number, line in enumerate(lines) if line.startswith(f"{anchor} "))
+    assert row.count(" | ") == lines[number].count(" | ")
+    return "".join([*lines[: number + 1], row + "\n", *lines[number + 1 :]])
+
+
+def keeps_the_rules(module: Path, package: Path) -> None:
+    """Hold a new module against the rules of rooms."""
+    room = module.relative_to(package).parts[0]
+    assert imported_rooms(module) - {room} <= MAY_IMPORT[room]
+    beside = [path for path in module.parent.glob("*.py") if path.name != "__init__.py"]
+    assert len(beside) <= MOST_MODULES, f"{module.parent.name}/ is full: one more module needs a second room"
+
+
+def test_there_is_a_page_for_each_of_the_usual_things() -> None:
+    names = {page.stem.removeprefix("add_") for page in PAGES}
+    assert names == {"motion", "estimator", "effect", "exporter"}
+    for page in PAGES:
+        assert len(page.read_text(encoding="utf-8").splitlines()) <= MOST_LINES, page.name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_what_a_page_tells_is_all_that_is_needed(page: Path, tmp_path: Path) -> None:
+    told, folder = read(page), checkout(tmp_path / "copy")
+    # One module, one test, one row: nothing else changes.
+    assert [name.split("/")[0] for name in told.files] == ["src", "tests"]
+    assert len(told.rows) == 1
+    assert len(told.commands) > 2
+    for name, text in told.files.items():
+        file = folder / name
+        assert file.parent.is_dir(), f"{name}: no such room"
+        assert not file.exists(), f"{name} is there already: the page needs another example"
+        file.write_text(text, encoding="utf-8")
+    for name, anchor, row in told.rows:
+        file = folder / name
+        text = file.read_text(encoding="utf-8")
+        file.unlink()
+        file.write_text(below(text, anchor, row), encoding="utf-8")
+    for command in told.commands:
+        if NIGHTLY or not _LONG.match(command):
+            run(command, folder)
+    if NIGHTLY:
+        run(f"python -m pytest -q -p no:cacheprovider {_RULES} {_TESTS[page.stem.removeprefix('add_')]}", folder)
+    keeps_the_rules(folder / next(iter(told.files)), folder / "src" / "scenetruth")
+    written = " ".join(told.files)
+    run(
+        f"python -m ruff check -q --no-cache {written} && python -m ruff format -q --no-cache --check {written}", folder
+    )

@@ -1,0 +1,81 @@
+"""What packages say of themselves follows pyproject.toml: the conda recipe, the oldest versions, the citation."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+PACKAGING = ROOT / "packaging"
+CONDA_NAMES = {"matplotlib": "matplotlib-base"}
+"""Packages that conda-forge has under another name."""
+
+
+@pytest.fixture(scope="module")
+def project() -> dict[str, Any]:
+    found: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return found
+
+
+def bounds(lines: list[str], sign: str = ">=") -> dict[str, str]:
+    """Return the versions behind the names of requirements."""
+    parts = [re.fullmatch(rf"([\w.-]+) ?{sign}([\w.]+)", line) for line in lines]
+    assert None not in parts, lines
+    return {part.group(1).lower(): part.group(2) for part in parts if part is not None}
+
+
+@pytest.fixture(scope="module")
+def recipe() -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load((PACKAGING / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    return found
+
+
+def test_the_conda_recipe_has_the_same_dependencies(project: dict[str, Any], recipe: dict[str, Any]) -> None:
+    listed = [line for line in recipe["requirements"]["run"] if not line.startswith(("python ", "__"))]
+    own = {CONDA_NAMES.get(name, name): bound for name, bound in bounds(project["dependencies"]).items()}
+    assert bounds(listed) == own
+
+
+def test_the_conda_recipe_tells_the_same_of_the_package(project: dict[str, Any], recipe: dict[str, Any]) -> None:
+    assert recipe["context"]["version"] == project["version"]
+    assert f">={recipe['context']['python_min']}" == project["requires-python"]
+    assert recipe["about"]["summary"] == project["description"]
+    assert recipe["about"]["license"] == project["license"]
+    assert recipe["build"]["python"]["entry_points"] == [
+        f"{name} = {entry}" for name, entry in project["scripts"].items()
+    ]
+    for name in (each for test in recipe["tests"] if "python" in test for each in test["python"]["imports"]):
+        place = ROOT / "src" / Path(*name.split("."))
+        assert place.is_dir() or place.with_suffix(".py").is_file(), name
+
+
+def test_the_oldest_versions_are_those_that_are_allowed(project: dict[str, Any]) -> None:
+    lines = (PACKAGING / "oldest.txt").read_text(encoding="utf-8").splitlines()
+    pinned = bounds([line for line in lines if not line.startswith("#")], "==")
+    assert pinned == bounds(project["dependencies"])
+
+
+def test_the_citation_is_of_this_version(project: dict[str, Any]) -> None:
+    told = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (told["title"], told["version"], told["license"]) == (
+        project["name"],
+        project["version"],
+        project["license"],
+    )
+    assert [each["name"] for each in told["authors"]] == [each["name"] for each in project["authors"]]
+
+
+def test_the_image_is_made_of_what_is_there_and_ends_as_a_user() -> None:
+    text = (PACKAGING / "Dockerfile").read_text(encoding="utf-8")
+    copied = [name for line in re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE) for name in line.split()]
+    assert copied
+    assert [name for name in copied if not (ROOT / name).exists()] == []
+    # pyproject.toml names files that the build reads, setup.py the scenes.
+    assert {"pyproject.toml", "setup.py", "README.md", "LICENSE", "src", "scenes"} <= set(copied)
+    assert re.findall(r"^USER (.*)$", text, re.MULTILINE)[-1] not in ("0", "root")
+    assert 'ENTRYPOINT ["scenetruth"]' in text
