@@ -88,7 +88,7 @@ def test_packages_that_are_missing_or_old_are_named_with_the_command_that_instal
 
 def test_extras_are_those_that_there_are_for_users() -> None:
     offered = importlib.metadata.metadata("scenetruth").get_all("Provides-Extra") or []
-    assert set(EXTRAS) == set(offered) - {"test", "rivals", "docs"}
+    assert set(EXTRAS) == set(offered) - {"all", "test", "rivals", "docs"}
 
 
 def test_caches_are_told_with_what_is_in_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
