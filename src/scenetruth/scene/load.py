@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -83,7 +84,8 @@ _MAPPING = "a mapping of camera, stage, frames, objects, ..."
 def _shipped(file: str | Path) -> str | Path:
     """Return the file of a scene that is shipped, if a plain name says so and no file has it."""
     name = str(file)
-    if Path(name).name != name or Path(name).suffix or Path(name).is_file():
+    # Of names that no file can have, os.path says no.
+    if Path(name).name != name or Path(name).suffix or os.path.isfile(name):
         return file
     return shipped_files().get(name, file)
 
