@@ -31,7 +31,8 @@ class Envelope:
     velocity_depth_mm
         Of U_Z, mm per frame.
     growth_rate
-        Of the area's growth, per frame; None where the motion has no growth.
+        Of the area's growth, per frame; None where the motion has no growth. Of affine motion with what products of
+        errors add, as in `cramer_rao`.
     """
 
     disparity_px: float
@@ -139,8 +140,10 @@ def envelope_of(
 
         σ_UZ = Z σ / √(Σt² E D)    or    Z σ √(2 S v' + D v) / ((2 S m' + D m) G √Σt²)
 
-    The area's growth is twice the expansion of the window less what U_Z makes of it. At a distance x from the principal
-    point, U_X = (Z u + x U_Z) / f has x / f of the error of U_Z too.
+    The area's growth is twice the expansion of the window less what U_Z makes of it. Where the surface may turn as it
+    likes (affine motion), an error of its slope times one of the slope's change is taken for growth too, on each axis:
+    √2 σ_slope σ_turn, with σ_turn = (f / d) σ √v' / (m' G √(Σs² Σt²)). At a distance x from the principal point,
+    U_X = (Z u + x U_Z) / f has x / f of the error of U_Z too.
     """
     numbers = {
         "focal_length_px": focal_length_px,
@@ -170,14 +173,17 @@ def envelope_of(
     both = 2 * positions * m_x + moved * m
     rigid = unit * math.sqrt(2 * positions * v_x + moved * v) / both / math.sqrt(over_t) if over_t else math.inf
     grows = motion in ("growing", "affine")
+    steep = focal_length_px / disparity * unit * _root(v_x, m_x, frames * over_s)
+    turn = focal_length_px / disparity * unit * _root(v_x, m_x, over_t * over_s)
+    product = steep * turn if motion == "affine" else 0.0
     return Envelope(
         disparity_px=d,
         depth_mm=depth_mm * d / disparity,
-        slope=focal_length_px / disparity * unit * _root(v_x, m_x, frames * over_s),
+        slope=steep,
         flow_px=u,
         velocity_lateral_mm=depth_mm * u / focal_length_px,
         velocity_depth_mm=depth_mm * (apart if grows else rigid),
-        growth_rate=2 * math.hypot(spread, apart) if grows else None,
+        growth_rate=math.sqrt(4 * (spread**2 + apart**2) + 2 * product**2) if grows else None,
     )
 
 

@@ -70,7 +70,7 @@ def estimate(value: float, half: float, samples: int) -> str:
 
     Examples
     --------
-    >>> estimate(0.532, 0.21, 64), estimate(-0.04, 0.09, 64), estimate(0.001, 0.004, 64), estimate(0.3, math.nan, 64)
+    >>> estimate(0.532, 0.21, 64), estimate(-0.03, 0.09, 64), estimate(0.001, 0.004, 64), estimate(0.3, math.nan, 64)
     ('0.53 ± 0.21', 'cannot be told from 64 samples', 'under 0.05', '0.30')
     """
     if not math.isfinite(value):
