@@ -28,8 +28,9 @@ PICTURES = ROOT / "docs" / "gallery"
 HEADER = """# Scenes to run and to copy
 
 Every scene of `scenes/`, as its comment describes it: the reference image, depth, the velocity along the camera's axis,
-and the velocity across it (colour: its size; arrows: its direction) or, where something grows, the rate of its area.
-`make gallery` draws the pictures anew; `scenetruth run scenes/NAME.yaml -o outputs/NAME` runs a scene.
+and the velocity across it (colour: its size; arrows: its direction) or, where growth differs from place to place, the
+rate of the area's growth. `scenetruth run NAME -o outputs/NAME` runs a scene, from the checkout or once installed;
+`make gallery` draws the pictures anew.
 """
 
 
@@ -68,7 +69,8 @@ def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, 
     along = spread(velocity[2], largest)
     panel(axes[2], velocity[2], "U_Z, mm/frame", "RdBu_r", along)
     growth = truth["growth_rate"].values * 100
-    if float(np.nanmax(np.abs(growth))) > 1e-9:
+    # Growth that is the same everywhere is no picture.
+    if float(np.nanmax(growth) - np.nanmin(growth)) > max(1e-9, 0.01 * float(np.nanmax(np.abs(growth)))):
         # What is watched by the second is strain rather than growth.
         slow = hours_per_frame >= 1 / 60
         growth, units = (growth / hours_per_frame, "%/h") if slow else (growth, "%/frame")
@@ -85,14 +87,16 @@ def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, 
         if len(x) and np.nanmax(across) > 1e-9:
             arrows = velocity[:2, y, x] / np.nanmax(across)
             # A length in pixels that does not depend on how many move.
-            axes[3].quiver(x, y, *arrows, color="white", angles="xy", scale_units="xy", scale=0.8 / step, width=0.004)
+            length = {"angles": "xy", "scale_units": "xy", "scale": 0.8 / step}
+            axes[3].quiver(x, y, *arrows, **length, color="white", edgecolor="black", linewidth=0.4, width=0.005)
     figure.savefig(target, dpi=100)
     plt.close(figure)
 
 
 def spread(values: NDArray[np.float64], largest: float) -> tuple[float, float]:
-    """Return limits that are alike on both sides of zero, not so narrow that roundings show."""
-    limit = max(float(np.nanpercentile(np.abs(values), 99.5)), 1e-6 * largest, 1e-12)
+    """Return limits that are alike on both sides of zero; those of the largest values where there are but roundings."""
+    limit = float(np.nanpercentile(np.abs(values), 99.5))
+    limit = limit if limit > 1e-6 * largest else max(largest, 1e-12)
     return -limit, limit
 
 

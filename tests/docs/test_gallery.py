@@ -1,0 +1,16 @@
+"""The gallery of scenes: every scene of the library is in it, as its comment describes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_scene_is_shown() -> None:
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    scenes = sorted(file.stem for file in (ROOT / "scenes").glob("*.yaml"))
+    assert [line.split("]")[0].removeprefix("## [") for line in page.splitlines() if line.startswith("## [")] == scenes
+    for name in scenes:
+        assert f"![{name}](gallery/{name}.png)" in page
+        assert (ROOT / "docs" / "gallery" / f"{name}.png").is_file()
