@@ -61,15 +61,16 @@ def periods_px(scene: st.Scene) -> Array:
     first, last = sheet["deformation"][0]["period_mm"]
     half = sheet["mesh"]["size_mm"][0] / 2
     x_mm = (np.arange(camera["width"]) - (camera["width"] - 1) / 2) * pixel_mm
-    return np.asarray(first + (last - first) * (x_mm + half) / (2 * half)) / pixel_mm
+    period_mm: Array = first + (last - first) * (x_mm + half) / (2 * half)
+    return period_mm / float(pixel_mm)
 
 
 def share_left(found: xr.Dataset, truth: xr.Dataset) -> Array:
     """Return the share of the true flow that is found at every column; NaN where nothing is told."""
     middle = found.sizes["y"] // 2
-    rows = {"y": slice(middle - 1, middle + 1)}
-    got, true = (each["flow"].isel(image_component=1, **rows).values for each in (found, truth))
-    known = np.isfinite(got) & (found["kind"].isel(rows).values == 2)
+    rows = slice(middle - 1, middle + 1)
+    got, true = (each["flow"].isel(image_component=1, y=rows).values for each in (found, truth))
+    known = np.isfinite(got) & (found["kind"].isel(y=rows).values == 2)
     box = np.ones(SMOOTH_PX)
     over, under = (np.convolve(np.where(known, each, 0.0).sum(axis=0), box, "same") for each in (got * true, true**2))
     return np.where(under > 0, over / np.where(under > 0, under, 1.0), np.nan)
@@ -97,7 +98,7 @@ def rows(changes: Sequence[str]) -> list[list[str]]:
             inner = {"y": slice(INTERIOR_PX, -INTERIOR_PX), "x": slice(INTERIOR_PX, -INTERIOR_PX)}
             away = rest["boundary_distance"].isel(inner).values >= INTERIOR_PX
             known = away & (quiet["kind"].isel(inner).values == 2)
-            off = quiet["flow"].isel(image_component=1, **inner).values[known]
+            off = quiet["flow"].isel({"image_component": 1, **inner}).values[known]
             noise = float(np.sqrt(np.mean(np.square(off))))
             told = (name, f"{sigma_px:g}", f"{first:.0f}", f"{last:.0f}", f"{noise:.2g}", f"{noise * first:.2g}")
             cells.append([*told, f"{known.sum() / away.sum():.2f}"])

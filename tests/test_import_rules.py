@@ -103,6 +103,7 @@ MAY_IMPORT = {
     "comparison": {
         *LEAVES,
         "scene",
+        "provenance",
         "schema",
         "placing",
         "simulation",

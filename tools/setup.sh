@@ -47,12 +47,25 @@ if ! .venv/bin/python -m pip --version >/dev/null 2>&1; then
     fi
 fi
 
-stamp=.venv/scenetruth-installed
-wanted=$(cksum pyproject.toml; pwd)
-if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
-    say "installing scenetruth and what it needs into .venv"
-    .venv/bin/python -m pip install -q --disable-pip-version-check -e '.[opengl,design,test]'
-    printf '%s\n' "$wanted" >"$stamp"
+# The version is told when it is installed: anew whenever a release is reached or left behind, not at every commit.
+release() { git describe --tags --exact-match 2>/dev/null || printf 'after %s\n' "$(git describe --tags --abbrev=0 2>/dev/null)"; }
+
+# The demo needs less than the tests, and comes first.
+installed() { [ "$(cat ".venv/scenetruth-$1" 2>/dev/null)" = "$wanted" ]; }
+install() {
+    # What is used is compiled when it is first imported: to compile all of it takes longer than all the rest.
+    .venv/bin/python -m pip install -q --disable-pip-version-check --no-compile -e "$2"
+    printf '%s\n' "$wanted" >".venv/scenetruth-$1"
+}
+wanted=$(cksum pyproject.toml; pwd; release)
+if [ "${1:-}" = demo ]; then
+    if ! installed installed && ! installed runs; then
+        say "installing scenetruth and what it needs into .venv"
+        install runs '.[opengl]'
+    fi
+elif ! installed installed; then
+    say "installing scenetruth, what it needs and what its tests need into .venv"
+    install installed '.[opengl,design,test]'
 fi
 
 has_osmesa() { .venv/bin/python -c 'import ctypes.util, sys; sys.exit(ctypes.util.find_library("OSMesa") is None)'; }

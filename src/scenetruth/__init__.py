@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from scenetruth.storage import load, open_store, save
     from scenetruth.truth import make_truth, track_points
 
-__version__ = "0.1.0"
+    __version__: str
 
 keep_compiled_code()
 
@@ -146,6 +146,8 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return _installed_version()
     if name not in __all__:
         msg = f"module 'scenetruth' has no attribute '{name}'"
         raise AttributeError(msg)
@@ -154,5 +156,15 @@ def __getattr__(name: str) -> Any:
     return value
 
 
+def _installed_version() -> str:
+    """Return the version of the installation, which is made from the tag: docs/decisions/0052."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("scenetruth")
+    except PackageNotFoundError:
+        return "0+unknown"  # source files that nobody installed
+
+
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, "__version__"})

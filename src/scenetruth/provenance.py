@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 from collections.abc import Mapping
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -26,6 +27,7 @@ __all__ = [
     "blank_recording",
     "content_hash",
     "intrinsics_from",
+    "own_release",
     "provenance_of",
     "recording_hash",
     "scene_hash",
@@ -128,6 +130,14 @@ def provenance_of(scene: Scene) -> dict[str, Any]:
         "seed": scene.seed,
         "versions": json.dumps(versions),
     }
+
+
+def own_release() -> str:
+    """Return the release that this version of scenetruth leads to or comes from: 0.2.0 for 0.2.0.dev7+g1a2b3c4.
+
+    What was begun goes on, and what is kept is found, with any commit of the same release.
+    """
+    return re.sub(r"((\.post\d+)?\.dev\d+)?(\+.*)?$", "", version("scenetruth"))
 
 
 def content_hash(path: Path) -> str:

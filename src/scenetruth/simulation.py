@@ -243,12 +243,13 @@ class _Work:
 
 
 def _saturation_warnings(scene: Scene, brightest: float) -> list[str]:
-    """Return a warning if images of a scene with light of its own are brighter than the sensor can tell."""
+    """Return a warning if images are brighter than the sensor can tell."""
     limit = chain_of(scene.sensor).saturation_radiance
     # What is exactly as bright as full scale may have been rounded up.
-    if scene.lighting == Lighting() or brightest <= limit * (1 + 1e-6):
+    if brightest <= limit * (1 + 1e-6):
         return []
+    lit = scene.lighting != Lighting()
+    place, remedy = ("lighting", "reduce irradiance or ambient") if lit else ("sensor", "expose for a shorter time")
     return [
-        f"lighting: images reach a radiance of {brightest:.4g} where the sensor's full scale is {limit:.4g}; "
-        "reduce irradiance or ambient"
+        f"{place}: images reach a radiance of {brightest:.4g} where the sensor's full scale is {limit:.4g}; {remedy}"
     ]

@@ -137,3 +137,24 @@ def test_a_method_that_never_returns_can_be_interrupted(tmp_path: Path) -> None:
     assert "method 'forever:wait' was interrupted" in errors
     assert "Traceback" not in errors
     assert names(tmp_path / "x") == {"scene.yaml", "recording.zarr", "truth.zarr"}
+
+
+def test_code_is_named_by_the_call_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "far.py").write_text(
+        "import numpy as np\n"
+        "def away(recording, depth_mm: float = 1000.0):\n"
+        "    return {'depth': np.full(recording['image'].isel(s=0).shape, depth_mm)}\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    scene = write_scene(tmp_path / "scene.yaml")
+    given = ("--method", "far:away", "--set", "estimate.depth_mm=70")
+    done = scenetruth("run", scene, "-o", "x", *given, "--no-report")
+    assert done.returncode == 0, done.stderr
+    assert {"estimate.far-away.zarr", "score.far-away.json"} < names(tmp_path / "x")
+    assert (st.load(tmp_path / "x" / "estimate.far-away.zarr", "estimate")["depth"] == 70).all()
+    # What is written is a file as any other: it names none.
+    assert st.load_scene(tmp_path / "x" / "scene.yaml").estimate.method == "structure_tensor"
+    monkeypatch.setattr("scenetruth.pipeline.runner.scene_of", lambda _: {"estimate": {"method": "far:away"}})
+    done = scenetruth("estimate", "x")
+    assert done.returncode != 0
+    assert "estimate.method: is code, which no file may name" in done.stderr

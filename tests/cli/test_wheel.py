@@ -19,8 +19,10 @@ ROOT = SCENES.parent
 def build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """What copies files into a package, as it is called when a wheel is built."""
     setuptools = pytest.importorskip("setuptools")
+    # Where there is no pyproject.toml, nothing else takes part in the build.
+    monkeypatch.chdir(tmp_path)
+    made = runpy.run_path(str(ROOT / "setup.py"))["BuildWithScenes"](setuptools.Distribution({"packages": []}))
     monkeypatch.chdir(ROOT)
-    made = runpy.run_path("setup.py")["BuildWithScenes"](setuptools.Distribution({"packages": []}))
     made.build_lib, made.editable_mode = str(tmp_path), False
     made.finalize_options()
     return made

@@ -12,12 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.nightly import NIGHTLY
+from tests.nightly import NIGHTLY, nightly
 from tests.test_import_rules import MAY_IMPORT, MOST_MODULES, imported_rooms
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs" / "how_to").glob("add_*.md"))
 MOST_LINES = 80
+PYTHON = os.environ.get("SCENETRUTH_TEST_PYTHON", sys.executable)
+"""The Python that follows the pages: that of an environment with an installed wheel, if it is named."""
 
 _FILE = re.compile(r"^`((?:src|tests)/[\w/]+\.py)`[^\n]*:\n\n```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _ROW = re.compile(r"^In `(docs/\w+\.md)`, below the line that begins with ``(.+?) ``:\n\n    (\|.*\|)$", re.MULTILINE)
@@ -57,15 +59,26 @@ def _without_code(text: str) -> str:
 
 def checkout(folder: Path) -> Path:
     """Make a copy of the repository, of links to its files: compiled code and all."""
-    for name in ("src", "tests", "docs", "examples", "scenes"):
+    for name in ("tests", "docs", "examples", "scenes"):
         shutil.copytree(ROOT / name, folder / name, copy_function=os.symlink)
+    shutil.copytree(package(), folder / "src" / "scenetruth", copy_function=os.symlink)
     (folder / "pyproject.toml").symlink_to(ROOT / "pyproject.toml")
     (folder / "bin").mkdir()
     for name, command in (("python", ""), ("scenetruth", "-m scenetruth")):
         script = folder / "bin" / name
-        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" {command} "$@"\n')
+        script.write_text(f'#!/bin/sh\nexec "{PYTHON}" {command} "$@"\n')
         script.chmod(0o755)
     return folder
+
+
+def package() -> Path:
+    """Return the folder of the package: in the repository, or where another Python has it."""
+    if sys.executable == PYTHON:
+        return ROOT / "src" / "scenetruth"
+    words = [PYTHON, "-P", "-c", "import scenetruth; print(scenetruth.__path__[0])"]
+    found = Path(subprocess.run(words, cwd="/", capture_output=True, text=True, check=True).stdout.strip())
+    assert not found.is_relative_to(ROOT), f"{PYTHON} has no wheel, but the repository"
+    return found
 
 
 def run(command: str, folder: Path) -> None:
@@ -100,7 +113,9 @@ def test_there_is_a_page_for_each_of_the_usual_things() -> None:
         assert len(page.read_text(encoding="utf-8").splitlines()) <= MOST_LINES, page.name
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, id=page.stem, marks=() if page.stem == "add_effect" else nightly) for page in PAGES]
+)
 def test_what_a_page_tells_is_all_that_is_needed(page: Path, tmp_path: Path) -> None:
     told, folder = read(page), checkout(tmp_path / "copy")
     # One module, one test, one row: nothing else changes.

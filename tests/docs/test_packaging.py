@@ -42,7 +42,7 @@ def test_the_conda_recipe_has_the_same_dependencies(project: dict[str, Any], rec
 
 
 def test_the_conda_recipe_tells_the_same_of_the_package(project: dict[str, Any], recipe: dict[str, Any]) -> None:
-    assert recipe["context"]["version"] == project["version"]
+    assert recipe["context"]["version"] == releases()[0][0]
     assert f">={recipe['context']['python_min']}" == project["requires-python"]
     assert recipe["about"]["summary"] == project["description"]
     assert recipe["about"]["license"] == project["license"]
@@ -60,22 +60,50 @@ def test_the_oldest_versions_are_those_that_are_allowed(project: dict[str, Any])
     assert pinned == bounds(project["dependencies"])
 
 
-def test_the_citation_is_of_this_version(project: dict[str, Any]) -> None:
+def releases() -> list[tuple[str, str]]:
+    """Return the versions of the changelog and their dates, the latest first."""
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    assert headings[0] == "[Unreleased]"
+    found = [re.fullmatch(r"\[(\d+\.\d+\.\d+)\] - (\d{4}-\d\d-\d\d)", heading) for heading in headings[1:]]
+    assert found
+    assert None not in found, headings
+    return [(one.group(1), one.group(2)) for one in found if one is not None]
+
+
+def test_the_citation_is_of_the_latest_release(project: dict[str, Any]) -> None:
     told = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    assert (told["title"], told["version"], told["license"]) == (
-        project["name"],
-        project["version"],
-        project["license"],
-    )
+    assert (told["version"], str(told["date-released"])) == releases()[0]
+    assert (told["title"], told["license"]) == (project["name"], project["license"])
     assert [each["name"] for each in told["authors"]] == [each["name"] for each in project["authors"]]
 
 
-def test_the_image_is_made_of_what_is_there_and_ends_as_a_user() -> None:
+def test_the_conda_recipe_builds_with_the_same_packages(recipe: dict[str, Any]) -> None:
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
+    host = [line for line in recipe["requirements"]["host"] if not line.startswith(("python ", "pip"))]
+    assert bounds(host) == bounds(needed)
+
+
+def test_the_wheel_holds_all_files_of_the_package() -> None:
+    told = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    package = ROOT / "src" / "scenetruth"
+    named = {path for pattern in told["package-data"]["scenetruth"] for path in package.glob(pattern)}
+    others = {path for path in package.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
+    # What numba has compiled lies in the cache's folder, or here.
+    others = {path for path in others if "__pycache__" not in path.parts}
+    assert others == named
+    # Not whatever else git tracks.
+    assert told["include-package-data"] is False
+
+
+def test_the_image_is_made_of_all_that_git_tracks_and_ends_as_a_user() -> None:
     text = (PACKAGING / "Dockerfile").read_text(encoding="utf-8")
-    copied = [name for line in re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE) for name in line.split()]
-    assert copied
-    assert [name for name in copied if not (ROOT / name).exists()] == []
-    # pyproject.toml names files that the build reads, setup.py the scenes.
-    assert {"pyproject.toml", "setup.py", "README.md", "LICENSE", "src", "scenes"} <= set(copied)
+    assert re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE) == ["."]
+    left_out = set((PACKAGING / "Dockerfile.dockerignore").read_text(encoding="utf-8").splitlines()[1:])
+    ignored = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    # A pattern of Docker counts from the top, one of git anywhere.
+    anywhere = {"__pycache__", "*.egg-info"}
+    wanted = {line.removesuffix("/") for line in ignored}
+    assert left_out == {f"**/{line}" if line in anywhere else line for line in wanted}
     assert re.findall(r"^USER (.*)$", text, re.MULTILINE)[-1] not in ("0", "root")
     assert 'ENTRYPOINT ["scenetruth"]' in text

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+import pytest
+
+import scenetruth as st
 from scenetruth.scene import Scene
 
 
@@ -14,3 +20,14 @@ def test_models_within_settings_are_told_in_the_schema() -> None:
     assert {"x_px", "roll_urad"} < set(model["properties"])
     assert "yaw" in model["properties"]["x_px"]["description"]
     assert corrections["description"].startswith("How far images may be")
+
+
+def test_a_file_imports_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "trap.py").write_text("raise SystemExit('imported')")
+    monkeypatch.chdir(tmp_path)
+    scene = tmp_path / "scene.yaml"
+    for method in ("trap:method", "os:system"):
+        scene.write_text(f"estimate: {{method: '{method}'}}")
+        with pytest.raises(st.SceneError, match=f"is code.*--method {method}"):
+            st.load_scene(scene)
+    assert "trap" not in sys.modules

@@ -13,6 +13,7 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.estimators import find_method, method_entries
 from scenetruth.scene import Scene
+from scenetruth.testing import check_estimator
 from tests.cli.calling import scenetruth
 from tests.estimators.plugins import offer, offer_package
 from tests.scenes import cube
@@ -49,6 +50,13 @@ def test_a_plug_in_estimates_and_is_scored_like_ours(
     # To the whole pixel: uniform errors within half a pixel have an rms of 0.29 px.
     assert score.regions["interior"]["disparity"]["rms"] == pytest.approx(0.29, abs=0.1)
     assert "velocity_z" not in score.regions["interior"]
+
+
+def test_the_plug_in_keeps_to_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    offer_package("block_matching", tmp_path, monkeypatch)
+    report = check_estimator("block_matching", settings={"block_px": 7, "largest_disparity_px": 20})
+    assert not report.failed
+    assert len(report.passed) >= 26
 
 
 def test_settings_of_a_plug_in_are_validated_and_in_the_schema(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,13 +1,21 @@
-"""After the warm-up nothing is left to compile."""
+"""After the warm-up nothing is left to compile, and a first run compiles on two processors."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 import scenetruth as st
 from scenetruth import pipeline
+from scenetruth.camera.sensor import chain_of
 from scenetruth.compilation import announced_compilation
-from scenetruth.pipeline import warm_up
+from scenetruth.estimators import MethodChoice
+from scenetruth.estimators.structure_tensor.kernels.tensor import estimate_tile
+from scenetruth.pipeline import FigureHelper, scene_run, warm_up
+from scenetruth.pipeline.warming import compile_method
 from tests.cli.calling import scenetruth
 from tests.nightly import nightly
 
@@ -50,3 +58,45 @@ def test_the_command_says_when_all_is_done(monkeypatch: pytest.MonkeyPatch) -> N
     done = scenetruth("warm-up")
     assert done.returncode == 0
     assert "everything is compiled" in done.stdout
+
+
+@pytest.mark.filterwarnings("ignore::scenetruth.SceneWarning")
+@pytest.mark.parametrize("sensor", [{"bit_depth": 8}, {"bit_depth": 12}, "ideal"], ids=str)
+def test_a_method_that_was_compiled_beforehand_compiles_no_more(sensor: object, tmp_path: Path) -> None:
+    scene = st.scene_from_plain({**SCENE, "sensor": sensor})
+    compile_method(
+        "structure_tensor", scene.estimate.settings.model_dump(mode="json"), chain_of(scene.sensor).dtype.name
+    )
+    known = list(estimate_tile.signatures)
+    recording, _ = st.simulate(scene)
+    st.estimate(recording)
+    # Images of a store cannot be written to, those in memory can.
+    st.save(recording, tmp_path / "recording.zarr")
+    st.estimate(st.open_store(tmp_path / "recording.zarr"))
+    assert estimate_tile.signatures == known
+
+
+def test_the_second_process_compiles_beside_a_first_run_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, str]] = []
+
+    class Helper(FigureHelper):
+        def compile(self, choice: MethodChoice, dtype: str) -> None:
+            asked.append((choice.method, dtype))
+
+    scene = st.scene_from_plain(SCENE)
+    told: list[Callable[[str, int], None]] = []
+
+    @contextmanager
+    def announced(announce: Callable[[str, int], None]) -> Iterator[None]:
+        told.append(announce)
+        yield
+
+    monkeypatch.setattr(scene_run, "announced_compilation", announced)
+    with scene_run._compiling_beside(Helper(), scene, [scene.estimate]):
+        assert asked == []
+        for before in range(3):
+            told[0]("kernel", before)
+    assert asked == [("structure_tensor", "uint8")]
+    with scene_run._compiling_beside(None, scene, [scene.estimate]):
+        pass
+    assert len(told) == 1

@@ -45,7 +45,7 @@ def boxes(generator: np.random.Generator, count: int, distance: float) -> tuple[
     vertices, faces = [], []
     for n in range(count):
         mesh = box(tuple(generator.uniform(5, 60, 3)))
-        turned = Rotation.random(rng=generator).apply(mesh.vertices_mm)
+        turned = Rotation.random(None, generator).apply(mesh.vertices_mm)
         vertices.append(turned + [*generator.uniform(-40, 40, 2), distance])
         faces.append(mesh.faces + 8 * n)
     return np.concatenate(vertices), np.concatenate(faces).astype(np.int32)

@@ -29,7 +29,7 @@ def test_rays_in_any_order_against_brute_force(seed: int, count: int, around: fl
     points, triangles = boxes(generator, 6, 300.0)
     directions = np.column_stack([generator.normal(size=(count, 2)) * around, np.ones(count)])
     directions *= generator.uniform(0.5, 2, (count, 1))
-    turn = Rotation.random(rng=generator).as_matrix()
+    turn = Rotation.random(None, generator).as_matrix()
     points, directions = points @ turn.T, directions @ turn.T
     origin = turn @ generator.uniform(-20, 20, 3)
     caster = RayCaster(points, Topology.of(points, triangles))

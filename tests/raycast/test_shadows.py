@@ -112,7 +112,7 @@ def test_parallel_light_in_cells_finds_what_rays_through_embree_find(seed: int, 
     faces = np.concatenate(
         [one.faces, two.faces + len(one.vertices_mm), [[start, start + 1, start + 2]], slivers]
     ).astype(np.int32)
-    turn = Rotation.random(rng=generator)
+    turn = Rotation.random(None, generator)
     vertices, to_light = turn.apply(vertices) + [0, 0, 500], turn.apply(way)
     own = generator.integers(0, len(faces), 3000).astype(np.int32)
     # Corners and edges among them, where every rounding counts.

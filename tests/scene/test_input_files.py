@@ -21,6 +21,7 @@ from hypothesis import strategies as some
 from PIL import Image
 
 import scenetruth as st
+from scenetruth.resources import refuse_beyond_bounds
 from scenetruth.scene.mesh.file import load
 from scenetruth.scene.texture.image import MOST_PIXELS, luminance
 from scenetruth.scene.world import build_world
@@ -115,6 +116,24 @@ def test_what_is_no_file_is_not_opened(tmp_path: Path, suffix: str, what: str) -
     file.mkdir()
     with pytest.raises(st.SceneError):
         make(file, what)
+
+
+def test_all_files_that_are_missing_are_told_together(tmp_path: Path) -> None:
+    scene = scene_of(
+        {"kind": "file", "file": "gone.ply"},
+        {"kind": "image", "file": "gone.png"},
+        [{"kind": "meshes", "files": ["one.ply", "two.ply"]}],
+    )
+    BOX.export(tmp_path / "one.ply")
+    other = scene.objects[0].model_dump(mode="json")
+    other |= {"name": "other", "mesh": {"kind": "file", "file": "one.ply"}, "texture": {"kind": "uniform"}}
+    scene = st.scene_from_plain({**scene.to_plain(), "objects": [scene.to_plain()["objects"][0], other]})
+    expected = ["0.mesh.file", "0.texture.file", "0.deformation.0.files.1", "1.deformation.0.files.1"]
+    for refuse in (build_world, lambda scene, folder: refuse_beyond_bounds(scene, folder=folder)):
+        with pytest.raises(st.SceneError, match=r"0\.mesh\.file: no such mesh file") as caught:
+            refuse(scene, tmp_path)
+        paths = [problem.path for problem in caught.value.problems]
+        assert sorted(paths) == sorted(f"objects.{path}" for path in expected)
 
 
 def png_of(width: int, height: int) -> bytes:

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.nightly import nightly
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_estimator"
 MOST_LINES = 40
 """Lines of code that a method and its registration take."""
@@ -53,6 +55,7 @@ def test_the_example_is_short() -> None:
     assert 20 < code_lines(source) + registration <= MOST_LINES
 
 
+@nightly
 def test_the_example_passes_its_own_tests_once_installed(tmp_path: Path) -> None:
     project, target = tmp_path / "project", tmp_path / "installed"
     shutil.copytree(

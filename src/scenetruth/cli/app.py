@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from scenetruth import __version__
 from scenetruth.cli import comparing, datasets, design, experiments, exporting, running, scenes
 from scenetruth.cli.starter import command as starting
 
@@ -29,8 +28,23 @@ def run_app() -> None:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"scenetruth {__version__}")
+        from scenetruth import __version__
+
+        typer.echo(f"scenetruth {__version__}{_note_on_editable()}")
         raise typer.Exit
+
+
+def _note_on_editable() -> str:
+    """Return what to say of an editable installation: its version is that of the day it was made, its code is not."""
+    import json
+    from importlib import metadata
+
+    try:
+        told = metadata.distribution("scenetruth").read_text("direct_url.json")
+    except metadata.PackageNotFoundError:
+        return ""
+    editable = json.loads(told or "{}").get("dir_info", {}).get("editable", False)
+    return " (of the last pip install -e; the code is that of the checkout)" if editable else ""
 
 
 @app.callback()

@@ -14,6 +14,7 @@ from scenetruth.cli import options
 
 if TYPE_CHECKING:
     from scenetruth.cli.console import Reporter
+    from scenetruth.estimators import MethodChoice
     from scenetruth.pipeline import FigureHelper, Runner, RunResults
 
 __all__ = ["register"]
@@ -250,15 +251,20 @@ def _run(
         from scenetruth.scene import load_scene
 
         changes = list(overrides or ())
-        if len(methods) == 1 and methods[0] != load_scene(file).estimate.method:
-            # --set estimate.FIELD then means a field of that method.
+        chosen: list[str | MethodChoice] = list(methods)
+        # --set estimate.FIELD means a field of the one method that is given.
+        if len(methods) == 1 and ":" in methods[0]:
+            fields = [change for change in changes if change.startswith("estimate.")]
+            changes = [change for change in changes if change not in fields]
+            chosen = [_with_settings(methods[0], fields)]
+        elif len(methods) == 1 and methods[0] != load_scene(file).estimate.method:
             changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
         loaded, allowed = load_scene(file, changes), limits_from(limits or ())
         try:
             return run_scene(
                 loaded,
                 output,
-                methods=methods,
+                methods=chosen,
                 limits=allowed,
                 images=form,
                 progress=reporter,
@@ -267,6 +273,16 @@ def _run(
             )
         except SceneError as error:
             raise SceneError(error.problems, source=file) from error
+
+
+def _with_settings(method: str, fields: Sequence[str]) -> MethodChoice:
+    """Return a choice of code, which no scene may name."""
+    from scenetruth.estimators import choose
+    from scenetruth.scene.load import apply_overrides
+
+    alone: dict[str, Any] = {"estimate": {"method": method}}
+    apply_overrides(alone, fields)
+    return choose(alone["estimate"])
 
 
 def _runner(

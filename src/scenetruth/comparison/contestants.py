@@ -66,7 +66,7 @@ class Contestant:
         return f"{_path_of(self.method)} {settings.model_dump_json()}"
 
 
-def contestants_of(methods: Iterable[Given] | Given) -> list[Contestant]:
+def contestants_of(methods: Iterable[Given] | Given, *, from_file: bool = False) -> list[Contestant]:
     """Return the methods of a comparison, all of them checked.
 
     Parameters
@@ -75,6 +75,8 @@ def contestants_of(methods: Iterable[Given] | Given) -> list[Contestant]:
         One or several of: a name, ``"module:function"``, a method or function; with settings in brackets,
         ``"refined[window_sigma_px: 4, motion: rigid]"``; with a label before it, ``"fine=refined[motion: rigid]"``; or
         a mapping with ``method``, settings, and perhaps ``label``.
+    from_file
+        Whether a file says so: it may name no ``module:function``, as importing runs code.
 
     Raises
     ------
@@ -92,7 +94,7 @@ def contestants_of(methods: Iterable[Given] | Given) -> list[Contestant]:
     problems: list[Problem] = []
     for given in methods:
         try:
-            found.append(_contestant(given))
+            found.append(_contestant(given, from_file))
         except EstimateError as error:
             problems += error.problems
     labels = [one.label for one in found]
@@ -107,14 +109,14 @@ def contestants_of(methods: Iterable[Given] | Given) -> list[Contestant]:
     return found
 
 
-def _contestant(given: Any) -> Contestant:
+def _contestant(given: Any, from_file: bool) -> Contestant:
     if isinstance(given, Mapping):
         fields = dict(given)
         label = fields.pop("label", "")
         method = fields.pop("method", None)
-        return _checked(method, fields, label)
+        return _checked(method, fields, label, from_file)
     if not isinstance(given, str):
-        return _checked(given, {}, "")
+        return _checked(given, {}, "", from_file)
     parts = _SPELLED.fullmatch(given.strip())
     if parts is None:
         message = "is not spelled as LABEL=METHOD[setting: value, ...]; label and settings may be left out"
@@ -126,12 +128,12 @@ def _contestant(given: Any) -> Contestant:
         except yaml.YAMLError as error:
             message = "settings are not spelled as in YAML: [window_sigma_px: 4, motion: rigid]"
             raise EstimateError([Problem("methods", message, given)]) from error
-    return _checked(parts["method"].strip(), settings, (parts["label"] or "").strip())
+    return _checked(parts["method"].strip(), settings, (parts["label"] or "").strip(), from_file)
 
 
-def _checked(method: Any, settings: Mapping[str, Any], label: str) -> Contestant:
-    if isinstance(method, str) and ":" not in method:
-        choose({"method": method, **settings})
+def _checked(method: Any, settings: Mapping[str, Any], label: str, from_file: bool) -> Contestant:
+    if isinstance(method, str) and (from_file or ":" not in method):
+        choose({"method": method, **settings}, from_file=from_file)
     else:
         validate_settings(find_method(method), settings)
     short = "" if isinstance(method, str) else getattr(method, "name", getattr(method, "__name__", ""))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,12 @@ from scenetruth.comparison.maps import write_maps
 from scenetruth.comparison.point import Measured, Point, measure
 from scenetruth.comparison.rows import Row
 from scenetruth.dataset.sample import Made
-from scenetruth.errors import StoreError
+from scenetruth.errors import SceneError, StoreError
+from scenetruth.files import input_files
 from scenetruth.placing import is_full_disk, write_aside
 from scenetruth.plain import parse_json
+from scenetruth.provenance import content_hash
+from scenetruth.scene import scene_from_plain
 from scenetruth.schema import digest
 
 __all__ = ["Job", "key_of", "measure_one", "points_of", "read_measured"]
@@ -82,14 +85,27 @@ def key_of(job: Job, number: int) -> str:
     """Return a hash of all that the figures of a point depend on."""
     point = job.points[number]
     case = all_cases()[point.case]
+    scene = case.scene(point.values[0])
     depends: dict[str, Any] = {
         "point": asdict(point),
-        "scene": case.scene(point.values[0]),
+        "scene": scene,
         "noise_std": case.noise_std(point.values[0]),
         "methods": [(one.label, one.identity) for one in job.contestants],
         "versions": job.versions,
     }
+    files = _files_of(scene)
+    if files:
+        depends["files"] = files
     return digest(json.loads(json.dumps(depends, default=list)))
+
+
+def _files_of(scene: Mapping[str, Any]) -> list[str]:
+    """Return hashes of what the files hold that a scene names: their paths stay when they change."""
+    try:
+        return [content_hash(file) for _, file in input_files(scene_from_plain(scene))]
+    except SceneError:
+        # Whoever makes the scene says what is wrong with it.
+        return []
 
 
 def measure_one(job: Job, number: int) -> Made:

@@ -7,15 +7,17 @@ from collections.abc import Mapping
 from importlib.metadata import version
 
 from scenetruth.errors import BackendUnavailableError, MachineError, Problem
+from scenetruth.provenance import own_release
 
 __all__ = ["refuse_other_versions", "unfit_to_render", "versions_here"]
 
-_PACKAGES = ("scenetruth", "numpy", "scipy")
+_PACKAGES = ("numpy", "scipy")
 
 
 def versions_here() -> dict[str, str]:
     """Return the versions on which the bytes of samples depend."""
-    return {"python": platform.python_version(), **{one: version(one) for one in _PACKAGES}}
+    others = {one: version(one) for one in _PACKAGES}
+    return {"python": platform.python_version(), "scenetruth": own_release(), **others}
 
 
 def refuse_other_versions(versions: Mapping[str, str]) -> None:

@@ -28,6 +28,8 @@ __all__ = ["MethodChoice", "choose", "validate_settings"]
 class MethodChoice(BaseModel):
     """Which method estimates, and with which settings; in a file, both stand side by side.
 
+    ``module:function`` is refused here: a file that is read imports no code but that of installed methods.
+
     Examples
     --------
     >>> choice = MethodChoice.model_validate({"method": "structure_tensor", "window_sigma_px": 4})
@@ -48,7 +50,7 @@ class MethodChoice(BaseModel):
         if isinstance(given, Mapping) and isinstance(given.get("settings"), FrozenModel):
             return given
         try:
-            chosen = choose(given)
+            chosen = choose(given, from_file=True)
         except EstimateError as error:
             raise ValueError("; ".join(map(str, error.problems))) from error
         return {"method": chosen.method, "settings": chosen.settings}
@@ -96,13 +98,15 @@ def _in_place(schema: dict[str, Any]) -> dict[str, Any]:
     return dict(spelled(schema))
 
 
-def choose(given: Any) -> MethodChoice:
+def choose(given: Any, *, from_file: bool = False) -> MethodChoice:
     """Return a validated choice from what a scene file says.
 
     Parameters
     ----------
     given
         A mapping with ``method`` (the paper's if not given) and the method's settings, or a choice as it is.
+    from_file
+        Whether a file says so: it may name no ``module:function``, as importing runs code.
 
     Raises
     ------
@@ -117,6 +121,9 @@ def choose(given: Any) -> MethodChoice:
     method = fields.pop("method", DEFAULT_METHOD)
     if not isinstance(method, str):
         raise EstimateError([Problem("method", "must be the name of a method", method)])
+    if from_file and ":" in method:
+        message = f"is code, which no file may name; give it to the call (--method {method}) or install it as a plug-in"
+        raise EstimateError([Problem("method", message, method)])
     settings = validate_settings(find_method(method), fields)
     return MethodChoice.model_construct(method=method, settings=settings)
 

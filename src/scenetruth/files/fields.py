@@ -10,7 +10,9 @@ from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, ValidationInfo
 
-__all__ = ["InputFile", "context_of", "input_files", "size_of_file"]
+from scenetruth.files.shipped import shipped_file
+
+__all__ = ["InputFile", "SceneFile", "context_of", "input_files", "size_of_file"]
 
 _FOLDER = "folder"
 
@@ -27,8 +29,15 @@ def _absolute(value: str, info: ValidationInfo) -> str:
     return value if folder is None else str(folder / value)
 
 
+def _of_scene(value: str, info: ValidationInfo) -> str:
+    folder = (info.context or {}).get(_FOLDER)
+    return value if folder is None else str(shipped_file(value, folder) or folder / value)
+
+
 InputFile = Annotated[str, _MARK, AfterValidator(_absolute)]
 """Path of a file that a model is made from; relative paths count from the folder of the validation's context."""
+SceneFile = Annotated[str, _MARK, AfterValidator(_of_scene)]
+"""The same of a scene, which may be the name of one that is shipped if no file has it."""
 
 
 def size_of_file(path: Path) -> int:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
-__all__ = ["shipped_files", "shipped_folder"]
+__all__ = ["shipped_file", "shipped_files", "shipped_folder"]
 
 
 def shipped_folder() -> Path | None:
@@ -33,3 +34,27 @@ def shipped_files(folder: str = ".") -> dict[str, Path]:
     """
     base = shipped_folder()
     return {} if base is None else {file.stem: file for file in sorted((base / folder).glob("*.yaml"))}
+
+
+def shipped_file(given: object, folder: Path | None = None, *, within: str = ".") -> Path | None:
+    """Return the file that is shipped under a plain name; None if there is none, or a file has that name.
+
+    Parameters
+    ----------
+    given
+        A name or a path.
+    folder
+        Where relative paths count from.
+    within
+        As of `shipped_files`; scenes if not given.
+
+    Examples
+    --------
+    >>> shipped_file("cube").name, shipped_file("cube.yaml"), shipped_file("mine")
+    ('cube.yaml', None, None)
+    """
+    name = str(given)
+    # Of names that no file can have, os.path says no.
+    if Path(name).name != name or Path(name).suffix or os.path.isfile((folder or Path()) / name):
+        return None
+    return shipped_files(within).get(name)

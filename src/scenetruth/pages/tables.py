@@ -57,6 +57,8 @@ class Table:
         Its lines.
     marked
         Number of the line that stands out; None if none does.
+    foot
+        Lines that stay below the others, such as sums.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Table:
     columns: Sequence[str]
     lines: Sequence[Sequence[Cell]]
     marked: int | None = None
+    foot: Sequence[Sequence[Cell]] = ()
 
     @property
     def numeric(self) -> list[bool]:

@@ -1,4 +1,4 @@
-"""A second process that draws figures: drawing keeps one processor busy, whatever else there is."""
+"""A second process: it compiles a method while the first one renders, and draws figures."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
+    from scenetruth.estimators import MethodChoice
     from scenetruth.scoring import FigureInfo
 
 __all__ = ["FigureHelper", "figure_help"]
@@ -25,10 +26,14 @@ _DIE_WITH_PARENT = 1
 
 
 class FigureHelper:
-    """Starts the process, which imports what it needs while other work goes on; it ends with the block, or with us."""
+    """Starts the process, which imports what it needs while other work goes on; it ends with the block, or with us.
+
+    Compiling and drawing keep one processor busy, whatever else there is.
+    """
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
+        self._asked = False
 
     def __enter__(self) -> Self:
         # Beside another busy process, idle threads that spin would cost more than they gain.
@@ -52,6 +57,25 @@ class FigureHelper:
             self._process.kill()
             self._process.communicate()
 
+    def compile(self, choice: MethodChoice, dtype: str) -> None:
+        """Have the kernels of a method compiled; whoever needs them reads them from disk then, or compiles on its own.
+
+        Parameters
+        ----------
+        choice
+            The method with its settings.
+        dtype
+            Of the images that it will be given.
+        """
+        if self._asked or self._process is None or self._process.stdin is None:
+            return
+        settings = choice.settings.model_dump(mode="json")
+        with suppress(OSError, ValueError):
+            self._process.stdin.write(
+                json.dumps({"method": choice.method, "settings": settings, "dtype": dtype}) + "\n"
+            )
+            self._process.stdin.flush()
+
     def draw(self, name: str, stores: dict[str, str | None], folder: Path) -> Future[FigureInfo | None]:
         """Have one figure drawn; one at a time.
 
@@ -70,6 +94,7 @@ class FigureHelper:
             What `scenetruth.scoring.draw_all` tells of the figure. It fails if the process cannot draw it: whoever asks
             draws it then, and meets the reason.
         """
+        self._asked = True
         future: Future[FigureInfo | None] = Future()
         request = json.dumps({"name": name, "folder": str(folder), **stores})
         threading.Thread(target=self._ask, args=(request, future), daemon=True).start()
@@ -92,7 +117,7 @@ class FigureHelper:
 
 @contextmanager
 def figure_help(processes: int) -> Iterator[FigureHelper | None]:
-    """Give a second process that draws figures while the block runs, or None.
+    """Give a second process that compiles and draws while the block runs, or None.
 
     Parameters
     ----------
@@ -107,7 +132,7 @@ def figure_help(processes: int) -> Iterator[FigureHelper | None]:
 
 
 def _serve(requests: IO[str], answers: IO[str]) -> None:
-    """Draw what is asked for, a line each."""
+    """Compile and draw what is asked for, a line each."""
     from scenetruth.scoring import Score, draw_one
     from scenetruth.storage import open_store
 
@@ -120,6 +145,13 @@ def _serve(requests: IO[str], answers: IO[str]) -> None:
 
     for line in requests:
         request = json.loads(line)
+        if "method" in request:
+            from scenetruth.pipeline.warming import compile_method
+
+            # What goes wrong here does so again where somebody is told.
+            with suppress(Exception):
+                compile_method(**request)
+            continue
         parts: dict[str, Any] = {}
         for key in ("recording", "estimate", "truth", "score"):
             path = request[key]

@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
-from importlib.metadata import version
+from functools import cached_property, partial
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
@@ -22,7 +21,7 @@ from scenetruth.pipeline.folder import MethodFiles, RunFolder, claim_of, claim_r
 from scenetruth.pipeline.requirements import effort_of, recorded_of
 from scenetruth.placing import Claimed, check_output, claim_pictures, hold, sweep_inside, write_aside
 from scenetruth.progress import Progress
-from scenetruth.provenance import scene_hash
+from scenetruth.provenance import own_release, scene_hash
 from scenetruth.resources import Effort, Limits, foresee, machine_at, refuse_resources
 from scenetruth.scene import Scene
 from scenetruth.scene.load import apply_overrides
@@ -188,7 +187,8 @@ class Runner:
         alone = {"estimate": section}
         _refuse_fixed(overrides, "estimate")
         apply_overrides(alone, overrides)
-        return _section_of(alone, "estimate", choose)
+        # Who calls may name code; a store may come from a stranger.
+        return _section_of(alone, "estimate", partial(choose, from_file=method is None))
 
     def score_settings(self, overrides: Sequence[str] = ()) -> ScoreSettings:
         """Return the score settings of the recorded scene with overrides ``score.FIELD=VALUE``."""
@@ -310,7 +310,7 @@ class Runner:
         seals = [files_of(store).read("zarr.json").decode(errors="replace") for store in stores]
         scored = files.score_json.read_bytes().hex() if files.score_json.exists() else None
         chosen = None if figures is None else sorted(figures)
-        return digest([version("scenetruth"), seals, scored, chosen, sorted(also)])
+        return digest([own_release(), seals, scored, chosen, sorted(also)])
 
     def _elsewhere(self, files: MethodFiles, folder: Path) -> Callable[[str], Future[FigureInfo | None]] | None:
         helper = self.helper

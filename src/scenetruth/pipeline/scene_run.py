@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from scenetruth.compilation import announced_compilation
 from scenetruth.errors import Problem, SceneError
 from scenetruth.estimators import MethodChoice
-from scenetruth.pipeline.figure_help import figure_help
+from scenetruth.pipeline.figure_help import FigureHelper, figure_help
 from scenetruth.pipeline.folder import RunFolder
 from scenetruth.pipeline.requirements import effort_of, method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
@@ -131,7 +133,8 @@ def run_scene(
     if unknown:
         raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
     choices = method_choices(scene, methods)
-    if scene.estimate.method not in [choice.method for choice in choices]:
+    # A scene names no code: module:function stays beside its own method.
+    if scene.estimate.method not in [choice.method for choice in choices] and ":" not in choices[0].method:
         scene = scene.model_copy(update={"estimate": choices[0]})
     if "estimate" in stages:
         problems = run_problems(scene, choices)
@@ -151,6 +154,7 @@ def run_scene(
     truth = TruthChoice(truth_views, truth_poses, truth_content)
     with (
         figure_help(helpers if "report" in stages else 0) as helper,
+        _compiling_beside(helper, scene, choices if {"render", "estimate"} <= set(stages) else ()),
         Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice, helper, allowed) as runner,
     ):
         if "render" in stages:
@@ -166,6 +170,24 @@ def run_scene(
                 if "report" in stages:
                     runner.report(choice.method, figures, figures_also)
     return runner.results()
+
+
+@contextmanager
+def _compiling_beside(helper: FigureHelper | None, scene: Scene, choices: Sequence[MethodChoice]) -> Iterator[None]:
+    """Let the methods be compiled beside the rendering, if this is seen to compile: the first run on a machine."""
+    from scenetruth.camera.sensor import chain_of
+
+    if helper is None or not choices:
+        yield
+        return
+
+    def begin(name: str, before: int) -> None:
+        if before == 0:
+            for choice in choices:
+                helper.compile(choice, chain_of(scene.sensor).dtype.name)
+
+    with announced_compilation(begin):
+        yield
 
 
 def _refuse_unknown_figures(figures: Collection[str] | None) -> None:

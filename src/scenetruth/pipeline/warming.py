@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+
 from scenetruth.progress import Progress
 
-__all__ = ["warm_up"]
+__all__ = ["compile_method", "warm_up"]
 
 _SMALL: dict[str, Any] = {
     "camera": {"width": 48, "height": 36, "focal_length_px": 240.0},
@@ -104,3 +107,29 @@ def warm_up(progress: Progress | None = None) -> list[str]:
     if progress is not None:
         progress("warm-up", steps, steps)
     return done
+
+
+def compile_method(method: str, settings: Mapping[str, Any], dtype: str) -> None:
+    """Let numba compile the kernels of one method, by an estimate of a few small images.
+
+    Parameters
+    ----------
+    method, settings
+        As of `scenetruth.estimate`.
+    dtype
+        Of the images: kernels are compiled for each type.
+    """
+    from scenetruth.estimators import estimate
+    from scenetruth.schema import make_recording
+
+    rng = np.random.default_rng(0)
+    wide = 0.5 + 0.1 * np.cumsum(rng.normal(size=(48, 96)), axis=1) / np.sqrt(np.arange(1, 97))
+    # Camera s and frame t see the same, shifted by 2 s + t pixels.
+    images = np.array([[wide[:, 16 - 2 * s - t : 80 - 2 * s - t] for t in range(-2, 3)] for s in range(-2, 3)])
+    scale = 1.0 if np.dtype(dtype).kind == "f" else float(np.iinfo(dtype).max)
+    recording = make_recording(
+        (scale * np.clip(images, 0, 1)).astype(dtype), focal_length_px=240.0, baseline_mm=5.0, full_scale=scale
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        estimate(recording, method, dict(settings))

@@ -17,6 +17,7 @@ from scenetruth.scene.leaf.mesh import LeafMesh
 from scenetruth.scene.mesh import MeshSize, TriangleMesh
 from scenetruth.scene.spec import Scene
 from scenetruth.scene.texture.image import ImageTexture
+from scenetruth.scene.world import with_missing_files
 
 __all__ = [
     "Demand",
@@ -206,7 +207,7 @@ def parts_of(scene: Scene, folder: Path = Path()) -> tuple[list[Part], list[Prob
             ]
             continue
         parts.append(Part(path, item, size, sketch, texels, painted))
-    return parts, problems
+    return parts, with_missing_files(problems, scene, folder) if problems else []
 
 
 def _texture(scene: Scene, item: SceneObject, sketch: TriangleMesh | None, folder: Path) -> tuple[int, bool]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from pydantic_core import ErrorDetails
 from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.files import context_of
-from scenetruth.files.shipped import shipped_files
+from scenetruth.files.shipped import shipped_file
 from scenetruth.plain import plain_problems
 from scenetruth.scene.reading import MOST_BYTES, read_file, read_yaml
 from scenetruth.scene.spec import Scene
@@ -68,7 +67,7 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     ...     load_scene(f"{folder}/wall.yaml", ["camera.width=80", "render.backend=raycast"])
     Scene(80 x 30 px; 3 positions x 2 frames; objects: wall)
     """
-    file = _shipped(file)
+    file = shipped_file(file) or file
     plain, folder = read_file(file, "a scene file", SceneError)
     if plain is None:
         raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=file)
@@ -79,15 +78,6 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
 
 _MAPPING = "a mapping of camera, stage, frames, objects, ..."
-
-
-def _shipped(file: str | Path) -> str | Path:
-    """Return the file of a scene that is shipped, if a plain name says so and no file has it."""
-    name = str(file)
-    # Of names that no file can have, os.path says no.
-    if Path(name).name != name or Path(name).suffix or os.path.isfile(name):
-        return file
-    return shipped_files().get(name, file)
 
 
 def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None, folder: Path | None = None) -> Scene:
@@ -144,7 +134,7 @@ def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None,
     validated = dict(plain)
     if "estimate" in plain:
         try:
-            validated["estimate"] = choose(plain["estimate"])
+            validated["estimate"] = choose(plain["estimate"], from_file=True)
         except EstimateError as error:
             # What is wrong inside the settings of a method is told field by field, with all else.
             del validated["estimate"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, SceneError
+from scenetruth.files import input_files
 from scenetruth.randomness import generator_for
 from scenetruth.scene.deformation import DeformationModel, DeformationStep, Surroundings
 from scenetruth.scene.item import SceneObject
@@ -26,7 +28,7 @@ from scenetruth.scene.texture import SurfaceTexture
 from scenetruth.scene.texture.uniform import UniformTexture
 from scenetruth.scene.times import times_of
 
-__all__ = ["Body", "Snapshot", "World", "build_world", "maps_of"]
+__all__ = ["Body", "Snapshot", "World", "build_world", "maps_of", "with_missing_files"]
 
 # Snapshots that a world keeps.
 _KEPT = 2
@@ -255,8 +257,26 @@ def build_world(scene: Scene, folder: Path = Path(), *, painted: bool = True) ->
         with np.errstate(all="ignore"):
             _build(scene, path, item, folder, painted, bodies, problems)
     if problems:
-        raise SceneError(problems)
+        raise SceneError(with_missing_files(problems, scene, folder))
     return World(tuple(bodies))
+
+
+def with_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> list[Problem]:
+    """Return problems, and besides them every file of a scene's objects that is missing and not among them.
+
+    Of what is wrong with an object, the first that was met says nothing of its other files.
+
+    Parameters
+    ----------
+    problems
+        What is wrong.
+    scene, folder
+        The scene, and where relative paths in it count from.
+    """
+    told = {problem.path for problem in problems}
+    files = [(f"{path}.{where}", folder / file) for path, item in scene.parts for where, file in input_files(item)]
+    missing = [Problem(where, "no such file", str(file)) for where, file in files if not os.path.exists(file)]
+    return [*problems, *(problem for problem in missing if problem.path not in told)]
 
 
 def _build(

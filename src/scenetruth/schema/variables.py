@@ -182,7 +182,11 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "image_roll_std": _std(("s", "t"), "rad", "the roll of the image"),
         "image_scale_std": _std(("s", "t"), "1", "the scale of the image"),
         "images_used": Variable(_MAP, "1", "mean number of images that show the pixels of the window"),
-        "residual": Variable(_MAP, "1", "standard deviation of the images around the fitted model, in grey values"),
+        "residual": Variable(
+            _MAP,
+            "1",
+            "standard deviation of the images around the fitted model, in the values of image, up to full_scale",
+        ),
         "divergence": Variable(_MAP, "1/frame", "divergence u_z = -U_Z / Z of the optical flow"),
         "kind": Variable(_MAP, "1", "what could be estimated: the lesser of disparity and motion", _KINDS),
         "kind_disparity": Variable(_MAP, "1", "what could be estimated of disparity and depth", _KINDS),

@@ -90,6 +90,23 @@ def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Pat
     assert not re.search(r'(src|href)="(?!#)', outside)
 
 
+def test_tables_of_the_page_sort_and_their_sums_stay_below(found: Budget, tmp_path: Path) -> None:
+    text = write_page(found, tmp_path).read_text(encoding="utf-8")
+    head, body, foot = (
+        re.search(rf'<table class="sortable" id="parts-depth">.*?<{part}>(.*?)</{part}>', text, re.DOTALL)
+        for part in ("thead", "tbody", "tfoot")
+    )
+    assert head is not None and body is not None and foot is not None  # noqa: PT018
+    assert head[1].count('<button type="button">') == 7
+    # The part, what was drawn, and what was simulated.
+    assert re.findall(r'<td data-key="([^"]*)">1\.4</td>', body[1]) == ["1.4", "1.39", "1.4"]
+    # Sizes are of several units, and sort as words.
+    assert "data-key" not in re.findall(r"<td[^>]*>100 µrad", body[1])[0]
+    assert "sum of squares" not in body[1]
+    assert [row.count("<td") for row in foot[1].split("</tr>")] == [7, 7, 7, 0]
+    assert "everything on" in foot[1]
+
+
 def test_the_page_is_of_one_region_and_says_which(found: Budget, tmp_path: Path) -> None:
     parts = [replace(one, region="object_leaf", figure=7 * one.figure) for one in found.parts]
     total = replace(found.totals[0], region="object_leaf", simulated=9.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -14,9 +15,10 @@ from scenetruth.design.optimise.catalogues.load import load_catalogues
 from scenetruth.design.optimise.constraints.base import Limit, bounded
 from scenetruth.design.optimise.constraints.facts import Facts
 from scenetruth.design.optimise.goal.spec import CONSTRAINT_ROOMS
-from scenetruth.design.predict import predict
+from scenetruth.design.predict import advise, predict
 from scenetruth.kinds import kinds_in
 from scenetruth.scene import scene_from_plain
+from scenetruth.simulation import simulate
 from tests.design.optimise.small import scene
 
 KINDS = kinds_in(Limit, *CONSTRAINT_ROOMS)
@@ -64,15 +66,16 @@ def value(kind: str, rig: Facts, **settings: Any) -> float:
         ("images", {}, 25.0),
         # 64 x 48 px, one byte each, 5 positions in 2 s.
         ("data_rate", {}, 64 * 48 * 5 / 2 / 1e6),
-        # A velocity of 0.1 mm per frame is 0.1 px here, over a hundredth of the interval; Z adds at the image's border.
-        ("motion_blur", {}, 0.001),
+        # A velocity of 0.1 mm per frame is 0.1 px here, over a hundredth of the interval. One of 0.2 mm towards Z adds
+        # 0.0004 px per px from the middle, and one in 20 points is farther than 0.9 times 32 px to one side.
+        ("motion_blur", {}, 0.01 * (0.1 + 0.0004 * 0.9 * 32)),
         ("flow", {}, 0.1),
         ("stage_travel", {}, 16.0),
         ("defocus_blur", {"depths_mm": [400, 600]}, 500 * 4 * (1 / 400 - 1 / 500)),
     ],
 )
 def test_values(wall: Facts, kind: str, settings: dict[str, Any], expected: float) -> None:
-    # Medians over points of the wall, which is seen from in front.
+    # Over some points of the wall, which is seen from in front.
     assert value(kind, wall, **settings) == pytest.approx(expected, rel=0.02)
 
 
@@ -101,11 +104,31 @@ def test_blur_at_the_ends_of_the_depth_of_field(wall: Facts) -> None:
 
 def test_grey_values_and_texture(wall: Facts) -> None:
     causes = wall.causes
-    assert value("grey_level", wall) == causes.grey_level + 3 * causes.contrast
+    assert value("grey_level", wall) == causes.grey_level + 3 * causes.contrast < 1
     # The band is 4 to 16 mm, a pixel 1 mm.
     assert 4 < value("texture_wavelength", wall) < 16
     # 100 µrad at 500 px are 0.05 px, and little more at the image's border.
     assert value("stage_error", wall) == pytest.approx(0.05, rel=0.01)
+
+
+@pytest.mark.parametrize(("exposure_s", "saturated"), [(0.009, False), (0.011, True)])
+def test_grey_levels_are_too_bright_where_simulations_and_checks_say_so(exposure_s: float, saturated: bool) -> None:
+    """Squares of 0 and 1 have a mean of 0.5 and deviate by 0.5: three deviations are brighter than they ever are."""
+    plain = scene()
+    plain["objects"][0]["texture"] = {"kind": "checkerboard", "square_mm": 12.0, "radiances": [0.0, 1.0]}
+    # White gives 1000 digital numbers of 1023 in 10 ms, and the well holds more.
+    plain["sensor"] = {"kind": "emva1288", "photon_rate_per_s": 2e5, "exposure_time_s": exposure_s, "gain_dn_per_e": 1}
+    plain["sensor"] |= {"quantum_efficiency": 0.5, "bit_depth": 10, "full_well_e": 5000, "black_level_dn": 0}
+    made = scene_from_plain(plain)
+    rig = Facts(made, predict(made), "all")
+    told = value("grey_level", rig)
+    assert told == pytest.approx(exposure_s * 1e5 / 1023, rel=1e-2)
+    assert (told > 1) == saturated
+    assert any("of full scale, saturated" in line for line in advise(made, rig.prediction)) == saturated
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        simulate(made)
+    assert any("sensor: images reach a radiance of 1 where" in str(one.message) for one in caught) == saturated
 
 
 def test_prices(wall: Facts) -> None:

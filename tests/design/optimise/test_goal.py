@@ -45,6 +45,16 @@ def test_all_that_is_wrong_with_its_form_is_told() -> None:
         assert expected in told
 
 
+def test_a_shipped_scene_goes_by_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "goal.yaml"
+    file.write_text(yaml.safe_dump({**goal(), "scene": "cube"}), encoding="utf-8")
+    assert load_goal(file).scene == str(GOALS.parent / "cube.yaml")
+
+
+def test_a_shipped_goal_goes_by_its_name() -> None:
+    assert load_goal("leaf_growth") == load_goal(GOALS / "leaf_growth.yaml")
+
+
 def test_constraints_that_contradict_each_other() -> None:
     limits = [
         {"kind": "images", "at_least": 20},
@@ -139,6 +149,9 @@ def test_scenes_and_methods_that_are_wrong() -> None:
     assert "scene.widht: unknown key" in told
     assert "catalogues: none.yaml" in told
     assert "method" in refused(method="refind")
+    # Importing runs code.
+    assert "method.method: is code" in refused(method="os:system")
+    assert "method.method: is code" in refused(method={"method": "os:system"})
     assert "set.stage.a.b: there is no 'stage.a'" in refused(set={"stage.a.b": 3})
     assert "both set and free: stage.positions" in refused(set={"stage.positions": 3})
 

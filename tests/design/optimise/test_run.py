@@ -66,10 +66,23 @@ def test_what_was_simulated_is_told_beside_the_prediction(found: Design) -> None
 
 def test_the_answer_lies_in_its_folder(found: Design, folder: Path) -> None:
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
-    assert names >= {"goal.json", "design.json", "recommended.yaml", "front.csv", "screened.csv", "index.html"}
+    assert names >= {
+        "goal.json",
+        "design.json",
+        "recommended.yaml",
+        "recommended_preview.yaml",
+        "front.csv",
+        "screened.csv",
+        "index.html",
+    }
     scene = st.load_scene(folder / "recommended.yaml")
     assert scene == st.scene_from_plain(dict(found.recommended.scene))
     assert scene.stage.baseline_mm == found.recommended.parameters["stage.baseline_mm"]
+    part = st.load_scene(folder / "recommended_preview.yaml")
+    # As simulations had it: 48 px and the disparity, of 64.
+    assert part.camera.width * part.camera.height < 0.8 * scene.camera.width * scene.camera.height
+    assert part.stage == scene.stage
+    assert "# Beside recommended.yaml: images cut from 64 x 48" in (folder / "recommended_preview.yaml").read_text()
     plain = json.loads((folder / "design.json").read_text())
     assert plain["recommended"] == found.recommended.number
     assert plain["words"] == list(found.words())

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -20,7 +21,7 @@ from scenetruth.design.page.answer import reached_of, sensitivity_words, warning
 from scenetruth.design.page.charts.front import front_charts
 from scenetruth.design.page.charts.sensitivity import sensitivity_charts
 from scenetruth.design.page.charts.way import Way, axis_of
-from scenetruth.design.page.scene_file import scene_file_of
+from scenetruth.design.page.scene_file import preview_file_of, scene_file_of
 from scenetruth.design.page.tables import (
     constraint_table,
     discrepancy_table,
@@ -107,11 +108,20 @@ def test_no_word_acts(sample: Design, tmp_path: Path) -> None:
 def test_scene_files_run(sample: Design, tmp_path: Path) -> None:
     text = text_of(sample, tmp_path)
     files = re.findall(r'href="data:application/yaml;base64,[^"]*" download="([^"]*)"', text)
-    assert sorted(files) == ["recommended.yaml", *sorted(f"rig_{number}.yaml" for number in NUMBERS)]
+    assert sorted(files) == [
+        "recommended.yaml",
+        "recommended_preview.yaml",
+        *sorted(f"rig_{number}.yaml" for number in NUMBERS),
+    ]
     file = scene_file_of(sample.recommended, "recommended.yaml")
     (tmp_path / file.name).write_text(file.text, encoding="utf-8")
     assert load_scene(tmp_path / file.name) == scene_from_plain(sample.recommended.scene)
     assert yaml.safe_load(file.text) == sample.recommended.scene
+    part = preview_file_of(replace(sample, goal={**sample.goal, "confirm": {"most_px": 100}}))
+    (tmp_path / part.name).write_text(part.text, encoding="utf-8")
+    shown = load_scene(tmp_path / part.name)
+    assert shown.camera.height < 100 < load_scene(tmp_path / file.name).camera.height
+    assert "scenetruth run recommended_preview.yaml -o outputs/recommended_preview" in said_in(text)
     assert "rotations:\n" in file.text
     # Short lists stand on one line.
     assert "size_mm: [40, 30]" in file.text
@@ -210,8 +220,17 @@ def test_three_objectives_have_three_charts_and_one_has_its_parameter(sample: De
     assert front_charts(replace(one, front=tuple(words), recommended=words[2])) == []
 
 
+def test_points_that_rounding_sets_apart_are_one_place() -> None:
+    way = Way("depth", Objective("depth", "all", "mm", "depth", None))
+    for points in ([1.0, np.nextafter(1.0, 2.0)], [0.0, 5e-324], [-1e-40]):
+        low, high = axis_of(way, points, [])["range"]
+        assert low < min(points) <= max(points) < high
+        assert high - low > 0.05
+
+
+# What is drawn has units: no number that is next to nothing.
 @given(
-    st.lists(st.floats(-1e3, 1e4), min_size=1, max_size=9),
+    st.lists(st.floats(-1e3, 1e4).map(lambda value: round(value, 6)), min_size=1, max_size=9),
     st.lists(st.floats(-1e6, 1e6), max_size=6),
     st.one_of(st.none(), st.floats(0.01, 100.0)),
 )

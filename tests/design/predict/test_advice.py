@@ -59,4 +59,9 @@ def test_long_waves_and_long_exposures_are_told() -> None:
     (told,) = (line for line in lines if "while an image is taken" in line)
     shorter = wall(motion=motion, shutter={"exposure_time_s": float(told.split()[-1])})
     assert not any("while an image is taken" in line for line in warnings_of(shorter))
+    # What rests around it hides it from no one.
+    small, ground = wall(motion=motion, mesh={"kind": "plane", "size_mm": [12, 12]}), wall(motion=[])
+    ground["objects"][0] |= {"name": "ground", "pose": {"position_mm": [0, 0, 620]}}
+    both = wall(objects=[small["objects"][0], ground["objects"][0]], shutter={"exposure_time_s": 0.9})
+    assert any(line.startswith("points of 'wall' move 10.8 px while") for line in warnings_of(both))
     assert any("images tell depth in 0 %" in line for line in warnings_of(wall(texture={"kind": "uniform"})))

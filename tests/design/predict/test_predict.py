@@ -68,6 +68,20 @@ def test_regions_and_table() -> None:
     assert near < far
 
 
+def test_motion_blur_is_told_of_what_moves() -> None:
+    """A tenth of what is seen moves by 0.4 px per frame, and the shutter is open for a quarter of it."""
+    narrow = wall(mesh={"kind": "plane", "size_mm": [12, 12]}, motion=[VELOCITY])["objects"][0]
+    behind = wall(pose={"position_mm": [0, 0, 620]}, motion=[])["objects"][0] | {"name": "ground"}
+    told = predict(wall(objects=[narrow, behind], shutter={"exposure_time_s": 0.25}))
+    for causes in (told.causes, told.by_region["object_wall"]):
+        assert causes.blur_px == pytest.approx(0.25 * 1200 * 0.2 / 600, rel=1e-6)
+    assert told.causes.flow_px == 0
+    assert told.by_region["object_ground"].blur_px == 0
+
+
+VELOCITY = {"kind": "velocity", "velocity_mm_per_frame": [0.2, 0, 0]}
+
+
 def test_both_levels_agree_on_the_cube() -> None:
     """Medians of the envelope are those of the mean texture; windows here hold three waves: 30 % is promised."""
     scene = cube(sensor={"noise_std": 0.01, "bit_depth": 8}, score={"interior_margin_px": 10})

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 import yaml
 
 import scenetruth as st
@@ -23,7 +24,7 @@ from scenetruth.design.sweep import Sweep, sweep
 from scenetruth.design.sweep.least import window_of
 from scenetruth.design.sweep.planning import plan_of
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
-from tests.design.sweep.small import METHOD, failing, nearest, scene
+from tests.design.sweep.small import DEPTH_MM, METHOD, failing, nearest, scene
 from tests.nightly import nightly
 
 NOISE = "sensor.noise_std"
@@ -199,6 +200,26 @@ def test_the_bound_is_that_of_each_methods_window() -> None:
         (6.0, "plane", "rigid", "per_image"),
         (6.0, "constant", "translation", "fixed"),
     ]
+
+
+def stretching(recording: xr.Dataset) -> xr.Dataset:
+    """Know that the wall grows along X alone, by 2 % per frame."""
+    shape = recording["image"].isel(s=0).shape
+    found = st.make_estimate(like=recording, depth=np.full(shape, DEPTH_MM), flow=np.zeros((2, *shape)))
+    growth = (("principal", "t", "y", "x"), np.stack([np.full(shape, 0.02), np.zeros(shape)]), {"units": "1/frame"})
+    return found.assign_coords(principal=[1, 2]).assign(growth_principal=growth)
+
+
+def test_what_only_a_complete_truth_tells_is_scored() -> None:
+    wall = scene()["objects"][0] | {"motion": [], "deformation": [{"kind": "growth", "rate_per_hour": 18.0}]}
+    wall["deformation"][0] |= {"along_share": 1.0}
+    plain = scene(objects=[wall], frames={"count": 3, "frame_interval_s": 4.0})
+    found = sweep(plain, {BASELINE: [2, 3]}, [stretching, nearest], seeds=2)
+    # 18 per hour are 2 % per frame at rest, in percent per hour 1800; what has grown does so by 2 % less of itself.
+    for quantity in ("growth_largest", "growth_least"):
+        assert found.figure(quantity, "rms", at={BASELINE: 2}, method="stretching").number < 0.03 * 1800
+    with pytest.raises(KeyError):
+        found.figure("growth_largest", method="nearest")
 
 
 def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:

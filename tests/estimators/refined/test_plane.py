@@ -147,6 +147,18 @@ def test_error_bars_are_those_of_the_errors(motion: str, accelerated: bool) -> N
     assert np.mean(np.abs(ratios) < 2) == pytest.approx(0.954, abs=0.03)
 
 
+@pytest.mark.parametrize("full_scale", [1.0, 4095.0])
+def test_the_residual_is_in_the_values_of_the_images(full_scale: float) -> None:
+    """Noise of 1 % of full scale leaves 0.01 of images up to 1, and 41 digital numbers of images of 12 bits."""
+    plane = MovingPlane(size=(48, 96))
+    image = plane.recording(noise_std=0.01)["image"].values * full_scale
+    values = image.astype(np.float32) if full_scale == 1 else image.round().clip(0, full_scale).astype(np.uint16)
+    camera: dict[str, Any] = {"focal_length_px": plane.focal_px, "baseline_mm": plane.baseline_mm}
+    found = estimated(plane, st.make_recording(values, full_scale=full_scale, **camera), motion="translation")
+    assert float(found["residual"].isel(INSIDE).median()) == pytest.approx(0.01 * full_scale, rel=0.05)
+    assert found["residual"].attrs["long_name"].endswith("in the values of image, up to full_scale")
+
+
 def test_noise_alone_shows_no_surface() -> None:
     plane = MovingPlane(size=(72, 140))
     recording = plane.recording(noise_std=0.01)

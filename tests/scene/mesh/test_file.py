@@ -15,6 +15,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.errors import SceneError
 from scenetruth.raycast import Topology
 from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.scene.check import describe_scene
 from scenetruth.scene.mesh.box import box
 from scenetruth.scene.mesh.file import load
 from scenetruth.scene.mesh.sphere import sphere
@@ -181,6 +182,29 @@ def test_normals_turn_with_the_nodes_of_a_gltf_scene(tmp_path: Path) -> None:
     expected = straight / [1.0, 4.0, 1.0]
     expected /= np.linalg.norm(expected, axis=2, keepdims=True)
     np.testing.assert_allclose(loaded.corner_normals @ turned[:3, :3], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("form", ["ply", "glb", "off"])
+def test_vertices_that_no_face_uses_count_nowhere(tmp_path: Path, form: str) -> None:
+    """One lies far behind the camera, one between those that are used: neither is seen, nor grows."""
+    mesh = sphere(RADIUS, 8.0)
+    half = len(mesh.vertices_mm) // 2
+    before, after = np.split(mesh.vertices_mm, [half])
+    stray = np.concatenate([before, [[0, 0, 0]], after, [[9e3, 0, -5e3]]])
+    faces = mesh.faces + (mesh.faces >= half)
+    reports, bodies = [], []
+    for name, vertices, used in (("whole", mesh.vertices_mm, mesh.faces), ("stray", stray, faces)):
+        scene = scene_with(write(tmp_path / f"{name}.{form}", vertices, used))
+        plain = scene.to_plain()
+        plain["objects"][0]["deformation"] = [{"kind": "growth", "rate_per_hour": 0.5, "base_to_tip": [0, 1]}]
+        scene = st.scene_from_plain(plain)
+        world = build_world(scene)
+        reports.append(describe_scene(scene, world, np.full((2, 2), DISTANCE)))
+        bodies.append(world.bodies[0])
+    assert reports[0] == reports[1]
+    np.testing.assert_array_equal(bodies[0].positions_at(1.0), bodies[1].positions_at(1.0))
+    np.testing.assert_array_equal(bodies[0].uv, bodies[1].uv)
+    assert bodies[1].mesh.with_all_nodes.vertices_mm == pytest.approx(stray, rel=1e-6)
 
 
 @pytest.mark.parametrize("angle", [0, 181, "sharp"])

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 import zarr
 from numpy.typing import NDArray
 
 import scenetruth as st
+from scenetruth.scene.check import check_scene
 from scenetruth.scene.jets import Jet
 from scenetruth.scene.mesh.sheet import sheet
 from scenetruth.scene.nodal import NodalStart
@@ -236,6 +238,26 @@ def test_nodes_of_an_obj_file_are_its_lines_though_seams_split_them(tmp_path: Pa
     with pytest.raises(st.SceneError, match="has several nodes at one place and seams") as caught:
         build_world(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, nodal, frames=3))
     assert caught.value.problems[0].path == "objects.0.deformation.0.file"
+
+
+@pytest.mark.parametrize("kind", ["nodal", "meshes"])
+def test_nodes_that_no_face_uses_are_in_arrays_and_files_and_nowhere_else(tmp_path: Path, kind: str) -> None:
+    states = sampled(wave, np.arange(-1.0, 2))
+    # The first node and the last are of no face, and lie where no number is, or behind the camera.
+    padded = np.pad(states, ((0, 0), (1, 1), (0, 0)), constant_values=-9e3)
+    files = [str(tmp_path / f"{index}.ply") for index in range(3)]
+    for file, vertices in zip(files, padded, strict=True):
+        trimesh.Trimesh(vertices, SHEET.faces + 1, process=False).export(file)
+    padded[1, 0] = np.nan
+    np.save(tmp_path / "states.npy", padded)
+    nodal = {"kind": "nodal", "file": str(tmp_path / "states.npy"), "what": "positions"}
+    entry = nodal if kind == "nodal" else {"kind": "meshes", "files": files}
+    scene = scene_with({"kind": "file", "file": files[1]}, entry, frames=3)
+    body = build_world(scene).bodies[0]
+    for t in (-1, 0, 1):
+        # PLY files hold float32.
+        np.testing.assert_allclose(body.at(t).positions_mm, states[t + 1] + (0, 0, 660), rtol=1e-6)
+    check_scene(scene, build_world(scene))
 
 
 def mutated(states: Array, index: tuple[int, ...], value: float) -> Array:

@@ -39,6 +39,7 @@ def optimise(
     from scenetruth.cli.console import reporting
     from scenetruth.design.optimise import load_goal
     from scenetruth.design.optimise import optimise as find_rig
+    from scenetruth.design.optimise.answer.preview import PREVIEW
     from scenetruth.design.optimise.problems import GoalError
     from scenetruth.errors import Problem
 
@@ -55,7 +56,8 @@ def optimise(
         )
     _print_front(found)
     _say(*found.words())
-    names = ("index.html", "recommended.yaml", "front.csv", "screened.csv", "design.json")
+    names = ("index.html", "recommended.yaml", PREVIEW, "front.csv", "screened.csv", "design.json")
+    _say(f"a part of what it sees, before it is rendered whole: scenetruth run {output / PREVIEW} -o preview")
     _say(f"written: {', '.join(str(output / name) for name in names)}")
 
 

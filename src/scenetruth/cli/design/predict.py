@@ -138,8 +138,10 @@ def _print(prediction: Prediction) -> None:
         "texture": f"contrast {100 * causes.contrast:.3g} % of full scale, gradient "
         f"{100 * causes.gradient_x:.3g} and {100 * causes.gradient_y:.3g} % per px along x and y, waves of about "
         f"{causes.wavelength_px:.3g} px",
-        "lens, pixels, motion": f"leave {100 * causes.transfer:.3g} % of its contrast; "
-        f"{causes.blur_px:.2g} px of motion while an image is taken",
+        "lens, pixels, motion": f"leave {100 * causes.transfer:.3g} % of its contrast; while an image is taken, "
+        + (
+            f"what moves moves by up to {causes.blur_px:.2g} px (95 % of it)" if causes.blur_px > 0 else "nothing moves"
+        ),
         "rig": f"{causes.positions} positions, {causes.frames} frames at a time, {causes.disparity_px:.3g} px per step "
         f"at {causes.depth_mm:.4g} mm",
         "window": f"standard deviation {causes.window_sigma_px:g} px; motion {causes.motion}",

@@ -13,6 +13,7 @@ from scenetruth.dataset.recipe.spec import Recipe
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.files import context_of
+from scenetruth.files.shipped import shipped_file
 from scenetruth.plain import plain_problems
 from scenetruth.scene import Scene, load_scene, scene_from_plain
 from scenetruth.scene.reading import read_file
@@ -28,7 +29,8 @@ def load_recipe(file: str | Path) -> Sampler:
     Parameters
     ----------
     file
-        The YAML file. Relative paths in it count from its folder.
+        The YAML file, or the name of a recipe that is shipped, as ``"leaves"``, if no file has it. Relative paths in it
+        count from its folder.
 
     Returns
     -------
@@ -64,6 +66,7 @@ def load_recipe(file: str | Path) -> Sampler:
     ...     len(load_recipe(f"{folder}/walls.yaml"))
     10
     """
+    file = shipped_file(file, within="datasets") or file
     plain, folder = read_file(file, "a recipe", RecipeError)
     return recipe_from_plain(plain, source=file, folder=folder)
 
@@ -152,7 +155,7 @@ def _missing_bases(plain: Mapping[str, Any], folder: Path | None) -> list[Proble
     return [
         Problem(f"base.{number}", "cannot be read: No such file or directory", file)
         for number, file in enumerate(files)
-        if isinstance(file, str) and not (folder or Path()).joinpath(file).exists()
+        if isinstance(file, str) and not (shipped_file(file, folder) or (folder or Path()) / file).exists()
     ]
 
 

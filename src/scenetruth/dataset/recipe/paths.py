@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -94,8 +95,7 @@ def assign(plain: Any, path: str, value: Any) -> None:
         _below(here, last, above)
         here[int(last)] = value
     else:
-        msg = _no_fields(here, above)
-        raise PathError(msg)
+        raise PathError(_no_fields(here, last, above))
 
 
 def _below(here: Any, key: str, above: list[str]) -> Any:
@@ -111,8 +111,16 @@ def _below(here: Any, key: str, above: list[str]) -> Any:
             return here[int(key)]
         msg = f"'{'.'.join(above)}' is a list of {len(here)}; '{key}' is not an index of it"
         raise PathError(msg)
-    raise PathError(_no_fields(here, above))
+    raise PathError(_no_fields(here, key, above))
 
 
-def _no_fields(here: Any, above: list[str]) -> str:
-    return f"'{'.'.join(above)}' is {here!r:.60} and has no fields; set it to a mapping first, under 'set'"
+def _no_fields(here: Any, key: str, above: list[str]) -> str:
+    """Say what stands where a mapping should, as files spell it, and what to do."""
+    path = ".".join(above)
+    is_number = isinstance(here, int | float)
+    remedy = f"end the path at '{path}'"
+    if not is_number:
+        # What is null, or a word as in `sensor: ideal`, may be a mapping instead.
+        whole = f"set all of '{path}' to a mapping first, under 'set'"
+        remedy = whole if here is None else f"{whole}, or {remedy}"
+    return f"'{path}' is {json.dumps(here):.60} in the scene, and has no field '{key}': {remedy}"

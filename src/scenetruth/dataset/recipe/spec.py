@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, field_validator, mo
 
 from scenetruth.dataset.acceptance.base import Bound
 from scenetruth.dataset.distributions.base import Distribution
-from scenetruth.files import InputFile
+from scenetruth.files import SceneFile
 from scenetruth.kinds import one_of
 from scenetruth.model import FrozenModel, Name, Positive
 
@@ -52,8 +52,9 @@ def _also_formulas(schema: dict[str, Any]) -> None:
 class Base(FrozenModel):
     """A scene that samples are made from."""
 
-    scene: InputFile | dict[str, Any]
-    """The scene's file, or the scene itself; a relative path counts from the recipe's folder."""
+    scene: SceneFile | dict[str, Any]
+    """The scene's file, the name of one that is shipped, or the scene itself; a relative path counts from the recipe's
+    folder."""
     weight: Positive = 1.0
     """How likely it is, in any unit."""
 

@@ -75,8 +75,8 @@ def optimise(
     goal
         The goal, its plain values, or its file.
     folder
-        Where the answer is kept: the page ``index.html``, ``recommended.yaml``, ``front.csv``, ``screened.csv``,
-        ``design.json``. If not given, nothing is kept.
+        Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
+        ``recommended_preview.yaml``, ``front.csv``, ``screened.csv``, ``design.json``. If not given, nothing is kept.
     workers
         Processes of this machine, of one thread each; 0 does all in this one.
     progress

@@ -8,9 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from scenetruth.design.optimise.result import Rig
+from scenetruth.design.optimise.answer.preview import PREVIEW, preview_of
+from scenetruth.design.optimise.result import Design, Rig
 
-__all__ = ["SceneFile", "plain_yaml", "scene_file_of"]
+__all__ = ["SceneFile", "plain_yaml", "preview_file_of", "scene_file_of"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,17 @@ def scene_file_of(rig: Rig, name: str) -> SceneFile:
         What the file is called.
     """
     return SceneFile(name, plain_yaml(rig.scene))
+
+
+def preview_file_of(design: Design) -> SceneFile:
+    """Return the file of a scene that shows a part of what the recommended rig sees.
+
+    Parameters
+    ----------
+    design
+        The design.
+    """
+    return SceneFile(PREVIEW, plain_yaml(preview_of(design).plain))
 
 
 def plain_yaml(plain: Mapping[str, Any]) -> str:

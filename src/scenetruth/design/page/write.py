@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from scenetruth.design.optimise.answer.preview import preview_of
 from scenetruth.design.optimise.result import Design
 from scenetruth.design.optimise.words import order_words
 from scenetruth.design.page.answer import reached_of, sensitivity_words, warnings_of
 from scenetruth.design.page.charts.front import front_charts
 from scenetruth.design.page.charts.sensitivity import sensitivity_charts
 from scenetruth.design.page.links import links_in
-from scenetruth.design.page.scene_file import plain_yaml, scene_file_of
+from scenetruth.design.page.scene_file import plain_yaml, preview_file_of, scene_file_of
 from scenetruth.design.page.side_view.draw import drawings_of, words_of
 from scenetruth.design.page.side_view.scenery import colours_of
 from scenetruth.design.page.side_view.view import side_view_of
@@ -79,6 +80,8 @@ def write_design_page(design: Design, folder: str | Path) -> Path:
         outlines=list(zip(view.outlines, colours_of(view), strict=True)),
         parameters=parameter_table(design),
         file=scene_file_of(design.recommended, "recommended.yaml"),
+        preview=preview_file_of(design),
+        preview_changes=preview_of(design).changes,
         front=front_table(design),
         front_charts=on_front,
         constraints=constraint_table(design.recommended),

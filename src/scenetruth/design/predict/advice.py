@@ -21,6 +21,8 @@ _LEAST_TRANSFER, _LEAST_KNOWN = 0.4, 0.5
 # Motion while an image is taken, as a share of the wavelength: beyond, less than two thirds of the contrast are left.
 _MOST_BLUR, _BETTER_BLUR = 0.5, 0.3
 _WIDEST_PX = 30.0
+# What is exactly as bright as full scale may have been rounded up.
+_FULL = 1 + 1e-6
 # A longer interval moves things to where the texture is seen otherwise.
 _NEARLY = 0.9
 # Rounding of coarse meshes is no growth.
@@ -110,12 +112,21 @@ def _of_images(scene: Scene, prediction: Prediction) -> Iterator[str]:
         text = f"the texture's waves are about {causes.wavelength_px:.0f} px long, and a window's standard deviation "
         text += f"is {sigma:g} px: make the texture's wavelengths shorter, or raise "
         yield text + f"estimate.window_sigma_px to {_nice(causes.wavelength_px / _WAVES_PER_SIGMA):g}"
+    objects = {name: one for name, one in prediction.by_region.items() if name.startswith("object_")}
+    region = max(objects, key=lambda name: objects[name].brightest_level)
+    brightest = objects[region].brightest_level
+    if brightest > _FULL:
+        remedy = "reduce lighting" if scene.lighting.lit else "let the sensor collect less light"
+        yield f"brightest grey values{_of(region)} are at {100 * brightest:.0f} % of full scale, saturated: {remedy}"
     time = scene.shutter.exposure_time_s
-    if causes.blur_px > _MOST_BLUR * causes.wavelength_px and time > 0:
+    # What rests behind an object that moves blurs nothing, and has waves of its own.
+    region = max(objects, key=lambda name: objects[name].blur_px / objects[name].wavelength_px)
+    moving = objects[region]
+    if moving.blur_px > _MOST_BLUR * moving.wavelength_px and time > 0:
         # What blurs less shows shorter waves.
-        shorter = time * _BETTER_BLUR * causes.wavelength_px / causes.blur_px
-        text = f"points move {causes.blur_px:.1f} px while an image is taken, and the texture's waves are about "
-        yield f"{text}{causes.wavelength_px:.1f} px long: reduce shutter.exposure_time_s to {shorter:.2g}"
+        shorter = time * _BETTER_BLUR * moving.wavelength_px / moving.blur_px
+        text = f"points{_of(region)} move {moving.blur_px:.1f} px while an image is taken, and the texture's waves are "
+        yield f"{text}about {moving.wavelength_px:.1f} px long: reduce shutter.exposure_time_s to {shorter:.2g}"
     elif 0 < causes.transfer < _LEAST_TRANSFER:
         text = f"lens and pixels leave {100 * causes.transfer:.0f} % of the texture's contrast"
         yield f"{text}: make its wavelengths longer, or change optics"

@@ -14,7 +14,13 @@ from scenetruth.bound.model import Motion
 from scenetruth.design.predict.look import Look, look_at
 from scenetruth.design.predict.methods.base import Setup, modelled, setup_of
 from scenetruth.design.predict.prediction import Causes, Prediction
-from scenetruth.design.predict.regions import figures_of, quantities_of, regions_of, weighted_median
+from scenetruth.design.predict.regions import (
+    figures_of,
+    quantities_of,
+    regions_of,
+    weighted_median,
+    weighted_quantile,
+)
 from scenetruth.design.predict.seen import Seen, flow_of, seen_of
 from scenetruth.design.predict.textures.base import spectra
 from scenetruth.errors import Problem, SceneError
@@ -33,6 +39,8 @@ _LARGE_BIAS = 0.3
 # Quintic splines lose 1.5 % of a wave of 3 px, and show as much of another. Errors on a cube with 45 % of its squared
 # gradients in shorter waves are 2.2 times the prediction; with 21 % they are within what seeds tell.
 _FINE_PX, _MUCH_FINE = 3.0, 0.35
+# Of what moves at all: background that rests blurs nothing.
+_MOST_BLUR, _RESTS_PX = 0.95, 1e-6
 
 
 def envelope(
@@ -91,7 +99,7 @@ def envelope(
     interval = scene.frames.frame_interval_s
     figures = figures_of(std, signals_of(setup, look), regions, look.share, interval)
     told = _causes_of_points(look, seen)
-    causes = {region: _causes(setup, told, mask, look.share) for region, mask in regions.items()}
+    causes = {region: _causes(setup, told, seen.blur_px, mask, look.share) for region, mask in regions.items()}
     notes = (
         *_notes(scene, look, unknown, painting=painting),
         *_too_fine(look, seen),
@@ -141,6 +149,7 @@ def _causes_of_points(look: Look, seen: Seen) -> dict[str, Array]:
         "noise_std": seen.noise,
         "pattern_std": seen.pattern,
         "grey_level": seen.level,
+        "white_level": seen.white,
         "contrast": contrast,
         "gradient_x": along,
         "gradient_y": down,
@@ -149,13 +158,14 @@ def _causes_of_points(look: Look, seen: Seen) -> dict[str, Array]:
         "disparity_px": np.abs(look.points.d),
         "depth_mm": look.depth_mm,
         "flow_px": np.hypot(*flow_of(look).T),
-        "blur_px": seen.blur_px,
     }
 
 
-def _causes(setup: Setup, told: Mapping[str, Array], mask: Mask, share: Array) -> Causes:
+def _causes(setup: Setup, told: Mapping[str, Array], blur_px: Array, mask: Mask, share: Array) -> Causes:
+    moving = mask & (blur_px > _RESTS_PX)
     return Causes(
         **{name: weighted_median(values[mask], share[mask]) for name, values in told.items()},
+        blur_px=weighted_quantile(blur_px[moving], share[moving], _MOST_BLUR) if moving.any() else 0.0,
         window_sigma_px=setup.window_sigma_px,
         motion=setup.motion,
         positions=len(np.unique(np.stack([setup.views.s, setup.views.s_y]), axis=1).T),

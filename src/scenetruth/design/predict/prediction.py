@@ -61,7 +61,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Causes:
-    """What went into a prediction, medians over a region.
+    """What went into a prediction, medians over a region where nothing else is said.
 
     Parameters
     ----------
@@ -71,6 +71,8 @@ class Causes:
         The same of what pixels keep in all images.
     grey_level
         Mean grey value, of full scale.
+    white_level
+        Grey value of what is as bright as a texture can be, in the same light, of full scale.
     contrast
         Standard deviation of the texture in the images, of full scale.
     gradient_x, gradient_y
@@ -84,7 +86,7 @@ class Causes:
     flow_px
         Length of the optical flow, px per frame.
     blur_px
-        How far points move in the image while it is taken.
+        How far points move in the image while it is taken: of those that move, 95 % move less; 0 if none does.
     window_sigma_px, motion
         Of the method.
     positions, frames
@@ -94,6 +96,7 @@ class Causes:
     noise_std: float
     pattern_std: float
     grey_level: float
+    white_level: float
     contrast: float
     gradient_x: float
     gradient_y: float
@@ -107,6 +110,14 @@ class Causes:
     motion: str
     positions: int
     frames: int
+
+    @property
+    def brightest_level(self) -> float:
+        """Brightest grey values, of full scale: three standard deviations above the mean, and no brighter than white.
+
+        Over 1, images are saturated.
+        """
+        return min(self.grey_level + 3 * self.contrast, self.white_level)
 
 
 @dataclass(frozen=True, eq=False)

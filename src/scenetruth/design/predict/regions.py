@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scenetruth.design.predict.prediction import Figure, figure_of
 
-__all__ = ["NAMES", "figures_of", "quantities_of", "regions_of", "spread_of", "weighted_median"]
+__all__ = ["NAMES", "figures_of", "quantities_of", "regions_of", "spread_of", "weighted_median", "weighted_quantile"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -160,6 +160,11 @@ def _percentile(std: Array) -> float:
 
 def weighted_median(values: Array, weights: Array) -> float:
     """Return the value below which half of the weight lies."""
+    return weighted_quantile(values, weights, 0.5)
+
+
+def weighted_quantile(values: Array, weights: Array, share: float) -> float:
+    """Return the value below which a share of the weight lies."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+    return float(values[order][np.searchsorted(total, share * total[-1])])

@@ -38,9 +38,9 @@ class Seen:
         The same without lens, pixels and motion.
     response
         What a derivative along x and along y makes of each wave, in radian per px, shape (n, w, 2).
-    level, noise, pattern
-        Mean grey value, and standard deviations of the noise that is new in every image and of the one that stays,
-        shape (n,).
+    level, white, noise, pattern
+        Mean grey value, that of a texture of 1 in the same light, and standard deviations of the noise that is new in
+        every image and of the one that stays, shape (n,).
     blur_px
         How far points move while an image is taken, shape (n,).
     """
@@ -50,6 +50,7 @@ class Seen:
     surface_variance: Array
     response: Array
     level: Array
+    white: Array
     noise: Array
     pattern: Array
     blur_px: Array
@@ -103,6 +104,7 @@ def seen_of(scene: Scene, look: Look, parts: Sequence[Part], folder: Path = Path
         surface_variance=variance,
         response=derivative_response(frequency),
         level=grey.level,
+        white=grey_of(scene.sensor, light).level,
         noise=grey.noise,
         pattern=grey.pattern,
         blur_px=np.hypot(*moved.T),

@@ -23,7 +23,7 @@ from scenetruth.schema import digest
 
 __all__ = ["Job", "measure_one", "read_measured"]
 
-_FORMAT = 1
+_FORMAT = 2
 """Counts up when figures of the same simulation change."""
 
 

@@ -17,13 +17,14 @@ from scenetruth.errors import EstimateError
 from scenetruth.estimators import estimate
 from scenetruth.resources import Limits
 from scenetruth.scene import Scene
-from scenetruth.scoring import REGIONS, Score, score
+from scenetruth.scoring import QUANTITIES, REGIONS, Score, score
 from scenetruth.scoring.growth import growth_pairs, knows_growth
 from scenetruth.scoring.parts import aligned_parts
-from scenetruth.scoring.reading import Pairs
+from scenetruth.scoring.reading import Pairs, tells
 from scenetruth.scoring.regions import further_regions, main_regions, seen_throughout
 from scenetruth.settings import ScoreSettings
 from scenetruth.simulation import simulate
+from scenetruth.truth import make_truth
 
 __all__ = ["FIGURES", "Measured", "contestants_of_scene", "measure"]
 
@@ -104,6 +105,8 @@ def measure(
             except (EstimateError, KeyError) as error:
                 measured.failures[one.label] = " ".join(str(error).split())
                 continue
+            if _is_further(maps, truth):
+                truth = make_truth(scene, truth_content="complete", limits=limits)
             found = score(maps, truth, **scene.score.model_dump())
             measured.figures[one.label] = _figures(found)
             measured.grows |= found.grows
@@ -123,6 +126,11 @@ def measure(
                 if why and f"no bound: {why}" not in measured.notes:
                     measured.notes.append(f"no bound: {why}")
     return measured
+
+
+def _is_further(maps: xr.Dataset, truth: xr.Dataset) -> bool:
+    """Whether an estimate tells something that is scored, and of which a truth says nothing."""
+    return any(entry.variable in maps and not tells(truth, name) for name, entry in QUANTITIES.items())
 
 
 @dataclass(frozen=True)

@@ -77,13 +77,16 @@ def run_kernel(
             gaussian_window(settings.window_sigma_px, settings.window_taps_px) @ np.arange(-half, half + 1) ** 2
         ),
     )
+    # numba compiles anew for images that may be written to, such as those that were not read from a store.
+    images = candidate.images.view()
+    images.flags.writeable = False
     still = registration.flow == (0, 0)
     # Frames slide through the window. Frames that are registered along t are shifted anew for every estimate.
     groups = [task.outputs] if still else [task.outputs[n : n + 1] for n in range(len(task.outputs))]
     for index, group in enumerate(groups):
         first = int(group[0]) - rig.before
         view = Registered(
-            images=candidate.images,
+            images=images,
             columns_of_s=columns_of_s(rig, registration.disparity),
             flow=np.array(registration.flow, dtype=np.int64),
             first=first,

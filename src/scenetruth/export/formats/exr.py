@@ -99,7 +99,8 @@ def _channels(name: str, source: Source, s: int, t: int) -> dict[str, NDArray[An
 def _attributes(source: Source, names: list[str]) -> dict[str, Any]:
     own, grid = intrinsics_of(source.recording), pixel_grid_of(source.recording)
     return {
-        "units": json.dumps({name: str(source.maps[name].attrs.get("units", "1")) for name in names}),
+        # In an order of its own: stores have another than data sets in memory.
+        "units": json.dumps({name: str(source.maps[name].attrs.get("units", "1")) for name in sorted(names)}),
         "focal_length_px": own.focal_length_px,
         "principal_point_x_px": own.principal_point_px[0],
         "principal_point_y_px": own.principal_point_px[1],

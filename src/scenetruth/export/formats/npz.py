@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -43,11 +44,16 @@ class Npz(ExportFormat):
 def _write(file: Path, dataset: xr.Dataset, compression: int) -> None:
     """Write a data set one variable at a time: `numpy.savez` would hold all of them."""
     with zipfile.ZipFile(file, "w", compression) as archive:
-        for name, item in [*dataset.coords.items(), *dataset.data_vars.items()]:
+        # In an order of its own: stores have another than data sets in memory.
+        for name, item in [*_sorted(dataset.coords), *_sorted(dataset.data_vars)]:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
                 np.lib.format.write_array(stream, np.ascontiguousarray(item.values), allow_pickle=False)
         with archive.open("meta.npy", "w") as stream:
-            np.lib.format.write_array(stream, np.array(json.dumps(_meta(dataset))), allow_pickle=False)
+            np.lib.format.write_array(stream, np.array(json.dumps(_meta(dataset), sort_keys=True)), allow_pickle=False)
+
+
+def _sorted(variables: Mapping[Any, xr.DataArray]) -> list[tuple[str, xr.DataArray]]:
+    return [(str(name), variables[name]) for name in sorted(variables, key=str)]
 
 
 def _meta(dataset: xr.Dataset) -> dict[str, Any]:

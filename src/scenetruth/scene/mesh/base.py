@@ -71,6 +71,9 @@ class TriangleMesh:
     corner_normals
         Unit normals that came with the mesh, at every corner of every face, of either sense, shape (m, 3, 3), NaN where
         there is none; None if it brought none.
+    nodes_mm, vertex_nodes
+        Positions of all vertices of a file some of which no face uses, shape (k, 3), and which of them ``vertices_mm``
+        are, shape (n,); None where faces use all.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -88,6 +91,18 @@ class TriangleMesh:
     along: NDArray[np.float64] | None = None
     smooth: bool = False
     corner_normals: NDArray[np.float64] | None = None
+    nodes_mm: NDArray[np.float64] | None = None
+    vertex_nodes: NDArray[np.int64] | None = None
+
+    @property
+    def with_all_nodes(self) -> TriangleMesh:
+        """The mesh with the vertices of its file that no face uses: its colours are left out."""
+        if self.nodes_mm is None or self.vertex_nodes is None:
+            return self
+        faces = self.vertex_nodes[self.faces].astype(np.int32)
+        return replace(
+            self, vertices_mm=self.nodes_mm, faces=faces, vertex_colours=None, nodes_mm=None, vertex_nodes=None
+        )
 
 
 class MeshModel(FrozenModel):

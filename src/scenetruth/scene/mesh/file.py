@@ -92,6 +92,7 @@ def load(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> T
         raise SceneError([Problem("file", f"has {count} vertices that are not finite", str(file))])
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise SceneError([Problem("file", "has faces that refer to vertices which do not exist", str(file))])
+    used = np.unique(faces)
     areas = np.linalg.norm(_face_normals(vertices, faces), axis=1)
     # A sliver without area has no normal and no surface; it can be dropped without changing the shape.
     faces = faces[areas > 1e-14 * max(float(areas.max()), 1e-300)].astype(np.int32)
@@ -103,6 +104,11 @@ def load(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> T
         message = f"has a texture image, or colours, that cannot be read: {' '.join(str(error).split())[:200]}"
         raise SceneError([Problem("file", message, str(file))]) from error
     corner_normals = None if normals is None else normals[faces]
+    nodes = None
+    if len(used) < len(vertices):
+        # Nobody sees what no face uses; only arrays of nodes count it.
+        nodes, vertices, faces = vertices, vertices[used], np.searchsorted(used, faces).astype(np.int32)
+        colours = None if colours is None else colours[used]
     if corner_normals is not None:
         crease: float | NDArray[np.float64] = creases_by_normals(vertices, faces, corner_normals)
     else:
@@ -118,6 +124,8 @@ def load(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> T
         crease,
         smooth=True,
         corner_normals=corner_normals,
+        nodes_mm=nodes,
+        vertex_nodes=None if nodes is None else used,
     )
 
 

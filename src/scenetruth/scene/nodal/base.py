@@ -70,7 +70,10 @@ class NodalModel(OwnFrameModel):
         """
         source = mesh.source
         assert isinstance(source, FileMesh)
-        states = self.states(mesh, folder / source.file, source.unit_mm, folder, frames)
+        # Arrays and files hold the nodes that no face uses too.
+        states = self.states(mesh.with_all_nodes, folder / source.file, source.unit_mm, folder, frames)
+        if mesh.vertex_nodes is not None:
+            states = states._replace(positions_mm=states.positions_mm[:, mesh.vertex_nodes])
         _check(states, mesh.faces, frames)
         return NodalStart(states.times_frames, states.positions_mm, mesh.faces, mesh.vertices_mm, mesh.crease_deg)
 

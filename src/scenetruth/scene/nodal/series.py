@@ -42,7 +42,7 @@ def _series(entry: MeshSeries, mesh: TriangleMesh, folder: Path) -> Floats:
     states = []
     for index, name in enumerate(entry.files):
         try:
-            state = load(folder / name, entry.unit_mm)
+            state = load(folder / name, entry.unit_mm).with_all_nodes
         except SceneError as error:
             problems = [Problem(f"files.{index}", problem.message, problem.value) for problem in error.problems]
             raise SceneError(problems) from error

@@ -10,8 +10,10 @@ from pydantic import Field
 from scipy.ndimage import uniform_filter
 
 import scenetruth as st
+from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators import Method, MethodSettings, Needs
 from scenetruth.progress import Progress
+from scenetruth.schema import pixel_grid_of
 
 __all__ = ["BlockMatching"]
 
@@ -22,7 +24,7 @@ class Settings(MethodSettings):
     block_px: Annotated[int, Field(ge=1)] = 9
     """Side of the blocks in px, odd."""
     largest_disparity_px: Annotated[int, Field(ge=1)] = 64
-    """Largest disparity that is tried, in px per step of s."""
+    """Largest disparity that is tried, in columns per step of s."""
 
 
 class BlockMatching(Method):
@@ -33,12 +35,29 @@ class BlockMatching(Method):
     gives = frozenset({"depth", "disparity"})
     needs = Needs(cameras=2, channels=1)
 
+    def requirements(self, recording: xr.Dataset, settings: Settings) -> list[Problem]:
+        """Ask for the camera beside the reference, and for images that are wider than the largest disparity."""
+        problems = []
+        if 1 not in recording["s"].values:
+            problems.append(Problem("stage.positions", "the camera s = 1 is needed"))
+        if settings.largest_disparity_px >= recording.sizes["x"]:
+            message = f"must be less than the images' width, {recording.sizes['x']}"
+            problems.append(Problem("estimate.largest_disparity_px", message, settings.largest_disparity_px))
+        return problems
+
     def estimate(self, recording: xr.Dataset, settings: Settings, progress: Progress | None) -> xr.Dataset:
         """Match every frame of the reference with the camera to its right."""
-        images = recording["image"].astype(np.float64)
-        pairs = zip(images.sel(s=0).values, images.sel(s=1).values, strict=True)
-        found = [self._match(left, right, settings) for left, right in pairs]
-        return st.make_estimate(like=recording, disparity=np.stack(found))
+        images = recording["image"].sel(s=[0, 1]).astype(np.float64)
+        if not np.isfinite(images).all():
+            raise EstimateError([Problem("image", "holds values that are not finite")])
+        found = []
+        for left, right in zip(images.sel(s=0).values, images.sel(s=1).values, strict=True):
+            found.append(self._match(left, right, settings))
+            if progress is not None:
+                progress("match", len(found), recording.sizes["t"])
+        # From columns of the array to pixels of the camera.
+        disparity = np.stack(found) * pixel_grid_of(recording).step_px
+        return st.make_estimate(like=recording, disparity=disparity)
 
     @staticmethod
     def _match(left: np.ndarray, right: np.ndarray, settings: Settings) -> np.ndarray:

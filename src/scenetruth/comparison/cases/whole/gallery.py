@@ -13,12 +13,11 @@ import xarray as xr
 from scenetruth.comparison.case import Case, Found, Mask
 from scenetruth.comparison.measures.growing import growth_rows
 from scenetruth.comparison.rows import Row
+from scenetruth.files.shipped import shipped_files
 from scenetruth.scene import load_scene
 
 __all__ = ["Gallery", "scene_files"]
 
-# In a checkout src/ and scenes/ lie beside each other; what is installed has no scenes.
-_SOURCE = Path(__file__).resolve().parents[4]
 _CHANGES = ("render.backend=raycast", "frames.count=5")
 _STILL = 1e-9
 """Rounding makes what does not grow grow by less than this, per frame."""
@@ -72,5 +71,5 @@ class Gallery(Case):
 
 @cache
 def scene_files() -> tuple[Path, ...]:
-    """Return the files of the library's scenes; none where there is no library."""
-    return tuple(sorted((_SOURCE.parent / "scenes").glob("*.yaml"))) if _SOURCE.name == "src" else ()
+    """Return the files of the scenes that are shipped."""
+    return tuple(shipped_files().values())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from scenetruth.design.budget.answer.waterfall import DRAWN, waterfall_html
 from scenetruth.design.budget.answer.words import number, unit_words
 from scenetruth.pages.rendering import environment_of
+from scenetruth.pages.tables import Cell, Table
 from scenetruth.placing import write_aside
 
 if TYPE_CHECKING:
@@ -18,19 +19,16 @@ __all__ = ["PAGE", "write_page"]
 
 PAGE = "index.html"
 
-_TEMPLATE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Error budget: {{ found.scene or found.method }}</title>
-{% include "style.html.j2" %}
-<style>td:first-child, th:first-child, td:nth-child(2), th:nth-child(2) { text-align: left; }</style>
-<script>{{ plotly | safe }}</script>
-</head>
-<body>
-<main>
+_TEMPLATE = """{% extends "page_with_charts.html.j2" %}
+{% from "parts.html.j2" import sortable %}
+{% block title %}Error budget: {{ found.scene or found.method }}{% endblock %}
+{% block style %}
+tfoot td { color: var(--soft); }
+{% endblock %}
+{% block header %}
 <h1>Error budget</h1>
+{% endblock %}
+{% block main %}
 <p>{{ found.scene }}{{ "." if found.scene }}
 Method: {{ found.method }}; {{ found.draws }} draw{{ "s" if found.draws > 1 }}; rms over {{ place }}.</p>
 <ul>
@@ -44,26 +42,15 @@ squares; every bar reaches from the root of the sum before it to that with it. W
 slanted surfaces, curved surfaces and the rest. Pale bars are predicted, full ones simulated.</p>
 <h2>All parts</h2>
 {% for table in tables %}
-<h3>{{ table.title }}</h3>
-<table>
-<thead><tr><th>cause</th><th>size</th><th>part</th><th>predicted</th><th>predicted, drawn</th><th>simulated</th>
-<th>pixels told</th></tr></thead>
-<tbody>
-{% for cells in table.rows %}
-<tr>{% for cell in cells %}<td>{{ cell }}</td>{% endfor %}</tr>
-{% endfor %}
-</tbody>
-</table>
+{{ sortable(table) }}
 {% endfor %}
 {% for line in found.failures %}
 <p>Not simulated: {{ line }}</p>
 {% endfor %}
-</main>
-</body>
-</html>
+{% endblock %}
 """
 
-
+_COLUMNS = ("cause", "size", "part", "predicted", "predicted, drawn", "simulated", "pixels told")
 _PLACES = {"interior": "the interior", "all": "all that is seen"}
 
 
@@ -93,22 +80,26 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         if not parts:
             continue
         total = found.total(quantity, region)
-        rows = [
+        lines = [
             [
-                one.title,
-                one.size,
-                number(one.figure),
-                number(one.predicted),
-                number(one.drawn),
-                number(one.simulated),
-                f"{100 * one.seen:.0f} %" if math.isfinite(one.seen) else "–",
+                Cell(one.title),
+                # Of several units: nothing to sort numbers by.
+                Cell(one.size),
+                *(_cell(value) for value in (one.figure, one.predicted, one.drawn, one.simulated)),
+                _share(one.seen),
             ]
             for one in parts
         ]
-        rows.append(["root of the sum of squares", "", number(total.parts), "", "", "", ""])
-        rows.append(["added up pixel by pixel", "", number(total.added), "", "", "", ""])
-        rows.append(["everything on", "", "", "", "", number(total.simulated), f"{100 * total.seen:.0f} %"])
-        tables.append({"title": f"{quantity.replace('_', ' ')}, {unit_words(total.unit)}", "rows": rows})
+        foot = [
+            [Cell(text) for text in cells]
+            for cells in (
+                ("root of the sum of squares", "", number(total.parts), "", "", "", ""),
+                ("added up pixel by pixel", "", number(total.added), "", "", "", ""),
+                ("everything on", "", "", "", "", number(total.simulated), _share(total.seen).text),
+            )
+        ]
+        caption = f"{quantity.replace('_', ' ')}, {unit_words(total.unit)}"
+        tables.append(Table(f"parts-{quantity}", caption, _COLUMNS, lines, foot=foot))
     text = environment.from_string(_TEMPLATE).render(
         found=found,
         place=_PLACES.get(region, f"the interior of {region.removeprefix('object_')}"),
@@ -116,8 +107,18 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         waterfalls=waterfall_html(found, region),
         tables=tables,
         plotly=get_plotlyjs(),
+        # Waterfalls bring their charts along.
+        charts="{}",
     )
     path = folder / PAGE
     with write_aside(path, overwrite=True) as aside:
         aside.write_text(text, encoding="utf-8")
     return path
+
+
+def _cell(value: float) -> Cell:
+    return Cell(number(value), value)
+
+
+def _share(value: float) -> Cell:
+    return Cell(f"{100 * value:.0f} %" if math.isfinite(value) else "–", value)

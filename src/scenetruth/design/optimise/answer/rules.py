@@ -28,7 +28,7 @@ def rules_of(facts: Facts) -> tuple[Rule, ...]:
     # Dots of a diameter D have most of their gradient in waves of about 2 D.
     speckle = causes.wavelength_px / 2
     angle = math.degrees(2 * math.atan2(facts.travel_mm / 2, facts.depth_mm))
-    brightest = causes.grey_level + 3 * causes.contrast
+    brightest = causes.brightest_level
     features = 2 * _CUT * causes.window_sigma_px / causes.wavelength_px
     overlap = 1 - camera.focal_px * facts.travel_mm / facts.depth_mm / camera.width
     blur = causes.blur_px

@@ -8,6 +8,7 @@ from pathlib import Path
 import yaml
 
 from scenetruth.design.optimise.answer.plain import plain_of
+from scenetruth.design.optimise.answer.preview import PREVIEW, preview_of
 from scenetruth.design.optimise.answer.screened import write_screened
 from scenetruth.design.optimise.result import ANSWER, SCREENED, Design
 from scenetruth.placing import write_aside
@@ -18,7 +19,7 @@ FRONT, RIG = "front.csv", "recommended.yaml"
 
 
 def write_design(design: Design, folder: Path) -> None:
-    """Write a design: ``recommended.yaml``, ``front.csv``, ``screened.csv``, ``design.json``, ``index.html``.
+    """Write a design: ``recommended.yaml`` and its preview, tables, ``design.json``, ``index.html``.
 
     Parameters
     ----------
@@ -30,6 +31,10 @@ def write_design(design: Design, folder: Path) -> None:
     head = f"# {design.title}: the recommended rig, ready to run: scenetruth run {RIG} -o results\n"
     text = head + yaml.safe_dump(plain_of(design.recommended.scene), sort_keys=False, allow_unicode=True)
     _put(folder / RIG, text)
+    light = preview_of(design)
+    head = f"# {design.title}: a part of what the recommended rig sees: scenetruth run {PREVIEW} -o preview\n"
+    head += f"# Beside {RIG}: {'; '.join(light.changes) or 'nothing is left out'}\n"
+    _put(folder / PREVIEW, head + yaml.safe_dump(plain_of(light.plain), sort_keys=False, allow_unicode=True))
     with write_aside(folder / FRONT, overwrite=True) as aside:
         design.to_frame().to_csv(aside, index=False)
     with write_aside(folder / SCREENED, overwrite=True) as aside:

@@ -93,7 +93,8 @@ def _focus(scene: Scene, plain: dict[str, Any], depth_mm: NDArray[np.float64]) -
         return [f"blur out of focus, {most:.2g} px at most, made a part of the point spread"]
     plain["optics"]["defocus"]["samples"] = min(_SAMPLES, defocus.samples)
     plain["render"]["supersampling"] = min(_FEWER, scene.render.supersampling)
-    return []
+    few = plain["optics"]["defocus"]["samples"]
+    return [f"{few} samples of the aperture, not {defocus.samples}"] if few < defocus.samples else []
 
 
 def _chosen(look: Look, region: str) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from scenetruth.design.optimise.goal.spec import Goal
 from scenetruth.design.optimise.problems import GoalError
 from scenetruth.errors import Problem
 from scenetruth.files import context_of
+from scenetruth.files.shipped import shipped_file
 from scenetruth.plain import plain_problems
 from scenetruth.scene.reading import read_file
 
@@ -27,7 +28,8 @@ def load_goal(file: str | Path) -> Goal:
     Parameters
     ----------
     file
-        The YAML file. Relative paths in it count from its folder.
+        The YAML file, or the name of a goal that is shipped, as ``"leaf_growth"``, if no file has it. Relative paths in
+        it count from its folder.
 
     Raises
     ------
@@ -38,6 +40,7 @@ def load_goal(file: str | Path) -> Goal:
     --------
     goal_from_plain : A goal from plain values.
     """
+    file = shipped_file(file, within="goals") or file
     plain, folder = read_file(file, "a goal", GoalError)
     return goal_from_plain(plain, source=file, folder=folder)
 

@@ -126,7 +126,7 @@ def _scene(goal: Goal, problems: list[Problem]) -> Scene | None:
                     assign(plain, place, value)
             except PathError as error:
                 problems.append(Problem(f"set.{path}", str(error), value))
-        one = contestants_of(goal.method)[0]
+        one = contestants_of(goal.method, from_file=True)[0]
         if "estimate" not in {path.split(".")[0] for path in goal.set}:
             own = scene.estimate.settings.model_dump(mode="json") if scene.estimate.method == one.method else {}
             plain["estimate"] = {"method": one.method, **own, **one.settings}

@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from scenetruth.design.optimise.constraints.base import Limit
 from scenetruth.design.optimise.goal.free import Free
 from scenetruth.design.optimise.goal.parts import Confirm, Light, Search, Wanted
-from scenetruth.files import InputFile
+from scenetruth.files import InputFile, SceneFile
 from scenetruth.kinds import one_of
 from scenetruth.model import FrozenModel, Name
 from scenetruth.scoring import QUANTITIES
@@ -48,9 +48,9 @@ class Goal(FrozenModel):
     """What is designed, in a few words."""
     description: Annotated[str, Field(max_length=10_000)] = ""
     """What it is for."""
-    scene: InputFile | dict[str, Any]
-    """What is to be measured: a scene's file, or the scene itself. Its camera, stage and times hold where nothing else
-    is said."""
+    scene: SceneFile | dict[str, Any]
+    """What is to be measured: a scene's file, the name of one that is shipped, or the scene itself. Its camera, stage
+    and times hold where nothing else is said."""
     method: str | dict[str, Any] = "refined"
     """The method of estimation, with settings as in ``refined[window_sigma_px: 4]`` or in a mapping."""
     set: dict[FieldPath, Any] = Field(default_factory=dict)

@@ -23,6 +23,7 @@ _FEW_DECADES = 2.5
 _SPARE = 0.05
 _LEAST = 1e-30
 """Smaller values have no place on a logarithmic scale."""
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -90,10 +91,12 @@ def axis_of(way: Way, points: Sequence[float | None], ends: Sequence[float | Non
         # One, two and five of each decade are labelled where there is room.
         ticks = "D2" if span[1] - span[0] < _FEW_DECADES else 1
         return {**axis, "type": "log", "tickformat": "~g", "dtick": ticks, "range": span}
-    wide = (high - low) or abs(high) or 1.0
+    # What differs by rounding alone is one place.
+    nothing = max(_ROUNDING * max(abs(low), abs(high)), _LEAST)
+    wide = high - low if high - low > nothing else abs(high) if abs(high) > nothing else 1.0
     first = min([low, *(max(value, low - _BEYOND * wide) for value in bars)])
     last = max([high, *(min(value, high + _BEYOND * wide) for value in bars)])
-    spare = _SPARE * ((last - first) or wide)
+    spare = _SPARE * (last - first if last - first > nothing else wide)
     return {**axis, "type": "linear", "exponentformat": "power", "range": [first - spare, last + spare]}
 
 

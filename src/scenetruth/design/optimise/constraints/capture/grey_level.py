@@ -11,7 +11,10 @@ __all__ = ["GreyLevel"]
 
 
 class GreyLevel(Limit):
-    """Mean grey value and three standard deviations of the texture, as a share of full scale: over 1 is saturated."""
+    """Brightest grey values of the texture, as a share of full scale: over 1 is saturated.
+
+    The mean and three standard deviations, and no more than white has; medians over the first objective's region.
+    """
 
     unit: ClassVar[str] = "1"
 
@@ -24,4 +27,4 @@ class GreyLevel(Limit):
 
     def value(self, facts: Facts) -> float:
         """Return the share."""
-        return facts.causes.grey_level + 3 * facts.causes.contrast
+        return facts.causes.brightest_level

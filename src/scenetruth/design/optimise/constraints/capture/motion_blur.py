@@ -11,7 +11,10 @@ __all__ = ["MotionBlur"]
 
 
 class MotionBlur(Limit):
-    """Motion in the image during the exposure, of object and stage; median over the first objective's region."""
+    """Motion in the image during the exposure, of object and stage.
+
+    Of the points of the first objective's region that move at all, 95 % move less.
+    """
 
     unit: ClassVar[str] = "px"
 

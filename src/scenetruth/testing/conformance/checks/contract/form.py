@@ -34,7 +34,7 @@ def check(bench: Bench) -> None:
     if wrong:
         raise Deviation(
             "a part of the plain recording was estimated, without its first row and its first two columns",
-            "an estimate of this part, of the form in docs/data_sets.md",
+            "an estimate of this part, of the form in docs/variables.md",
             "; ".join(dict.fromkeys(wrong)),
             "return scenetruth.make_estimate(like=recording, ...), which puts all of that on plain arrays",
         )

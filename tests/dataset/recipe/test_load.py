@@ -1,0 +1,48 @@
+"""What a recipe names as its base: files, shipped scenes by their names, scenes themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import scenetruth as st
+from tests.scenes import SCENES
+
+RECIPE = {"name": "varied", "samples": 3, "vary": {"frames.count": {"kind": "integers", "low": 2, "high": 5}}}
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    file = folder / "recipe.yaml"
+    file.write_text(yaml.safe_dump({**RECIPE, **changes}), encoding="utf-8")
+    return file
+
+
+def test_a_shipped_scene_goes_by_its_name(tmp_path: Path) -> None:
+    sampler = st.load_recipe(written(tmp_path, base=["rosette", {"scene": "cube", "weight": 2}]))
+    assert list(sampler.bases) == [st.load_scene("rosette"), st.load_scene("cube")]
+    assert [entry.scene for entry in sampler.recipe.base] == [str(SCENES / "rosette.yaml"), str(SCENES / "cube.yaml")]
+    # Plain values without a folder name it too.
+    assert st.recipe_from_plain({**RECIPE, "base": "rosette"}).bases == (st.load_scene("rosette"),)
+
+
+def test_a_shipped_recipe_goes_by_its_name() -> None:
+    assert st.load_recipe("leaves").recipe == st.load_recipe(SCENES / "datasets" / "leaves.yaml").recipe
+
+
+def test_a_file_of_that_name_beside_the_recipe_comes_first(tmp_path: Path) -> None:
+    (tmp_path / "rosette").write_bytes((SCENES / "plane.yaml").read_bytes())
+    sampler = st.load_recipe(written(tmp_path, base="rosette"))
+    assert list(sampler.bases) == [st.load_scene("plane")]
+
+
+def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
+    with pytest.raises(st.RecipeError) as caught:
+        st.load_recipe(written(tmp_path, base=["rosette", "rosete", "cube.yaml"], samples=0))
+    told = str(caught.value)
+    assert "base.1: cannot be read: No such file" in told
+    assert "base.2: cannot be read: No such file" in told
+    assert "base.0" not in told
+    assert "samples: " in told
