@@ -24,6 +24,7 @@ PAGES = (
     "reference/api/simulation.html",
     "reference/scene_file/camera.html",
     "reference/method.html",
+    "tutorials/03_growing_leaf.html",
 )
 
 
