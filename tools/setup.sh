@@ -53,8 +53,11 @@ release() { git describe --tags --exact-match 2>/dev/null || printf 'after %s\n'
 # The demo needs less than the tests, and comes first.
 installed() { [ "$(cat ".venv/scenetruth-$1" 2>/dev/null)" = "$wanted" ]; }
 install() {
-    # What is used is compiled when it is first imported: to compile all of it takes longer than all the rest.
-    .venv/bin/python -m pip install -q --disable-pip-version-check --no-compile -e "$2"
+    # What is used is compiled when it is first imported: to compile all of it takes longer than all the rest. Where
+    # nothing that is imported may be kept, every start would compile it again.
+    local bytecode=--no-compile
+    [ -z "${PYTHONDONTWRITEBYTECODE:-}" ] || bytecode=--compile
+    .venv/bin/python -m pip install -q --disable-pip-version-check "$bytecode" -e "$2"
     printf '%s\n' "$wanted" >".venv/scenetruth-$1"
 }
 wanted=$(cksum pyproject.toml; pwd; release)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import scenetruth as st
@@ -15,7 +16,8 @@ from scenetruth.compilation import announced_compilation
 from scenetruth.estimators import MethodChoice
 from scenetruth.estimators.structure_tensor.kernels.tensor import estimate_tile
 from scenetruth.pipeline import FigureHelper, scene_run, warm_up
-from scenetruth.pipeline.warming import compile_method
+from scenetruth.pipeline.warming import compile_last_of_truth, compile_method, small_recording
+from scenetruth.truth import visibility_kernels
 from tests.cli.calling import scenetruth
 from tests.nightly import nightly
 
@@ -54,7 +56,7 @@ def test_what_comes_after_is_compiled_already() -> None:
 
 
 def test_the_command_says_when_all_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline, "warm_up", lambda progress: [])
+    monkeypatch.setattr(pipeline, "warm_up", lambda progress, beside: [])
     done = scenetruth("warm-up")
     assert done.returncode == 0
     assert "everything is compiled" in done.stdout
@@ -76,12 +78,37 @@ def test_a_method_that_was_compiled_beforehand_compiles_no_more(sensor: object, 
     assert estimate_tile.signatures == known
 
 
+@pytest.mark.parametrize("method", ["structure_tensor", "refined", "plane_sweep"])
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_of_its_images_methods_tell_all_they_can(method: str, dtype: str) -> None:
+    """Disparity 2 px and flow (1, 0) px per frame: a method that knows nothing would leave kernels out."""
+    found = st.estimate(small_recording(dtype), method).sel(t=0)
+    known = found["disparity"].notnull()
+    assert known.mean() > 0.15  # The images are small: windows of most pixels reach beyond them.
+    assert np.median(found["disparity"].values[known]) == pytest.approx(2, abs=0.1)
+    if method != "plane_sweep":
+        assert np.nanmedian(found["flow"][0]) == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.filterwarnings("ignore::scenetruth.SceneWarning")
+def test_the_last_of_the_truth_was_compiled_beforehand() -> None:
+    compile_last_of_truth()
+    kernels = [getattr(visibility_kernels, name) for name in visibility_kernels.__all__ if name != "Cells"]
+    known = [list(kernel.signatures) for kernel in kernels]
+    assert all(known)
+    st.simulate(st.scene_from_plain(SCENE))
+    assert [kernel.signatures for kernel in kernels] == known
+
+
 def test_the_second_process_compiles_beside_a_first_run_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, str]] = []
 
     class Helper(FigureHelper):
-        def compile(self, choice: MethodChoice, dtype: str) -> None:
+        def compile_method(self, choice: MethodChoice, dtype: str) -> None:
             asked.append((choice.method, dtype))
+
+        def compile_last_of_truth(self) -> None:
+            asked.append(("", ""))
 
     scene = st.scene_from_plain(SCENE)
     told: list[Callable[[str, int], None]] = []
@@ -96,7 +123,7 @@ def test_the_second_process_compiles_beside_a_first_run_alone(monkeypatch: pytes
         assert asked == []
         for before in range(3):
             told[0]("kernel", before)
-    assert asked == [("structure_tensor", "uint8")]
+    assert asked == [("structure_tensor", "uint8"), ("", "")]
     with scene_run._compiling_beside(None, scene, [scene.estimate]):
         pass
     assert len(told) == 1

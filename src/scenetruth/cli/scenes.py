@@ -55,8 +55,8 @@ def warm_up() -> None:
     from scenetruth import pipeline
     from scenetruth.cli.console import reporting
 
-    with reporting() as report:
-        pipeline.warm_up(report)
+    with reporting() as report, pipeline.figure_help(options.helpers()) as helper:
+        pipeline.warm_up(report, None if helper is None else helper.compile_method)
     typer.echo("everything is compiled")
 
 

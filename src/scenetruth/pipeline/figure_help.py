@@ -1,4 +1,4 @@
-"""A second process: it compiles a method while the first one renders, and draws figures."""
+"""A second process: it compiles while the first one does too, and draws figures."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class FigureHelper:
             self._process.kill()
             self._process.communicate()
 
-    def compile(self, choice: MethodChoice, dtype: str) -> None:
+    def compile_method(self, choice: MethodChoice, dtype: str) -> None:
         """Have the kernels of a method compiled; whoever needs them reads them from disk then, or compiles on its own.
 
         Parameters
@@ -67,13 +67,18 @@ class FigureHelper:
         dtype
             Of the images that it will be given.
         """
+        settings = choice.settings.model_dump(mode="json")
+        self._compile({"method": choice.method, "settings": settings, "dtype": dtype})
+
+    def compile_last_of_truth(self) -> None:
+        """Have those kernels of the truth compiled that a run comes to last (`warming.compile_last_of_truth`)."""
+        self._compile({})
+
+    def _compile(self, what: dict[str, Any]) -> None:
         if self._asked or self._process is None or self._process.stdin is None:
             return
-        settings = choice.settings.model_dump(mode="json")
         with suppress(OSError, ValueError):
-            self._process.stdin.write(
-                json.dumps({"method": choice.method, "settings": settings, "dtype": dtype}) + "\n"
-            )
+            self._process.stdin.write(json.dumps({"compile": what}) + "\n")
             self._process.stdin.flush()
 
     def draw(self, name: str, stores: dict[str, str | None], folder: Path) -> Future[FigureInfo | None]:
@@ -145,12 +150,15 @@ def _serve(requests: IO[str], answers: IO[str]) -> None:
 
     for line in requests:
         request = json.loads(line)
-        if "method" in request:
-            from scenetruth.pipeline.warming import compile_method
+        if "compile" in request:
+            from scenetruth.pipeline.warming import compile_last_of_truth, compile_method
 
             # What goes wrong here does so again where somebody is told.
             with suppress(Exception):
-                compile_method(**request)
+                if request["compile"]:
+                    compile_method(**request["compile"])
+                else:
+                    compile_last_of_truth()
             continue
         parts: dict[str, Any] = {}
         for key in ("recording", "estimate", "truth", "score"):

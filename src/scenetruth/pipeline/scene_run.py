@@ -174,7 +174,10 @@ def run_scene(
 
 @contextmanager
 def _compiling_beside(helper: FigureHelper | None, scene: Scene, choices: Sequence[MethodChoice]) -> Iterator[None]:
-    """Let the methods be compiled beside the rendering, if this is seen to compile: the first run on a machine."""
+    """Let a second process compile if this one is seen to compile, which is the first run on a machine.
+
+    First the methods, then what this process comes to just before them.
+    """
     from scenetruth.camera.sensor import chain_of
 
     if helper is None or not choices:
@@ -184,7 +187,8 @@ def _compiling_beside(helper: FigureHelper | None, scene: Scene, choices: Sequen
     def begin(name: str, before: int) -> None:
         if before == 0:
             for choice in choices:
-                helper.compile(choice, chain_of(scene.sensor).dtype.name)
+                helper.compile_method(choice, chain_of(scene.sensor).dtype.name)
+            helper.compile_last_of_truth()
 
     with announced_compilation(begin):
         yield

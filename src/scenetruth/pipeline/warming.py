@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from scenetruth.progress import Progress
 
-__all__ = ["compile_method", "warm_up"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from scenetruth.estimators import MethodChoice
+
+__all__ = ["compile_last_of_truth", "compile_method", "small_recording", "warm_up"]
 
 _SMALL: dict[str, Any] = {
     "camera": {"width": 48, "height": 36, "focal_length_px": 240.0},
@@ -63,16 +68,19 @@ _SCENES: dict[str, dict[str, Any]] = {
 }
 
 
-def warm_up(progress: Progress | None = None) -> list[str]:
+def warm_up(progress: Progress | None = None, beside: Callable[[MethodChoice, str], None] | None = None) -> list[str]:
     """Let numba compile the kernels of scenes, truth, methods and scores; what it has kept is read instead.
 
-    Compiled code is kept beside the package or in the user's cache, so that this takes a minute once, and a few seconds
-    from then on.
+    Compiled code is kept beside the package or in the user's cache, so that this takes a minute or two once, and a few
+    seconds from then on.
 
     Parameters
     ----------
     progress
         Called with (what, done, total).
+    beside
+        Lets a second process compile a method for images of a type, while this one compiles scenes and truth
+        (`FigureHelper.compile_method`).
 
     Returns
     -------
@@ -80,7 +88,7 @@ def warm_up(progress: Progress | None = None) -> list[str]:
         What was run: scenes and methods.
     """
     from scenetruth.errors import EstimateError
-    from scenetruth.estimators import estimate, method_entries
+    from scenetruth.estimators import choose, estimate, method_entries
     from scenetruth.scene import scene_from_plain
     from scenetruth.scoring import score
     from scenetruth.simulation import simulate
@@ -96,6 +104,9 @@ def warm_up(progress: Progress | None = None) -> list[str]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        if beside is not None:
+            for method in methods:
+                beside(choose({"method": method}), "uint8")
         for name, plain in _SCENES.items():
             tell(f"{name}: images and truth")
             recording, truth = simulate(scene_from_plain(plain))
@@ -120,16 +131,33 @@ def compile_method(method: str, settings: Mapping[str, Any], dtype: str) -> None
         Of the images: kernels are compiled for each type.
     """
     from scenetruth.estimators import estimate
-    from scenetruth.schema import make_recording
 
-    rng = np.random.default_rng(0)
-    wide = 0.5 + 0.1 * np.cumsum(rng.normal(size=(48, 96)), axis=1) / np.sqrt(np.arange(1, 97))
-    # Camera s and frame t see the same, shifted by 2 s + t pixels.
-    images = np.array([[wide[:, 16 - 2 * s - t : 80 - 2 * s - t] for t in range(-2, 3)] for s in range(-2, 3)])
-    scale = 1.0 if np.dtype(dtype).kind == "f" else float(np.iinfo(dtype).max)
-    recording = make_recording(
-        (scale * np.clip(images, 0, 1)).astype(dtype), focal_length_px=240.0, baseline_mm=5.0, full_scale=scale
-    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        estimate(recording, method, dict(settings))
+        estimate(small_recording(dtype), method, dict(settings))
+
+
+def small_recording(dtype: str) -> xr.Dataset:
+    """Return a few small images of a type, of which every method can tell something."""
+    from scenetruth.schema import make_recording
+
+    # Noise smoothed by a binomial filter along both axes.
+    wide = np.random.default_rng(0).normal(size=(60, 108))
+    for _ in range(6):
+        wide = wide[2:] + 2 * wide[1:-1] + wide[:-2]
+        wide = wide[:, 2:] + 2 * wide[:, 1:-1] + wide[:, :-2]
+    wide = 0.5 + 0.15 * wide / wide.std()
+    # Disparity 2 px, and flow of 1 px per frame to the right.
+    images = np.array([[wide[:, 16 + 2 * s - t : 80 + 2 * s - t] for t in range(-2, 3)] for s in range(-2, 3)])
+    scale = 1.0 if np.dtype(dtype).kind == "f" else float(np.iinfo(dtype).max)
+    return make_recording(
+        (scale * np.clip(images, 0, 1)).astype(dtype), focal_length_px=240.0, baseline_mm=5.0, full_scale=scale
+    )
+
+
+def compile_last_of_truth() -> None:
+    """Let numba compile what truth needs last: the kernels that tell which cameras see a point."""
+    from scenetruth.scene import scene_from_plain
+    from scenetruth.truth import compile_visibility
+
+    compile_visibility(scene_from_plain(_SCENES["cube"]))

@@ -10,7 +10,7 @@ from scenetruth.truth.assembly import (
     refuse_arguments,
     truth_of_world,
 )
-from scenetruth.truth.following import Follower, PixelPoints
+from scenetruth.truth.following import Follower, PixelPoints, compile_visibility
 from scenetruth.truth.interior import interior_warnings
 from scenetruth.truth.maps import Geometries, GeometryPass, TruthMaps, truth_maps
 from scenetruth.truth.rolling import truth_by_rows
@@ -28,6 +28,7 @@ __all__ = [
     "TruthPoses",
     "TruthViews",
     "blank_truth",
+    "compile_visibility",
     "fill_truth",
     "interior_warnings",
     "make_truth",

@@ -9,10 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint
+from scenetruth.provenance import schedule_of
+from scenetruth.raycast import Topology
+from scenetruth.scene.spec import Scene
+from scenetruth.scene.world import build_world
 from scenetruth.truth.maps import Geometries, GeometryPass, TruthMaps
 from scenetruth.truth.visibility import SurfacePoints, points_seen
 
-__all__ = ["Follower", "PixelPoints"]
+__all__ = ["Follower", "PixelPoints", "compile_visibility"]
 
 Place = tuple[float, Viewpoint]
 """Time in frames and pose of an image."""
@@ -149,3 +153,19 @@ class Follower:
         found = np.zeros(self._size, dtype=values.dtype)
         found.ravel()[points.pixels] = values
         return found
+
+
+def compile_visibility(scene: Scene) -> None:
+    """Let numba compile the kernels that tell which points a camera sees, by asking for a few.
+
+    Parameters
+    ----------
+    scene
+        Any scene, best a small one.
+    """
+    world = build_world(scene)
+    geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
+    viewpoint = schedule_of(scene).moment(0, 0).viewpoint
+    first = np.zeros((2, 2), dtype=np.int64)
+    maps = {"object_id": first, "face_id": first, "barycentric": np.full((2, 2, 2), 0.25)}
+    points_seen(PixelPoints(maps, geometry, viewpoint).points, geometry, scene.camera, viewpoint)
