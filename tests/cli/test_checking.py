@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from tests.cli.calling import scenetruth
+from tests.nightly import by_night
 from tests.scenes import SCENES
 
 ALONE = """
@@ -30,7 +31,7 @@ MOST_MB = 500
 MOST_S = 6
 
 
-@pytest.mark.parametrize("size", [[], ["camera.width=8000", "camera.height=8000", "frames.count=10000"]])
+@pytest.mark.parametrize("size", [*by_night([]), ["camera.width=8000", "camera.height=8000", "frames.count=10000"]])
 def test_check_is_small_and_loads_no_compiled_code(size: list[str]) -> None:
     words = [word for text in (*size, "stage.positions=5") for word in ("--set", text)]
     allowed = ["--limits", "pixels=64e6", "--limits", "memory_gb=1e4", "--limits", "disk_gb=1e6"]

@@ -17,6 +17,7 @@ from scenetruth.camera import PRESETS, EmvaSensor, PhotonTransfer
 from scenetruth.cli.app import app
 from scenetruth.experiment.emva import run as emva
 from scenetruth.experiment.emva.run import compare, measure_sensor, run_emva
+from tests.nightly import by_night
 from tests.sensors import NOISY_SENSOR
 
 # What a measurement must recover. Scatter, as one standard error with 300 x 400 pixels: gain 0.1 %, spatial standard
@@ -33,6 +34,7 @@ BOUNDS = {
 # One more, whose dark current has more time to add electrons.
 NOISY = NOISY_SENSOR | {"exposure_time_s": 0.1}
 SENSORS: dict[str, dict[str, Any]] = {**{name: {"preset": name} for name in PRESETS}, "noisy": NOISY}
+BY_DAY = ["noisy", "scientific_cmos"]
 
 
 DOCS = Path(__file__).parents[2] / "docs" / "sensors.md"
@@ -47,7 +49,7 @@ def measured(name: str) -> PhotonTransfer:
     return measure_sensor(made(name), name=name)
 
 
-@pytest.mark.parametrize("name", SENSORS)
+@pytest.mark.parametrize("name", [*BY_DAY, *by_night(*sorted({*SENSORS} - {*BY_DAY}))])
 def test_measured_as_told(name: str) -> None:
     sensor, found = made(name), measured(name)
     errors = {one.quantity: abs(one.error) for one in compare(name, sensor, found)}

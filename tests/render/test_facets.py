@@ -16,6 +16,7 @@ from scenetruth.raycast import RayCaster, Topology
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.world import World
+from tests.nightly import by_night
 from tests.surfaces import ball, relief, scene_of, world_of
 
 CAMERA = {"width": 80, "height": 60, "focal_length_px": 600}
@@ -87,7 +88,7 @@ def poked_through(world: World, scene: Scene) -> NDArray[np.bool_]:
     return np.asarray(new.any(axis=-1))
 
 
-@pytest.mark.parametrize("light", list(LIGHTS))
+@pytest.mark.parametrize("light", ["lit", *by_night(*sorted({*LIGHTS} - {"lit"}))])
 @settings(max_examples=8, deadline=None)
 @given(seed=some.integers(0, 10_000), fine=some.booleans(), tilt_deg=some.floats(-70, 70))
 def test_a_leaf_and_a_ball_are_the_same_traced(light: str, seed: int, fine: bool, tilt_deg: float) -> None:

@@ -14,6 +14,7 @@ import pytest
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import choose_renderer, opengl
 from scenetruth.scene.world import build_world
+from tests.nightly import by_night
 from tests.scenes import SCENES, cube
 
 
@@ -67,7 +68,7 @@ def test_raycast_never_loads_opengl() -> None:
     assert done.stdout.split() == ["raycast", "False", "False"]
 
 
-@pytest.mark.parametrize("platform", opengl.PLATFORMS)
+@pytest.mark.parametrize("platform", ["osmesa", *by_night(*sorted({*opengl.PLATFORMS} - {"osmesa"}))])
 def test_each_platform_renders_the_cube_where_it_runs(platform: str) -> None:
     scene = cube(
         frames={"count": 1},

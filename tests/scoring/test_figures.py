@@ -159,7 +159,9 @@ def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
         pytest.param(
             ("flow", "kind_motion"), ["image.png", "flow.png", "error_histograms.png", "confidence.png"], marks=nightly
         ),
-        (("velocity",), ["image.png", "velocity_z.png", "velocity_z_row.png", "error_histograms.png"]),
+        pytest.param(
+            ("velocity",), ["image.png", "velocity_z.png", "velocity_z_row.png", "error_histograms.png"], marks=nightly
+        ),
     ],
 )
 def test_what_the_estimate_does_not_hold_is_left_out(

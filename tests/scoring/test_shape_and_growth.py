@@ -17,6 +17,7 @@ from scenetruth.scoring.differences import angle_deg
 from scenetruth.scoring.figures._views import views_of
 from scenetruth.scoring.figures.growth import draw_growth, draw_growth_alone
 from scenetruth.scoring.report.maps import describe_maps
+from tests.nightly import by_night
 from tests.scoring.synthetic import Case, make_growing_case
 
 Map = NDArray[np.float64]
@@ -163,7 +164,7 @@ def test_estimates_alone_are_described_with_their_own_growth(full: Case) -> None
     assert "normal" not in found
 
 
-@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("stated", [True, *by_night(False)])
 def test_the_figure_shows_the_estimates_own_growth(full: Case, stated: bool, tmp_path: Path) -> None:
     estimate = full.estimate if stated else full.estimate.drop_vars("growth_rate_std")
     result = score(estimate, full.truth)

@@ -10,7 +10,7 @@ import xarray as xr
 
 import scenetruth as st
 from tests.estimators.refined.surface import MovingPlane, turning
-from tests.nightly import nightly
+from tests.nightly import by_night, nightly
 
 GROWTH = 2e-3
 GRADIENTS = {
@@ -36,7 +36,7 @@ def errors(found: xr.Dataset, plane: MovingPlane, name: str) -> np.ndarray:
     return np.asarray(inside.reshape(-1, *inside.shape[-2:]))
 
 
-@pytest.mark.parametrize("motion", GRADIENTS)
+@pytest.mark.parametrize("motion", [*by_night("rigid", "affine"), *sorted({*GRADIENTS} - {"rigid", "affine"})])
 def test_a_plane_is_found_to_the_precision_of_interpolation(motion: str) -> None:
     """Each model is exact for its own motion of a plane, up to second order of the velocity; splines err by 1e-4 px."""
     plane = MovingPlane(gradient=GRADIENTS[motion])

@@ -10,6 +10,7 @@ import pytest
 import scenetruth as st
 from scenetruth.schema import KIND_FULL
 from tests.estimators.structure_tensor.analytic import Plane
+from tests.nightly import by_night
 
 STAGE = np.arange(5.0) - 2
 
@@ -88,7 +89,7 @@ def test_working_points_of_each_pixel_follow_a_slope() -> None:
         assert np.sqrt(np.mean(error[both] ** 2)) <= np.sqrt(np.mean(other[both] ** 2)) + 1e-6
 
 
-@pytest.mark.parametrize("levels", [2, 3])
+@pytest.mark.parametrize("levels", [2, *by_night(3)])
 def test_coarse_to_fine_keeps_a_far_background_of_fine_texture(levels: int) -> None:
     """Waves of 4 to 8 px are gone at a quarter of the resolution, where only what is near and coarse is left."""
     near, far = (

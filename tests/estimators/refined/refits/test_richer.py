@@ -13,7 +13,7 @@ import scenetruth as st
 from scenetruth.estimators.refined.fits import between, blank_fit, every_other, with_bias
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 from tests.estimators.refined.surface import MovingPlane
-from tests.nightly import nightly
+from tests.nightly import by_night, nightly
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def motion_of(found: xr.Dataset) -> Array:
     return np.asarray(inner(found)["motion_model"].values)
 
 
-@pytest.mark.parametrize("motion", ["auto", "growing"])
+@pytest.mark.parametrize("motion", ["auto", *by_night("growing")])
 def test_a_plane_that_grows_evenly_is_plain(motion: str) -> None:
     """Any gradient and an acceleration change by noise alone what rotation and growth find."""
     plane = MovingPlane(gradient=0.004 * np.eye(3))
