@@ -42,7 +42,7 @@ nightly: setup
 	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -rP -p no:cacheprovider \
 		tests/fuzz tests/pipeline tests/dataset tests/storage/test_integrity.py tests/test_resident_memory.py tests/test_accuracy.py \
 		tests/estimators/structure_tensor tests/estimators/refined tests/truth tests/camera tests/experiment tests/scoring \
-		tests/comparison tests/bound tests/testing tests/design tests/cli/design tests/docs/test_adding.py \
+		tests/comparison tests/bound tests/testing tests/design tests/render tests/cli tests/docs/test_adding.py \
 		tests/testing_accuracy/test_example.py
 
 browser: setup

@@ -19,8 +19,8 @@ if "SCENETRUTH_TESTS" not in os.environ:
     os.environ["SCENETRUTH_TESTS"] = os.environ["SCENETRUTH_CACHE"] = tempfile.mkdtemp(prefix="scenetruth-tests-")
     atexit.register(shutil.rmtree, os.environ["SCENETRUTH_TESTS"], ignore_errors=True)
 
-# Kernels are compiled at their first call, and machines are busy: how long an example takes says nothing. By day half as
-# many as usual, by night many more.
+# Kernels are compiled at their first call, and machines are busy: how long an example takes says nothing. There are
+# half as many as usual by day, and many more by night.
 settings.register_profile("without_deadlines", deadline=None, max_examples=50)
 settings.register_profile("nightly", parent=settings.get_profile("without_deadlines"), max_examples=10_000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "without_deadlines"))
