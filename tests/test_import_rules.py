@@ -23,6 +23,7 @@ LEAVES = {
     "progress",
     "docstrings",
     "compilation",
+    "threads",
     "plain",
 }
 MAY_IMPORT = {
@@ -30,6 +31,7 @@ MAY_IMPORT = {
     "errors": set(),
     "docstrings": set(),
     "compilation": {"errors"},
+    "threads": {"compilation"},
     "plain": {"errors"},
     "model": {"docstrings"},
     "indexing": set(),

@@ -19,13 +19,18 @@ def read_only(recording: xr.Dataset) -> xr.Dataset:
     What was opened and not loaded stays so: whoever reads it gets arrays of its own.
     """
     guarded = recording.copy(deep=False)
+    indexes = {}
     for name, variable in guarded.variables.items():
-        # Values of indexes cannot be written to in any case.
-        if name not in guarded.xindexes and is_in_memory(variable):
-            values = variable.values.view()
-            values.flags.writeable = False
+        if not is_in_memory(variable):
+            continue
+        values = variable.values.view()
+        values.flags.writeable = False
+        if name not in guarded.xindexes:
             variable.data = values
-    return guarded
+        elif variable.dims == (name,) and variable.values.flags.writeable:
+            # pandas before 3 hands out the values of an index as they are.
+            indexes[name] = (variable.dims, values, variable.attrs, variable.encoding)
+    return guarded.assign_coords(indexes)
 
 
 def own_arrays(found: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:

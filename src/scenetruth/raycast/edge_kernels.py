@@ -8,11 +8,17 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.threads import in_bands
+
 __all__ = ["contour_edges", "cut_segments", "face_sides"]
 
+# Faces or edges, of some ns each, that are worth a thread of their own.
+_LEAST = 4096
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def face_sides(vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64]) -> Any:
+
+def face_sides(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Compute the normals of faces, and tell which faces show their front to a point.
 
     Parameters
@@ -33,7 +39,16 @@ def face_sides(vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: 
     count = faces.shape[0]
     normals = np.empty((count, 3), dtype=np.float64)
     front = np.empty(count, dtype=np.bool_)
-    for face in numba.prange(count):
+    in_bands(_face_sides, count, vertices, faces, origin, normals, front, least=_LEAST)
+    return normals, front
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _face_sides(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
+    normals: NDArray[np.float64], front: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for face in range(low, high):
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
         ax, ay, az = vertices[i, 0], vertices[i, 1], vertices[i, 2]
         ux, uy, uz = vertices[j, 0] - ax, vertices[j, 1] - ay, vertices[j, 2] - az
@@ -43,10 +58,8 @@ def face_sides(vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: 
         nx, ny, nz = nx / length, ny / length, nz / length
         normals[face, 0], normals[face, 1], normals[face, 2] = nx, ny, nz
         front[face] = nx * (origin[0] - ax) + ny * (origin[1] - ay) + nz * (origin[2] - az) > 0.0
-    return normals, front
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def contour_edges(
     normals: NDArray[np.float64],
     front: NDArray[np.bool_],
@@ -54,7 +67,7 @@ def contour_edges(
     flipped: NDArray[np.bool_],
     crowded: NDArray[np.bool_],
     crease_cosine: NDArray[np.float64],
-) -> Any:
+) -> NDArray[np.bool_]:
     """Tell which edges are seen as lines: boundaries, silhouette edges (between a front and a back face), sharp edges.
 
     Parameters
@@ -71,7 +84,17 @@ def contour_edges(
     """
     count = edge_faces.shape[0]
     chosen = np.empty(count, dtype=np.bool_)
-    for edge in numba.prange(count):
+    in_bands(_contour_edges, count, normals, front, edge_faces, flipped, crowded, crease_cosine, chosen, least=_LEAST)
+    return chosen
+
+
+@numba.njit(cache=True, nogil=True)
+def _contour_edges(
+    low: int, high: int, normals: NDArray[np.float64], front: NDArray[np.bool_], edge_faces: NDArray[np.int32],
+    flipped: NDArray[np.bool_], crowded: NDArray[np.bool_], crease_cosine: NDArray[np.float64],
+    chosen: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for edge in range(low, high):
         one, two = edge_faces[edge, 0], edge_faces[edge, 1]
         if two < 0 or crowded[edge]:
             chosen[edge] = True
@@ -83,7 +106,6 @@ def contour_edges(
             cosine = -cosine
         turned = (front[one] != front[two]) != flipped[edge]
         chosen[edge] = turned or cosine < crease_cosine[edge]
-    return chosen
 
 
 @numba.njit(cache=True, nogil=True)

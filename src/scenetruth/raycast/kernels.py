@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.raycast.footprints import ImageRays, TexturedMesh
 from scenetruth.raycast.inside_kernels import blurs, inside
+from scenetruth.threads import in_bands
 
 __all__ = ["footprint_forms", "refine_hits"]
 
@@ -61,7 +62,6 @@ def _meet(
     return within, depth, w1 / total, w2 / total, nearest / length
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def refine_hits(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
@@ -71,7 +71,7 @@ def refine_hits(
     guesses: NDArray[np.int32],
     width: int,
     margin: float,
-) -> Any:
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
     """Find the exact first face, depth and barycentric coordinates of every ray.
 
     Where a ray passes close to an edge, or where neighbouring rays meet other faces, every face nearby is tested in
@@ -102,11 +102,23 @@ def refine_hits(
         Face, depth and barycentric coordinates, as of `Hits`.
     """
     count = directions.shape[0]
-    height = count // width if width > 0 else 0
-    face_out = np.empty(count, dtype=np.int32)
-    depth_out = np.empty(count, dtype=np.float64)
+    face = np.empty(count, dtype=np.int32)
+    depth = np.empty(count, dtype=np.float64)
     weights = np.empty((count, 2), dtype=np.float64)
-    for n in numba.prange(count):
+    rays = (origin, directions, guesses, width, margin)
+    in_bands(_refine_hits, count, vertices, faces, neighbours, *rays, face, depth, weights)
+    return face, depth, weights
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _refine_hits(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
+    origin: NDArray[np.float64], directions: NDArray[np.float64], guesses: NDArray[np.int32], width: int, margin: float,
+    face_out: NDArray[np.int32], depth_out: NDArray[np.float64], weights: NDArray[np.float64],
+) -> None:  # fmt: skip
+    height = directions.shape[0] // width if width > 0 else 0
+    candidates = np.empty(_MOST_CANDIDATES, dtype=np.int32)
+    for n in range(low, high):
         dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
         own = guesses[n]
         best, best_depth, best_1, best_2 = -1, np.inf, 0.0, 0.0
@@ -116,7 +128,6 @@ def refine_hits(
             close = gap < margin
             if inside:
                 best, best_depth, best_1, best_2 = own, own_depth, own_1, own_2
-        candidates = np.empty(_MOST_CANDIDATES, dtype=np.int32)
         used = 0
         if close and own >= 0:
             for k in range(3):
@@ -154,11 +165,11 @@ def refine_hits(
         face_out[n] = best
         depth_out[n] = best_depth if best >= 0 else np.nan
         weights[n, 0], weights[n, 1] = best_1, best_2
-    return face_out, depth_out, weights
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def footprint_forms(mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], reach: float) -> Any:
+def footprint_forms(
+    mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], reach: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Map the footprints of pixels to texture coordinates through the plane of the face at their centre.
 
     The ray at (x, y) from a pixel's centre is the pixel's own plus x and y times the rays' steps across and down.
@@ -179,13 +190,22 @@ def footprint_forms(mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int6
         The forms: numerators of u and v and their denominator (rows), coefficients of 1, x and y (columns), shape
         (n, 3, 3); and whether the square of half-width ``reach`` around the centre stays inside the face, shape (n,).
     """
-    vertices, faces, uv, origin = mesh.vertices, mesh.faces, mesh.uv, rays.origin
-    directions, across, down, hits = rays.directions, rays.across, rays.down, rays.face
     count = pixels.shape[0]
-    apart = 1 if across.shape[0] > 1 else 0
     forms = np.empty((count, 3, 3), dtype=np.float64)
     whole = np.empty(count, dtype=np.bool_)
-    for n in numba.prange(count):
+    in_bands(_footprint_forms, count, mesh, rays, pixels, reach, forms, whole)
+    return forms, whole
+
+
+@numba.njit(cache=True, nogil=True)
+def _footprint_forms(
+    low: int, high: int, mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], reach: float,
+    forms: NDArray[np.float64], whole: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    vertices, faces, uv, origin = mesh.vertices, mesh.faces, mesh.uv, rays.origin
+    directions, across, down, hits = rays.directions, rays.across, rays.down, rays.face
+    apart = 1 if across.shape[0] > 1 else 0
+    for n in range(low, high):
         pixel = pixels[n]
         face = hits[pixel]
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -227,4 +247,3 @@ def footprint_forms(mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int6
         positive = w0 >= span0 and w1 >= span1 and w2 >= span2 and forms[n, _DENOMINATOR, _CENTRE] > 0.0
         negative = w0 <= -span0 and w1 <= -span1 and w2 <= -span2 and forms[n, _DENOMINATOR, _CENTRE] < 0.0
         whole[n] = positive or negative
-    return forms, whole

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.threads import in_bands
+
 __all__ = ["mix_vertices"]
+
+# Rays, of some ns each, that are worth a thread of their own.
+_LEAST = 4096
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -17,10 +20,9 @@ def _mixed(first: float, second: float, third: float, b1: float, b2: float) -> f
     return first + b1 * (second - first) + b2 * (third - first)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def mix_vertices(
     face: NDArray[np.int32], weights: NDArray[np.float64], faces: NDArray[np.int32], values: NDArray[np.float64]
-) -> Any:
+) -> NDArray[np.float64]:
     """Interpolate values that are given at vertices.
 
     Parameters
@@ -39,9 +41,18 @@ def mix_vertices(
     numpy.ndarray
         Shape (n, k); NaN where there is no face.
     """
-    count, size = face.shape[0], values.shape[1]
-    out = np.empty((count, size), dtype=np.float64)
-    for n in numba.prange(count):
+    out = np.empty((face.shape[0], values.shape[1]), dtype=np.float64)
+    in_bands(_mix_vertices, face.shape[0], face, weights, faces, values, out, least=_LEAST)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _mix_vertices(
+    low: int, high: int, face: NDArray[np.int32], weights: NDArray[np.float64], faces: NDArray[np.int32],
+    values: NDArray[np.float64], out: NDArray[np.float64],
+) -> None:  # fmt: skip
+    size = values.shape[1]
+    for n in range(low, high):
         met, b1, b2 = face[n], weights[n, 0], weights[n, 1]
         for k in range(size):
             if met < 0:
@@ -49,4 +60,3 @@ def mix_vertices(
             else:
                 first, second, third = faces[met, 0], faces[met, 1], faces[met, 2]
                 out[n, k] = _mixed(values[first, k], values[second, k], values[third, k], b1, b2)
-    return out

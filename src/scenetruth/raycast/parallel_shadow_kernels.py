@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast.shadow_kernels import meets
+from scenetruth.threads import in_bands
 
 __all__ = ["BLOCKED", "LIT", "UNSURE", "FacesInLight", "flatten_faces", "parallel_shadows", "sort_faces"]
 
@@ -23,8 +24,8 @@ NUMBERS = 16
 _STEEPEST = 1e3
 # More faces on one ray than these are not kept apart.
 _MOST = 24
-# Points that share scratch memory.
-_BLOCK = 256
+# Points that are worth a thread of their own.
+_LEAST = 256
 # Faces that touch more cells than these are tried for every point.
 LARGE = 1 << 14
 # Faces that touch more cells than these are asked for every cell of their box whether they touch it.
@@ -61,10 +62,9 @@ class FacesInLight(NamedTuple):
     """Distance in mm by which Embree's float32 may err."""
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def flatten_faces(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], frame: NDArray[np.float64], tolerance: float
-) -> Any:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return what is kept of every face, shape (m, `NUMBERS`), and its lowest and highest u and v, shape (m, 4).
 
     The ranges hold all rays that pass the edges within the tolerance; those of faces that are seen edge-on have no end.
@@ -73,8 +73,17 @@ def flatten_faces(
     count = faces.shape[0]
     numbers = np.empty((count, NUMBERS), dtype=np.float64)
     boxes = np.empty((count, 4), dtype=np.float64)
-    for face in numba.prange(count):
-        place = np.empty((3, 3), dtype=np.float64)
+    in_bands(_flatten_faces, count, vertices, faces, frame, tolerance, numbers, boxes)
+    return numbers, boxes
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _flatten_faces(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], frame: NDArray[np.float64],
+    tolerance: float, numbers: NDArray[np.float64], boxes: NDArray[np.float64],
+) -> None:  # fmt: skip
+    place = np.empty((3, 3), dtype=np.float64)
+    for face in range(low, high):
         for corner in range(3):
             vertex = faces[face, corner]
             for k in range(3):
@@ -130,7 +139,6 @@ def flatten_faces(
         out[_PLANE], out[_PLANE + 1] = -nx / nz, -ny / nz
         out[_PLANE + 2] = a[2] - out[_PLANE] * a[0] - out[_PLANE + 1] * a[1]
         out[_STEEP] = steep / abs(nz)
-    return numbers, boxes
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -262,7 +270,6 @@ def _decide(
     return BLOCKED
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def parallel_shadows(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
@@ -274,7 +281,7 @@ def parallel_shadows(
     to_light: NDArray[np.float64],
     reach: float,
     farthest: float,
-) -> Any:
+) -> NDArray[np.uint8]:
     """Tell which points parallel light does not reach.
 
     The answer is that of `shadow_kernels.confirm_blocked` after a guess by Embree, whatever that would be: nothing is
@@ -308,47 +315,51 @@ def parallel_shadows(
     """
     count = points.shape[0]
     out = np.zeros(count, dtype=np.uint8)
+    mesh, asked = (vertices, faces, neighbours), (points, own, wanted)
+    in_bands(_parallel_shadows, count, *mesh, light, *asked, to_light * -reach, farthest, out, least=_LEAST)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _parallel_shadows(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
+    light: FacesInLight, points: NDArray[np.float64], own: NDArray[np.int32], wanted: NDArray[np.bool_],
+    way: NDArray[np.float64], farthest: float, out: NDArray[np.uint8],
+) -> None:  # fmt: skip
     frame, tolerance, numbers = light.frame, light.tolerance, light.numbers
     low_u, low_v, per_cell = light.low[0], light.low[1], light.per_cell
     columns, rows, starts, listed, large = light.columns, light.rows, light.starts, light.listed, light.large
-    way = np.empty(3)
-    for k in range(3):
-        way[k] = to_light[k] * -reach
-    for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
-        start = np.empty(3)
-        touched, met = np.empty(_MOST, dtype=np.int32), np.empty(_MOST, dtype=np.bool_)
-        for n in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
-            if not wanted[n]:
+    start = np.empty(3)
+    touched, met = np.empty(_MOST, dtype=np.int32), np.empty(_MOST, dtype=np.bool_)
+    for n in range(low, high):
+        if not wanted[n]:
+            continue
+        u = points[n, 0] * frame[0, 0] + points[n, 1] * frame[0, 1] + points[n, 2] * frame[0, 2]
+        v = points[n, 0] * frame[1, 0] + points[n, 1] * frame[1, 1] + points[n, 2] * frame[1, 2]
+        h = points[n, 0] * frame[2, 0] + points[n, 1] * frame[2, 1] + points[n, 2] * frame[2, 2]
+        cell = _cell(v, low_v, per_cell, rows - 1) * columns + _cell(u, low_u, per_cell, columns - 1)
+        first = starts[cell]
+        entries = starts[cell + 1] - first
+        # With the same operations as the rays that Embree is asked for.
+        for k in range(3):
+            start[k] = points[n, k] - way[k]
+        found, used = 0, 0
+        entry = -1
+        while entry + 1 < entries + large.shape[0]:
+            entry += 1
+            face = listed[first + entry] if entry < entries else large[entry - entries]
+            if numbers[face, _LOWEST] - tolerance > h:
+                # All that follow are behind the point, too.
+                entry = max(entry, entries - 1)
                 continue
-            u = points[n, 0] * frame[0, 0] + points[n, 1] * frame[0, 1] + points[n, 2] * frame[0, 2]
-            v = points[n, 0] * frame[1, 0] + points[n, 1] * frame[1, 1] + points[n, 2] * frame[1, 2]
-            h = points[n, 0] * frame[2, 0] + points[n, 1] * frame[2, 1] + points[n, 2] * frame[2, 2]
-            cell = _cell(v, low_v, per_cell, rows - 1) * columns + _cell(u, low_u, per_cell, columns - 1)
-            first = starts[cell]
-            entries = starts[cell + 1] - first
-            # With the same operations as the rays that Embree is asked for.
-            for k in range(3):
-                start[k] = points[n, k] - way[k]
-            found, used = 0, 0
-            entry = -1
-            while entry + 1 < entries + large.shape[0]:
-                entry += 1
-                face = listed[first + entry] if entry < entries else large[entry - entries]
-                if numbers[face, _LOWEST] - tolerance > h:
-                    # All that follow are behind the point, too.
-                    entry = max(entry, entries - 1)
-                    continue
-                if not _inside(numbers, face, u, v) >= -tolerance or _lowest(numbers, face, u, v, tolerance) > h:
-                    continue
-                hit = face != own[n] and meets(vertices, faces, face, start, way, farthest)
-                found += hit
-                if used < _MOST:
-                    touched[used], met[used] = face, hit
-                used += 1
-            if found > 0:
-                out[n] = (
-                    UNSURE
-                    if used > _MOST
-                    else _decide(numbers, tolerance, u, v, h, own[n], touched, met, used, neighbours)
-                )
-    return out
+            if not _inside(numbers, face, u, v) >= -tolerance or _lowest(numbers, face, u, v, tolerance) > h:
+                continue
+            hit = face != own[n] and meets(vertices, faces, face, start, way, farthest)
+            found += hit
+            if used < _MOST:
+                touched[used], met[used] = face, hit
+            used += 1
+        if found > 0:
+            out[n] = (
+                UNSURE if used > _MOST else _decide(numbers, tolerance, u, v, h, own[n], touched, met, used, neighbours)
+            )

@@ -33,6 +33,7 @@ from scenetruth.raycast.projection_kernels import (
     RANGES,
     components,
 )
+from scenetruth.threads import in_bands
 
 __all__ = ["TILE", "prepare_faces", "raster_hits", "tile_bounds"]
 
@@ -44,10 +45,13 @@ TILE = 16
 _GRAZING = 1e-6
 # Boxes are wider by so much, relative to the numbers' size; rounding is below 1e-9 even at `_GRAZING`.
 _BOX_MARGIN = 1e-8
+# Rays that are worth a thread of their own.
+_LEAST_BOUNDED, _LEAST_CAST = 8192, 2048
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def tile_bounds(directions: NDArray[np.float64], width: int, frame: NDArray[np.float64]) -> Any:
+def tile_bounds(
+    directions: NDArray[np.float64], width: int, frame: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], bool]:
     """Bound the rays of every tile in the central projection along an axis.
 
     Parameters
@@ -69,8 +73,23 @@ def tile_bounds(directions: NDArray[np.float64], width: int, frame: NDArray[np.f
     rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
     bounds = np.empty((rows, columns, RANGES), dtype=np.float64)
     forward = np.ones(rows, dtype=np.bool_)
-    for row in numba.prange(rows):
-        for column in range(columns):
+    in_bands(_tile_bounds, rows, directions, width, frame, bounds, forward, least=_tile_rows(_LEAST_BOUNDED, width))
+    return bounds, bool(forward.all())
+
+
+def _tile_rows(rays: int, width: int) -> int:
+    """Return how many rows of tiles have about so many rays."""
+    return max(rays // (TILE * width), 1)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _tile_bounds(
+    low: int, high: int, directions: NDArray[np.float64], width: int, frame: NDArray[np.float64],
+    bounds: NDArray[np.float64], forward: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    height = directions.shape[0] // width
+    for row in range(low, high):
+        for column in range(bounds.shape[1]):
             low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
             for y in range(row * TILE, min((row + 1) * TILE, height)):
                 for x in range(column * TILE, min((column + 1) * TILE, width)):
@@ -86,16 +105,14 @@ def tile_bounds(directions: NDArray[np.float64], width: int, frame: NDArray[np.f
                     low_v, high_v = min(low_v, v), max(high_v, v)
             bounds[row, column, LOW_U], bounds[row, column, HIGH_U] = low_u, high_u
             bounds[row, column, LOW_V], bounds[row, column, HIGH_V] = low_v, high_v
-    return bounds, forward.all()
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def prepare_faces(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     origin: NDArray[np.float64],
     frame: NDArray[np.float64],
-) -> Any:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Prepare all faces for rays from one point: their edge functions, and their ranges in the projection.
 
     Parameters
@@ -118,7 +135,16 @@ def prepare_faces(
     count = faces.shape[0]
     forms = np.empty((count, FORMS), dtype=np.float64)
     boxes = np.empty((count, RANGES), dtype=np.float64)
-    for face in numba.prange(count):
+    in_bands(_prepare_faces, count, vertices, faces, origin, frame, forms, boxes)
+    return forms, boxes
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _prepare_faces(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
+    frame: NDArray[np.float64], forms: NDArray[np.float64], boxes: NDArray[np.float64],
+) -> None:  # fmt: skip
+    for face in range(low, high):
         low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
         behind, grazing = True, False
         for corner in range(3):
@@ -145,7 +171,6 @@ def prepare_faces(
         boxes[face, LOW_U], boxes[face, HIGH_U] = low_u, high_u
         boxes[face, LOW_V], boxes[face, HIGH_V] = low_v, high_v
         write_forms(vertices, faces, face, origin, forms[face])
-    return forms, boxes
 
 
 @numba.njit(cache=True, nogil=True)
@@ -169,7 +194,6 @@ def _edges_of_tile(form: NDArray[np.float64], frame: NDArray[np.float64], bounds
     return may_positive or may_negative, all_positive or all_negative
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def raster_hits(
     forms: NDArray[np.float64],
     boxes: NDArray[np.float64],
@@ -177,7 +201,7 @@ def raster_hits(
     bounds: NDArray[np.float64],
     directions: NDArray[np.float64],
     width: int,
-) -> Any:
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
     """Find the first face that every ray of a grid meets, tile by tile.
 
     Every face is tested against every ray of the tiles that it may touch: inside by the signs of its three edge
@@ -202,13 +226,24 @@ def raster_hits(
         Face, depth and barycentric coordinates, as of `Hits`.
     """
     count = directions.shape[0]
-    height = count // width
-    rows, columns = bounds.shape[0], bounds.shape[1]
-    face_out = np.empty(count, dtype=np.int32)
-    depth_out = np.empty(count, dtype=np.float64)
+    face = np.empty(count, dtype=np.int32)
+    depth = np.empty(count, dtype=np.float64)
     weights = np.empty((count, 2), dtype=np.float64)
+    arguments = (forms, boxes, frame, bounds, directions, width, face, depth, weights)
+    in_bands(_raster_hits, bounds.shape[0], *arguments, least=_tile_rows(_LEAST_CAST, width))
+    return face, depth, weights
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _raster_hits(
+    low: int, high: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], frame: NDArray[np.float64],
+    bounds: NDArray[np.float64], directions: NDArray[np.float64], width: int, face_out: NDArray[np.int32],
+    depth_out: NDArray[np.float64], weights: NDArray[np.float64],
+) -> None:  # fmt: skip
+    height = directions.shape[0] // width
+    rows, columns = bounds.shape[0], bounds.shape[1]
     half = (rows + 1) // 2
-    for turn in numba.prange(rows):
+    for turn in range(low, high):
         # Every other row of tiles, then the rest: threads get shares that cost alike.
         row = 2 * turn if turn < half else 2 * (turn - half) + 1
         top, bottom = row * TILE, min((row + 1) * TILE, height)
@@ -245,4 +280,3 @@ def raster_hits(
                 continue
             dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
             weights[n, 0], weights[n, 1] = weigh(forms[face_out[n]], dx, dy, dz)
-    return face_out, depth_out, weights

@@ -32,6 +32,7 @@ from scenetruth.raycast.projection_kernels import (
     components,
     within,
 )
+from scenetruth.threads import in_bands
 
 __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
 
@@ -45,6 +46,8 @@ _MANY = 16
 _RUN = 64
 # Rays may lie beyond their row of cells by this share of it, by rounding.
 _ROW_MARGIN = 1e-6
+# Faces, rays to be projected, and rays to be cast that are worth a thread of their own.
+_LEAST_SORTED, _LEAST_PROJECTED, _LEAST_CAST = 4096, 8192, 1024
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -53,8 +56,9 @@ def _cell(value: float, low: float, per_cell: float, last: int) -> Any:
     return int(min(max((value - low) * per_cell, 0.0), last + 0.0))
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def sort_rays(directions: NDArray[np.float64], frame: NDArray[np.float64], side: int) -> Any:
+def sort_rays(
+    directions: NDArray[np.float64], frame: NDArray[np.float64], side: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], bool]:
     """Sort rays into square cells of the central projection along an axis.
 
     Parameters
@@ -75,13 +79,30 @@ def sort_rays(directions: NDArray[np.float64], frame: NDArray[np.float64], side:
     """
     count = directions.shape[0]
     places = np.empty((count, 2), dtype=np.float64)
-    backward = 0
-    for n in numba.prange(count):
+    forward = np.empty(count, dtype=np.bool_)
+    in_bands(_project, count, directions, frame, places, forward, least=_LEAST_PROJECTED)
+    order, start, field = _sort_places(places, side)
+    return order, start, field, bool(forward.all())
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _project(
+    low: int, high: int, directions: NDArray[np.float64], frame: NDArray[np.float64], places: NDArray[np.float64],
+    forward: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Write the places u and v of rays, and whether they point into the half space of the axis."""
+    for n in range(low, high):
         dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
         across, down, along = components(dx, dy, dz, frame)
-        if along <= LEAST_COSINE * np.sqrt(dx * dx + dy * dy + dz * dz):
-            backward += 1
+        # What is NaN is passed over.
+        forward[n] = not along <= LEAST_COSINE * np.sqrt(dx * dx + dy * dy + dz * dz)
         places[n, 0], places[n, 1] = across / along, down / along
+
+
+@numba.njit(cache=True, nogil=True)
+def _sort_places(places: NDArray[np.float64], side: int) -> Any:
+    """Return the order of rays, where the cells begin in it, and their field, as `sort_rays` does."""
+    count = places.shape[0]
     field = np.array([np.inf, -np.inf, np.inf, -np.inf, 0.0, 0.0])
     for n in range(count):
         # Comparisons with NaN are false.
@@ -109,11 +130,12 @@ def sort_rays(directions: NDArray[np.float64], frame: NDArray[np.float64], side:
     for n in range(count):
         order[used[cell_of[n]]] = n
         used[cell_of[n]] += 1
-    return order, start[: cells + 1], field, backward == 0
+    return order, start[: cells + 1], field
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def bin_faces(boxes: NDArray[np.float64], field: NDArray[np.float64], side: int, most: int) -> Any:
+def bin_faces(
+    boxes: NDArray[np.float64], field: NDArray[np.float64], side: int, most: int
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """List the faces that may touch each row of cells, in the order of their indices.
 
     Parameters
@@ -133,28 +155,44 @@ def bin_faces(boxes: NDArray[np.float64], field: NDArray[np.float64], side: int,
         The faces, row after row, empty if there would be more than ``most``; and where each row begins in this list,
         shape (side + 1,).
     """
-    count = boxes.shape[0]
-    per_share = (count + _SHARES - 1) // _SHARES
     used = np.zeros((_SHARES, side), dtype=np.int64)
-    for share in numba.prange(_SHARES):
+    least = max(_SHARES * _LEAST_SORTED // max(boxes.shape[0], 1), 1)
+    in_bands(_count_faces, _SHARES, boxes, field, used, least=least)
+    # The entries of a row, share after share: in the order of the faces.
+    ends = np.cumsum(used.T)
+    start = np.zeros(side + 1, dtype=np.int64)
+    start[1:] = ends[_SHARES - 1 :: _SHARES]
+    if start[side] > most:
+        return np.empty(0, dtype=np.int32), start
+    used[:] = ends.reshape(side, _SHARES).T - used
+    listed = np.empty(start[side], dtype=np.int32)
+    in_bands(_list_faces, _SHARES, boxes, field, used, listed, least=least)
+    return listed, start
+
+
+@numba.njit(cache=True, nogil=True)
+def _count_faces(
+    low: int, high: int, boxes: NDArray[np.float64], field: NDArray[np.float64], used: NDArray[np.int64]
+) -> None:
+    count, side = boxes.shape[0], used.shape[1]
+    per_share = (count + _SHARES - 1) // _SHARES
+    for share in range(low, high):
         for face in range(share * per_share, min((share + 1) * per_share, count)):
             if _outside(boxes[face], field):
                 continue
             first = _cell(boxes[face, LOW_V], field[LOW_V], field[_CELLS_PER_V], side - 1)
             for row in range(first, _cell(boxes[face, HIGH_V], field[LOW_V], field[_CELLS_PER_V], side - 1) + 1):
                 used[share, row] += 1
-    start = np.zeros(side + 1, dtype=np.int64)
-    for row in range(side):
-        total = start[row]
-        for share in range(_SHARES):
-            entries = used[share, row]
-            used[share, row] = total
-            total += entries
-        start[row + 1] = total
-    if start[side] > most:
-        return np.empty(0, dtype=np.int32), start
-    listed = np.empty(start[side], dtype=np.int32)
-    for share in numba.prange(_SHARES):
+
+
+@numba.njit(cache=True, nogil=True)
+def _list_faces(
+    low: int, high: int, boxes: NDArray[np.float64], field: NDArray[np.float64], used: NDArray[np.int64],
+    listed: NDArray[np.int32],
+) -> None:  # fmt: skip
+    count, side = boxes.shape[0], used.shape[1]
+    per_share = (count + _SHARES - 1) // _SHARES
+    for share in range(low, high):
         for face in range(share * per_share, min((share + 1) * per_share, count)):
             if _outside(boxes[face], field):
                 continue
@@ -162,7 +200,6 @@ def bin_faces(boxes: NDArray[np.float64], field: NDArray[np.float64], side: int,
             for row in range(first, _cell(boxes[face, HIGH_V], field[LOW_V], field[_CELLS_PER_V], side - 1) + 1):
                 listed[used[share, row]] = face
                 used[share, row] += 1
-    return listed, start
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -203,7 +240,6 @@ def _reach_in_row(
     return reach_low, reach_high
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def scatter_hits(
     forms: NDArray[np.float64],
     boxes: NDArray[np.float64],
@@ -215,7 +251,7 @@ def scatter_hits(
     cell_start: NDArray[np.int64],
     listed: NDArray[np.int32],
     row_start: NDArray[np.int64],
-) -> Any:
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
     """Find the first face that every ray meets, cell by cell; the results are those of `raster_hits` to the bit.
 
     Parameters
@@ -239,10 +275,26 @@ def scatter_hits(
         Face, depth and barycentric coordinates, as of `Hits`.
     """
     count = directions.shape[0]
-    face_out = np.empty(count, dtype=np.int32)
-    depth_out = np.empty(count, dtype=np.float64)
+    face = np.empty(count, dtype=np.int32)
+    depth = np.empty(count, dtype=np.float64)
     weights = np.empty((count, 2), dtype=np.float64)
-    for turn in numba.prange(side):
+    rays, lists, out = (directions, order, cell_start), (listed, row_start), (face, depth, weights)
+    least = max(side * _LEAST_CAST // max(count, 1), 1)
+    in_bands(_scatter_hits, side, forms, boxes, frame, field, side, *rays, *lists, *out, least=least)
+    lost = order[cell_start[-1] :]
+    face[lost], depth[lost], weights[lost] = -1, np.nan, 0.0
+    return face, depth, weights
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _scatter_hits(
+    low_turn: int, high_turn: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], frame: NDArray[np.float64],
+    field: NDArray[np.float64], side: int, directions: NDArray[np.float64], order: NDArray[np.int64],
+    cell_start: NDArray[np.int64], listed: NDArray[np.int32], row_start: NDArray[np.int64], face_out: NDArray[np.int32],
+    depth_out: NDArray[np.float64], weights: NDArray[np.float64],
+) -> None:  # fmt: skip
+    possible = np.empty(_RUN, dtype=np.bool_)
+    for turn in range(low_turn, high_turn):
         # Rows far apart one after the other (``side`` is a power of two): threads get shares that cost alike.
         row = (turn * (5 * side // 8 | 1)) % side
         first, behind = cell_start[row * side], cell_start[(row + 1) * side]
@@ -257,7 +309,6 @@ def scatter_hits(
             low_v += (row - _ROW_MARGIN) / field[_CELLS_PER_V]
         best = np.full(here, -1, dtype=np.int32)
         nearest = np.full(here, np.inf)
-        possible = np.empty(_RUN, dtype=np.bool_)
         faces_here = range(row_start[row], row_start[row + 1]) if here > 0 else range(0)
         for entry in faces_here:
             face = listed[entry]
@@ -307,7 +358,3 @@ def scatter_hits(
                 depth_out[ray], weights[ray, 0], weights[ray, 1] = np.nan, 0.0, 0.0
                 continue
             weights[ray, 0], weights[ray, 1] = weigh(forms[best[n]], xs[n], ys[n], zs[n])
-    for n in range(cell_start[side * side], count):
-        ray = order[n]
-        face_out[ray], depth_out[ray], weights[ray, 0], weights[ray, 1] = -1, np.nan, 0.0, 0.0
-    return face_out, depth_out, weights

@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.threads import in_bands
+
 __all__ = ["confirm_blocked", "meets"]
 
 
@@ -46,7 +48,6 @@ def meets(
     return along >= 0.0 and along < farthest
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def confirm_blocked(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
@@ -56,7 +57,7 @@ def confirm_blocked(
     guesses: NDArray[np.int32],
     own: NDArray[np.int32],
     farthest: float,
-) -> Any:
+) -> NDArray[np.bool_]:
     """Tell which rays from a light are blocked before they reach their point.
 
     The face that Embree guessed and its three neighbours are tested in float64, but never the point's own face.
@@ -87,7 +88,17 @@ def confirm_blocked(
     """
     count = starts.shape[0]
     out = np.empty(count, dtype=np.bool_)
-    for n in numba.prange(count):
+    in_bands(_confirm_blocked, count, vertices, faces, neighbours, starts, ways, guesses, own, farthest, out)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _confirm_blocked(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
+    starts: NDArray[np.float64], ways: NDArray[np.float64], guesses: NDArray[np.int32], own: NDArray[np.int32],
+    farthest: float, out: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for n in range(low, high):
         guess = guesses[n]
         blocked = False
         if guess >= 0 and guess != own[n]:
@@ -97,4 +108,3 @@ def confirm_blocked(
                 if not blocked and beside >= 0 and beside != own[n]:
                     blocked = meets(vertices, faces, beside, starts[n], ways[n], farthest)
         out[n] = blocked
-    return out

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from scenetruth.raycast.footprints import ImageRays, TexturedMesh
 from scenetruth.raycast.inside_kernels import DISTANCE, FORMS, edge_functions, rounding, slope, write_forms
+from scenetruth.threads import in_bands
 
 __all__ = ["walk_footprints"]
 
 # Steps to one sample after which a pixel is given up: some hundred faces across a pixel.
 _MOST_STEPS = 512
+# Pixels that are worth a thread of their own.
+_LEAST = 128
 
 
 @numba.njit(cache=True, nogil=True)
@@ -32,10 +35,9 @@ def _ways_out(w0: float, w1: float, w2: float) -> Any:
     return (1, 0, -1) if w2 < 0.0 else (0, -1, -1)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def walk_footprints(
     mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64]
-) -> Any:
+) -> tuple[NDArray[np.bool_], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Find the faces that the samples of pixels meet, for pixels whose footprint no silhouette or sharp edge crosses.
 
     The walk follows a straight line in the image from the pixel's centre to the first sample, from there to the second,
@@ -62,18 +64,31 @@ def walk_footprints(
         Whether the walk reached all samples, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates,
         (n, k, 2), as of `Hits`; and texture coordinates, (n, k, 2).
     """
+    count, samples = pixels.shape[0], offsets.shape[0]
+    arrived = np.zeros(count, dtype=np.bool_)
+    face = np.full((count, samples), -1, dtype=np.int32)
+    depth = np.empty((count, samples), dtype=np.float64)
+    weights = np.empty((count, samples, 2), dtype=np.float64)
+    uv = np.empty((count, samples, 2), dtype=np.float64)
+    out = (arrived, face, depth, weights, uv)
+    in_bands(_walk_footprints, count, mesh, rays, pixels, offsets, *out, least=_LEAST)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _walk_footprints(
+    low: int, high: int, mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64],
+    arrived: NDArray[np.bool_], face_out: NDArray[np.int32], depth_out: NDArray[np.float64],
+    weights: NDArray[np.float64], uv_out: NDArray[np.float64],
+) -> None:  # fmt: skip
     vertices, faces, neighbours, face_body, uv = mesh.vertices, mesh.faces, mesh.neighbours, mesh.face_body, mesh.uv
     origin, directions, across, down = rays.origin, rays.directions, rays.across, rays.down
     hits, width = rays.face, rays.width
-    count, samples = pixels.shape[0], offsets.shape[0]
+    samples = offsets.shape[0]
     height = hits.shape[0] // width
     apart = 1 if across.shape[0] > 1 else 0
-    arrived = np.zeros(count, dtype=np.bool_)
-    face_out = np.full((count, samples), -1, dtype=np.int32)
-    depth_out = np.empty((count, samples), dtype=np.float64)
-    weights = np.empty((count, samples, 2), dtype=np.float64)
-    uv_out = np.empty((count, samples, 2), dtype=np.float64)
-    for n in numba.prange(count):
+    form = np.empty(FORMS, dtype=np.float64)
+    for n in range(low, high):
         pixel = pixels[n]
         face = hits[pixel]
         body = face_body[face]
@@ -85,7 +100,6 @@ def walk_footprints(
                 alone = alone and other >= 0 and face_body[other] == body
         if not alone:
             continue
-        form = np.empty(FORMS, dtype=np.float64)
         write_forms(vertices, faces, face, origin, form)
         side = 1.0 if form[DISTANCE] > 0.0 else -1.0
         step_x, step_y = across[pixel * apart], down[pixel * apart]
@@ -137,4 +151,3 @@ def walk_footprints(
                 uv_out[n, sample, k] = first + b1 * (uv[face, 1, k] - first) + b2 * (uv[face, 2, k] - first)
             px, py, pz = dx, dy, dz
             arrived[n] = sample == samples - 1
-    return arrived, face_out, depth_out, weights, uv_out

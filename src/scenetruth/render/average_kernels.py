@@ -6,10 +6,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.threads import in_bands
+
 __all__ = ["average_samples"]
 
+# Rows of pixels that are worth a thread of their own.
+_LEAST_ROWS = 8
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+
 def average_samples(samples: NDArray[np.float32], weights: NDArray[np.float64], out: NDArray[np.float32]) -> None:
     """Average n x n samples per pixel, with sums in float64, and turn the image upright.
 
@@ -22,10 +26,18 @@ def average_samples(samples: NDArray[np.float32], weights: NDArray[np.float64], 
     out
         Output with rows from the top down, shape (height, width).
     """
+    in_bands(_average_samples, out.shape[0], samples, weights, out, least=_LEAST_ROWS)
+
+
+@numba.njit(cache=True, nogil=True)
+def _average_samples(
+    low: int, high: int, samples: NDArray[np.float32], weights: NDArray[np.float64], out: NDArray[np.float32]
+) -> None:
     height, width = out.shape
     n = weights.shape[0]
-    for y in numba.prange(height):
-        sums = np.zeros(width)
+    sums = np.empty(width)
+    for y in range(low, high):
+        sums[:] = 0.0
         for k in range(n):
             row = samples[(height - y) * n - 1 - k]
             for x in range(width):

@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.threads import in_bands
+
 __all__ = ["DARK", "add_light", "direct_light", "facing_points", "shade_image", "smooth_points", "uneven_pixels"]
 
 DARK = 0
@@ -17,9 +19,11 @@ DARK = 0
 _BORDER, _INSIDE = 1, 2
 # Multiplier by which the zones of all lights are combined into one number.
 _MIX = np.uint64(0x9E3779B97F4A7C15)
+# Points, points of which little is asked, and rows of pixels that are worth a thread of their own.
+_LEAST_POINTS, _LEAST_EASY_POINTS, _LEAST_ROWS = 4096, 65536, 8
+# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def smooth_points(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
@@ -28,7 +32,7 @@ def smooth_points(
     corners: NDArray[np.float64],
     corner_normals: NDArray[np.float64],
     face_smooth: NDArray[np.bool_],
-) -> Any:
+) -> NDArray[np.float64]:
     """Put the normals of smooth surfaces in the place of those of their triangles, ``normals`` (n, 3).
 
     ``faces`` (n,) and ``weights`` (n, 2) of its second and third corner tell where in which triangle each point is;
@@ -39,13 +43,25 @@ def smooth_points(
     of the corners, if that lies above the triangle, so that no neighbour of a bulging surface shades it up to its own
     terminator (Hanika, Hacking the shadow terminator, Ray Tracing Gems II, 2021); else the point.
     """
-    count = points.shape[0]
     starts = points.copy()
-    for n in numba.prange(count):
+    surface = (corners, corner_normals, face_smooth)
+    in_bands(_smooth_points, points.shape[0], points, normals, faces, weights, *surface, starts, least=_LEAST_POINTS)
+    return starts
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _smooth_points(
+    low: int, high: int, points: NDArray[np.float64], normals: NDArray[np.float64], faces: NDArray[np.int64],
+    weights: NDArray[np.float64], corners: NDArray[np.float64], corner_normals: NDArray[np.float64],
+    face_smooth: NDArray[np.bool_], starts: NDArray[np.float64],
+) -> None:  # fmt: skip
+    total, shift = np.empty(3), np.empty(3)
+    for n in range(np.uint64(low), np.uint64(high)):
         face = faces[n]
         if not face_smooth[face]:
             continue
-        total, shift, length, above = np.zeros(3), np.zeros(3), 0.0, 0.0
+        total[:], shift[:] = 0.0, 0.0
+        length, above = 0.0, 0.0
         for c in range(3):
             side, away = 0.0, 0.0
             weight = weights[n, c - 1] if c > 0 else 1.0 - weights[n, 0] - weights[n, 1]
@@ -65,10 +81,8 @@ def smooth_points(
             normals[n, k] = total[k] / np.sqrt(length)
             if above > 0.0:
                 starts[n, k] += shift[k]
-    return starts
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def facing_points(
     origin: NDArray[np.float64],
     directions: NDArray[np.float64],
@@ -76,7 +90,7 @@ def facing_points(
     face: NDArray[np.int32],
     seen: NDArray[np.int64],
     face_normals: NDArray[np.float64],
-) -> Any:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute the points that rays meet, and the unit normals there on the side that is seen.
 
     Parameters
@@ -100,19 +114,28 @@ def facing_points(
     count = seen.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
     normals = np.empty((count, 3), dtype=np.float64)
-    for n in numba.prange(count):
-        ray = seen[n]
-        along = 0.0
-        for k in range(3):
-            points[n, k] = origin[k] + depth[ray] * directions[ray, k]
-            along += face_normals[face[ray], k] * directions[ray, k]
-        sign = -1.0 if along > 0.0 else 1.0
-        for k in range(3):
-            normals[n, k] = sign * face_normals[face[ray], k]
+    rays = (origin, directions, depth, face)
+    in_bands(_facing_points, count, *rays, seen, face_normals, points, normals, least=_LEAST_POINTS)
     return points, normals
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+@numba.njit(cache=True, nogil=True)
+def _facing_points(
+    low: int, high: int, origin: NDArray[np.float64], directions: NDArray[np.float64], depth: NDArray[np.float64],
+    face: NDArray[np.int32], seen: NDArray[np.int64], face_normals: NDArray[np.float64],
+    points: NDArray[np.float64], normals: NDArray[np.float64],
+) -> None:  # fmt: skip
+    for n in range(np.uint64(low), np.uint64(high)):
+        ray = seen[n]
+        met, far = face[ray], depth[ray]
+        # All is read before anything is written: the compiler cannot know that these are other arrays.
+        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+        nx, ny, nz = face_normals[met, 0], face_normals[met, 1], face_normals[met, 2]
+        sign = -1.0 if nx * dx + ny * dy + nz * dz > 0.0 else 1.0
+        points[n, 0], points[n, 1], points[n, 2] = origin[0] + far * dx, origin[1] + far * dy, origin[2] + far * dz
+        normals[n, 0], normals[n, 1], normals[n, 2] = sign * nx, sign * ny, sign * nz
+
+
 def direct_light(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
@@ -123,7 +146,7 @@ def direct_light(
     reference_distance: float,
     cos_inner: float,
     cos_outer: float,
-) -> Any:
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
     """Compute the irradiance of points by one light, without shadows.
 
     The irradiance is E (r_0 / r)² S(cos θ) max(0, n . l) (Lambert's cosine law, inverse square law) with the unit
@@ -158,7 +181,20 @@ def direct_light(
     zone = np.empty(count, dtype=np.uint8)
     to_light = np.empty((count, 3), dtype=np.float64)
     distance = np.empty(count, dtype=np.float64)
-    for n in numba.prange(count):
+    out = (light, zone, to_light, distance)
+    lamp = (position, axis, parallel_light, irradiance, reference_distance, cos_inner, cos_outer)
+    in_bands(_direct_light, count, points, normals, *lamp, out, least=_LEAST_POINTS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _direct_light(
+    low: int, high: int, points: NDArray[np.float64], normals: NDArray[np.float64],
+    position: NDArray[np.float64], axis: NDArray[np.float64], parallel_light: bool, irradiance: float,
+    reference_distance: float, cos_inner: float, cos_outer: float, out: tuple[NDArray[Any], ...],
+) -> None:  # fmt: skip
+    light, zone, to_light, distance = out
+    for n in range(np.uint64(low), np.uint64(high)):
         value = irradiance
         place = _INSIDE
         if parallel_light:
@@ -184,10 +220,8 @@ def direct_light(
             value *= facing
         light[n], zone[n], distance[n] = value, place, length
         to_light[n, 0], to_light[n, 1], to_light[n, 2] = lx, ly, lz
-    return light, zone, to_light, distance
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def add_light(
     total: NDArray[np.float64],
     state: NDArray[np.uint64],
@@ -207,28 +241,38 @@ def add_light(
     dark
         Where the light is blocked, shape (n,).
     """
-    for n in numba.prange(total.shape[0]):
+    in_bands(_add_light, total.shape[0], total, state, light, zone, dark, least=_LEAST_EASY_POINTS)
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_light(
+    low: int, high: int, total: NDArray[np.float64], state: NDArray[np.uint64], light: NDArray[np.float64],
+    zone: NDArray[np.uint8], dark: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for n in range(np.uint64(low), np.uint64(high)):
         place = np.uint64(DARK) if dark[n] else np.uint64(zone[n])
         total[n] += 0.0 if dark[n] else light[n]
         state[n] = state[n] * _MIX + place
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def _joined(face: Any, mixed: Any, y: int, x: int, v: int, u: int) -> Any:
-    """Tell whether two pixels' centres lie on one smooth surface."""
-    if face[y, x] < 0 or face[v, u] < 0:
+def _joined(face: int, mixed: bool, other_face: int, other_mixed: bool) -> Any:
+    """Tell whether two pixels' centres lie on one smooth surface.
+
+    Given as numbers: arrays that are given to an inlined function are counted as in use, at every pixel.
+    """
+    if face < 0 or other_face < 0:
         return False
-    return face[y, x] == face[v, u] or not (mixed[y, x] or mixed[v, u])
+    return face == other_face or not (mixed or other_mixed)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def uneven_pixels(
     shade: NDArray[np.float64],
     state: NDArray[np.uint64],
     face: NDArray[np.int32],
     mixed: NDArray[np.bool_],
     steepest: float,
-) -> Any:
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Mark pixels whose light is not smooth.
 
     The light is smooth if all eight neighbours on the same surface are reached by the same lights, and their
@@ -253,10 +297,20 @@ def uneven_pixels(
         The pixels, and those of them that other lights reach than a neighbour, or other zones: bool, shape (height,
         width).
     """
+    uneven = np.zeros(shade.shape, dtype=np.bool_)
+    borders = np.zeros(shade.shape, dtype=np.bool_)
+    pixels = (shade, state, face, mixed)
+    in_bands(_uneven_pixels, shade.shape[0], *pixels, steepest, uneven, borders, least=_LEAST_ROWS)
+    return uneven, borders
+
+
+@numba.njit(cache=True, nogil=True)
+def _uneven_pixels(
+    low: int, high: int, shade: NDArray[np.float64], state: NDArray[np.uint64], face: NDArray[np.int32],
+    mixed: NDArray[np.bool_], steepest: float, uneven: NDArray[np.bool_], borders: NDArray[np.bool_],
+) -> None:  # fmt: skip
     rows, columns = shade.shape
-    uneven = np.zeros((rows, columns), dtype=np.bool_)
-    borders = np.zeros((rows, columns), dtype=np.bool_)
-    for y in numba.prange(rows):
+    for y in range(low, high):
         for x in range(columns):
             if face[y, x] < 0:
                 continue
@@ -264,34 +318,13 @@ def uneven_pixels(
                 for u in range(max(x - 1, 0), min(x + 2, columns)):
                     other = state[v, u] != state[y, x]
                     # Most neighbours are alike; a pixel is like itself.
-                    if (other or abs(shade[v, u] - shade[y, x]) > steepest) and _joined(face, mixed, y, x, v, u):
+                    if (other or abs(shade[v, u] - shade[y, x]) > steepest) and _joined(
+                        face[y, x], mixed[y, x], face[v, u], mixed[v, u]
+                    ):
                         uneven[y, x] = True
                         borders[y, x] = borders[y, x] or other
-    return uneven, borders
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def _usable(face: Any, mixed: Any, unknown: Any, y: int, x: int, v: int, u: int) -> Any:
-    """Tell whether pixel (v, u) lies in the image, has a known albedo and is on the same surface as pixel (y, x)."""
-    if v < 0 or u < 0 or v >= face.shape[0] or u >= face.shape[1]:
-        return False
-    return not unknown[v, u] and _joined(face, mixed, y, x, v, u)
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _in_the_open(face: Any, mixed: Any, unknown: Any, y: int, x: int) -> Any:
-    """Tell whether a pixel, and both its neighbours on every side, are known, not mixed, and see a face."""
-    if y < 2 or x < 2 or y + 2 >= face.shape[0] or x + 2 >= face.shape[1] or mixed[y, x]:
-        return False
-    for k in (-2, -1, 1, 2):
-        if unknown[y, x + k] or mixed[y, x + k] or face[y, x + k] < 0:
-            return False
-        if unknown[y + k, x] or mixed[y + k, x] or face[y + k, x] < 0:
-            return False
-    return True
-
-
-@numba.njit(cache=True, nogil=True, parallel=True)
 def shade_image(
     albedo: NDArray[np.float32],
     shade: NDArray[np.float64],
@@ -300,7 +333,7 @@ def shade_image(
     unknown: NDArray[np.bool_],
     uneven: NDArray[np.bool_],
     variance: float,
-) -> Any:
+) -> NDArray[np.float32]:
     """Shade an image: multiply the mean albedo A of each pixel by the irradiance S at its centre, and correct the mean.
 
     The mean of A times S over a footprint is A S + σ² (∇A . ∇S + A ΔS / 2) to second order, with A the mean albedo and
@@ -326,15 +359,37 @@ def shade_image(
     numpy.ndarray
         Mean radiance, shape (height, width), float32.
     """
-    rows, columns = shade.shape
     out = albedo.copy()
-    for y in numba.prange(rows):
+    pixels = (albedo, shade, face, mixed, unknown, uneven)
+    in_bands(_shade_image, shade.shape[0], *pixels, variance, out, least=_LEAST_ROWS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _shade_image(
+    low: int, high: int, albedo: NDArray[np.float32], shade: NDArray[np.float64], face: NDArray[np.int32],
+    mixed: NDArray[np.bool_], unknown: NDArray[np.bool_], uneven: NDArray[np.bool_], variance: float,
+    out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    rows, columns = shade.shape
+    for y in range(low, high):
         for x in range(columns):
             if face[y, x] < 0 or unknown[y, x]:
                 continue
             a, s = np.float64(albedo[y, x]), shade[y, x]
             value = a * s
-            if _in_the_open(face, mixed, unknown, y, x):
+            own_face, own_mixed = face[y, x], mixed[y, x]
+            # In the open, both neighbours on every side are known, not mixed, and see a face.
+            in_the_open = y >= 2 and x >= 2 and y + 2 < rows and x + 2 < columns and not own_mixed
+            if in_the_open:
+                for k in (-2, -1, 1, 2):
+                    if unknown[y, x + k] or mixed[y, x + k] or face[y, x + k] < 0:
+                        in_the_open = False
+                        break
+                    if unknown[y + k, x] or mixed[y + k, x] or face[y + k, x] < 0:
+                        in_the_open = False
+                        break
+            if in_the_open:
                 # Most pixels: all neighbours are on the same surface.
                 for axis in range(2):
                     dy, dx = axis, 1 - axis
@@ -348,20 +403,28 @@ def shade_image(
                 continue
             for axis in range(2):
                 dy, dx = axis, 1 - axis
-                before = _usable(face, mixed, unknown, y, x, y - dy, x - dx)
-                after = _usable(face, mixed, unknown, y, x, y + dy, x + dx)
+                # Neighbours are used that lie in the image, have a known albedo and are on the same surface.
+                v0, u0, v1, u1 = y - dy, x - dx, y + dy, x + dx
+                before, after = v0 >= 0 and u0 >= 0, v1 < rows and u1 < columns
+                before = before and not unknown[v0, u0] and _joined(own_face, own_mixed, face[v0, u0], mixed[v0, u0])
+                after = after and not unknown[v1, u1] and _joined(own_face, own_mixed, face[v1, u1], mixed[v1, u1])
                 if before and after:
-                    a0, a1 = np.float64(albedo[y - dy, x - dx]), np.float64(albedo[y + dy, x + dx])
-                    s0, s1 = shade[y - dy, x - dx], shade[y + dy, x + dx]
+                    a0, a1 = np.float64(albedo[v0, u0]), np.float64(albedo[v1, u1])
+                    s0, s1 = shade[v0, u0], shade[v1, u1]
                     slope_a, slope_s, bend = 0.5 * (a1 - a0), 0.5 * (s1 - s0), s1 - 2.0 * s + s0
                     v0, u0, v1, u1 = y - 2 * dy, x - 2 * dx, y + 2 * dy, x + 2 * dx
-                    if _usable(face, mixed, unknown, y, x, v0, u0) and _usable(face, mixed, unknown, y, x, v1, u1):
+                    within = v0 >= 0 and u0 >= 0 and v1 < rows and u1 < columns
+                    within = within and not unknown[v0, u0] and not unknown[v1, u1]
+                    within = within and _joined(own_face, own_mixed, face[v0, u0], mixed[v0, u0])
+                    if within and _joined(own_face, own_mixed, face[v1, u1], mixed[v1, u1]):
                         slope_a += (slope_a - 0.25 * (np.float64(albedo[v1, u1]) - np.float64(albedo[v0, u0]))) / 3.0
                 elif before or after:
                     way = 1 if after else -1
                     v1, u1, v2, u2 = y + way * dy, x + way * dx, y + 2 * way * dy, x + 2 * way * dx
                     # Differences must not reach across a neighbour whose light is not smooth.
-                    if uneven[v1, u1] or not _usable(face, mixed, unknown, y, x, v2, u2):
+                    within = not uneven[v1, u1] and v2 >= 0 and u2 >= 0 and v2 < rows and u2 < columns
+                    within = within and not unknown[v2, u2]
+                    if not (within and _joined(own_face, own_mixed, face[v2, u2], mixed[v2, u2])):
                         continue
                     a1, a2 = np.float64(albedo[v1, u1]), np.float64(albedo[v2, u2])
                     s1, s2 = shade[v1, u1], shade[v2, u2]
@@ -374,4 +437,3 @@ def shade_image(
                     continue
                 value += variance * (slope_a * slope_s + 0.5 * a * bend)
             out[y, x] = np.float32(value)
-    return out

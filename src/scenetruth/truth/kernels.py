@@ -8,7 +8,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.threads import in_bands
+
 __all__ = ["MovingMesh", "fill_maps"]
+
+# Pixels that are worth a thread of their own.
+_LEAST = 4096
+# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
 
 
 class MovingMesh(NamedTuple):
@@ -26,7 +32,6 @@ class MovingMesh(NamedTuple):
     """The first face of each body."""
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def fill_maps(
     face: NDArray[np.int32],
     depth: NDArray[np.float64],
@@ -35,7 +40,14 @@ def fill_maps(
     mesh: MovingMesh,
     scale: float,
     disparity_depth: float,
-) -> Any:
+) -> tuple[
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.int32],
+]:
     """Write velocity, rates, disparity, normal, object and face of every pixel.
 
     Parameters
@@ -57,8 +69,6 @@ def fill_maps(
         Velocity, shape (3, k); rates, (2, k); disparity, (k,); normal, (3, k), towards the camera; object and face
         within the object, (k,). NaN and -1 where nothing is met.
     """
-    faces, velocities, normals = mesh.faces, mesh.velocities, mesh.normals
-    face_body, face_offsets = mesh.face_body, mesh.face_offsets
     count = face.shape[0]
     velocity = np.empty((3, count), dtype=np.float64)
     rates = np.empty((2, count), dtype=np.float64)
@@ -66,7 +76,21 @@ def fill_maps(
     normal = np.empty((3, count), dtype=np.float64)
     body = np.empty(count, dtype=np.int32)
     own_face = np.empty(count, dtype=np.int32)
-    for n in numba.prange(count):
+    out = (velocity, rates, disparity, normal, body, own_face)
+    in_bands(_fill_maps, count, face, depth, weights, directions, mesh, scale, disparity_depth, out, least=_LEAST)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _fill_maps(
+    low: int, high: int, face: NDArray[np.int32], depth: NDArray[np.float64], weights: NDArray[np.float64],
+    directions: NDArray[np.float64], mesh: MovingMesh, scale: float, disparity_depth: float,
+    out: tuple[NDArray[Any], ...],
+) -> None:  # fmt: skip
+    faces, velocities, normals = mesh.faces, mesh.velocities, mesh.normals
+    face_body, face_offsets = mesh.face_body, mesh.face_offsets
+    velocity, rates, disparity, normal, body, own_face = out
+    for n in range(np.uint64(low), np.uint64(high)):
         met = face[n]
         if met < 0:
             for k in range(3):
@@ -93,4 +117,3 @@ def fill_maps(
         normal[0, n], normal[1, n], normal[2, n] = sign * nx, sign * ny, sign * nz
         body[n] = face_body[met]
         own_face[n] = met - face_offsets[face_body[met]]
-    return velocity, rates, disparity, normal, body, own_face

@@ -144,7 +144,7 @@ def truth_maps(
         viewpoint.rotation.T,
         maps == "complete",
     )
-    found = {
+    found: dict[str, NDArray[Any]] = {
         "depth": hits.depth,
         "velocity": velocity,
         "disparity": disparity,

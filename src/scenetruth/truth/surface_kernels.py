@@ -18,13 +18,15 @@ from scenetruth.scene.surface.columns import (
     TENSOR_ROWS,
     WIDTH,
 )
+from scenetruth.threads import in_bands
 
 __all__ = ["fill_surface_maps"]
 
 # Principal rates that differ by less than this share of the tensor's size have no directions.
 _EQUAL = 1e-9
-# Number of pixels that share scratch memory.
-_BLOCK = 1024
+# Pixels that are worth a thread of their own.
+_LEAST = 1024
+# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
 
 
 @numba.njit(cache=True, nogil=True)
@@ -45,7 +47,6 @@ def _tangential(tensors: Any, first: int, one: Any, two: Any) -> Any:
     return aa, ab, bb
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def fill_surface_maps(
     face: NDArray[np.int32],
     weights: NDArray[np.float64],
@@ -54,7 +55,7 @@ def fill_surface_maps(
     tensors: NDArray[np.float64],
     to_camera: NDArray[np.float64],
     complete: bool,
-) -> Any:
+) -> tuple[NDArray[np.float64], ...]:
     """Interpolate the tensors of surface points at every pixel, and find their principal values and directions.
 
     Parameters
@@ -88,69 +89,79 @@ def fill_surface_maps(
     growth = np.empty(count, dtype=np.float64)
     principal = np.empty((2, size), dtype=np.float64)
     direction = np.empty((3, size), dtype=np.float64)
-    for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
-        mean, middle = np.empty(WIDTH), np.empty(3)
-        one, two, way = np.empty(3), np.empty(3), np.empty(3)
-        for n in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
-            met = face[n]
-            if met < 0:
-                growth[n] = np.nan
-                if not complete:
-                    continue
-                curvature[0, n] = curvature[1, n] = principal[0, n] = principal[1, n] = np.nan
-                for k in range(3):
-                    rotation[k, n] = direction[k, n] = np.nan
-                continue
-            b1, b2 = weights[n, 0], weights[n, 1]
-            first, second, third = corners[met, 0], corners[met, 1], corners[met, 2]
-            for k in range(0 if complete else DEFORMATION, WIDTH if complete else DEFORMATION + 3):
-                value = tensors[first, k]
-                mean[k] = value + b1 * (tensors[second, k] - value) + b2 * (tensors[third, k] - value)
-            growth[n] = mean[DEFORMATION] + mean[DEFORMATION + 1] + mean[DEFORMATION + 2]
+    out = (curvature, rotation, growth, principal, direction)
+    in_bands(_fill_surface_maps, count, face, weights, normal, corners, tensors, to_camera, complete, out, least=_LEAST)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _fill_surface_maps(
+    low: int, high: int, face: NDArray[np.int32], weights: NDArray[np.float64], normal: NDArray[np.float64],
+    corners: NDArray[np.int32], tensors: NDArray[np.float64], to_camera: NDArray[np.float64], complete: bool,
+    out: tuple[NDArray[np.float64], ...],
+) -> None:  # fmt: skip
+    curvature, rotation, growth, principal, direction = out
+    mean, middle = np.empty(WIDTH), np.empty(3)
+    one, two, way = np.empty(3), np.empty(3), np.empty(3)
+    for n in range(np.uint64(low), np.uint64(high)):
+        met = face[n]
+        if met < 0:
+            growth[n] = np.nan
             if not complete:
                 continue
-            length = np.sqrt(mean[NORMAL] ** 2 + mean[NORMAL + 1] ** 2 + mean[NORMAL + 2] ** 2)
-            if not length > 0.0:
-                length = np.nan
+            curvature[0, n] = curvature[1, n] = principal[0, n] = principal[1, n] = np.nan
             for k in range(3):
-                middle[k] = mean[NORMAL + k] / length
-            # Two tangents, from the axis that is farthest from the normal.
-            axis = 0
-            for k in range(1, 3):
-                if abs(middle[k]) < abs(middle[axis]):
-                    axis = k
-            along = middle[axis]
-            square = 1.0 - along * along
+                rotation[k, n] = direction[k, n] = np.nan
+            continue
+        b1, b2 = weights[n, 0], weights[n, 1]
+        first, second, third = corners[met, 0], corners[met, 1], corners[met, 2]
+        for k in range(0 if complete else DEFORMATION, WIDTH if complete else DEFORMATION + 3):
+            value = tensors[first, k]
+            mean[k] = value + b1 * (tensors[second, k] - value) + b2 * (tensors[third, k] - value)
+        growth[n] = mean[DEFORMATION] + mean[DEFORMATION + 1] + mean[DEFORMATION + 2]
+        if not complete:
+            continue
+        length = np.sqrt(mean[NORMAL] ** 2 + mean[NORMAL + 1] ** 2 + mean[NORMAL + 2] ** 2)
+        if not length > 0.0:
+            length = np.nan
+        for k in range(3):
+            middle[k] = mean[NORMAL + k] / length
+        # Two tangents, from the axis that is farthest from the normal.
+        axis = 0
+        for k in range(1, 3):
+            if abs(middle[k]) < abs(middle[axis]):
+                axis = k
+        along = middle[axis]
+        square = 1.0 - along * along
+        for k in range(3):
+            one[k] = ((1.0 if k == axis else 0.0) - along * middle[k]) / np.sqrt(square)
+        for k in range(3):
+            two[k] = middle[(k + 1) % 3] * one[(k + 2) % 3] - middle[(k + 2) % 3] * one[(k + 1) % 3]
+        aa, ab, bb = _tangential(mean, DEFORMATION, one, two)
+        half, spread = 0.5 * (aa - bb), np.hypot(0.5 * (aa - bb), ab)
+        principal[0, n], principal[1, n] = 0.5 * growth[n] + spread, 0.5 * growth[n] - spread
+        # The eigenvector of the larger value, from the half angle.
+        angle = 0.5 * np.arctan2(ab, half)
+        for k in range(3):
+            way[k] = np.cos(angle) * one[k] + np.sin(angle) * two[k]
+        if spread <= _EQUAL * (abs(aa) + abs(bb)) or spread < 1e-15:
+            way[:] = np.nan
+        aa, ab, bb = _tangential(mean, CURVATURE, one, two)
+        trace, spread = 0.5 * (aa + bb), np.hypot(0.5 * (aa - bb), ab)
+        facing = 0.0
+        for k in range(3):
+            turned = to_camera[k, 0] * middle[0] + to_camera[k, 1] * middle[1] + to_camera[k, 2] * middle[2]
+            facing += turned * normal[k, n]
+            rotation[k, n] = (
+                to_camera[k, 0] * mean[ROTATION]
+                + to_camera[k, 1] * mean[ROTATION + 1]
+                + to_camera[k, 2] * mean[ROTATION + 2]
+            )
+            direction[k, n] = to_camera[k, 0] * way[0] + to_camera[k, 1] * way[1] + to_camera[k, 2] * way[2]
+        # Positive where the surface bulges towards the camera.
+        sign = -1.0 if facing > 0.0 else 1.0
+        large, small = sign * trace + spread, sign * trace - spread
+        curvature[0, n], curvature[1, n] = large, small
+        if direction[0, n] < 0.0 or (direction[0, n] == 0.0 and direction[1, n] < 0.0):
             for k in range(3):
-                one[k] = ((1.0 if k == axis else 0.0) - along * middle[k]) / np.sqrt(square)
-            for k in range(3):
-                two[k] = middle[(k + 1) % 3] * one[(k + 2) % 3] - middle[(k + 2) % 3] * one[(k + 1) % 3]
-            aa, ab, bb = _tangential(mean, DEFORMATION, one, two)
-            half, spread = 0.5 * (aa - bb), np.hypot(0.5 * (aa - bb), ab)
-            principal[0, n], principal[1, n] = 0.5 * growth[n] + spread, 0.5 * growth[n] - spread
-            # The eigenvector of the larger value, from the half angle.
-            angle = 0.5 * np.arctan2(ab, half)
-            for k in range(3):
-                way[k] = np.cos(angle) * one[k] + np.sin(angle) * two[k]
-            if spread <= _EQUAL * (abs(aa) + abs(bb)) or spread < 1e-15:
-                way[:] = np.nan
-            aa, ab, bb = _tangential(mean, CURVATURE, one, two)
-            trace, spread = 0.5 * (aa + bb), np.hypot(0.5 * (aa - bb), ab)
-            facing = 0.0
-            for k in range(3):
-                turned = to_camera[k, 0] * middle[0] + to_camera[k, 1] * middle[1] + to_camera[k, 2] * middle[2]
-                facing += turned * normal[k, n]
-                rotation[k, n] = (
-                    to_camera[k, 0] * mean[ROTATION]
-                    + to_camera[k, 1] * mean[ROTATION + 1]
-                    + to_camera[k, 2] * mean[ROTATION + 2]
-                )
-                direction[k, n] = to_camera[k, 0] * way[0] + to_camera[k, 1] * way[1] + to_camera[k, 2] * way[2]
-            # Positive where the surface bulges towards the camera.
-            sign = -1.0 if facing > 0.0 else 1.0
-            large, small = sign * trace + spread, sign * trace - spread
-            curvature[0, n], curvature[1, n] = large, small
-            if direction[0, n] < 0.0 or (direction[0, n] == 0.0 and direction[1, n] < 0.0):
-                for k in range(3):
-                    direction[k, n] = -direction[k, n]
-    return curvature, rotation, growth, principal, direction
+                direction[k, n] = -direction[k, n]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.raycast.inside_kernels import blurs, inside
 from scenetruth.raycast.projection_kernels import PLANE_MARGIN, within
+from scenetruth.threads import in_bands
 
 __all__ = ["Cells", "hide_points", "look_at_points", "place_points", "sort_into_cells"]
 
@@ -23,6 +24,9 @@ _GRAZING = 1e-6
 _MANY = 16
 # Points may lie beyond their cells by this share of their size, by rounding.
 _ROW_MARGIN = 1e-6
+# Points, and faces, that are worth a thread of their own.
+_LEAST_POINTS, _LEAST_FACES = 8192, 1024
+# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -40,13 +44,12 @@ def _place(vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, b
     )
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def place_points(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     face: NDArray[np.int32],
     weights: NDArray[np.float64],
-) -> Any:
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Compute points on faces, and tell which faces show their front to the origin.
 
     Parameters
@@ -69,10 +72,18 @@ def place_points(
     count = face.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
     towards = np.empty(count, dtype=np.bool_)
-    for n in numba.prange(count):
+    in_bands(_place_points, count, vertices, faces, face, weights, points, towards, least=_LEAST_POINTS)
+    return points, towards
+
+
+@numba.njit(cache=True, nogil=True)
+def _place_points(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
+    weights: NDArray[np.float64], points: NDArray[np.float64], towards: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for n in range(np.uint64(low), np.uint64(high)):
         x, y, z, front = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
         points[n, 0], points[n, 1], points[n, 2], towards[n] = x, y, z, front
-    return points, towards
 
 
 class Cells(NamedTuple):
@@ -96,7 +107,6 @@ class Cells(NamedTuple):
     """Cells along Y / Z."""
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def look_at_points(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
@@ -106,7 +116,7 @@ def look_at_points(
     focal_px: float,
     centre_x: float,
     centre_y: float,
-) -> Any:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Compute where a pinhole sees points on faces, and which of them turn their side to it.
 
     Parameters
@@ -130,7 +140,20 @@ def look_at_points(
     points = np.empty((count, 3), dtype=np.float64)
     pixels = np.empty((count, 2), dtype=np.float64)
     turned = np.empty(count, dtype=np.bool_)
-    for n in numba.prange(count):
+    out = (points, pixels, turned)
+    camera = (focal_px, centre_x, centre_y)
+    in_bands(_look_at_points, count, vertices, faces, face, weights, sides, *camera, out, least=_LEAST_POINTS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _look_at_points(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
+    weights: NDArray[np.float64], sides: NDArray[np.bool_], focal_px: float, centre_x: float, centre_y: float,
+    out: tuple[NDArray[Any], ...],
+) -> None:  # fmt: skip
+    points, pixels, turned = out
+    for n in range(np.uint64(low), np.uint64(high)):
         x, y, z, towards = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
         points[n, 0], points[n, 1], points[n, 2] = x, y, z
         turned[n] = z > 0.0 and towards == sides[n]
@@ -138,7 +161,6 @@ def look_at_points(
             pixels[n, 0], pixels[n, 1] = focal_px * x / z + centre_x, focal_px * y / z + centre_y
         else:
             pixels[n, 0] = pixels[n, 1] = np.nan
-    return points, pixels, turned
 
 
 @numba.njit(cache=True, nogil=True)
@@ -198,13 +220,12 @@ def sort_into_cells(points: NDArray[np.float64], chosen: NDArray[np.bool_], pixe
     return Cells(order, places, starts, low_u, low_v, edge, columns, rows)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def hide_points(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     own: NDArray[np.int32],
     cells: Cells,
-) -> Any:
+) -> NDArray[np.bool_]:
     """Tell which points are hidden from the camera by a face.
 
     A face hides a point if the ray to the point meets the face (`scenetruth.raycast.inside_kernels.inside`) before the
@@ -226,11 +247,20 @@ def hide_points(
     numpy.ndarray
         bool, shape (n,), in the order of the cells.
     """
+    hidden = np.zeros(own.shape[0], dtype=np.bool_)
+    in_bands(_hide_points, faces.shape[0], vertices, faces, own, cells, hidden, least=_LEAST_FACES)
+    return hidden
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _hide_points(
+    begin_face: int, end_face: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], own: NDArray[np.int32],
+    cells: Cells, hidden: NDArray[np.bool_],
+) -> None:  # fmt: skip
     low_u, low_v, edge, columns, rows = cells.low_u, cells.low_v, cells.edge, cells.columns, cells.rows
     starts, xs, ys, zs = cells.starts, cells.places[0], cells.places[1], cells.places[2]
     largest = 1.0 + abs(low_u) + columns * edge + abs(low_v) + rows * edge
-    hidden = np.zeros(own.shape[0], dtype=np.bool_)
-    for face in numba.prange(faces.shape[0]):
+    for face in range(begin_face, end_face):
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
         ax, ay, az = vertices[i, 0], vertices[i, 1], vertices[i, 2]
         bx, by, bz = vertices[j, 0], vertices[j, 1], vertices[j, 2]
@@ -299,4 +329,3 @@ def hide_points(
                 # Threads that write at the same time write the same value.
                 if share > 0.0 and share < 1.0 - _TOUCH:
                     hidden[n] = True
-    return hidden

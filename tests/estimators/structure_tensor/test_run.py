@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators import threads
+from scenetruth import threads
 from scenetruth.estimators.structure_tensor import run
 from scenetruth.estimators.structure_tensor.registration import CELL, Registration
 from scenetruth.estimators.structure_tensor.tiling import Rectangle
@@ -81,21 +81,3 @@ def test_what_could_not_be_tried_everywhere_is_not_chosen(
             for item, (top, bottom, left, right) in zip(registrations, areas, strict=True)
         )
         assert after[t, y, x] == (-1 if lacks else chosen)
-
-
-def test_errors_of_threads_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads, "thread_count", lambda: 2)
-
-    def fail(job: int) -> None:
-        if job == 1:
-            raise ValueError(job)
-
-    with pytest.raises(ValueError, match="1"):
-        threads.in_threads(fail, range(3))
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 100])
-def test_bands_cover_all_rows_once(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    monkeypatch.setattr(threads, "thread_count", lambda: 3)
-    rows = [row for first, last in threads.bands(count) for row in range(first, last)]
-    assert rows == list(range(count))

@@ -13,7 +13,7 @@ from scenetruth.estimators.plane_sweep.kernels.costs import PHASES, census, shif
 from scenetruth.estimators.plane_sweep.kernels.motion import HALVES, Later, costs_of, search
 from scenetruth.estimators.plane_sweep.resolution import averaged
 from scenetruth.estimators.plane_sweep.strips import Strip, strips_of
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["Moved", "sweep_motion"]
 

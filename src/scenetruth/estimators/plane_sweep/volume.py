@@ -13,7 +13,7 @@ from scenetruth.estimators.plane_sweep.kernels.choose import agreeing, winners
 from scenetruth.estimators.plane_sweep.kernels.costs import COST_OF_BIT, PHASES, census, fill_costs, shifted
 from scenetruth.estimators.plane_sweep.strips import MARGIN, ROWS, Strip, strips_of
 from scenetruth.estimators.plane_sweep.views import Row
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["Chosen", "choose"]
 

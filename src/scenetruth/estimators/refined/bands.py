@@ -15,7 +15,7 @@ from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.brightness import correct_brightness
 from scenetruth.estimators.refined.kernels.products import ALL_PRODUCTS, PRODUCTS, add_products
 from scenetruth.estimators.refined.kernels.warp import STEADY, View, mean_texture, warp_rows
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["NOTHING_HIDDEN", "Band", "around", "bands", "pieces", "window_weights"]
 

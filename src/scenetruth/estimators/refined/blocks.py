@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.bands import NOTHING_HIDDEN
 from scenetruth.estimators.refined.kernels.warp import View, warp_rows
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["BLOCK_PX", "Brightness", "brightness_of_blocks", "even_brightness"]
 

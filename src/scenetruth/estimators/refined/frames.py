@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.bad.pixels import SoundFrames
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["FramesNeeded", "Splines", "frames_needed"]
 

@@ -23,8 +23,8 @@ from scenetruth.estimators.refined.seen import Seen, local_means
 from scenetruth.estimators.refined.settings import LEAST_ACCELERATED, RefinedSettings
 from scenetruth.estimators.refined.start import filled
 from scenetruth.estimators.refined.variance import GreyVariance, variance_of
-from scenetruth.estimators.threads import in_threads
 from scenetruth.schema.variables import MOTION_PLAIN
+from scenetruth.threads import in_threads
 
 __all__ = [
     "STAGES",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from scenetruth.compilation import thread_count
-from scenetruth.estimators.threads import bands, in_threads
+from scenetruth.threads import bands, in_threads
 
 __all__ = [
     "CELL",

@@ -20,8 +20,8 @@ from scenetruth.estimators.structure_tensor.task import Task, columns_of_s, comm
 from scenetruth.estimators.structure_tensor.texture import STRIDE
 from scenetruth.estimators.structure_tensor.tiling import Rectangle, tiles_of
 from scenetruth.estimators.structure_tensor.uncertainty import texture_transfer
-from scenetruth.estimators.threads import bands, in_threads
 from scenetruth.progress import Progress
+from scenetruth.threads import bands, in_threads
 
 if TYPE_CHECKING:
     from scenetruth.estimators.structure_tensor.kernels.tensor import Filters

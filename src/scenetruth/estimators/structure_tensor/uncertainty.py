@@ -14,7 +14,7 @@ from scenetruth.estimators.structure_tensor.filters import PAPER, FilterPair, ga
 from scenetruth.estimators.structure_tensor.rig import REACH, Rig
 from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.texture import STRIDE, Texture
-from scenetruth.estimators.threads import bands, in_threads
+from scenetruth.threads import bands, in_threads
 
 __all__ = ["NoiseModel", "noise_model", "texture_transfer"]
 

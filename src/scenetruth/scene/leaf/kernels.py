@@ -8,7 +8,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.threads import in_bands
+
 __all__ = ["draw_dots", "draw_veins", "inside", "net"]
+
+# Rows of a net that are worth a thread of their own.
+_LEAST_ROWS = 2
 
 
 @numba.njit(cache=True, nogil=True)
@@ -81,7 +86,6 @@ def draw_dots(
                 raster[i, j] = 1.0 - (1.0 - raster[i, j]) * (1.0 - strengths[n] * np.exp(-0.5 * square))
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def net(
     x: NDArray[np.float32],
     y: NDArray[np.float32],
@@ -89,7 +93,7 @@ def net(
     strengths: NDArray[np.float64],
     cell: tuple[float, float],
     sigma: float,
-) -> Any:
+) -> NDArray[np.float32]:
     """Return lines with a Gaussian profile along the borders of Voronoi cells, shape (h, w) float32.
 
     Parameters
@@ -105,15 +109,24 @@ def net(
     sigma
         Standard deviation of the profile in that unit.
     """
-    rows, columns = x.shape
-    high, wide = strengths.shape
+    out = np.empty(x.shape, dtype=np.float32)
+    in_bands(_net, x.shape[0], x, y, seeds, strengths, cell, sigma, out, least=_LEAST_ROWS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _net(
+    low: int, high: int, x: NDArray[np.float32], y: NDArray[np.float32], seeds: NDArray[np.float64],
+    strengths: NDArray[np.float64], cell: tuple[float, float], sigma: float, out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    columns = x.shape[1]
+    down, wide = strengths.shape
     width, height = cell
-    out = np.zeros((rows, columns), dtype=np.float32)
     # Seeds and strengths of the cells around, as far as their borders can come near.
     around = 7 * 5
-    for i in numba.prange(rows):
-        seed_x, seed_y, power = np.empty(around), np.empty(around), np.empty(around)
-        dx, dy, squares, sizes = np.empty(around), np.empty(around), np.empty(around), np.empty(around)
+    seed_x, seed_y, power = np.empty(around), np.empty(around), np.empty(around)
+    dx, dy, squares, sizes = np.empty(around), np.empty(around), np.empty(around), np.empty(around)
+    for i in range(low, high):
         last_column, last_row, known = 0, 0, False
         for j in range(columns):
             px, py = np.float64(x[i, j]), np.float64(y[i, j])
@@ -123,9 +136,9 @@ def net(
                 last_column, last_row, known, k = column, row, True, 0
                 for r in range(row - 2, row + 3):
                     for c in range(column - 3, column + 4):
-                        seed_x[k] = (c + seeds[r % high, c % wide, 0]) * width
-                        seed_y[k] = (r + seeds[r % high, c % wide, 1]) * height
-                        power[k] = strengths[r % high, c % wide]
+                        seed_x[k] = (c + seeds[r % down, c % wide, 0]) * width
+                        seed_y[k] = (r + seeds[r % down, c % wide, 1]) * height
+                        power[k] = strengths[r % down, c % wide]
                         k += 1
             # Loops without branches run in vector registers.
             for k in range(around):
@@ -149,4 +162,3 @@ def net(
                     if square < 16.0:
                         value = max(value, 0.5 * (bp + power[k]) * np.exp(-0.5 * square))
             out[i, j] = value
-    return out

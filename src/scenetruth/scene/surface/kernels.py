@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +16,16 @@ from scenetruth.scene.surface.columns import (
     TENSOR_ROWS,
     WIDTH,
 )
+from scenetruth.threads import in_bands
 
 __all__ = ["surface_tensors"]
 
+# Points that are worth a thread of their own.
+_LEAST = 1024
+# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> Any:
+
+def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute normal, rate of deformation, rotation rate and curvature of n surface points.
 
     ``x``, ``y``, ``z`` are coefficients of jets in t, a, b, shape (10, n). Returns shape (n, 18):
@@ -36,12 +38,20 @@ def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[n
 
     NaN where the derivatives along the surface are parallel.
     """
-    count = x.shape[1]
-    out = np.empty((count, WIDTH), dtype=np.float64)
-    for n in numba.prange(count):
-        rows = (x, y, z)
-        one, two = np.empty(3), np.empty(3)
-        rate_one, rate_two = np.empty(3), np.empty(3)
+    out = np.empty((x.shape[1], WIDTH), dtype=np.float64)
+    in_bands(_surface_tensors, x.shape[1], x, y, z, out, least=_LEAST)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _surface_tensors(
+    low: int, high: int, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:  # fmt: skip
+    rows = (x, y, z)
+    one, two, normal, turning = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    rate_one, rate_two, dual_one, dual_two = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for n in range(np.uint64(low), np.uint64(high)):
         for k in range(3):
             one[k], two[k] = rows[k][A, n], rows[k][B, n]
             rate_one[k], rate_two[k] = rows[k][TA, n], rows[k][TB, n]
@@ -54,11 +64,9 @@ def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[n
         if not area > 0.0:
             out[n] = np.nan
             continue
-        normal = np.empty(3)
         normal[0] = (one[1] * two[2] - one[2] * two[1]) / np.sqrt(area)
         normal[1] = (one[2] * two[0] - one[0] * two[2]) / np.sqrt(area)
         normal[2] = (one[0] * two[1] - one[1] * two[0]) / np.sqrt(area)
-        dual_one, dual_two = np.empty(3), np.empty(3)
         for k in range(3):
             dual_one[k] = (g * one[k] - f * two[k]) / area
             dual_two[k] = (e * two[k] - f * one[k]) / area
@@ -69,7 +77,6 @@ def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[n
             along_two += rate_two[k] * normal[k]
             spin += 0.5 * normal[k] * (dual_one[k1] * rate_one[k2] - dual_one[k2] * rate_one[k1])
             spin += 0.5 * normal[k] * (dual_two[k1] * rate_two[k2] - dual_two[k2] * rate_two[k1])
-        turning = np.empty(3)
         for k in range(3):
             rate_one[k] -= along_one * normal[k]
             rate_two[k] -= along_two * normal[k]
@@ -96,4 +103,3 @@ def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[n
                 + ab * (dual_one[i] * dual_two[j] + dual_two[i] * dual_one[j])
                 + bb * dual_two[i] * dual_two[j]
             )
-    return out

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.warp import warp_rows
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["Agreement", "agreement", "fine_contrast", "strangers"]
 

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.estimators.frame_reader import FrameReader
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["CAUSES", "SoundFrames", "dead_pixels", "filled_image", "spread", "white_runs"]
 

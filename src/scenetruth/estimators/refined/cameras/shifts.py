@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.shifts import SUMS, add_shifts
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["BLOCK_PX", "Shifts"]
 

@@ -32,8 +32,8 @@ from scenetruth.estimators.refined.rounds import (
 from scenetruth.estimators.refined.seen import Seen, local_gradient
 from scenetruth.estimators.refined.settings import RefinedSettings
 from scenetruth.estimators.refined.start import filled
-from scenetruth.estimators.threads import in_threads
 from scenetruth.schema.variables import MOTION_PLAIN
+from scenetruth.threads import in_threads
 
 __all__ = ["FARTHEST", "Beside", "nothing_beside", "refit_beside_outlines"]
 

@@ -13,7 +13,7 @@ from scenetruth.estimators.refined.images import Images
 from scenetruth.estimators.refined.kernels.judge import SIDES, judge_rows
 from scenetruth.estimators.refined.parameters import carried, fields_of
 from scenetruth.estimators.refined.seen import local_means
-from scenetruth.estimators.threads import in_threads
+from scenetruth.threads import in_threads
 
 __all__ = ["Selection"]
 

@@ -1,0 +1,83 @@
+"""Work that is shared among threads is all done once, whatever their number, and also where it shares work again."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from scenetruth import threads
+
+
+@given(count=st.integers(0, 5000), number=st.integers(1, 5), least=st.integers(1, 2000))
+def test_bands_take_every_index_once(count: int, number: int, least: int) -> None:
+    taken: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+    bands = []
+
+    def kernel(low: int, high: int, out: NDArray[np.int64], step: int) -> None:
+        assert low < high
+        bands.append(high - low)
+        out[low:high] += step
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(threads, "thread_count", lambda: number)
+        threads.in_bands(kernel, count, taken, 3, least=least)
+    assert (taken == 3).all()
+    # No band that is not worth a thread, and no more bands than even out their cost.
+    assert min(bands, default=count) >= min(least, count)
+    assert len(bands) <= 2 * number
+    if number == 1 or count < 2 * least:
+        assert len(bands) <= 1
+
+
+def test_bands_are_done_in_several_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    import threading
+
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+    met = threading.Barrier(2)
+    names = set()
+
+    def kernel(low: int, high: int) -> None:
+        if low in (0, 1):
+            met.wait(timeout=20)
+        names.add(threading.current_thread().name)
+
+    threads.in_bands(kernel, 4, least=1)
+    assert len(names) == 2
+
+
+def test_work_may_share_its_own_work_among_busy_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Each of the callers occupies a thread, and no thread is left to help any of them.
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+
+    def inner(total: list[int]) -> None:
+        threads.in_threads(total.append, range(8))
+
+    def outer(_: int) -> int:
+        totals: list[list[int]] = [[] for _ in range(8)]
+        threads.in_threads(inner, totals)
+        return sum(sum(total) for total in totals)
+
+    with ThreadPoolExecutor(6) as callers:
+        found = list(callers.map(outer, range(24), timeout=60))
+    assert found == [8 * 28] * 24
+
+
+def test_errors_of_threads_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+
+    def fail(job: int) -> None:
+        if job == 1:
+            raise ValueError(job)
+
+    with pytest.raises(ValueError, match="1"):
+        threads.in_threads(fail, range(3))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 100])
+def test_runs_of_rows_cover_all_rows_once(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr(threads, "thread_count", lambda: 3)
+    rows = [row for first, last in threads.bands(count) for row in range(first, last)]
+    assert rows == list(range(count))
