@@ -10,10 +10,6 @@ import tempfile
 
 from hypothesis import settings
 
-# Several processes test at once, each with threads on all processors: idle threads of OpenMP must sleep, not spin.
-# OpenMP reads this when the first kernel with parallel loops runs.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-
 # Tests make every texture anew, once for all of their processes, and leave nothing outside their folders.
 if "SCENETRUTH_TESTS" not in os.environ:
     os.environ["SCENETRUTH_TESTS"] = os.environ["SCENETRUTH_CACHE"] = tempfile.mkdtemp(prefix="scenetruth-tests-")

@@ -87,7 +87,6 @@ def hashes() -> list[dict[str, str]]:
             # Unless the user says otherwise, that of this process is drawn by chance.
             "PYTHONHASHSEED": "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1",
             "NUMBA_NUM_THREADS": "1" if thread_count() > 1 else "2",
-            "OMP_WAIT_POLICY": "PASSIVE",
             "PATH": "",
             "PYTHONPATH": os.pathsep.join(str(file.parents[1]) for file in (Path(st.__file__), Path(__file__))),
         },

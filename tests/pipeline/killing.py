@@ -114,13 +114,11 @@ class Killer:
         self.parent.communicate()
 
     def _start(self) -> subprocess.Popen[str]:
-        environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
         parent = subprocess.Popen(
             [sys.executable, "-c", PARENT, self.scenes[0], self.folder / f"first-{self.own}", ",".join(self.stages)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            env=environment,
         )
         assert parent.stdout is not None
         assert parent.stdout.readline() == "ready\n"

@@ -36,8 +36,6 @@ class FigureHelper:
         self._asked = False
 
     def __enter__(self) -> Self:
-        # Beside another busy process, idle threads that spin would cost more than they gain.
-        environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
         with suppress(OSError):
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "scenetruth.pipeline.figure_help", str(os.getpid())],
@@ -46,7 +44,6 @@ class FigureHelper:
                 stderr=subprocess.DEVNULL,
                 text=True,
                 encoding="utf-8",
-                env=environment,
             )
         return self
 

@@ -106,16 +106,18 @@ def refine_hits(
     depth = np.empty(count, dtype=np.float64)
     weights = np.empty((count, 2), dtype=np.float64)
     rays = (origin, directions, guesses, width, margin)
-    in_bands(_refine_hits, count, vertices, faces, neighbours, *rays, face, depth, weights)
-    return face, depth, weights
+    out = (face, depth, weights)
+    in_bands(_refine_hits, count, vertices, faces, neighbours, *rays, out)
+    return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _refine_hits(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
     origin: NDArray[np.float64], directions: NDArray[np.float64], guesses: NDArray[np.int32], width: int, margin: float,
-    face_out: NDArray[np.int32], depth_out: NDArray[np.float64], weights: NDArray[np.float64],
+    out: tuple[NDArray[Any], ...],
 ) -> None:  # fmt: skip
+    face_out, depth_out, weights = out
     height = directions.shape[0] // width if width > 0 else 0
     candidates = np.empty(_MOST_CANDIDATES, dtype=np.int32)
     for n in range(low, high):

@@ -280,7 +280,7 @@ def scatter_hits(
     weights = np.empty((count, 2), dtype=np.float64)
     rays, lists, out = (directions, order, cell_start), (listed, row_start), (face, depth, weights)
     least = max(side * _LEAST_CAST // max(count, 1), 1)
-    in_bands(_scatter_hits, side, forms, boxes, frame, field, side, *rays, *lists, *out, least=least)
+    in_bands(_scatter_hits, side, forms, boxes, frame, field, side, rays, lists, out, least=least)
     lost = order[cell_start[-1] :]
     face[lost], depth[lost], weights[lost] = -1, np.nan, 0.0
     return face, depth, weights
@@ -289,10 +289,12 @@ def scatter_hits(
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _scatter_hits(
     low_turn: int, high_turn: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], frame: NDArray[np.float64],
-    field: NDArray[np.float64], side: int, directions: NDArray[np.float64], order: NDArray[np.int64],
-    cell_start: NDArray[np.int64], listed: NDArray[np.int32], row_start: NDArray[np.int64], face_out: NDArray[np.int32],
-    depth_out: NDArray[np.float64], weights: NDArray[np.float64],
+    field: NDArray[np.float64], side: int, rays: tuple[NDArray[Any], ...], lists: tuple[NDArray[Any], ...],
+    out: tuple[NDArray[Any], ...],
 ) -> None:  # fmt: skip
+    directions, order, cell_start = rays
+    listed, row_start = lists
+    face_out, depth_out, weights = out
     possible = np.empty(_RUN, dtype=np.bool_)
     for turn in range(low_turn, high_turn):
         # Rows far apart one after the other (``side`` is a power of two): threads get shares that cost alike.

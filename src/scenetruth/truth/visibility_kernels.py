@@ -248,7 +248,10 @@ def hide_points(
         bool, shape (n,), in the order of the cells.
     """
     hidden = np.zeros(own.shape[0], dtype=np.bool_)
-    in_bands(_hide_points, faces.shape[0], vertices, faces, own, cells, hidden, least=_LEAST_FACES)
+    count = faces.shape[0]
+    # A face costs about as much as eight points: few faces that may hide many points are shared out too.
+    least = _LEAST_FACES * 8 * count // (8 * count + own.shape[0] + 1)
+    in_bands(_hide_points, count, vertices, faces, own, cells, hidden, least=max(least, 1))
     return hidden
 
 

@@ -40,7 +40,6 @@ def limit_threads(threads: int) -> None:
     os.environ["LP_NUM_THREADS"] = str(threads if threads > 1 else 0)
     os.environ["ZARR_THREADING__MAX_WORKERS"] = str(threads)
     os.environ["ZARR_ASYNC__CONCURRENCY"] = str(threads)
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     if "numba" in sys.modules:
         import numba
 
