@@ -47,37 +47,73 @@ if ! .venv/bin/python -m pip --version >/dev/null 2>&1; then
     fi
 fi
 
+# The system's packages come while Python's do.
+has_osmesa() { .venv/bin/python -c 'import ctypes.util, sys; sys.exit(ctypes.util.find_library("OSMesa") is None)'; }
+install_osmesa() {
+    has_osmesa && return
+    say "installing the system library libosmesa6"
+    if ! apt_install libosmesa6 || ! has_osmesa; then
+        say "libosmesa6 could not be installed (not root, or no such package): pyrender will use EGL, or ray casting renders"
+    fi
+}
+install_osmesa &
+
 # The version is told when it is installed: anew whenever a release is reached or left behind, not at every commit.
 release() { git describe --tags --exact-match 2>/dev/null || printf 'after %s\n' "$(git describe --tags --abbrev=0 2>/dev/null)"; }
 
 # The demo needs less than the tests, and comes first.
 installed() { [ "$(cat ".venv/scenetruth-$1" 2>/dev/null)" = "$wanted" ]; }
+pip() { .venv/bin/python -m pip "$@"; }
+quiet=(-q --disable-pip-version-check)
+
+# Installs scenetruth and what it and some extras (named with commas between) need, on all processors, for pip works on
+# one: what is needed is found once, then several pips unpack it, each its own share.
+install_beside() {
+    local wheels=.venv/wheels processes n job jobs=() wheel_files
+    processes=$(nproc 2>/dev/null || echo 1)
+    [ "$processes" -le 4 ] || processes=4
+    rm -rf "$wheels"
+    mkdir -p "$wheels"
+    .venv/bin/python - "$1" >"$wheels/needed.txt" <<'END' || return 1
+import sys, tomllib
+project = tomllib.load(open("pyproject.toml", "rb"))["project"]
+extras = [line for name in sys.argv[1].split(",") for line in project["optional-dependencies"][name]]
+print(*project["dependencies"], *extras, sep="\n")
+END
+    pip install "${quiet[@]}" "$bytecode" --no-deps -e . &
+    jobs=($!)
+    pip wheel "${quiet[@]}" -w "$wheels" -r "$wheels/needed.txt" || return 1
+    for ((n = 0; n < processes; n++)); do
+        mapfile -t wheel_files < <(ls -S "$wheels"/*.whl | awk -v n="$n" -v of="$processes" 'NR % of == n')
+        [ "${#wheel_files[@]}" -gt 0 ] || continue
+        pip install "${quiet[@]}" "$bytecode" --no-deps --no-index "${wheel_files[@]}" &
+        jobs+=($!)
+    done
+    for job in "${jobs[@]}"; do wait "$job" || return 1; done
+}
+
 install() {
     # What is used is compiled when it is first imported: to compile all of it takes longer than all the rest. Where
     # nothing that is imported may be kept, every start would compile it again.
-    local bytecode=--no-compile
+    bytecode=--no-compile
     [ -z "${PYTHONDONTWRITEBYTECODE:-}" ] || bytecode=--compile
-    .venv/bin/python -m pip install -q --disable-pip-version-check "$bytecode" -e "$2"
+    # Whatever went wrong the quick way, the plain way mends it or tells.
+    install_beside "$2" 2>/dev/null || { wait; pip install "${quiet[@]}" "$bytecode" -e ".[$2]"; }
+    rm -rf .venv/wheels
     printf '%s\n' "$wanted" >".venv/scenetruth-$1"
 }
 wanted=$(cksum pyproject.toml; pwd; release)
 if [ "${1:-}" = demo ]; then
     if ! installed installed && ! installed runs; then
         say "installing scenetruth and what it needs into .venv"
-        install runs '.[opengl]'
+        install runs opengl
     fi
 elif ! installed installed; then
     say "installing scenetruth, what it needs and what its tests need into .venv"
-    install installed '.[opengl,design,test]'
+    install installed opengl,design,test
 fi
 
-has_osmesa() { .venv/bin/python -c 'import ctypes.util, sys; sys.exit(ctypes.util.find_library("OSMesa") is None)'; }
-if ! has_osmesa; then
-    say "installing the system library libosmesa6"
-    if ! apt_install libosmesa6 || ! has_osmesa; then
-        say "libosmesa6 could not be installed (not root, or no such package): pyrender will use EGL, or ray casting renders"
-    fi
-fi
+wait
 
 if [ "${1:-}" = browser ]; then
     say "installing playwright and, where that is allowed, the system package chromium"

@@ -26,7 +26,7 @@ def scenetruth(
     """Run a command as `scenetruth.cli.app.run_app` does; return its exit code and what it printed.
 
     Unless it is to be ``helped``, no second process draws pictures: it takes longer to start than a few pictures take,
-    and draws the same ones (`tests.pipeline.test_figure_help`).
+    and draws the same ones (`tests.pipeline.test_helping`).
     """
     words = list(map(str, arguments))
     output, errors = io.StringIO(), io.StringIO()

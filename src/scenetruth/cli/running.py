@@ -59,7 +59,7 @@ def run(
         overwrite=overwrite,
         figures=figures or None,
         figures_also=_beside_png(figures_format),
-        helpers=options.helpers(),
+        helpers=options.helpers() if report else 0,
     )
     _print_results(results)
     _echo(f"written: {output}")
@@ -237,15 +237,17 @@ def _run(
     *,
     images: options.ImageForm | None,
     methods: Sequence[str] = (),
+    helpers: int = 0,
     **wanted: Any,
 ) -> RunResults:
     """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_scene`."""
     from scenetruth.cli.console import reporting
     from scenetruth.errors import SceneError
+    from scenetruth.pipeline import figure_help
 
     form: Literal["png", "tiff"] | None = None if images is None else images.value
-    with reporting() as reporter:
-        # Libraries take seconds to load when they are read from disk for the first time.
+    with reporting() as reporter, figure_help(helpers) as helper:
+        # Libraries take seconds to load when they are read from disk for the first time: both processes do so at once.
         from scenetruth.pipeline import run_scene
         from scenetruth.resources.bounds import limits_from
         from scenetruth.scene import load_scene
@@ -267,6 +269,7 @@ def _run(
                 methods=chosen,
                 limits=allowed,
                 images=form,
+                helpers=helper or 0,
                 progress=reporter,
                 notice=reporter.say,
                 **wanted,

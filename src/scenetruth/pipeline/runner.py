@@ -31,7 +31,7 @@ from scenetruth.storage import claim_store, files_of, is_zip_name, open_store, w
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from scenetruth.pipeline.figure_help import FigureHelper
+    from scenetruth.pipeline.helping import FigureHelper
     from scenetruth.scoring import FigureInfo, Score
     from scenetruth.settings import ScoreSettings
     from scenetruth.truth import TruthChoice

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Literal
 from scenetruth.compilation import announced_compilation
 from scenetruth.errors import Problem, SceneError
 from scenetruth.estimators import MethodChoice
-from scenetruth.pipeline.figure_help import FigureHelper, figure_help
 from scenetruth.pipeline.folder import RunFolder
+from scenetruth.pipeline.helping import FigureHelper, figure_help
 from scenetruth.pipeline.requirements import effort_of, method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
 from scenetruth.progress import Progress
@@ -45,7 +45,7 @@ def run_scene(
     check: bool = True,
     figures: Collection[str] | None = None,
     figures_also: Collection[str] = (),
-    helpers: int = 0,
+    helpers: int | FigureHelper = 0,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> RunResults:
@@ -80,7 +80,7 @@ def run_scene(
     figures_also
         Formats that figures are written in beside PNG: ``"pdf"``, vectors for print.
     helpers
-        Further processes to draw figures: none, or one.
+        Further processes to compile and to draw figures: none, or one, or one that runs already.
     progress
         Called with (what, done, total) as the work goes on.
     notice
@@ -179,6 +179,7 @@ def _compiling_beside(helper: FigureHelper | None, scene: Scene, choices: Sequen
     First the methods, then what this process comes to just before them.
     """
     from scenetruth.camera.sensor import chain_of
+    from scenetruth.pipeline.least_kernels import least
 
     if helper is None or not choices:
         yield
@@ -191,6 +192,8 @@ def _compiling_beside(helper: FigureHelper | None, scene: Scene, choices: Sequen
             helper.compile_last_of_truth()
 
     with announced_compilation(begin):
+        # Told at once: what renders takes seconds to load before it comes to anything that is compiled.
+        least()
         yield
 
 

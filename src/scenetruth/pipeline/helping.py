@@ -38,7 +38,7 @@ class FigureHelper:
     def __enter__(self) -> Self:
         with suppress(OSError):
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "scenetruth.pipeline.figure_help", str(os.getpid())],
+                [sys.executable, "-m", "scenetruth.pipeline.helping", str(os.getpid())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -118,19 +118,21 @@ class FigureHelper:
 
 
 @contextmanager
-def figure_help(processes: int) -> Iterator[FigureHelper | None]:
+def figure_help(wanted: int | FigureHelper) -> Iterator[FigureHelper | None]:
     """Give a second process that compiles and draws while the block runs, or None.
 
     Parameters
     ----------
-    processes
-        How many are wanted; there is at most one.
+    wanted
+        How many processes are wanted; there is at most one. Or one that runs, which is given as it is and not ended.
     """
-    if processes < 1:
+    if isinstance(wanted, FigureHelper):
+        yield wanted
+    elif wanted < 1:
         yield None
-        return
-    with FigureHelper() as helper:
-        yield helper
+    else:
+        with FigureHelper() as helper:
+            yield helper
 
 
 def _serve(requests: IO[str], answers: IO[str]) -> None:

@@ -57,3 +57,12 @@ def test_the_helper_ends_with_its_block() -> None:
     assert not Path(f"/proc/{number}").exists()
     with figure_help(0) as none:
         assert none is None
+
+
+def test_a_helper_that_runs_is_used_and_goes_on() -> None:
+    with figure_help(1) as first:
+        assert first is not None
+        with figure_help(first) as again:
+            assert again is first
+        assert first._process is not None
+        assert first._process.poll() is None
