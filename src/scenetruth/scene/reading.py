@@ -152,6 +152,9 @@ def _syntax_problem(error: Any, text: str) -> Problem:
         return Problem("", f'line {line}: is not valid YAML: holds a control character; spell it as in "\\x1b"')
     mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     told = " ".join(filter(None, (getattr(error, "context", None), getattr(error, "problem", None)))) or str(error)
+    if "maximum nesting depth" in told and mark is not None:
+        # Newer libraries look this far ahead of what they have told of, and no further.
+        return Problem("", f"line {mark.line + 1}: is nested more than {DEEPEST} deep")
     where = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
     return Problem("", f"{where}is not valid YAML: {' '.join(told.split())}")
 
