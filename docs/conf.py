@@ -47,10 +47,12 @@ nb_execution_mode = os.environ.get("SCENETRUTH_SITE_NOTEBOOKS", "cache")
 nb_execution_cache_path = str(HERE.parent / "outputs" / "site_cache" / "notebooks")
 nb_execution_timeout = 600
 nb_execution_raise_on_error = True
-# Kernels of this build talk within this machine: they need not warn that others could listen.
+# Kernels of this build talk within this machine: they need not warn that others could listen. Pictures are sharp on
+# screens with small pixels.
 profile = HERE.parent / "outputs" / "site_cache" / "ipython" / "profile_default"
 profile.mkdir(parents=True, exist_ok=True)
-(profile / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 40\n", encoding="utf-8")
+kernel = 'c.IPKernelApp.log_level = 40\nc.InlineBackend.figure_formats = {"retina"}\n'
+(profile / "ipython_kernel_config.py").write_text(kernel, encoding="utf-8")
 os.environ["IPYTHONDIR"] = str(profile.parent)
 
 # Reference
