@@ -37,7 +37,7 @@ svg {{ background: #fff }} text {{ fill: {INK}; font: 13px "DejaVu Sans", sans-s
 def data_set() -> None:
     """Draw some samples of a recipe: what the camera sees, and how the leaf grows."""
     draws = st.load_recipe(RECIPE)
-    figure, axes = plt.subplots(2, len(SAMPLES), figsize=(6.4, 2.1), layout="constrained")
+    figure, axes = plt.subplots(2, len(SAMPLES), figsize=(4.6, 1.6), layout="constrained")
     for column, number in enumerate(SAMPLES):
         plain = draws.draw(number).scene().to_plain()
         plain["frames"]["count"] = plain["stage"]["positions"] = 1
@@ -48,15 +48,15 @@ def data_set() -> None:
         shown = axes[1, column].imshow(np.where(growth > 0, growth, np.nan), cmap="magma", vmin=0, vmax=5)
     for each in axes.flat:
         each.set_axis_off()
-    figure.colorbar(shown, ax=axes[1], shrink=0.9, label="growth, %/h")
-    figure.savefig(DOCS / "door_data_set.png", dpi=100)
+    figure.colorbar(shown, ax=axes[1], shrink=0.9, label="%/h")
+    figure.savefig(DOCS / "door_data_set.png", dpi=150)
 
 
 def accuracy() -> None:
     """Draw the error of disparity over the noise of images, method by method, and the bound."""
     found = st.compare(list(METHODS), cases=["noise"]).to_frame()
     told = found[(found.case == "noise") & (found.quantity == "disparity") & (found.statistic == "noise")]
-    figure, axes = plt.subplots(figsize=(6.4, 2.4), layout="constrained")
+    figure, axes = plt.subplots(figsize=(4.6, 2.3), layout="constrained")
     for method, own in told.groupby("method"):
         own = own.sort_values("value")
         bound = method not in METHODS
@@ -64,9 +64,9 @@ def accuracy() -> None:
         axes.loglog(100 * own["value"], own["number"], **{"label": METHODS.get(str(method)), **style})
     axes.set_xticks(ticks := [0.5, 1, 2], [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_formatter("")
-    axes.set(xlabel="noise of the images, % of full scale", ylabel="scatter of disparity, px")
+    axes.set(xlabel="noise of the images, % of full scale", ylabel="error of disparity, px")
     axes.legend(fontsize=8)
-    figure.savefig(DOCS / "door_accuracy.png", dpi=100)
+    figure.savefig(DOCS / "door_accuracy.png", dpi=150)
 
 
 def rig() -> None:
