@@ -41,6 +41,10 @@ class Problem:
     value
         The offending value, if there is one to show.
 
+    See Also
+    --------
+    SceneError : Holds them as ``problems``, as other errors with several causes do.
+
     Examples
     --------
     >>> print(Problem("camera.width", "must be positive", -3))
@@ -130,7 +134,23 @@ _LONGEST_INTEGER_BITS = 260  # 78 digits
 
 
 class ScenetruthError(Exception):
-    """Base of every error that scenetruth raises on purpose."""
+    """Base of every error that scenetruth raises on purpose.
+
+    See Also
+    --------
+    SceneError, RecordingError, EstimateError, StoreError : Some of the errors that derive from it.
+
+    Examples
+    --------
+    What goes wrong on purpose is caught by one name; slips in the calling code are not:
+
+    >>> import scenetruth as st
+    >>> try:
+    ...     st.load_scene("no_such_file.yaml")
+    ... except st.ScenetruthError as error:
+    ...     print(type(error).__name__)
+    SceneError
+    """
 
 
 class _ProblemListError(ScenetruthError):
@@ -154,49 +174,186 @@ class _ProblemListError(ScenetruthError):
 
 
 class SceneError(_ProblemListError):
-    """A scene that cannot be made; lists every problem with its path."""
+    """A scene that cannot be made; lists every problem with its path.
+
+    See Also
+    --------
+    Problem : One of its ``problems``.
+    scenetruth.load_scene, scenetruth.scene_from_plain : Raise it.
+
+    Examples
+    --------
+    All that is wrong is told at once, each with the path of its field:
+
+    >>> import scenetruth as st
+    >>> plain = st.load_scene("plane").to_plain()
+    >>> plain["camera"]["width"] = -3
+    >>> plain["stage"]["baseline_mm"] = "wide"
+    >>> try:
+    ...     st.scene_from_plain(plain)
+    ... except st.SceneError as error:
+    ...     for problem in error.problems:
+    ...         print(f"{problem.path}: {problem.value!r}")
+    camera.width: -3
+    stage.baseline_mm: 'wide'
+    """
 
     _noun = "scene"
 
 
 class RecipeError(_ProblemListError):
-    """A recipe of a data set that cannot be followed; lists every problem with its path."""
+    """A recipe of a data set that cannot be followed; lists every problem with its path.
+
+    See Also
+    --------
+    scenetruth.load_recipe, scenetruth.recipe_from_plain : Raise it.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> try:
+    ...     st.recipe_from_plain({"base": "cube", "samples": 0})
+    ... except st.RecipeError as error:
+    ...     print([problem.path for problem in error.problems])
+    ['name', 'samples']
+    """
 
     _noun = "recipe"
 
 
 class RecordingError(_ProblemListError):
-    """Images, or a data set, that do not have the agreed form."""
+    """Images, or a data set, that do not have the agreed form.
+
+    See Also
+    --------
+    scenetruth.make_recording, scenetruth.make_estimate : Raise it.
+
+    Examples
+    --------
+    Images are stacked as (s, t, y, x); a single one is not:
+
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> try:
+    ...     st.make_recording(np.zeros((40, 60)), focal_length_px=500, baseline_mm=5)
+    ... except st.RecordingError as error:
+    ...     print(error.problems[0].path)
+    images
+    """
 
     _noun = "data set"
 
 
 class EstimateError(_ProblemListError):
-    """Settings or a recording that the estimator cannot work with."""
+    """Settings or a recording that the estimator cannot work with.
+
+    See Also
+    --------
+    scenetruth.estimate : Raises it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((3, 5, 40, 60)), focal_length_px=500, baseline_mm=5)
+    >>> try:
+    ...     st.estimate(recording, "structure_tensor", window=4)
+    ... except st.EstimateError as error:
+    ...     print(error.problems[0].path)
+    window
+    """
 
     _noun = "estimate"
 
 
 class ScoreError(_ProblemListError):
-    """An estimate and a truth that cannot be compared."""
+    """An estimate and a truth that cannot be compared.
+
+    See Also
+    --------
+    scenetruth.score, scenetruth.write_report : Raise it.
+
+    Examples
+    --------
+    The camera of an estimate must be that of the truth:
+
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 1, "baseline_mm": 5}, "frames": {"count": 1}}
+    >>> truth = st.make_truth(st.scene_from_plain(plain))
+    >>> recording = st.make_recording(np.zeros((1, 1, 30, 40)), focal_length_px=61, baseline_mm=5)
+    >>> try:
+    ...     st.score(st.make_estimate(depth=truth.depth, like=recording), truth, recording)
+    ... except st.ScoreError as error:
+    ...     print(error.problems[0])
+    attrs.focal_length_px: the estimate's 61.0 differs from the truth's 60.0
+    """
 
     _noun = "score"
 
 
 class ExportError(_ProblemListError):
-    """Data sets, or options, from which a format cannot be written."""
+    """Data sets, or options, from which a format cannot be written.
+
+    See Also
+    --------
+    scenetruth.export_run, scenetruth.export_data : Raise it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((3, 1, 20, 30)), focal_length_px=500, baseline_mm=5)
+    >>> try:
+    ...     st.export_data(recording, None, "never_made", "gif")
+    ... except st.ExportError as error:
+    ...     print(error.problems[0].path, error.problems[0].value)
+    format gif
+    """
 
     _noun = "export"
 
 
 class MachineError(_ProblemListError):
-    """What the machine, its memory or its settings, does not allow."""
+    """What the machine, its memory or its settings, does not allow.
+
+    See Also
+    --------
+    scenetruth.Limits : What may be taken of the machine.
+    scenetruth.run_scene : Raises it, before any work.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> try:
+    ...     st.run_scene(st.load_scene("plane"), "never_made", limits=st.Limits(memory_gb=0.001))
+    ... except st.MachineError as error:
+    ...     print(error.problems[0].path)
+    memory of render
+    """
 
     _noun = "machine"
 
 
 class MismatchError(_ProblemListError):
-    """Parts that were made from different recordings."""
+    """Parts that were made from different recordings.
+
+    See Also
+    --------
+    scenetruth.score, scenetruth.write_report, scenetruth.run_scene : Raise it.
+
+    Examples
+    --------
+    Whoever knows better may allow it, as its message says:
+
+    >>> print(MismatchError([Problem("truth.zarr", "belongs to another recording")]))
+    1 problem with the run:
+      - truth.zarr: belongs to another recording
+    Use the parts of one run, or allow it (--allow-mismatch, check=False).
+    """
 
     _noun = "run"
 
@@ -213,6 +370,19 @@ class StoreError(ScenetruthError):
         The store.
     message
         What is wrong with it and how to mend it.
+
+    See Also
+    --------
+    scenetruth.load, scenetruth.open_store, scenetruth.verify_folder : Raise it.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> try:
+    ...     st.load("nowhere/recording.zarr")
+    ... except st.StoreError as error:
+    ...     print(error.path)
+    nowhere/recording.zarr
     """
 
     def __init__(self, path: str | Path, message: str) -> None:
@@ -225,14 +395,44 @@ class StoreError(ScenetruthError):
 
 
 class OutputExistsError(StoreError):
-    """An output that exists already and may not be overwritten."""
+    """An output that exists already and may not be overwritten.
+
+    See Also
+    --------
+    scenetruth.save, scenetruth.simulate, scenetruth.run_scene : Raise it; ``overwrite=True`` allows to replace.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((3, 1, 4, 6)), focal_length_px=500, baseline_mm=5)
+    >>> with TemporaryDirectory() as folder:
+    ...     st.save(recording, f"{folder}/recording.zarr")
+    ...     try:
+    ...         st.save(recording, f"{folder}/recording.zarr")
+    ...     except st.OutputExistsError as error:
+    ...         print(error.message)
+    exists already; give another output or --overwrite
+    """
 
     def __init__(self, path: str | Path, message: str = "exists already; give another output or --overwrite") -> None:
         super().__init__(path, message)
 
 
 class RenderError(ScenetruthError):
-    """A render that failed."""
+    """A render that failed.
+
+    See Also
+    --------
+    BackendUnavailableError : A backend that does not run here.
+    scenetruth.simulate : Raises it.
+
+    Examples
+    --------
+    >>> issubclass(BackendUnavailableError, RenderError)
+    True
+    """
 
 
 class BackendUnavailableError(RenderError):
@@ -246,6 +446,15 @@ class BackendUnavailableError(RenderError):
         Why it does not run here.
     remedy
         What would make it run.
+
+    See Also
+    --------
+    scenetruth.simulate : Raises it, unless the scene leaves the choice of the backend open (``render.backend: auto``).
+
+    Examples
+    --------
+    >>> print(BackendUnavailableError("pyrender", "no OpenGL", "render.backend: raycast"))
+    render backend pyrender does not run here: no OpenGL. Remedy: render.backend: raycast
     """
 
     def __init__(self, backend: str, reason: str, remedy: str) -> None:
@@ -259,8 +468,42 @@ class BackendUnavailableError(RenderError):
 
 
 class SceneWarning(UserWarning):
-    """A scene that can be made but will hardly serve its purpose."""
+    """A scene that can be made but will hardly serve its purpose.
+
+    See Also
+    --------
+    EstimateWarning : Warns of an estimate.
+    scenetruth.simulate, scenetruth.load_scene : Warn with it.
+
+    Examples
+    --------
+    Python's own filters make an error of it, or silence it:
+
+    >>> import warnings
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", SceneWarning)
+    ...     try:
+    ...         warnings.warn("0.6 % of the pixels are saturated", SceneWarning)
+    ...     except SceneWarning as warning:
+    ...         print(warning)
+    0.6 % of the pixels are saturated
+    """
 
 
 class EstimateWarning(UserWarning):
-    """An estimate that says less than the recording could tell."""
+    """An estimate that says less than the recording could tell.
+
+    See Also
+    --------
+    SceneWarning : Warns of a scene.
+    scenetruth.estimate : Warns with it.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always", EstimateWarning)
+    ...     warnings.warn("a single frame tells no motion", EstimateWarning)
+    >>> [str(one.message) for one in caught]
+    ['a single frame tells no motion']
+    """

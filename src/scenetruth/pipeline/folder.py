@@ -58,6 +58,12 @@ class RunFolder:
         The method with the plain names; if not given, what the scene in the folder says, or the paper's method where
         there is no scene.
 
+    See Also
+    --------
+    run_scene : Fills the folder.
+    verify_folder : Checks what is in it.
+    export_run : Writes it in formats of others.
+
     Examples
     --------
     >>> run = RunFolder("outputs/cube", "structure_tensor")

@@ -43,6 +43,11 @@ class Limits:
     hours
         Time that may be foreseen; None: any.
 
+    See Also
+    --------
+    simulate, run_scene : Take it as ``limits``.
+    MachineError : Tells what is more than the machine has.
+
     Examples
     --------
     >>> Limits(frames=20_000).frames, Limits().frames

@@ -46,6 +46,11 @@ class Score:
     metadata
         What the score was made from, as plain JSON values.
 
+    See Also
+    --------
+    score : Makes it.
+    write_report : Shows it with pictures.
+
     Examples
     --------
     >>> found = Score(

@@ -88,7 +88,7 @@ def constraint_table(rig: Rig) -> Table:
     lines = [
         [
             Cell(one.title),
-            _number_cell(one.value, one.unit),
+            Cell(f"{length(one.value)} {one.unit}".rstrip(), _finite(one.value)),
             Cell(f"{one.sense} {length(one.limit)} {one.unit}".rstrip(), one.limit),
             Cell(percent(one.margin), one.margin if math.isfinite(one.margin) else None),
             Cell("holds" if one.holds else "does not hold"),

@@ -57,6 +57,11 @@ def surface_growth(dataset: xr.Dataset, settings: ScoreSettings | None = None) -
     ScoreError
         If the data set lacks depth or velocity.
 
+    See Also
+    --------
+    score : Scores growth with all else.
+    estimate : The refined method tells growth of its own, ``growth_rate``.
+
     Examples
     --------
     A plane 500 mm away that expands by 0.1 % per frame along both X and Y:

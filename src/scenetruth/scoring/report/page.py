@@ -94,6 +94,11 @@ def write_report(
     MismatchError
         If the parts say that they belong to different recordings.
 
+    See Also
+    --------
+    score : The figures alone.
+    run_scene : All stages up to this one, in a folder.
+
     Examples
     --------
     Images and a depth map from elsewhere, without truth:
