@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from types import UnionType
@@ -99,12 +100,15 @@ class FrozenModel(BaseModel):
         told |= {field.alias: told[name] for name, field in cls.model_fields.items() if field.alias and name in told}
         whole = handler.resolve_ref_schema(schema)
         if "description" in whole:
-            # What a model means; its examples are for whoever reads the code.
-            whole["description"] = whole["description"].partition("\n\nExamples\n---")[0]
+            # What a model means; where to read on, and examples, are for whoever reads the code.
+            whole["description"] = _FURTHER.split(whole["description"])[0]
         for name, field in whole.get("properties", {}).items():
             if name in told:
                 field.setdefault("description", told[name])
         return schema
+
+
+_FURTHER = re.compile(r"\n\n(?:See Also|Examples)\n---")
 
 
 def _as_declared(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[str, str]:

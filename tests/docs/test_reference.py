@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -26,6 +29,7 @@ from scenetruth_site.file_examples import examples_in
 from scenetruth_site.file_models import anchor_of, models_of
 from scenetruth_site.files import DESCRIBED, room_in_markdown, rooms_of
 from scenetruth_site.generated import generated_parts
+from tests.test_public import sections_of
 
 DOCS = Path(__file__).parents[2] / "docs"
 NAMES = Counter(f"{module}.{name}" for modules in API.values() for module, names in modules.items() for name in names)
@@ -43,6 +47,41 @@ def test_documented_names_exist_and_are_found_by_their_last_part() -> None:
         module, last = name.rsplit(".", 1)
         assert hasattr(import_module(module), last), name
     assert documented_names()["simulate"] == "scenetruth.simulate"
+
+
+THINGS = {name: getattr(import_module(name.rpartition(".")[0]), name.rpartition(".")[2]) for name in NAMES}
+DESCRIBED_THINGS = [name for name, thing in THINGS.items() if callable(thing)]
+
+
+def found_from(module: str, name: str) -> bool:
+    """Tell whether a name of a See Also leads somewhere: of the same module, documented elsewhere, or a full path."""
+    first, *rest = name.split(".")
+    places: list[Any] = [getattr(import_module(module), first, None), THINGS.get(documented_names().get(first, ""))]
+    if first == "scenetruth":
+        places = [scenetruth]
+    for place in places:
+        for part in rest:
+            if inspect.ismodule(place):
+                with suppress(ModuleNotFoundError):
+                    import_module(f"{place.__name__}.{part}")
+            place = getattr(place, part, None)
+        if place is not None:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("name", DESCRIBED_THINGS)
+def test_every_documented_name_has_an_example_that_runs_and_tells_what_to_see_also(name: str) -> None:
+    sections = sections_of(THINGS[name])
+    assert ">>>" in sections["Examples"]
+    assert "+SKIP" not in sections["Examples"]
+    module = inspect.getmodule(THINGS[name])
+    assert module is not None
+    # numpydoc: names with commas between, a colon, and what each does.
+    entries = re.findall(r"^(?! )(\S[^:]*?) ?:", sections["See Also"], re.MULTILINE)
+    others = [each for entry in entries for each in entry.split(", ")]
+    assert others
+    assert [each for each in others if not found_from(module.__name__, each)] == []
 
 
 def imported_in_pages() -> Iterator[tuple[str, str]]:

@@ -115,6 +115,27 @@ def cramer_rao(
     Slopes and the velocity gradient are known to the first order: that an error of the slopes changes how a rotation
     moves the surface is left out, but for growth with affine motion, where the variance of products of both is added;
     without it, the bound is far under what any method reaches. Real camera positions are taken to be the planned ones.
+
+    Examples
+    --------
+    A wall 100 mm away, images of three positions and three frames, with noise of 1 % of full scale:
+
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> plain = {"camera": {"width": 60, "height": 50, "focal_length_px": 60}, "objects": [wall], "sensor": "ideal"}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 3}, "render": {"backend": "raycast"}}
+    >>> recording, truth = st.simulate(st.scene_from_plain(plain))
+    >>> bound = cramer_rao(truth, recording, noise_std=0.01)
+    >>> at = bound.sel(t=0).isel(y=25, x=30)
+    >>> at.depth_std.round(2).item(), at.velocity_std.values.round(3).tolist(), at.images_used.item()
+    (0.07, [0.004, 0.004, 0.019], 9.0)
+
+    With twice the noise, all is known half as precisely:
+
+    >>> twice = cramer_rao(truth, recording, noise_std=0.02)
+    >>> (twice.depth_std / bound.depth_std).median().round(6).item()
+    2.0
     """
     settings = {"surface": surface, "motion": motion, "window": window, "brightness": brightness}
     problems = setting_problems(settings, noise_std, window_sigma_px, every_px)

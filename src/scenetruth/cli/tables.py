@@ -87,7 +87,9 @@ def _size_in(plain: Mapping[str, Any]) -> str:
         across = stage.get("positions") or len(stage.get("positions_mm") or [0])
         images = across * stage.get("rows", 1) * plain["frames"]["count"]
         return f"{images} images of {camera['width']} x {camera['height']} px"
-    return f"{plain['samples']:,} scenes" if "samples" in plain else ""
+    if "samples" in plain:
+        return f"{plain['samples']:,} scenes"
+    return f"{len(plain['free'])} to choose" if "free" in plain else ""
 
 
 def console() -> Console:

@@ -36,6 +36,32 @@ class Comparison:
         Where it lies; None if it was not kept.
     own
         Labels of the methods whose algorithms are scenetruth's own.
+
+    See Also
+    --------
+    scenetruth.compare : Measures the methods, and returns one.
+
+    Examples
+    --------
+    Two guesses at a wall, which stands 720 mm away:
+
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> def near(recording):
+    ...     return {"depth": np.full(recording["image"].shape[-2:], 500.0)}
+    >>> def far(recording):
+    ...     return {"depth": np.full(recording["image"].shape[-2:], 800.0)}
+    >>> found = st.compare([near, far], cases=["disparity"], values=[1.3])
+    >>> found
+    Comparison(methods=['near', 'far'], folder=None, own=[])
+    >>> found.summary().round(2).to_dict("index")
+    {'Range of disparity: disparity rms': {'near': 0.57, 'far': 0.13}}
+    >>> row = found.figure("disparity", "far", "depth", "bias")
+    >>> round(row.number, 1), row.unit
+    (80.0, 'mm')
+    >>> frame = found.to_frame()
+    >>> frame[(frame.method == "near") & (frame.quantity == "depth") & (frame.statistic == "density")].number.tolist()
+    [1.0]
     """
 
     methods: Sequence[str]

@@ -131,10 +131,45 @@ def choose(given: Any, *, from_file: bool = False) -> MethodChoice:
 def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenModel:
     """Return the settings of a method.
 
+    Parameters
+    ----------
+    method
+        The method.
+    fields
+        Its settings by name, as plain values; those that are not given have their defaults.
+
+    Returns
+    -------
+    MethodSettings
+        The settings, of the type ``method.settings``.
+
     Raises
     ------
     EstimateError
         With every setting that is unknown or impossible.
+
+    See Also
+    --------
+    scenetruth.estimators.find_method : A method by its name.
+    scenetruth.estimators.MethodSettings : What models of settings derive from.
+
+    Examples
+    --------
+    What is not given has its default; all that is wrong is told at once:
+
+    >>> import scenetruth as st
+    >>> from scenetruth.estimators import find_method
+    >>> method = find_method("plane_sweep")
+    >>> settings = validate_settings(method, {"distinctness": 1.5})
+    >>> settings.distinctness, settings.disparity_px
+    (1.5, 'auto')
+    >>> try:
+    ...     validate_settings(method, {"distinctness": -1, "disparity": 20})
+    ... except st.EstimateError as error:
+    ...     print(error)
+    2 problems with the estimate in settings of 'plane_sweep':
+      - disparity: unknown setting of 'plane_sweep'; did you mean 'disparity_px'? (got 20)
+      - distinctness: input should be greater than or equal to 1 (got -1)
     """
     problems = plain_problems(fields)
     if problems:
@@ -159,7 +194,7 @@ _MOST_TOLD = 100
 
 def _problem_of(entry: Any, method: Estimator) -> Problem:
     keys = [str(key) for key in entry["loc"]]
-    path = ".".join(key for key in keys if not key.startswith(("literal[", "function-")) and key not in _UNION_MEMBERS)
+    path = ".".join(key for key in keys if not key.startswith(_UNION_TYPES) and key not in _UNION_MEMBERS)
     message, value = entry["msg"].removeprefix("Value error, "), entry.get("input")
     if entry["type"] == "extra_forbidden":
         import difflib
@@ -171,4 +206,6 @@ def _problem_of(entry: Any, method: Estimator) -> Problem:
     return Problem(path, message[:1].lower() + message[1:], value)
 
 
+# What pydantic calls the members of a union, in the places of what is wrong.
+_UNION_TYPES = ("literal[", "function-", "tuple[", "list[", "nullable[")
 _UNION_MEMBERS = ("int", "float", "str", "constrained-int", "constrained-float", "constrained-str")

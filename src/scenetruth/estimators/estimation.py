@@ -104,6 +104,36 @@ class Estimation:
         Its settings.
     progress
         Called with (what, done, total) as the work goes on.
+
+    See Also
+    --------
+    scenetruth.estimators.prepare : Checks everything, and returns one.
+    scenetruth.estimate : Checks and estimates at once.
+
+    Examples
+    --------
+    Of six frames, two have as many neighbours as the filters need. Each map is taken as soon as it is there:
+
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> from scenetruth.estimators import prepare
+    >>> y, x = np.mgrid[:40, :60]
+    >>> images = [[np.cos(0.6 * (x + 0.25 * s)) * np.cos(0.5 * (y - 0.5 * t)) for t in range(6)] for s in (0, 1)]
+    >>> recording = st.make_recording(images, focal_length_px=1000, baseline_mm=0.25)
+    >>> estimation = prepare(recording, "structure_tensor", {"working_point_px": 0, "window_sigma_px": 3})
+    >>> estimation.blank().t.values.tolist()
+    [0, 1]
+    >>> def put(name, at, values):
+    ...     if name == "disparity":
+    ...         print(at, values.shape, values[20, 30].round(2).item())
+    >>> told = estimation.fill(put)
+    {'t': 0} (40, 60) 0.25
+    {'t': 1} (40, 60) 0.25
+
+    In memory, it is a single call:
+
+    >>> estimation.estimate().disparity[:, 20, 30].values.round(2).tolist()
+    [0.25, 0.25]
     """
 
     def __init__(self, recording: xr.Dataset, method: Estimator, settings: FrozenModel, progress: Progress | None):

@@ -20,7 +20,34 @@ RESERVED_SETTINGS = frozenset({"method", "recording", "settings", "progress", "o
 
 
 class MethodSettings(FrozenModel):
-    """Settings of a method; derive a model with the fields that it has. This one has none."""
+    """Settings of a method; derive a model with the fields that it has. This one has none.
+
+    See Also
+    --------
+    scenetruth.estimators.validate_settings : Settings of a method from plain values.
+    scenetruth.estimators.Method : Names its model of settings as ``settings``.
+
+    Examples
+    --------
+    A field has a type, perhaps a default, and behind it what it means, which the JSON Schema of scene files tells too:
+
+    >>> class WallSettings(MethodSettings):
+    ...     depth_mm: float
+    ...     "Distance of the wall, in mm."
+    ...     window_px: int = 9
+    ...     "Width of the window in which it is looked for, in px."
+    >>> WallSettings(depth_mm=800)
+    WallSettings(depth_mm=800.0, window_px=9)
+
+    Values are of the type of their field, and there are no other fields:
+
+    >>> from pydantic import ValidationError
+    >>> try:
+    ...     WallSettings(depth_mm="deep", depth_m=0.8)
+    ... except ValidationError as error:
+    ...     print([".".join(found["loc"]) for found in error.errors()])
+    ['depth_mm', 'depth_m']
+    """
 
 
 @dataclass(frozen=True)
@@ -40,6 +67,25 @@ class Needs:
     mask
         Whether it leaves out the pixels that a recording's ``mask`` marks. Recordings that have one are refused by all
         other methods, which would use these pixels.
+
+    See Also
+    --------
+    scenetruth.estimators.Estimator : Says by its ``requirements`` what else keeps it from a recording.
+
+    Examples
+    --------
+    Two cameras and grey images; a recording of one camera and in colour is refused with both reasons:
+
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> needs = Needs(cameras=2, channels=1)
+    >>> print(needs)
+    2 cameras, grey images
+    >>> recording = st.make_recording(np.zeros((1, 5, 30, 40, 3)), focal_length_px=500, baseline_mm=5)
+    >>> for problem in needs.problems(recording, "mine"):
+    ...     print(problem)
+    stage.positions: 'mine' needs 2 camera positions (got 1)
+    channel: 'mine' takes images of 1 channel (got 3)
     """
 
     cameras: int = 1
@@ -96,6 +142,40 @@ class Estimator(Protocol):
         itself. Scores follow from it: who gives no motion is not asked for any.
     needs
         What a recording must hold.
+
+    See Also
+    --------
+    scenetruth.estimators.Method : A start for a class of one's own, which has all of it but `estimate`.
+    scenetruth.estimators.StreamingMethod : A start for methods that estimate some frames at a time.
+    scenetruth.testing.check_estimator : Whether a method keeps to what is said here.
+
+    Examples
+    --------
+    A class need not derive from anything of ours; this one takes everything for a wall at a given distance:
+
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> from scenetruth.estimators import Estimator, MethodSettings, Needs
+    >>> class WallSettings(MethodSettings):
+    ...     depth_mm: float = 1000.0
+    >>> class Wall:
+    ...     name = "wall"
+    ...     settings = WallSettings
+    ...     gives = frozenset({"depth", "disparity"})
+    ...     needs = Needs()
+    ...
+    ...     def requirements(self, recording, settings):
+    ...         return []
+    ...
+    ...     def estimate(self, recording, settings, progress):
+    ...         depth = np.full(recording["image"].shape[-2:], settings.depth_mm)
+    ...         return st.make_estimate(like=recording, depth=depth)
+    >>> isinstance(Wall(), Estimator)
+    True
+    >>> recording = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> found = st.estimate(recording, Wall(), depth_mm=500)
+    >>> found.attrs["method"], found.disparity.sel(t=0)[15, 20].item()
+    ('wall', 5.0)
     """
 
     name: str
@@ -133,6 +213,12 @@ class Estimator(Protocol):
 class Method:
     """A start for methods of one's own: derive from it, and write `estimate`.
 
+    See Also
+    --------
+    scenetruth.estimators.StreamingMethod : A start for methods that estimate some frames at a time.
+    scenetruth.estimators.Estimator : What a method must be, whatever it derives from.
+    scenetruth.testing.check_estimator : Whether a method keeps to that.
+
     Examples
     --------
     >>> import scenetruth as st
@@ -169,6 +255,37 @@ class StreamingMethod(Method):
 
     Derive from it, and write `blank` and `fill`. The recording that they get may be opened and not loaded: its images
     are read when they are selected (`scenetruth.estimators.frame_reader` reads windows of frames).
+
+    See Also
+    --------
+    scenetruth.estimators.Method : A start for methods that take the whole recording at once.
+    scenetruth.estimators.Estimation : Fills an estimate frame by frame.
+
+    Examples
+    --------
+    Depth from the light of a lamp at the camera, which falls with the square of the distance, one frame after the
+    other:
+
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> from scenetruth.schema import blank_estimate, put_each
+    >>> class Lamp(StreamingMethod):
+    ...     name = "lamp"
+    ...     gives = frozenset({"depth", "disparity"})
+    ...
+    ...     def blank(self, recording, settings):
+    ...         return blank_estimate(["depth"], like=recording, t=recording["t"])
+    ...
+    ...     def fill(self, recording, settings, put, progress):
+    ...         depths = (100 / np.sqrt(recording["image"].sel(s=0, t=t).values) for t in recording["t"])
+    ...         put_each("depth", depths, put, like=recording)
+    ...         return {"depth_at_full_scale_mm": 100}
+    >>> images = np.full((2, 3, 30, 40), 0.25)
+    >>> images[:, 2] = 0.0625
+    >>> recording = st.make_recording(images, focal_length_px=500, baseline_mm=5)
+    >>> found = st.estimate(recording, Lamp())
+    >>> found.t.values.tolist(), found.depth[:, 15, 20].values.tolist(), found.attrs["depth_at_full_scale_mm"]
+    ([-1, 0, 1], [200.0, 200.0, 400.0], 100)
     """
 
     bytes_per_pixel: float = 195.0

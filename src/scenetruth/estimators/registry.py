@@ -44,6 +44,18 @@ class MethodEntry:
         loaded.
     load
         Loads it: returns an object that is, or makes, an `Estimator`.
+
+    See Also
+    --------
+    scenetruth.estimators.method_entries : Those of all methods that are installed.
+    scenetruth.estimators.find_method : The method itself, loaded and looked over.
+
+    Examples
+    --------
+    >>> from scenetruth.estimators import method_entries
+    >>> entry = next(entry for entry in method_entries() if entry.name == "plane_sweep")
+    >>> entry.origin, entry.problem, sorted(entry.load().gives)
+    ('scenetruth', '', ['depth', 'disparity'])
     """
 
     name: str
@@ -53,7 +65,23 @@ class MethodEntry:
 
 
 def method_entries() -> list[MethodEntry]:
-    """Return all methods that are installed, without loading any, in order of their names; ours first."""
+    """Return all methods that are installed, without loading any, in order of their names; ours first.
+
+    Returns
+    -------
+    list of MethodEntry
+        One for each, also for those that cannot be loaded.
+
+    See Also
+    --------
+    scenetruth.estimators.find_method : A method by its name.
+
+    Examples
+    --------
+    >>> names = [entry.name for entry in method_entries() if not entry.problem]
+    >>> "plane_sweep" in names, "refined" in names, "structure_tensor" in names
+    (True, True, True)
+    """
     own = list(_own_entries())
     offered = sorted(metadata.entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value))
     names = [point.name for point in offered]
@@ -73,10 +101,35 @@ def find_method(name: object) -> Estimator:
         The name of a method that is installed; ``module:function`` for a plain function, or for any object that is a
         method; or such a function or method itself.
 
+    Returns
+    -------
+    Estimator
+        The method.
+
     Raises
     ------
     EstimateError
         If there is none of that name, or it cannot be loaded, or it is not what a method must be; says what is wrong.
+
+    See Also
+    --------
+    scenetruth.estimators.method_entries : All methods that are installed, loaded or not.
+    scenetruth.estimators.validate_settings : Settings of a method from plain values.
+
+    Examples
+    --------
+    >>> method = find_method("plane_sweep")
+    >>> sorted(method.gives), str(method.needs)
+    (['depth', 'disparity'], '2 cameras')
+
+    A function is a method too; its parameters are the settings:
+
+    >>> import numpy as np
+    >>> def wall(recording, depth_mm: float = 500.0):
+    ...     return {"depth": np.full(recording["image"].shape[-2:], depth_mm)}
+    >>> method = find_method(wall)
+    >>> method.name, method.settings()
+    ('wall', FunctionSettings(depth_mm=500.0))
     """
     if not isinstance(name, str):
         return _made(name, getattr(name, "name", getattr(name, "__name__", type(name).__name__)))
@@ -92,7 +145,7 @@ def find_method(name: object) -> Estimator:
 
         known = sorted({entry.name for entry in method_entries()})
         near = difflib.get_close_matches(name, known, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        hint = f"; did you mean '{near[0]}'?" if near else "."
         raise _refused(f"no such method{hint} Installed: {', '.join(known)}", name)
     entry = entries[0]
     if entry.problem:

@@ -102,6 +102,25 @@ def optimise(
     --------
     predict : The precision of one scene.
     sweep : Simulations over whatever varies.
+    scenetruth.design.optimise.load_goal : A goal from a file.
+
+    Examples
+    --------
+    Three positions before a wall, on a stage with 16 mm of travel; nothing is simulated:
+
+    >>> from scenetruth.design.optimise import optimise
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 16]}}
+    >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
+    >>> scene |= {"stage": {"positions": 3, "baseline_mm": 4}, "frames": {"count": 3}, "sensor": {"noise_std": 0.01}}
+    >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
+    >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
+    >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
+    >>> best = optimise(goal, workers=0).recommended
+    >>> dict(best.parameters), f"depth to {best.predicted['Depth']:.2f} mm"
+    ({'stage.baseline_mm': 8}, 'depth to 0.16 mm')
+    >>> [f"{one.title}: {one.value:g} {one.unit}, {one.sense} {one.limit:g}" for one in best.constraints]
+    ['stage travel: 16 mm, at most 16']
     """
     require_libraries()
     known = goal if isinstance(goal, Goal) else _goal(goal)

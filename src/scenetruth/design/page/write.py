@@ -59,6 +59,28 @@ def write_design_page(design: Design, folder: str | Path) -> Path:
         If the scene of the recommended rig cannot be made.
     StoreError
         If the page cannot be written.
+
+    See Also
+    --------
+    scenetruth.design.optimise.optimise : Makes a design, and with a folder its page.
+    scenetruth.Design.load : A design that lies in a folder.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from scenetruth.design.optimise import optimise
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 16]}}
+    >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
+    >>> scene |= {"stage": {"positions": 3, "baseline_mm": 4}, "frames": {"count": 3}, "sensor": {"noise_std": 0.01}}
+    >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
+    >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
+    >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
+    >>> design = optimise(goal, workers=0)
+    >>> with TemporaryDirectory() as folder:
+    ...     page = write_design_page(design, folder)
+    ...     page.name, design.title in page.read_text(encoding="utf-8")
+    ('index.html', True)
     """
     view = side_view_of(design.recommended.scene, blur_limit_of(design.goal), design.objectives[0].region)
     on_front, on_parameters = front_charts(design), sensitivity_charts(design)

@@ -45,6 +45,24 @@ class Pattern:
         The camera that it is made for.
     drawing
         Where ink lies.
+
+    See Also
+    --------
+    scenetruth.design.pattern.make_pattern : Makes it.
+    scenetruth.design.pattern.write_pattern : Prints it.
+
+    Examples
+    --------
+    >>> from scenetruth.design.pattern import make_pattern, rig_of
+    >>> pattern = make_pattern(rig_of(focal_length_px=5000, distance_mm=600), size_mm=(30, 20), seed=1)
+    >>> pattern.told
+    'dots of 0.480 mm (4.00 px), 50 % covered, centres at least 1 diameters apart'
+
+    Its reflectance, from ink to paper, in texels of 0.1 mm:
+
+    >>> grey = pattern.radiance((0, 0, 30, 20), (200, 300))
+    >>> f"{grey.min():.2f} to {grey.max():.2f}, in the mean {grey.mean():.2f}"
+    '0.05 to 0.85, in the mean 0.45'
     """
 
     model: PatternModel
@@ -121,6 +139,12 @@ def make_pattern(
         With everything that is wrong.
     SceneError
         If the scene cannot be made.
+
+    See Also
+    --------
+    scenetruth.design.pattern.rig_of : The camera, from a scene or a few numbers.
+    scenetruth.design.pattern.pattern_worth : What a pattern is worth.
+    scenetruth.design.pattern.write_pattern : Pages to print.
 
     Examples
     --------

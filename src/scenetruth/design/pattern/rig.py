@@ -25,7 +25,21 @@ _COARSE_PX = 64
 
 
 class Rig(FrozenModel):
-    """A camera on its stage, in front of a flat surface that faces it."""
+    """A camera on its stage, in front of a flat surface that faces it.
+
+    See Also
+    --------
+    scenetruth.design.pattern.rig_of : The rig of a scene, or of a few numbers.
+    scenetruth.design.pattern.make_pattern : A pattern for it.
+
+    Examples
+    --------
+    >>> rig = Rig(focal_length_px=5000, distance_mm=600, image_size_px=(1280, 960), baseline_mm=5, positions=5)
+    >>> f"{rig.mm_per_px:.2f} mm per px, {rig.field_mm[0]:.1f} x {rig.field_mm[1]:.1f} mm in the image"
+    '0.12 mm per px, 153.6 x 115.2 mm in the image'
+    >>> rig.sensor.noise_std, rig.frames
+    (0.01, 1)
+    """
 
     focal_length_px: Positive
     """Focal length f in px."""
@@ -94,6 +108,27 @@ def rig_of(
         If a number is missing or impossible; lists all that is wrong.
     SceneError
         If the scene cannot be made.
+
+    See Also
+    --------
+    scenetruth.design.pattern.make_pattern : A pattern for a rig.
+
+    Examples
+    --------
+    >>> from scenetruth.design.pattern import rig_of
+    >>> rig = rig_of(focal_length_px=5000, distance_mm=600)
+    >>> f"{rig.mm_per_px:.2f} mm per px"
+    '0.12 mm per px'
+
+    Of a scene, at the depth that its camera sees:
+
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 2}}
+    >>> rig = rig_of(plain)
+    >>> f"{rig.distance_mm:g} mm, {rig.positions} positions {rig.baseline_mm:g} mm apart, {rig.frames} frames"
+    '100 mm, 3 positions 5 mm apart, 2 frames'
     """
     values: dict[str, Any] = dict(changes)
     if distance_mm is not None:

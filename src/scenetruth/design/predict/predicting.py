@@ -128,6 +128,27 @@ def advise(
     -------
     list of str
         One line for each warning; none if all is well.
+
+    See Also
+    --------
+    predict : The prediction.
+
+    Examples
+    --------
+    A sheet that grows by 2 % per hour, seen every minute, and then as seldom as is advised:
+
+    >>> from scenetruth.design.predict import advise, predict
+    >>> sheet = {"name": "sheet", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 600]}}
+    >>> sheet |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
+    >>> sheet |= {"deformation": [{"kind": "growth", "rate_per_hour": 0.02}]}
+    >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [sheet]}
+    >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "sensor": {"noise_std": 0.01}}
+    >>> scene = scene_from_plain(plain | {"frames": {"count": 5, "frame_interval_s": 60}})
+    >>> print(*advise(scene, predict(scene), growth_alone=True))
+    growth of 'sheet' is 0.033 % per frame at a precision of 0.033 % per pixel: raise frames.frame_interval_s to 120
+    >>> slower = scene_from_plain(plain | {"frames": {"count": 5, "frame_interval_s": 120}})
+    >>> advise(slower, predict(slower), growth_alone=True)
+    []
     """
     known = bounded_parts(scene, Limits()) if parts is None else parts
     causes = prediction.causes

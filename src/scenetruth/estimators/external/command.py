@@ -84,6 +84,12 @@ class CommandMethod(Method):
     EstimateError
         With everything that is wrong with these.
 
+    See Also
+    --------
+    scenetruth.estimators.external.write_recording : What the program finds in ``{recording}``.
+    scenetruth.estimators.external.read_results : What it may leave in ``{output}``.
+    scenetruth.estimators.external.ResultsFolder : Results that were made before.
+
     Examples
     --------
     >>> method = CommandMethod("python mine.py {recording} {output}", "mine", timeout_s=60, gives=["depth"])

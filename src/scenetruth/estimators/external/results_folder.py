@@ -44,6 +44,28 @@ class ResultsFolder(Method):
     ------
     EstimateError
         If it cannot be called so.
+
+    See Also
+    --------
+    scenetruth.estimators.external.recording_key : The name of a recording's sub-folder.
+    scenetruth.estimators.external.read_results : The files that it may hold.
+    scenetruth.estimators.external.CommandMethod : A program that is run.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> from scenetruth.estimators.external import ResultsFolder, recording_key
+    >>> recording = st.make_recording(np.zeros((2, 1, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> with TemporaryDirectory() as folder:
+    ...     place = Path(folder, recording_key(recording))
+    ...     place.mkdir()
+    ...     np.save(place / "depth.npy", np.full((30, 40), 1000.0))
+    ...     found = st.estimate(recording, ResultsFolder(folder, "by_hand"))
+    >>> found.attrs["method"], found.disparity.sel(t=0)[15, 20].item()
+    ('by_hand', 2.5)
     """
 
     needs = Needs(mask=True)

@@ -90,6 +90,12 @@ def assert_accuracy(
     MismatchError
         If they belong to different recordings.
 
+    See Also
+    --------
+    scenetruth.score : The figures alone, without limits.
+    scenetruth.bound.cramer_rao : The bound that limits may be multiples of.
+    scenetruth.testing.check_estimator : Whether a method keeps to the contract, however accurate it is.
+
     Examples
     --------
     >>> import numpy as np

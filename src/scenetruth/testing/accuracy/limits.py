@@ -20,7 +20,30 @@ __all__ = ["KEYS", "Key", "Limit", "LimitError", "meant", "read_limits"]
 # An unknown keyword is a TypeError in Python and an impossible value a ValueError; both may be in one call, and all
 # that is wrong is told at once.
 class LimitError(ScoreError, TypeError, ValueError):
-    """Limits that cannot be checked; lists every problem."""
+    """Limits that cannot be checked; lists every problem.
+
+    See Also
+    --------
+    scenetruth.testing.assert_accuracy : Raises it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scenetruth.schema import Intrinsics, label
+    >>> from scenetruth.testing import assert_accuracy
+    >>> camera = Intrinsics(focal_length_px=1000.0, principal_point_px=(15.5, 11.5), baseline_mm=5.0)
+    >>> one = np.ones((1, 24, 32))
+    >>> truth = label("truth", {"depth": 500 * one, "disparity": 10 * one, "mixed": one == 0}, camera, t=[0])
+    >>> estimate = label("estimate", {"depth": 500.1 * one}, camera, t=[0])
+    >>> try:
+    ...     assert_accuracy(estimate, truth, depth_cm=0.02, disparity_px={"rsm": 0.1, "bias": -1})
+    ... except LimitError as error:
+    ...     print(error)
+    3 problems with the limits:
+      - depth_cm: is no quantity with its unit; did you mean 'depth_mm'?
+      - disparity_px.rsm: is no statistic of a score; did you mean 'rms'?
+      - disparity_px.bias: must not be negative (got -1)
+    """
 
     _noun = "limits"
 

@@ -42,6 +42,11 @@ class ConformanceReport:
     outcomes
         The checks in the order in which they ran.
 
+    See Also
+    --------
+    scenetruth.testing.check_estimator : Tries a method, and returns one.
+    scenetruth.testing.ConformanceError : Holds it if a check failed.
+
     Examples
     --------
     >>> told = Outcome("mask", "Masked pixels are left out.", "skipped", "refuses masks", 0.1)
@@ -86,6 +91,28 @@ class ConformanceError(AssertionError):
     ----------
     report
         How all checks ended.
+
+    See Also
+    --------
+    scenetruth.testing.check_estimator : Raises it.
+
+    Examples
+    --------
+    A method that tells depth in metres:
+
+    >>> import numpy as np
+    >>> from scenetruth.testing import check_estimator
+    >>> def mine(recording):
+    ...     return {"depth": np.full(recording["image"].shape[-2:], 0.6)}
+    >>> try:
+    ...     check_estimator(mine, only=["deterministic", "truth_in_the_middle"])
+    ... except ConformanceError as error:
+    ...     report = error.report
+    >>> report.passed, list(report.failed)
+    (('deterministic',), ['truth_in_the_middle'])
+    >>> found = report.failed["truth_in_the_middle"].splitlines()[2]
+    >>> print(found.partition(";")[0])
+    found:    depth is 0.6 mm in the median, the truth 600
     """
 
     def __init__(self, report: ConformanceReport) -> None:

@@ -33,6 +33,31 @@ class EstimatorCheck:
         The check.
     bench
         Where the method is tried, shared by all its checks.
+
+    See Also
+    --------
+    scenetruth.testing.estimator_checks : All checks of a method, as parameters of a test.
+    scenetruth.testing.check_estimator : All of them at once.
+
+    Examples
+    --------
+    A method that takes the mean from the very images that it was given:
+
+    >>> import numpy as np
+    >>> from scenetruth.testing import estimator_checks
+    >>> def mine(recording):
+    ...     recording["image"] -= recording["image"].mean()
+    ...     return {"depth": np.full(recording["image"].shape[-2:], 600.0)}
+    >>> checks = {str(check): check for check in estimator_checks(mine)}
+    >>> checks["deterministic"]()
+    >>> try:
+    ...     checks["input_unchanged"]()
+    ... except AssertionError as error:
+    ...     print(error)
+    done:     the plain recording was handed over in arrays that can be written to
+    expected: the recording as it was
+    found:    changed: image
+    remedy:   work on copies: recording['image'].values.copy(), dict(recording.attrs)
     """
 
     check: Check

@@ -31,6 +31,11 @@ def load_goal(file: str | Path) -> Goal:
         The YAML file, or the name of a goal that is shipped, as ``"leaf_growth"``, if no file has it. Relative paths in
         it count from its folder.
 
+    Returns
+    -------
+    Goal
+        Validated and frozen.
+
     Raises
     ------
     GoalError
@@ -39,6 +44,31 @@ def load_goal(file: str | Path) -> Goal:
     See Also
     --------
     goal_from_plain : A goal from plain values.
+    scenetruth.design.optimise.optimise : Finds the rig.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> text = '''
+    ... title: Depth of a cube
+    ... scene: cube
+    ... free:
+    ...   stage.baseline_mm: {from: 1, to: 8}
+    ... constraints:
+    ...   - {kind: stage_travel, at_most: 25}
+    ... objectives:
+    ...   - {quantity: depth, within: 0.05}
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "goal.yaml").write_text(text)
+    ...     goal = load_goal(f"{folder}/goal.yaml")
+    >>> goal.title, goal.objectives[0].within, list(goal.free)
+    ('Depth of a cube', 0.05, ['stage.baseline_mm'])
+
+    A goal that is shipped:
+
+    >>> load_goal("cube_depth").title
+    'Depth and motion of the noise cube'
     """
     file = shipped_file(file, within="goals") or file
     plain, folder = read_file(file, "a goal", GoalError)
@@ -57,10 +87,20 @@ def goal_from_plain(plain: Any, source: str | Path | None = None, folder: Path |
     folder
         Folder that relative paths of files count from; None leaves them as they are.
 
+    Returns
+    -------
+    Goal
+        Validated and frozen.
+
     Raises
     ------
     GoalError
         With every problem and its path.
+
+    See Also
+    --------
+    load_goal : A goal from a file in YAML.
+    scenetruth.design.optimise.optimise : Finds the rig.
 
     Examples
     --------

@@ -40,6 +40,21 @@ class Goal(FrozenModel):
     See Also
     --------
     load_goal : A goal from a file in YAML.
+    goal_from_plain : A goal from plain values.
+    scenetruth.design.optimise.optimise : Finds the rig.
+
+    Examples
+    --------
+    >>> goal = Goal(
+    ...     scene="cube",
+    ...     free={"stage.baseline_mm": {"from": 1, "to": 8}, "stage.positions": {"values": [3, 5, 9]}},
+    ...     constraints=[{"kind": "stage_travel", "at_most": 25}],
+    ...     objectives=[{"quantity": "depth"}, {"quantity": "velocity_z", "region": "object_cube"}],
+    ... )
+    >>> [one.title for one in goal.constraints], [one.quantity for one in goal.objectives]
+    (['stage travel'], ['depth', 'velocity_z'])
+    >>> goal.search.predictions, goal.confirm.rigs, goal.confirm.seeds
+    (2400, 3, 5)
     """
 
     format: Literal[1] = 1

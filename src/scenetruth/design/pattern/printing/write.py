@@ -47,6 +47,27 @@ def write_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", mar
     ------
     PatternError
         If the paper is unknown, or too small.
+
+    See Also
+    --------
+    scenetruth.design.pattern.make_pattern : The pattern.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from scenetruth.design.pattern import make_pattern, rig_of, write_pattern
+    >>> pattern = make_pattern(rig_of(focal_length_px=2500, distance_mm=500), size_mm=(10, 10), seed=1)
+    >>> with TemporaryDirectory() as folder:
+    ...     files = write_pattern(pattern, folder, page="A5")
+    ...     print(*(file.name for file in files))
+    ...     print(Path(folder, "scene_lines.yaml").read_text(), end="")
+    pattern.pdf pattern.svg pattern.png scene_lines.yaml pattern.json
+    # dots of 0.800 mm (4.00 px), 50 % covered, centres at least 1 diameters apart; seed 1
+    objects:
+      - name: pattern
+        mesh: {kind: plane, size_mm: [10, 10]}
+        pose: {position_mm: [0, 0, 500]}
+        texture: {kind: image, file: pattern.png, encoding: linear}
     """
     pages = pages_of(pattern, page, margin_mm)
     place = Path(folder)

@@ -32,6 +32,10 @@ def recording_key(recording: xr.Dataset) -> str:
     EstimateError
         If its cameras stand in several rows.
 
+    See Also
+    --------
+    scenetruth.estimators.external.ResultsFolder : Looks results up by this key.
+
     Examples
     --------
     >>> import scenetruth as st

@@ -61,6 +61,34 @@ def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset
     See Also
     --------
     write_recording : What a program reads.
+
+    Examples
+    --------
+    A map of disparity in px per step, from which depth in mm follows:
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 1, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> with TemporaryDirectory() as folder:
+    ...     np.save(Path(folder, "disparity.npy"), np.full((30, 40), 2.5))
+    ...     found = read_results(folder, like=recording)
+    >>> found.depth.sel(t=0)[15, 20].item(), found.attrs["method"]
+    (1000.0, 'external')
+
+    Whatever is wrong is told by the names of the files:
+
+    >>> with TemporaryDirectory() as folder:
+    ...     np.save(Path(folder, "disparity.npy"), np.full((40, 30), 2.5))
+    ...     np.save(Path(folder, "fow.npy"), np.zeros((2, 30, 40)))
+    ...     try:
+    ...         read_results(folder, like=recording)
+    ...     except st.EstimateError as error:
+    ...         for problem in error.problems:
+    ...             print(problem)
+    fow.npy: has a name that means nothing; did you mean 'flow'? Put other files in a sub-folder
+    disparity.npy: has the shape (40, 30), not (30, 40) or (t, 30, 40): it looks transposed: (x, y)
     """
     check_dataset(like, "recording")
     place, problems = Path(folder), list[Problem]()

@@ -102,7 +102,7 @@ def _result_in(path: Path, problems: list[Problem]) -> ResultFile | None:
         return None
     if name not in QUANTITIES:
         near = difflib.get_close_matches(name.lower(), QUANTITIES, n=1, cutoff=_NEAR)
-        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(QUANTITIES)}"
+        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(QUANTITIES)}."
         problems.append(Problem(path.name, f"has a name that means nothing; {hint} Put other files in a sub-folder"))
         return None
     if ending not in ENDINGS:

@@ -52,6 +52,22 @@ def write_recording(
     See Also
     --------
     read_results : What a program made of it.
+
+    Examples
+    --------
+    >>> import json
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((3, 1, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> with TemporaryDirectory() as folder:
+    ...     write_recording(recording, folder)
+    ...     print(*sorted(path.name for path in Path(folder).iterdir()))
+    ...     camera = json.loads(Path(folder, "camera.json").read_text(encoding="utf-8"))
+    camera.json s+0_t+0.png s+1_t+0.png s-1_t+0.png
+    >>> camera["focal_length_px"], camera["stage_x_mm"], camera["reference_s"]
+    (500.0, [-5.0, 0.0, 5.0], 0)
     """
     problems = argument_problems(progress, images=(images, ImageForm))
     if problems:
