@@ -71,6 +71,20 @@ def test_what_is_predicted_is_simulated(found: Budget) -> None:
     assert found.part("focal_length", "depth").predicted == pytest.approx(0.72, rel=0.02)
 
 
+def test_one_frame_is_predicted_too_and_calibration_is_not_simulated() -> None:
+    """A single frame tells no motion: its maps are there, and empty."""
+    scene = laboratory({**SOME, "frames.count": 1, "lighting": {}}, everything=False)
+    found = budget(scene, draws=1, confirm=0.0, calibration={"focal_length_percent": 0.1, "baseline_percent": 0.05})
+    assert found.quantities == ["depth", "disparity"]
+    # In proportion to Z, of about 720 mm; disparity is what images show, whatever the focal length is said to be.
+    assert found.part("focal_length", "depth").predicted == pytest.approx(0.72, rel=0.02)
+    assert found.part("focal_length", "disparity").predicted == 0
+    for cause in ("stage_yaw", "noise", "focal_length", "baseline"):
+        part = found.part(cause, "depth")
+        assert part.predicted > 0
+        assert math.isnan(part.simulated), cause
+
+
 @nightly
 def test_everything_predicted_is_simulated() -> None:
     found = budget(laboratory(MORE, everything=False), draws=4, confirm=1.0)

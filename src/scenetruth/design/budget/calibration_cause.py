@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
+import numpy as np
+
 from scenetruth.design.budget.calibration import Calibration
 from scenetruth.design.budget.cause import Cause, Remedy
 from scenetruth.design.budget.propagation.base import Errors, Propagation
@@ -12,6 +14,8 @@ from scenetruth.design.budget.sight import Sight
 from scenetruth.scene import Scene
 
 __all__ = ["CalibrationCause"]
+
+_QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z")
 
 
 class CalibrationCause(Cause):
@@ -42,19 +46,24 @@ class CalibrationCause(Cause):
         return [1.0 if signs[draw % len(signs)] == "+" else -1.0 for signs in self.signs]
 
     def responses_of(self, sight: Sight, *off: float) -> Iterator[Errors]:
-        """Give the errors that follow from errors of its numbers."""
+        """Give the errors that follow from errors of its numbers, of the quantities that depend on them."""
         raise NotImplementedError
 
     def responses(self, sight: Sight, propagation: Propagation, calibration: Calibration) -> Iterator[Errors]:
         """Give the errors of one standard deviation each; see `Cause`."""
-        return self.responses_of(sight, *[float(getattr(calibration, self.field))] * len(self.signs))
+        return self._completed(sight, [float(getattr(calibration, self.field))] * len(self.signs))
 
     def responses_drawn(
         self, sight: Sight, propagation: Propagation, calibration: Calibration, scene: Scene, draw: int
     ) -> Iterator[Errors]:
         """Return the errors of a draw; see `Cause`."""
         size = float(getattr(calibration, self.field))
-        return self.responses_of(sight, *[size * one for one in self.drawn_values(draw)])
+        return self._completed(sight, [size * one for one in self.drawn_values(draw)])
+
+    def _completed(self, sight: Sight, off: list[float]) -> Iterator[Errors]:
+        """Give the errors of all quantities: none where the formula has not the number."""
+        none = dict.fromkeys(_QUANTITIES, np.zeros_like(sight.depth))
+        return ({**none, **errors} for errors in self.responses_of(sight, *off))
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Remedy:
         """Return a better calibration."""

@@ -47,8 +47,10 @@ class ErrorMaps:
     @property
     def known(self) -> Mask:
         """Where depth, and motion if there is any, is told."""
-        wanted = [name for name in ("depth", "velocity_z") if name in self.errors] or list(self.errors)[:1]
-        return np.asarray(np.isfinite([self.errors[name] for name in wanted]).all(axis=0))
+        told = {name: np.isfinite(values) for name, values in self.errors.items()}
+        # A single frame tells no motion: its maps are there, and empty.
+        wanted = [name for name in ("depth", "velocity_z") if name in told and told[name].any()] or list(told)[:1]
+        return np.asarray(np.all([told[name] for name in wanted], axis=0))
 
 
 def error_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> ErrorMaps:
