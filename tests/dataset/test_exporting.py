@@ -10,7 +10,8 @@ import scenetruth as st
 from scenetruth.dataset.exporting import export_dataset
 from scenetruth.dataset.recipe.load import recipe_from_plain
 from scenetruth.dataset.run import run_dataset
-from scenetruth.errors import ExportError, StoreError
+from scenetruth.errors import ExportError, Problem, StoreError
+from scenetruth.pipeline import export_run
 from tests.dataset.conftest import RECIPE
 
 
@@ -39,8 +40,23 @@ def test_what_cannot_be_is_told_first(made: Path, tmp_path: Path) -> None:
         export_dataset(made, made / "new", "npz", workers=0)
 
 
-def test_what_fails_is_told_for_each_sample(made: Path, tmp_path: Path) -> None:
+def test_what_no_sample_has_is_told_before_any_work(made: Path, tmp_path: Path) -> None:
     """A truth of standard content has no finite flow."""
-    found = export_dataset(made, tmp_path / "flo", "flo", workers=0)
-    assert sorted(found.failed) == [0, 1, 2]
-    assert "flow" in found.failed[0]
+    told: list[str] = []
+    with pytest.raises(ExportError, match=r"every sample.*\n.*flow_next: is missing") as caught:
+        export_dataset(made, tmp_path / "flo", "flo", workers=0, notice=told.append)
+    assert len(caught.value.problems) == 1
+    assert told == []
+    assert not (tmp_path / "flo").exists()
+
+
+def test_what_one_sample_lacks_keeps_no_other(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse_last(folder: object, target: Path, *rest: object, **options: object) -> object:
+        if target.name == "00000002":
+            raise ExportError([Problem("depth", "is too far for this format")])
+        return export_run(folder, target, *rest, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("scenetruth.dataset.exporting.export_run", refuse_last)
+    found = export_dataset(made, tmp_path / "npz", "npz", numbers=[2, 0], workers=0)
+    assert (found.done, found.present, sorted(found.failed)) == (1, 0, [2])
+    assert "too far" in found.failed[2]

@@ -13,12 +13,15 @@ from scenetruth.dataset.identity import open_sampler, read_identity
 from scenetruth.dataset.sample import Made
 from scenetruth.dataset.shards import extracted, shard_of
 from scenetruth.dataset.shelf import Shelf
-from scenetruth.errors import StoreError
+from scenetruth.errors import ExportError, StoreError
 from scenetruth.export import choose_format
 from scenetruth.pipeline import export_run
 from scenetruth.progress import Progress
 
 __all__ = ["export_dataset", "try_export"]
+
+_Arguments = tuple[str, str, str, str | None, int, str]
+"""What `try_export` is given beside the number."""
 
 
 def export_dataset(
@@ -67,7 +70,7 @@ def export_dataset(
     Raises
     ------
     ExportError
-        If there is no such format, or its options do not fit.
+        If there is no such format, its options do not fit, or the first and the last sample both lack what it needs.
     StoreError
         If there is no data set, or ``out`` is inside of it.
     """
@@ -81,31 +84,59 @@ def export_dataset(
     missing = [number for number in wanted if not (target / f"{number:08d}").exists()]
     per_shard = sampler.recipe.samples_per_shard
     arguments = (str(places.path.resolve()), str(target.resolve()), format, method, per_shard, json.dumps(options))
-    return for_each(
-        missing,
+    tried = _refuse_all(missing, arguments)
+    found = for_each(
+        [number for number in missing if number not in tried],
         try_export,
         arguments,
-        present=len(wanted) - len(missing),
+        present=len(wanted) - len(missing) + len(tried),
         workers=workers,
         threads=threads,
         what="export",
         progress=progress,
         notice=notice,
     )
+    found.present -= len(tried)
+    found.done += len(tried)
+    return found
+
+
+def _refuse_all(numbers: Sequence[int], arguments: _Arguments) -> set[int]:
+    """Refuse what none of the samples can be written as; return the sample that was written to know it.
+
+    Samples of one recipe have data sets of one kind: where the first and the last lack the same, the others do too.
+    """
+    lacking = []
+    for number in dict.fromkeys([*numbers[:1], *numbers[-1:]]):
+        try:
+            _export(*arguments, number)
+        except ExportError as error:
+            lacking.append(error)
+        except Exception:  # it is met, and told, once more
+            return set()
+        else:
+            return {number}
+    if lacking and all(error.problems == lacking[0].problems for error in lacking):
+        raise ExportError(lacking[0].problems, source="every sample")
+    return set()
+
+
+def _export(folder: str, out: str, format: str, method: str | None, per_shard: int, options: str, number: int) -> None:
+    places, target = DatasetFolder(folder), Path(out) / f"{number:08d}"
+    shard = places.shard(shard_of(number, per_shard))
+    if shard.exists():
+        with extracted(shard, number) as files:
+            export_run(files, target, format, method=method, **json.loads(options))
+    else:
+        export_run(places.sample(number), target, format, method=method, **json.loads(options))
 
 
 def try_export(
     folder: str, out: str, format: str, method: str | None, per_shard: int, options: str, number: int
 ) -> Made:
     """Write one sample, for whoever works through many: what goes wrong is returned."""
-    places, target = DatasetFolder(folder), Path(out) / f"{number:08d}"
-    shard = places.shard(shard_of(number, per_shard))
     try:
-        if shard.exists():
-            with extracted(shard, number) as files:
-                export_run(files, target, format, method=method, **json.loads(options))
-        else:
-            export_run(places.sample(number), target, format, method=method, **json.loads(options))
+        _export(folder, out, format, method, per_shard, options, number)
     except Exception as error:  # whatever it is, the others go on
         return Made(number, failure={"sample": number, "error": type(error).__name__, "message": str(error)})
     return Made(number)
