@@ -16,10 +16,10 @@ _LENGTHS = ("depth", "velocity_x", "velocity_y", "velocity_z")
 def check(bench: Bench) -> None:
     """Change the unit of length, in effect."""
     recording = bench.plane.recording(baseline_mm=_TIMES * bench.plane.baseline_mm)
-    found = scalar_maps(bench.estimate(recording))
+    before = scalar_maps(bench.plain)
     near_to_rounding(
-        {name: item / _TIMES if name in _LENGTHS else item for name, item in found.items()},
-        scalar_maps(bench.plain),
+        scalar_maps(bench.estimate(recording)),
+        {name: item * _TIMES if name in _LENGTHS else item for name, item in before.items()},
         done=f"baseline_mm and stage_x_mm were {_TIMES:g} times as large, the images the same",
         expectation=f"depth and velocity {_TIMES:g} times as large, disparity and flow the same, but for rounding",
         remedy="images know pixels only: lengths enter at the end, by f V_X / disparity; take no thresholds in mm",
