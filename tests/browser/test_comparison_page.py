@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,7 @@ from typing import Any
 import pytest
 
 from scenetruth.comparison import compare
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright: make browser")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs the system package chromium: make browser")
+from tests.browser.pages import opened, reads_well
 
 
 @pytest.fixture(scope="module")
@@ -25,20 +21,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def page(folder: Path) -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        # In a container there is no sandbox for root.
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.errors = []
-        page.on("console", lambda line: page.errors.append(line.text) if line.type in ("error", "warning") else None)
-        page.on("pageerror", lambda error: page.errors.append(str(error)))
-        page.on("request", lambda one: None if one.url.startswith(("file:", "data:")) else page.errors.append(one.url))
-        page.goto((folder / "index.html").as_uri())
-        page.wait_for_selector(".chart .main-svg")
+def page(browser: Any, folder: Path) -> Iterator[Any]:
+    with opened(browser, folder / "index.html", ".chart .main-svg") as page:
         yield page
-        assert page.errors == []
-        browser.close()
 
 
 def column(page: Any, number: int) -> list[str]:
@@ -90,12 +75,4 @@ def test_every_chart_is_drawn_and_answers(page: Any) -> None:
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width_px", [1280, 375])
 def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int, scheme: str) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe: make browser")
-    page.emulate_media(color_scheme=scheme)
-    page.set_viewport_size({"width": width_px, "height": 800})
-    for closed in page.locator("details").all():
-        closed.locator("summary").click()
-    page.wait_for_timeout(300)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width_px
-    found = axe.Axe().run(page)
-    assert found.violations_count == 0, found.generate_report()
+    reads_well(page, width_px, scheme)

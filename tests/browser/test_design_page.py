@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,8 @@ import pytest
 import yaml
 
 from scenetruth.design.page.write import write_design_page
+from tests.browser.pages import opened, reads_well
 from tests.design.page.sample import design
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright: make browser")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs the system package chromium: make browser")
 
 
 @pytest.fixture(scope="module")
@@ -23,27 +19,10 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_design_page(design(), tmp_path_factory.mktemp("design"))
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        # In a container there is no sandbox for root.
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
 @pytest.fixture
 def page(browser: Any, file: Path) -> Iterator[Any]:
-    page = browser.new_page(viewport={"width": 1280, "height": 800}, accept_downloads=True)
-    page.errors = []
-    page.on("console", lambda line: page.errors.append(line.text) if line.type in ("error", "warning") else None)
-    page.on("pageerror", lambda error: page.errors.append(str(error)))
-    page.on("request", lambda one: None if one.url.startswith(("file:", "data:")) else page.errors.append(one.url))
-    page.goto(file.as_uri())
-    page.wait_for_selector(".chart .main-svg")
-    yield page
-    assert page.errors == []
-    page.close()
+    with opened(browser, file, ".chart .main-svg", accept_downloads=True) as page:
+        yield page
 
 
 def column(page: Any, table: str, number: int) -> list[str]:
@@ -140,12 +119,4 @@ def test_no_word_of_a_drawing_is_cut_off_or_written_over(page: Any, width_px: in
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width_px", [1280, 375])
 def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int, scheme: str) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe: make browser")
-    page.emulate_media(color_scheme=scheme)
-    page.set_viewport_size({"width": width_px, "height": 800})
-    for closed in page.locator("details").all():
-        closed.locator("summary").click()
-    page.wait_for_timeout(300)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width_px
-    found = axe.Axe().run(page)
-    assert found.violations_count == 0, found.generate_report()
+    reads_well(page, width_px, scheme)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,15 +11,10 @@ import pytest
 
 from scenetruth.scoring import score, write_report
 from scenetruth.scoring.report.viewer.packing import RELATIVE_ROUNDING
+from tests.browser.pages import opened, reads_well
 from tests.scoring.synthetic import Case, make_case, with_error_bars
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright: make browser")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs the system package chromium: make browser")
-
 WIDTH, HEIGHT = 160, 120
-OF_DRIVERS = ("GPU stall", "willReadFrequently")
-"""What the browser's own software for graphics, and plotly, warn of."""
 
 
 @pytest.fixture(scope="module")
@@ -44,34 +38,9 @@ def file_without_truth(case: Case, tmp_path_factory: pytest.TempPathFactory) -> 
     return write_report(case.recording, case.estimate, folder=tmp_path_factory.mktemp("without"), figures=("image",))
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        # In a container there is no sandbox for root.
-        opened = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield opened
-        opened.close()
-
-
 def open_page(browser: Any, file: Path, **options: Any) -> Iterator[Any]:
-    page = browser.new_page(viewport={"width": 1280, "height": 900}, **options)
-    page.errors = []
-
-    def listen(line: Any) -> None:
-        if line.type in ("error", "warning") and not any(words in line.text for words in OF_DRIVERS):
-            page.errors.append(line.text)
-
-    page.on("console", listen)
-    page.on("pageerror", lambda error: page.errors.append(str(error)))
-    page.on(
-        "request",
-        lambda one: None if one.url.startswith(("file:", "data:", "blob:")) else page.errors.append(one.url),
-    )
-    page.goto(file.as_uri())
-    page.wait_for_selector("html[data-ready]")
-    yield page
-    assert page.errors == []
-    page.close()
+    with opened(browser, file, "html[data-ready]", viewport={"width": 1280, "height": 900}, **options) as page:
+        yield page
 
 
 @pytest.fixture
@@ -402,15 +371,10 @@ def test_light_and_dark_can_be_chosen(page: Any) -> None:
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width_px", [1280, 375])
 def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int, scheme: str) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe: make browser")
-    page.emulate_media(color_scheme=scheme)
-    page.set_viewport_size({"width": width_px, "height": 800})
     page.locator("#surface").scroll_into_view_if_needed()
     page.wait_for_function("document.querySelector('#surface-plot').data?.length >= 2", timeout=20_000)
     settle(page)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width_px
-    found = axe.Axe().run(page)
-    assert found.violations_count == 0, found.generate_report()
+    reads_well(page, width_px, scheme)
 
 
 def test_what_data_sets_say_is_text_and_nothing_else(browser: Any, case: Case, tmp_path: Path) -> None:

@@ -94,6 +94,12 @@ class InteractivePages(SphinxTransform):  # type: ignore[misc]
                 node.replace_self(reference)
 
 
+def _no_empty_headings(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Take the empty corner of a table for a cell: it heads nothing."""
+    if "body" in context:
+        context["body"] = context["body"].replace('<th class="head"><p></p></th>', "<td></td>")
+
+
 def _copy_shared(app: Sphinx, failure: Exception | None) -> None:
     """Put beside the pages what they share and must not load from elsewhere."""
     if failure is not None or app.builder.format != "html":
@@ -116,6 +122,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", _fill_in)
     app.connect("env-get-outdated", _made_anew)
     app.connect("missing-reference", _public_name)
+    app.connect("html-page-context", _no_empty_headings)
     app.connect("build-finished", _copy_shared)
     app.add_role("name_or_code", _name_or_code)
     app.add_transform(InteractivePages)

@@ -10,7 +10,7 @@ from scenetruth.pages.tables import table_of
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-__all__ = ["environment_of", "page_of"]
+__all__ = ["environment_of", "in_script", "page_of"]
 
 
 def environment_of(package: str, *, autoescape: bool = True, **options: Any) -> Environment:
@@ -60,7 +60,17 @@ def page_of(package: str, template: str, charts: Any, **told: Any) -> str:
             **told,
             table_of=table_of,
             plotly=get_plotlyjs(),
-            # Within a script, nothing may end it.
-            charts=json.dumps(charts, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c"),
+            charts=in_script(charts),
         )
     )
+
+
+def in_script(values: Any) -> str:
+    r"""Return plain values as they may stand in a page's script, which nothing in them ends.
+
+    Examples
+    --------
+    >>> print(in_script({"title": "</script>"}))
+    {"title": "\u003c/script>"}
+    """
+    return json.dumps(values, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")

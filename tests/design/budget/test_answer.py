@@ -13,34 +13,17 @@ import numpy as np
 import pytest
 
 from scenetruth.design.budget.answer.page import write_page
-from scenetruth.design.budget.answer.waterfall import steps_of, waterfall_html, write_waterfall
+from scenetruth.design.budget.answer.waterfall import steps_of, waterfalls_of, write_waterfall
 from scenetruth.design.budget.answer.words import number
-from scenetruth.design.budget.cause import Remedy
-from scenetruth.design.budget.parts import Part, Total
 from scenetruth.design.budget.result import Budget
+from tests.design.budget.sample import budget_of_a_cube
 
 HOSTILE = "</script><script>alert(1)</script>"
 
 
 @pytest.fixture
 def found() -> Budget:
-    def part(cause: str, title: str, figure: float, simulated: float = math.nan, seen: float = math.nan) -> Part:
-        told = ("100 µrad", "depth", "interior", "mm")
-        predicted, drawn = (4.2, 1.39) if cause == "stage_yaw" else (figure, math.nan)
-        return Part(cause, title, *told, predicted, drawn, simulated, seen, figure)
-
-    parts = [
-        part("noise", HOSTILE, 0.05),
-        part("stage_yaw", "yaw of the stage", 1.4, 1.4, 0.5),
-        part("slope", "slanted surfaces", 0.16),
-        part("timing", "time between positions", 0.001),
-        part("lens_residual", "distortion of the lens", 0.002),
-        part("curvature", "curved surfaces", math.nan),
-    ]
-    whole = math.sqrt(sum(one.figure**2 for one in parts if math.isfinite(one.figure)))
-    total = Total("depth", "interior", "mm", whole, whole, 1.5, 0.16, 660.0, 0.9)
-    remedies = {"stage_yaw": Remedy("an air bearing", {"stage_yaw": 0.025})}
-    return Budget("A cube", "structure_tensor", parts, [total], 3, remedies)
+    return budget_of_a_cube(noise=HOSTILE)
 
 
 def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budget) -> None:
@@ -76,13 +59,14 @@ def test_the_picture_is_drawn(found: Budget, tmp_path: Path) -> None:
 
 
 def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Path) -> None:
-    fragment = waterfall_html(found)
-    assert fragment.count("<script>") == 1
-    chart = re.search(r"const chart = (\{.*?\}); Plotly", fragment)
-    assert chart is not None
-    assert json.loads(chart[1])["data"][0]["text"][0] == "1.4"
+    (waterfall,) = waterfalls_of(found)
+    assert waterfall.data[0]["text"][0] == "1.4"
+    assert waterfall.alt.startswith("Depth, mm: yaw of the stage 1.4; slanted surfaces 0.16")
     page = write_page(found, tmp_path)
     text = page.read_text(encoding="utf-8")
+    chart = re.search(r"const charts = (\{.*\});", text)
+    assert chart is not None
+    assert json.loads(chart[1]) == {waterfall.name: {"data": waterfall.data, "layout": waterfall.layout}}
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert HOSTILE not in text
     assert "Yaw of the stage" in text

@@ -11,6 +11,7 @@ import yaml
 from scenetruth.design.optimise import goal_from_plain, load_goal
 from scenetruth.design.optimise.goal.prepare import prepare
 from scenetruth.design.optimise.problems import GoalError
+from scenetruth.files.shipped import shipped_files
 from scenetruth.scoring import QUANTITIES
 from tests.design.optimise.small import goal
 from tests.nightly import nightly
@@ -48,11 +49,11 @@ def test_all_that_is_wrong_with_its_form_is_told() -> None:
 def test_a_shipped_scene_goes_by_its_name(tmp_path: Path) -> None:
     file = tmp_path / "goal.yaml"
     file.write_text(yaml.safe_dump({**goal(), "scene": "cube"}), encoding="utf-8")
-    assert load_goal(file).scene == str(GOALS.parent / "cube.yaml")
+    assert load_goal(file).scene == str(shipped_files(".")["cube"])
 
 
 def test_a_shipped_goal_goes_by_its_name() -> None:
-    assert load_goal("leaf_growth") == load_goal(GOALS / "leaf_growth.yaml")
+    assert load_goal("leaf_growth") == load_goal(shipped_files("goals")["leaf_growth"])
 
 
 def test_constraints_that_contradict_each_other() -> None:

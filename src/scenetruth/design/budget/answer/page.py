@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenetruth.design.budget.answer.waterfall import DRAWN, waterfall_html
+from scenetruth.design.budget.answer.waterfall import DRAWN, waterfalls_of
 from scenetruth.design.budget.answer.words import number, unit_words
-from scenetruth.pages.rendering import environment_of
+from scenetruth.pages.rendering import environment_of, in_script
 from scenetruth.pages.tables import Cell, Table
 from scenetruth.placing import write_aside
 
@@ -20,10 +20,12 @@ __all__ = ["PAGE", "write_page"]
 PAGE = "index.html"
 
 _TEMPLATE = """{% extends "page_with_charts.html.j2" %}
-{% from "parts.html.j2" import sortable %}
+{% from "parts.html.j2" import plots, sortable %}
 {% block title %}Error budget: {{ found.scene or found.method }}{% endblock %}
 {% block style %}
 tfoot td { color: var(--soft); }
+.charts { grid-template-columns: 1fr; }
+.chart { min-height: 0; }
 {% endblock %}
 {% block header %}
 <h1>Error budget</h1>
@@ -36,7 +38,7 @@ Method: {{ found.method }}; {{ found.draws }} draw{{ "s" if found.draws > 1 }}; 
 <li>{{ line }}</li>
 {% endfor %}
 </ul>
-{{ waterfalls | safe }}
+{{ plots(waterfalls) }}
 <p>A part is what the estimate changes by, pixel by pixel, when its cause alone is switched on. Parts add up by their
 squares; every bar reaches from the root of the sum before it to that with it. What ideal images leave counts once, as
 slanted surfaces, curved surfaces and the rest. Pale bars are predicted, full ones simulated.</p>
@@ -100,15 +102,15 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         ]
         caption = f"{quantity.replace('_', ' ')}, {unit_words(total.unit)}"
         tables.append(Table(f"parts-{quantity}", caption, _COLUMNS, lines, foot=foot))
+    waterfalls = waterfalls_of(found, region)
     text = environment.from_string(_TEMPLATE).render(
         found=found,
         place=_PLACES.get(region, f"the interior of {region.removeprefix('object_')}"),
         words=found.words(region),
-        waterfalls=waterfall_html(found, region),
+        waterfalls=waterfalls,
         tables=tables,
         plotly=get_plotlyjs(),
-        # Waterfalls bring their charts along.
-        charts="{}",
+        charts=in_script({one.name: {"data": one.data, "layout": one.layout} for one in waterfalls}),
     )
     path = folder / PAGE
     with write_aside(path, overwrite=True) as aside:

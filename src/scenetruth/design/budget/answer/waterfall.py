@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.budget.answer.words import number, unit_words
 from scenetruth.design.budget.confirm.errors import GROWTH
+from scenetruth.pages.charts import Chart
 from scenetruth.placing import write_aside
 from scenetruth.scoring.quantities import title_of
 
 if TYPE_CHECKING:
     from scenetruth.design.budget.result import Budget
 
-__all__ = ["COLOURS", "DRAWN", "Step", "chart_of", "steps_of", "waterfall_html", "write_waterfall"]
+__all__ = ["COLOURS", "DRAWN", "Step", "steps_of", "waterfalls_of", "write_waterfall"]
 
 DRAWN = ("depth", "velocity_x", "velocity_z", GROWTH)
 """The quantities that are drawn."""
@@ -85,6 +85,10 @@ def steps_of(found: Budget, quantity: str, region: str = "interior") -> list[Ste
         title = f"{count} smaller part{'s' if count > 1 else ''}"
         steps.append(Step(title, "", math.sqrt(before), math.sqrt(before + small), math.sqrt(small), False))
     return steps
+
+
+def _finite(*values: float) -> list[float]:
+    return [value for value in values if math.isfinite(value)]
 
 
 def _drawn(found: Budget, region: str) -> list[str]:
@@ -166,16 +170,20 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[Step], region: st
         axis.spines[side].set_visible(False)
 
 
-def chart_of(found: Budget, quantity: str, region: str = "interior") -> dict[str, Any]:
-    """Return a waterfall as plain values, data and layout, that plotly's JavaScript draws.
+def waterfalls_of(found: Budget, region: str = "interior") -> list[Chart]:
+    """Return the waterfalls of depth, motion and growth as charts of a page.
 
     Parameters
     ----------
     found
         The budget.
-    quantity, region
-        What and where.
+    region
+        Where.
     """
+    return [_chart_of(found, quantity, region) for quantity in _drawn(found, region)]
+
+
+def _chart_of(found: Budget, quantity: str, region: str) -> Chart:
     total, steps = found.total(quantity, region), steps_of(found, quantity, region)
     unit = unit_words(total.unit)
     titles = [*(step.title for step in steps), "root of the sum of squares"]
@@ -203,13 +211,10 @@ def chart_of(found: Budget, quantity: str, region: str = "interior") -> dict[str
     layout: dict[str, Any] = {
         "title": {"text": f"{_heading(quantity)}, {unit}"},
         "yaxis": {"autorange": "reversed", "automargin": True},
-        "xaxis": {
-            "rangemode": "tozero",
-            "exponentformat": "none",
-            "title": {"text": f"root of the sum of squares so far, {unit}"},
-        },
+        # Room for numbers behind the bars, also on a phone.
+        "xaxis": {"range": [0, 1.25 * max([total.parts, *_finite(total.simulated)])], "exponentformat": "none"},
         "height": 150 + 32 * len(titles),
-        "margin": {"t": 60},
+        "margin": {"l": 10, "r": 20, "t": 60, "b": 30},
     }
     if math.isfinite(total.simulated):
         layout["shapes"] = [
@@ -230,37 +235,11 @@ def chart_of(found: Budget, quantity: str, region: str = "interior") -> dict[str
                 "y": 1,
                 "yref": "paper",
                 "yanchor": "bottom",
+                "xanchor": "right",
                 "text": f"everything on, simulated: {number(total.simulated)}",
                 "showarrow": False,
             }
         ]
-    return {"data": [bar], "layout": layout}
-
-
-def waterfall_html(found: Budget, region: str = "interior") -> str:
-    """Return the waterfalls as a fragment of HTML, for a page that has plotly's JavaScript already.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    region
-        Where.
-    """
-    from markupsafe import escape
-
-    pieces = []
-    for quantity in _drawn(found, region):
-        chart = chart_of(found, quantity, region)
-        told = "; ".join(f"{step.title} {number(step.figure)}" for step in steps_of(found, quantity, region))
-        total = found.total(quantity, region)
-        alt = f"{_heading(quantity)}, {unit_words(total.unit)}: {told}; together {number(total.parts)}."
-        name = f"waterfall-{quantity}"
-        # Within a script, nothing may end it.
-        plain = json.dumps(chart, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
-        pieces.append(
-            f'<div id="{name}" role="img" aria-label="{escape(alt)}"></div>\n'
-            f'<script>(function () {{ const chart = {plain}; Plotly.newPlot("{name}", chart.data, chart.layout, '
-            f"{{responsive: true, displaylogo: false}}); }})();</script>"
-        )
-    return "\n".join(pieces)
+    told = "; ".join(f"{step.title} {number(step.figure)}" for step in steps)
+    alt = f"{_heading(quantity)}, {unit}: {told}; together {number(total.parts)}."
+    return Chart(f"waterfall-{quantity}", alt, [bar], layout)

@@ -1,0 +1,28 @@
+"""The page of an error budget in a headless browser: charts are drawn, a phone shows all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenetruth.design.budget.answer.page import write_page
+from tests.browser.pages import opened, reads_well
+from tests.design.budget.sample import budget_of_a_cube
+
+
+@pytest.fixture
+def page(browser: Any, tmp_path: Path) -> Iterator[Any]:
+    with opened(browser, write_page(budget_of_a_cube(), tmp_path), ".chart .main-svg") as page:
+        yield page
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width_px", [1280, 375])
+def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int, scheme: str) -> None:
+    reads_well(page, width_px, scheme)
+    assert page.locator(".chart .bars path").count() == 5
+    # Words leave room for bars.
+    assert page.locator(".chart .nsewdrag").first.bounding_box()["width"] > 100

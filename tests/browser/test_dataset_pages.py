@@ -1,0 +1,40 @@
+"""Preview and card of a data set in a headless browser: a phone shows all of them, and so do readers of screens."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenetruth.dataset.card.write import write_card
+from scenetruth.dataset.preview.write import write_preview
+from scenetruth.dataset.recipe.load import recipe_from_plain
+from scenetruth.dataset.run import run_dataset
+from tests.browser.pages import opened, reads_well
+from tests.dataset.conftest import RECIPE
+
+
+@pytest.fixture(scope="module")
+def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("dataset")
+    plain = copy.deepcopy(RECIPE) | {
+        "samples": 3,
+        "paired": {"sensor.noise_std": [0.05]},
+        "splits": {"train": 1, "test": 1},
+        "accept": [{"kind": "depth", "object": "tile", "at_most": 100}],
+    }
+    recipe = recipe_from_plain(plain)
+    run_dataset(recipe, folder / "tiles", workers=0)
+    return {"preview": write_preview(recipe, folder / "preview"), "card": write_card(folder / "tiles")}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width_px", [1280, 375])
+@pytest.mark.parametrize("name", ["preview", "card"])
+def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(
+    browser: Any, pages: dict[str, Path], name: str, width_px: int, scheme: str
+) -> None:
+    with opened(browser, pages[name], "main") as page:
+        reads_well(page, width_px, scheme)
