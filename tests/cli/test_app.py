@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -329,6 +330,7 @@ def test_schema_is_a_json_schema_with_descriptions() -> None:
     assert len(described) == len(schema["properties"])
 
 
+@pytest.mark.skipif(find_spec("pyrender") is None, reason="needs the extra opengl")
 def test_no_gl_at_all_renders_by_ray_casting_and_says_why(scene_file: Path, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": python_path_without_gl(tmp_path)}
     # Both in one process, which would take longer to start a second time than to render.
