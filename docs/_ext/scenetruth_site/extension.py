@@ -96,8 +96,9 @@ class InteractivePages(SphinxTransform):  # type: ignore[misc]
 
 def _no_empty_headings(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
     """Take the empty corner of a table for a cell: it heads nothing."""
-    if "body" in context:
-        context["body"] = context["body"].replace('<th class="head"><p></p></th>', "<td></td>")
+    for empty in ('<th class="head"><p></p></th>', "<th></th>"):
+        if "body" in context:
+            context["body"] = context["body"].replace(empty, "<td></td>")
 
 
 def _copy_shared(app: Sphinx, failure: Exception | None) -> None:
