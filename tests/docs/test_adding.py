@@ -61,7 +61,9 @@ def checkout(folder: Path) -> Path:
     """Make a copy of the repository, of links to its files: compiled code and all."""
     for name in ("tests", "docs", "examples", "scenes"):
         shutil.copytree(ROOT / name, folder / name, copy_function=os.symlink)
-    shutil.copytree(package(), folder / "src" / "scenetruth", copy_function=os.symlink)
+    # A wheel has the scenes inside, a checkout beside.
+    only_in_wheels = shutil.ignore_patterns("shipped")
+    shutil.copytree(package(), folder / "src" / "scenetruth", copy_function=os.symlink, ignore=only_in_wheels)
     (folder / "pyproject.toml").symlink_to(ROOT / "pyproject.toml")
     (folder / "bin").mkdir()
     for name, command in (("python", ""), ("scenetruth", "-m scenetruth")):
