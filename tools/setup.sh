@@ -65,6 +65,9 @@ release() { git describe --tags --exact-match 2>/dev/null || printf 'after %s\n'
 installed() { [ "$(cat ".venv/scenetruth-$1" 2>/dev/null)" = "$wanted" ]; }
 pip() { .venv/bin/python -m pip "$@"; }
 quiet=(-q --disable-pip-version-check)
+# Old versions of pip cannot make a wheel of a package without a pyproject.toml (there is one among those of the tests)
+# unless they are told; new ones do nothing else, and know no such option.
+export PIP_USE_PEP517=1
 
 # Installs scenetruth and what it and some extras (named with commas between) need, on all processors, for pip works on
 # one: what is needed is found once, then several pips unpack it, each its own share.
