@@ -6,8 +6,8 @@ import io
 import re
 import shutil
 import subprocess
-import tarfile
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -36,8 +36,8 @@ def version_of(folder: Path) -> str:
 
 def archive_of(repository: Path, folder: Path) -> Path:
     """Unpack what ``git archive`` makes, as sites do that offer sources to download."""
-    with tarfile.open(fileobj=io.BytesIO(git(repository, "archive", "HEAD"))) as packed:
-        packed.extractall(folder, filter="data")
+    with zipfile.ZipFile(io.BytesIO(git(repository, "archive", "--format", "zip", "HEAD"))) as packed:
+        packed.extractall(folder)
     assert not (folder / ".git").exists()
     return folder
 
