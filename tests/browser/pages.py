@@ -52,6 +52,8 @@ def opened(
     page.wait_for_selector(ready)
     yield page
     assert errors == []
+    # A button that uploads is no part of a page that needs no network.
+    assert page.locator(".modebar-btn[data-title^=Share]").count() == 0
     page.close()
 
 

@@ -190,7 +190,9 @@ def test_sliders_choose_images_and_estimates(page: Any, case: Case) -> None:
     settle(page)
     assert page.locator("#camera-told").text_content() == "s = 1"
     assert numbers(page)[0] == image.sel(s=1, t=0).values[50, 90]
-    # There are images of one camera at other frames: the other slider goes back.
+    # There are images of one camera at other frames: the other slider goes back, and the page says why.
+    assert page.locator("#images-told").text_content() == "Images of cameras but s = 0 are here at t = 0 only."
+    assert page.locator("#images-told").is_visible()
     page.locator("#frame").press("ArrowRight")
     settle(page)
     assert page.locator("#camera-told").text_content() == "s = 0"
@@ -290,6 +292,30 @@ def test_the_answer_shows_where_it_is_worst(page: Any) -> None:
     assert page.evaluate("scenetruthReport.view.scale") == 4
 
 
+SHOWN = "scenetruthReport.panels.map((one) => one.layer.id)"
+
+
+def test_what_an_answer_shows_is_its_quantity_and_nothing_twice(page: Any) -> None:
+    button = page.locator("button.go[data-layer='velocity_endpoint:error']")
+    button.click()
+    settle(page)
+    assert page.locator("#quantity").input_value() == "velocity_endpoint"
+    assert page.evaluate(SHOWN) == ["image", "velocity_endpoint:error", "velocity_z:error"]
+
+
+def test_no_quantity_shows_a_map_twice(page: Any) -> None:
+    names = page.evaluate("[...document.querySelector('#quantity').options].map((one) => one.value)")
+    assert len(names) > 4
+    for count in ("1", "2", "3", "4"):
+        page.select_option("#panel-count", count)
+        for name in names:
+            page.select_option("#quantity", name)
+            settle(page)
+            shown = page.evaluate(SHOWN)
+            assert len(shown) == len(set(shown)) == int(count)
+            assert any(one.startswith(name + ":") for one in shown)
+
+
 def test_tables_sort_and_their_heads_stay(page: Any) -> None:
     table = page.locator("#scores-interior")
     button = table.locator("th[data-column='3'] button")
@@ -329,6 +355,7 @@ def test_the_surface_is_drawn_once_it_is_seen(page: Any, case: Case) -> None:
     truth = case.truth["depth"].sel(t=0).values
     assert min(depths) == pytest.approx(np.nanmin(truth), abs=2)
     assert max(depths) == pytest.approx(np.nanmax(truth), abs=2)
+    assert page.locator("#surface-plot .modebar-btn").count() > 0
     page.locator("#surface-truth").check()
     page.locator("#surface-arrows").uncheck()
     page.wait_for_function("document.querySelector('#surface-plot').data.length === 2", timeout=20_000)

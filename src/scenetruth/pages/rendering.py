@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from scenetruth.pages.plotly_script import plotly_script
 from scenetruth.pages.tables import table_of
 
 if TYPE_CHECKING:
@@ -51,15 +52,13 @@ def page_of(package: str, template: str, charts: Any, **told: Any) -> str:
     told
         What the template tells.
     """
-    from plotly.offline import get_plotlyjs
-
     return (
         environment_of(package)
         .get_template(template)
         .render(
             **told,
             table_of=table_of,
-            plotly=get_plotlyjs(),
+            plotly=plotly_script(),
             charts=in_script(charts),
         )
     )

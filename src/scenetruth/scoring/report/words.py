@@ -96,7 +96,8 @@ def _shape(score: Score, viewer: Viewer) -> Iterator[Sentence]:
     spread = viewer.spread.get(name, 0.0)
     rms = values["rms"]
     if spread and rms is not None:
-        signal += f"{' and ' if signal else ''}{format_percent(rms / spread)} % of its standard deviation there"
+        varies = f"{format_percent(rms / spread)} % of the standard deviation of the true {name} there"
+        signal += f"{' and ' if signal else ''}{varies}"
     title = {"depth": "Depth", "disparity": "Disparity", "normal": "Normal"}[name]
     yield _sentence(score, viewer, title, name, signal)
 
@@ -141,7 +142,7 @@ def _sentence(score: Score, viewer: Viewer, title: str, name: str, signal: str, 
 
 def _tail(signal: str, worst: str) -> str:
     text = "rms error in the interior"
-    return text + (f", {signal}" if signal else "") + (f"; by region worst {worst}" if worst else "")
+    return text + (f", {signal}" if signal else "") + (f"; of all regions, it is largest {worst}" if worst else "")
 
 
 def _signal(values: Values, name: str) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from scenetruth.design.budget.answer.waterfall import DRAWN, waterfalls_of
 from scenetruth.design.budget.answer.words import number, unit_words
+from scenetruth.pages.plotly_script import plotly_script
 from scenetruth.pages.rendering import environment_of, in_script
 from scenetruth.pages.tables import Cell, Table
 from scenetruth.placing import write_aside
@@ -73,8 +74,6 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
     pathlib.Path
         The page.
     """
-    from plotly.offline import get_plotlyjs
-
     environment = environment_of("scenetruth.pages")
     tables = []
     for quantity in DRAWN:
@@ -109,7 +108,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         words=found.words(region),
         waterfalls=waterfalls,
         tables=tables,
-        plotly=get_plotlyjs(),
+        plotly=plotly_script(),
         charts=in_script({one.name: {"data": one.data, "layout": one.layout} for one in waterfalls}),
     )
     path = folder / PAGE

@@ -77,10 +77,13 @@ function start() {
   });
   setCamera(state.camera);
   setFrame(frames.indexOf(state.frame));
+  const missing = cameras.length > 1 && frames.length > 1 && data.images.shown.length < cameras.length * frames.length;
+  byId("images-told").hidden = !missing;
+  byId("images-told").textContent = "Images of cameras but " + spellCamera(cameras[reference]) + " are here at t = " + data.frame + " only.";
 
   const quantity = byId("quantity"), along = byId("profile-quantity"), count = byId("panel-count");
   for (const group of data.groups) {
-    if (!group.length_of && kindsOf(group)[0] !== "value") quantity.append(new Option(group.title, group.name));
+    if (kindsOf(group)[0] !== "value") quantity.append(new Option(group.title, group.name));
     along.append(new Option(group.title, group.name));
   }
   const first = ["depth", "velocity_z", "disparity", "flow_x", "growth_rate"].find((name) => groups.has(name) && kindsOf(groups.get(name)).includes("estimate"));
@@ -129,7 +132,8 @@ function start() {
       const nearest = (places, wanted) => places.reduce((best, place, n) => (Math.abs(place - wanted) < Math.abs(places[best] - wanted) ? n : best), 0);
       state.frame = data.frame;
       setFrame(frames.indexOf(state.frame));
-      await arrange(Number(count.value), layers.get(id).group.name);
+      quantity.value = layers.get(id).group.name;
+      await arrange(Number(count.value), quantity.value);
       if (!panels.some((panel) => panel.layer.id === id)) await show(panels[panels.length - 1], id);
       moveCursor(nearest(data.x, Number(button.dataset.x)), nearest(data.y, Number(button.dataset.y)));
       Object.assign(view, {scale: 1, x: 0, y: 0});

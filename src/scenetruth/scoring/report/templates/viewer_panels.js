@@ -354,11 +354,15 @@ function arrangement(name, count) {
   const group = groups.get(name), kinds = group ? kindsOf(group) : [], ids = (...some) => some.filter((what) => kinds.includes(what)).map((what) => name + ":" + what);
   const all = count > 2 ? ["image", ...ids("value", "estimate", "error", "truth", "std")] : [...ids("value", "estimate", "error", "truth", "std"), "image"];
   if (count > 3) all.splice(0, all.length, "image", ...ids("value", "estimate", "truth", "error", "std"));
-  while (all.length < count) all.push("image");
+  // Where a quantity has little: what a length is made of, or how deep it is there.
+  const more = group && group.length_of ? group.length_of.map((part) => part + ":error").reverse() : [];
+  more.push("depth:estimate", "depth:error");
+  all.push(...more.filter((id) => layers.has(id) && !all.includes(id)));
   return all.slice(0, count);
 }
 
-function arrange(count, name) {
+function arrange(wanted, name) {
+  const shown = arrangement(name, wanted), count = shown.length;
   while (panels.length < count) {
     const panel = makePanel(panels.length + 1);
     panels.push(panel);
@@ -366,5 +370,5 @@ function arrange(count, name) {
   }
   while (panels.length > count) panels.pop().root.remove();
   byId("panels").dataset.count = count;
-  return Promise.all(arrangement(name, count).map((id, n) => show(panels[n], id)));
+  return Promise.all(shown.map((id, n) => show(panels[n], id)));
 }

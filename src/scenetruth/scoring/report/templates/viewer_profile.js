@@ -1,6 +1,6 @@
 // Values along one row or column: the estimate with its error band, the truth, and below them the error.
 
-const profile = {axis: "row", at: Math.floor(data.height / 2), group: null};
+const profile = {axis: "row", at: Math.floor((data.height - 1) / 2), group: null};
 let profileDrawn = 0;
 
 function setAxis(axis) {

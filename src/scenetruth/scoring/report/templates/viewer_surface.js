@@ -142,12 +142,12 @@ async function drawSurface() {
       words += " Arrows: the velocity in mm per frame, " + found.factor + " times as long as in space.";
     }
   }
-  const axis = (title, more = {}) => Object.assign({title: {text: title}, color: ink, gridcolor: line, zerolinecolor: line, showbackground: false}, more);
+  const axis = (title, more = {}) => Object.assign({title: {text: title}, color: ink, nticks: host.clientWidth < 600 ? 4 : 6, gridcolor: line, zerolinecolor: line, showbackground: false}, more);
   const layout = {margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)", font: {family: style.fontFamily, size: 12, color: ink}, uirevision: "kept",
     scene: {uirevision: "kept", aspectmode: "data", xaxis: axis("X [mm]"), yaxis: axis("Z [mm]"), zaxis: axis("Y [mm]", {autorange: "reversed"}),
       camera: {eye: {x: -0.6, y: -1.28, z: 0.6}, projection: {type: "orthographic"}}}};
   if (host.clientWidth < 600) Object.assign(traces[0].colorbar, {orientation: "h", y: -0.02, yanchor: "top", len: 1, thickness: 10});
-  await Plotly.react(host, traces, layout, {responsive: true, displaylogo: false, scrollZoom: false});
+  await Plotly.react(host, traces, layout, {scrollZoom: false});
   said.textContent = words;
 }
 

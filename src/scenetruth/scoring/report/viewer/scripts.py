@@ -10,6 +10,8 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from scenetruth.pages.plotly_script import plotly_script
+
 __all__ = ["json_for_script", "packed_plotly", "viewer_script"]
 
 _PARTS = ("unpack", "layers", "panels", "profile", "surface", "page")
@@ -27,9 +29,7 @@ def viewer_script() -> str:
 @cache
 def packed_plotly() -> str:
     """Return plotly's script as zlib packs it, in base 64: less than half of it."""
-    from plotly.offline import get_plotlyjs
-
-    return base64.b64encode(zlib.compress(get_plotlyjs().encode("utf-8"), 6)).decode("ascii")
+    return base64.b64encode(zlib.compress(plotly_script().encode("utf-8"), 6)).decode("ascii")
 
 
 def json_for_script(values: Mapping[str, Any]) -> str:
