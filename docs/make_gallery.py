@@ -13,6 +13,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from rich.progress import track
 
@@ -28,9 +29,10 @@ PICTURES = ROOT / "docs" / "gallery"
 HEADER = """# Scenes to run and to copy
 
 Every scene of `scenes/`, as its comment describes it: the reference image, depth, the velocity along the camera's axis,
-and the velocity across it (colour: its size; arrows: its direction) or, where growth differs from place to place, the
-rate of the area's growth. `scenetruth run NAME -o outputs/NAME` runs a scene, from the checkout or once installed;
-`make gallery` draws the pictures anew.
+and the velocity across it (colour: its size; arrows: its direction). Where nothing moves across the axis, the flow in
+the image takes the last place; where growth differs from place to place, the rate of the area's growth.
+`scenetruth run NAME -o outputs/NAME` runs a scene, from the checkout or once installed; `make gallery` draws the
+pictures anew.
 """
 
 
@@ -75,22 +77,29 @@ def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, 
         slow = hours_per_frame >= 1 / 60
         growth, units = (growth / hours_per_frame, "%/h") if slow else (growth, "%/frame")
         panel(axes[3], growth, f"growth rate, {units}", "RdBu_r", spread(growth, 0.0))
+    elif float(np.nanmax(np.hypot(*velocity[:2]))) > 1e-6 * largest:
+        arrows(axes[3], velocity[:2], "(U_X, U_Y), mm/frame")
     else:
-        across = np.hypot(velocity[0], velocity[1])
-        panel(
-            axes[3], across, "(U_X, U_Y), mm/frame", "magma", (0.0, max(float(np.nanmax(across)), 1e-3 * largest, 1e-9))
-        )
-        step = max(width // 20, 8)
-        y, x = np.mgrid[step // 2 : height : step, step // 2 : width : step]
-        moving = across[y, x] > 0.05 * np.nanmax(across)
-        y, x = y[moving], x[moving]
-        if len(x) and np.nanmax(across) > 1e-9:
-            arrows = velocity[:2, y, x] / np.nanmax(across)
-            # A length in pixels that does not depend on how many move.
-            length = {"angles": "xy", "scale_units": "xy", "scale": 0.8 / step}
-            axes[3].quiver(x, y, *arrows, **length, color="white", edgecolor="black", linewidth=0.4, width=0.005)
+        arrows(axes[3], truth["flow"].values, "flow, px/frame")
     figure.savefig(target, dpi=100)
     plt.close(figure)
+
+
+def arrows(axes: plt.Axes, vectors: NDArray[np.float64], title: str) -> None:
+    """Draw a map of vectors: their lengths as colours, and their directions."""
+    height, width = vectors.shape[1:]
+    lengths = np.hypot(*vectors)
+    longest = float(np.nanmax(lengths))
+    panel(axes, lengths, title, "magma", (0.0, max(longest, 1e-9)))
+    step = max(width // 20, 8)
+    y, x = np.mgrid[step // 2 : height : step, step // 2 : width : step]
+    moving = lengths[y, x] > 0.05 * longest
+    y, x = y[moving], x[moving]
+    if len(x) and longest > 1e-9:
+        # A length in pixels that does not depend on how many move.
+        size = {"angles": "xy", "scale_units": "xy", "scale": 0.8 / step}
+        shown = vectors[:, y, x] / longest
+        axes.quiver(x, y, *shown, **size, color="white", edgecolor="black", linewidth=0.4, width=0.005)
 
 
 def spread(values: NDArray[np.float64], largest: float) -> tuple[float, float]:
@@ -106,12 +115,13 @@ def panel(
     """Draw one map with its scale."""
     low, high = limits or (None, None)
     shown = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
-    axes.set_title(title, fontsize=10)
+    axes.set_title(title, fontsize=13)
     axes.set_xticks([])
     axes.set_yticks([])
     axes.set_facecolor("0.85")
     if colours != "gray":
-        axes.figure.colorbar(shown, ax=axes, shrink=0.85, pad=0.015).ax.tick_params(labelsize=7)
+        scale = axes.figure.colorbar(shown, ax=axes, shrink=0.85, pad=0.015, ticks=MaxNLocator(4))
+        scale.ax.tick_params(labelsize=11)
 
 
 def main(names: list[str]) -> None:
@@ -125,9 +135,9 @@ def main(names: list[str]) -> None:
     parts = [HEADER]
     for file in files:
         description = re.sub(r"\s+", " ", comment_of(file))
-        parts.append(
-            f"## [{file.stem}](../scenes/{file.name})\n\n{description}\n\n![{file.stem}](gallery/{file.stem}.png)\n"
-        )
+        title = f"[{file.stem}](../scenes/{file.name})"
+        picture = f"![The scene {file.stem}: image, depth, and how it moves](gallery/{file.stem}.png)"
+        parts.append(f"## {title}\n\n{description}\n\n{picture}\n")
     (ROOT / "docs" / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
 
 

@@ -133,6 +133,17 @@ def test_a_tutorial_is_in_the_index_and_leads_on(path: Path) -> None:
     assert [link for link in links if not (path.parent / link).is_file()] == []
 
 
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_figures_are_told_to_those_who_do_not_see_them(path: Path) -> None:
+    blocks = re.findall(r"```\{code-cell\}[^\n]*\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL)
+    drawn = [block for block in blocks if "plt.subplots(" in block or "plt.figure(" in block]
+    assert drawn
+    for block in drawn:
+        options = yaml.safe_load(block.split("---\n")[1]) if block.startswith("---\n") else {}
+        told = options.get("mystnb", {}).get("image", {}).get("alt", "")
+        assert len(told.split()) >= 5, block
+
+
 def test_numbers_of_tutorials_are_given_once() -> None:
     numbers = [path.stem[:2] for path in TUTORIALS]
     assert len(set(numbers)) == len(numbers)

@@ -58,7 +58,7 @@ def test_types_ranges_and_defaults_in_words() -> None:
     assert words["share"] == ("number", "0 to 1", "`0.5`")
     assert words["mode"] == ("`one` or `two`", "", "not given")
     assert words["names"] == ("mapping of names to [`ball`](#box-ball)", "", "empty")
-    assert words["first"][2] == "its own defaults"
+    assert words["first"][2] == "that of each of its fields"
 
 
 def test_models_are_found_with_their_places() -> None:

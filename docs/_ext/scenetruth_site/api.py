@@ -28,7 +28,6 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
     "estimation": {
         "scenetruth": ("estimate",),
         "scenetruth.estimators": (
-            "DEFAULT_METHOD",
             "Estimator",
             "Method",
             "StreamingMethod",
@@ -40,6 +39,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "find_method",
             "validate_settings",
         ),
+        "scenetruth.estimators.registry": ("DEFAULT_METHOD",),
         "scenetruth.estimators.external": (
             "CommandMethod",
             "ResultsFolder",

@@ -107,12 +107,12 @@ def default_of(node: Schema) -> str:
     """Return the default of a field that need not be given, as Markdown."""
     if "default" not in node:
         # Made anew for every file: of these, the schema does not tell.
-        return "empty" if node.get("type") in ("object", "array") else "its own defaults"
+        return "empty" if node.get("type") in ("object", "array") else "that of each of its fields"
     value = node["default"]
     if value is None:
         return "not given"
     text = yaml_of(value)
-    return "its own defaults" if isinstance(value, dict) and value else f"`{text}`"
+    return "that of each of its fields" if isinstance(value, dict) and value else f"`{text}`"
 
 
 def yaml_of(value: object) -> str:

@@ -16,6 +16,7 @@ __all__ = [
     "kind_of",
     "models_of",
     "name_of",
+    "required_in",
     "resolved",
 ]
 
@@ -37,11 +38,14 @@ class ModelField:
         Its JSON Schema.
     required
         Whether it must be given.
+    unless
+        The fields of which one makes it needless, where it must be given without them.
     """
 
     name: str
     node: Schema
     required: bool
+    unless: tuple[str, ...] = ()
 
 
 @dataclass
@@ -116,14 +120,34 @@ def models_of(schema: Schema) -> dict[str, FileModel]:
             if path not in found[name].paths:
                 found[name].paths.append(path)
             continue
-        fields = tuple(
-            ModelField(key, inner, key in node.get("required", ())) for key, inner in node["properties"].items()
-        )
+        fields = tuple(ModelField(key, inner, *required_in(node, key)) for key, inner in node["properties"].items())
         # What a model means; its examples and cross references are for whoever reads the code.
         description = _SECTION.split(node.get("description", ""), maxsplit=1)[0]
         found[name] = FileModel(name, kind_of(node), description, fields, [path])
         waiting += [(f"{path}.{one.name}".lstrip("."), one.node) for one in fields]
     return found
+
+
+def required_in(node: Schema, key: str) -> tuple[bool, tuple[str, ...]]:
+    """Return whether a field must be given, and the fields of which one makes it needless.
+
+    Examples
+    --------
+    >>> either = {"anyOf": [{"required": ["positions", "baseline_mm"]}, {"required": ["positions_mm"]}]}
+    >>> required_in(either, "baseline_mm")
+    (True, ('positions_mm',))
+    >>> required_in({"required": ["width"]}, "width"), required_in({}, "width")
+    ((True, ()), (False, ()))
+    """
+    if key in node.get("required", ()):
+        return True, ()
+    spellings = [set(one["required"]) for one in node.get("anyOf", ()) if "required" in one]
+    of_key = [spelling for spelling in spellings if key in spelling]
+    # What has a default is short for the rest, as a preset is: it may be given.
+    if not of_key or "default" in node.get("properties", {}).get(key, {}):
+        return False, ()
+    without = [spelling for spelling in spellings if key not in spelling]
+    return True, tuple(sorted(set().union(*without) - set().union(*of_key)))
 
 
 def resolved(schema: Schema, node: Schema) -> Schema:

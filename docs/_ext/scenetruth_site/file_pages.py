@@ -73,7 +73,7 @@ def _title(model: FileModel) -> str:
 def _field(model: FileModel, one: ModelField, file: str, schema: Schema, examples: FileExamples) -> Iterator[str]:
     told = [type_of(one.node, file, schema)]
     told += [text for text in (unit_of(one.name), range_of(one.node)) if text]
-    told += ["**required**" if one.required else f"default: {default_of(one.node)}"]
+    told += [_needed(one)]
     anchor = anchor_of(file, model.name, one.name)
     yield f"[[`{one.name}`](#{anchor})]{{#{anchor}}}"
     yield f": {'; '.join(told)}"
@@ -85,6 +85,13 @@ def _field(model: FileModel, one: ModelField, file: str, schema: Schema, example
     if value is not None and len(text) <= _LONGEST:
         yield f"\n  Example: `{one.name}: {text}`{f' ({source})' if source else ''}"
     yield ""
+
+
+def _needed(one: ModelField) -> str:
+    if not one.required:
+        return f"default: {default_of(one.node)}"
+    unless = " or ".join(f"`{name}`" for name in one.unless)
+    return f"**required**, unless {unless} is given" if unless else "**required**"
 
 
 def _example(model: FileModel, examples: FileExamples) -> Iterator[str]:
