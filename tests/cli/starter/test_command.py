@@ -135,6 +135,30 @@ def test_images_are_laid_on_cubes(here: Path) -> None:
     assert Path(texture.file).samefile(here / "a picture: grey.png")  # type: ignore[attr-defined]
 
 
+def test_images_are_laid_on_meshes_with_texture_coordinates_alone(here: Path) -> None:
+    Image.new("L", (8, 8), 128).save(here / "grey.png")
+    done = scenetruth("init", "--mesh", write_mesh(here / "body.off"), "--texture", "grey.png")
+    assert done.returncode == 2
+    for words in ("--texture: the mesh has no UV coordinates", "OBJ", "GLB", "leave out --texture", "grey.png"):
+        assert words in done.stderr
+    assert not (here / "scene.yaml").exists()
+    (here / "wall.obj").write_text(
+        "v 0 0 0\nv 40 0 0\nv 40 30 0\nv 0 30 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
+    )
+    done = scenetruth("init", "--mesh", "wall.obj", "--texture", "grey.png")
+    assert done.returncode == 0, done.stderr
+    assert scenetruth("check", "scene.yaml").returncode == 0
+
+
+@pytest.mark.parametrize("kind", ["cube", "leaf"])
+@pytest.mark.parametrize("option", ["--distance-mm", "--unit-mm"])
+def test_options_of_meshes_are_refused_without_one(kind: str, option: str, here: Path) -> None:
+    done = scenetruth("init", "--kind", kind, option, "1")
+    assert done.returncode == 2
+    assert f"{option}: belongs to a mesh; --kind {kind} has" in done.stderr
+    assert list(here.iterdir()) == []
+
+
 def test_names_that_yaml_takes_for_something_else_are_quoted(here: Path) -> None:
     mesh = write_mesh(here / 'a: "b" #c {d}.off')
     done = scenetruth("init", "--mesh", mesh)

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 __all__ = ["register"]
 
 _BESIDE = "scene.schema.json"
+_NO_UV = (
+    "the mesh has no UV coordinates, by which an image is laid on it; OBJ, PLY and GLB (glTF) can carry them, STL and "
+    "OFF never do: export it with them, or leave out --texture for noise, which needs none"
+)
 
 
 class Kind(StrEnum):
@@ -44,10 +48,12 @@ def init(
     ] = None,
     texture: Annotated[
         Path | None,
-        typer.Option("--texture", metavar="FILE", help="Image on the cube or the mesh.", show_default=False),
+        typer.Option("--texture", metavar="FILE", help="Image on the cube, or on a mesh with UVs.", show_default=False),
     ] = None,
     *,
-    unit_mm: Annotated[float, typer.Option("--unit-mm", help="Length of the mesh's unit in mm.")] = 1.0,
+    unit_mm: Annotated[
+        float | None, typer.Option("--unit-mm", help="Length of the mesh's unit in mm.", show_default="1.0")
+    ] = None,
     distance_mm: Annotated[
         float | None,
         typer.Option(
@@ -70,21 +76,24 @@ def init(
     """Write a scene to start from, with a sentence on every block and what to change first."""
     from scenetruth.cli.starter.kinds import cube, leaf
     from scenetruth.cli.starter.mesh import mesh_start, place_mesh
-    from scenetruth.errors import SceneError, visible
+    from scenetruth.errors import Problem, SceneError, visible
 
     chosen = kind or (Kind.mesh if mesh is not None else Kind.cube)
     problems = _problems(file, chosen, mesh, texture, unit_mm, distance_mm, schema)
     found: Measured | None = None
     if chosen is Kind.mesh and mesh is not None and not {one.path for one in problems} & {"--unit-mm", "--distance-mm"}:
         try:
-            found = place_mesh(mesh, unit_mm, distance_mm)
+            found = place_mesh(mesh, unit_mm or 1.0, distance_mm)
         except SceneError as error:
             problems += [_of_option("--mesh", one) for one in error.problems]
+        else:
+            if texture is not None and not found.has_uv:
+                problems.append(Problem("--texture", _NO_UV, str(texture)))
     if problems:
         raise SceneError(problems)
     image = "" if texture is None else _seen_from(file, texture)
     if found is not None and mesh is not None:
-        start = mesh_start(found, _seen_from(file, mesh), unit_mm, image)
+        start = mesh_start(found, _seen_from(file, mesh), unit_mm or 1.0, image)
     else:
         start = leaf() if chosen is Kind.leaf else cube(image)
     _write(start, file, schema)
@@ -98,7 +107,7 @@ def _problems(
     kind: Kind,
     mesh: Path | None,
     texture: Path | None,
-    unit_mm: float,
+    unit_mm: float | None,
     distance_mm: float | None,
     schema: Path | None,
 ) -> list[Problem]:
@@ -119,7 +128,12 @@ def _problems(
     if texture is not None:
         found += _texture_problems(kind, texture)
     for name, value in (("--unit-mm", unit_mm), ("--distance-mm", distance_mm)):
-        if value is not None and not 0 < value < float("inf"):
+        if value is not None and kind is not Kind.mesh:
+            message = (
+                f"belongs to a mesh; --kind {kind.value} has a size and a place of its own: leave it out, and change"
+            )
+            found.append(Problem(name, f"{message} objects in the file that is written", value))
+        elif value is not None and not 0 < value < float("inf"):
             found.append(Problem(name, "must be a positive number of mm", value))
     if schema is not None and not schema.is_file():
         found.append(Problem("--schema", f"no such file; make it: scenetruth schema > {schema}", str(schema)))
