@@ -156,7 +156,24 @@ def _syntax_problem(error: Any, text: str) -> Problem:
         # Newer libraries look this far ahead of what they have told of, and no further.
         return Problem("", f"line {mark.line + 1}: is nested more than {DEEPEST} deep")
     where = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
-    return Problem("", f"{where}is not valid YAML: {' '.join(told.split())}")
+    remedy = "" if mark is None else _remedy(told, text, mark.index, mark.column)
+    return Problem("", f"{where}is not valid YAML: {' '.join(told.split())}{remedy}")
+
+
+def _remedy(told: str, text: str, index: int, column: int) -> str:
+    """Return what to do about the mistakes that are made most often, as the end of a message, or nothing."""
+    before, at = text[max(index - column, 0) : index], text[index : index + 1]
+    if "\t" in (at, *before) and not (before + at).strip():
+        return "; indent with spaces, not tabs"
+    if "cannot start any token" in told:
+        return f"; put a text that begins with {at} in quotes" if at.isprintable() else ""
+    if "mapping values are not allowed" in told:
+        quoted = "put a text with a colon in quotes"
+        # A line without a colon before is one key, deeper than what stands above it.
+        return f"; {quoted}" if re.search(r":\s", before) else f"; indent the line as those beside it, or {quoted}"
+    if "did not find expected" in told and not before.strip():
+        return "; indent what belongs together alike, and look for a quote or bracket that is open in the line above"
+    return ""
 
 
 class _EnoughError(Exception):
