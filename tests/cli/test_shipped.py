@@ -56,13 +56,44 @@ def test_a_name_stands_for_a_file_unless_there_is_one(shelf: Shelf, name: str, t
 
 @pytest.mark.parametrize(
     ("shelf", "error", "near"),
-    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cube"), (GOALS, GoalError, "cube_dept")],
+    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cubs"), (GOALS, GoalError, "cube_dept")],
 )
 def test_unknown_names_are_told_with_those_near_them(shelf: Shelf, error: type[Exception], near: str) -> None:
     with pytest.raises(error, match=rf"no {shelf.noun} of this name is shipped; did you mean '.*`scenetruth scenes`"):
         find(shelf, Path(near))
     with pytest.raises(error, match=r"is shipped; `scenetruth scenes` lists all \(got 'qqqq'\)"):
         find(shelf, Path("qqqq"))
+
+
+@pytest.mark.parametrize(
+    ("shelf", "error", "name", "told"),
+    [
+        (SCENES, st.SceneError, "leaves", "'leaves' is a recipe, called by `scenetruth dataset run leaves -o FOLDER`"),
+        (
+            SCENES,
+            st.SceneError,
+            "leaf_growth",
+            "is a goal, called by `scenetruth design optimise leaf_growth -o FOLDER`",
+        ),
+        (
+            RECIPES,
+            st.RecipeError,
+            "cube",
+            "'cube' is a scene, called by `scenetruth run cube -o FOLDER`; or did you mean",
+        ),
+        (RECIPES, st.RecipeError, "sheet_motion", "is a goal, called by `scenetruth design optimise sheet_motion"),
+        (GOALS, GoalError, "windy_leaf", "'windy_leaf' is a scene, called by `scenetruth run windy_leaf -o FOLDER`"),
+        (GOALS, GoalError, "leaves", "'leaves' is a recipe, called by `scenetruth dataset run leaves"),
+    ],
+)
+def test_what_is_shipped_as_something_else_is_told_with_its_command(
+    shelf: Shelf, error: type[Exception], name: str, told: str
+) -> None:
+    with pytest.raises(error, match=rf"no {shelf.noun} of this name: .*`scenetruth scenes` lists all") as caught:
+        find(shelf, Path(name))
+    assert told in str(caught.value)
+    with pytest.raises(error, match=rf"no such file; a \w+ of this name is shipped: scenetruth .* {name} -o FOLDER"):
+        find(shelf, Path(f"{name}.yaml"))
 
 
 def test_paths_to_nothing_are_left_to_who_reads_them_unless_their_name_is_shipped() -> None:
@@ -98,5 +129,11 @@ def test_all_of_them_are_listed() -> None:
     for shelf in (SCENES, RECIPES, GOALS):
         for name in shelf.files():
             assert f" {name} " in done.stdout
-    for words in ("Scharr & Küsters 2002", "45 images of 64 x 64 px", "50 scenes", str(shipped_folder())):
+    for words in ("Scharr & Küsters 2002", "45 images of 64 x 64 px", str(shipped_folder())):
         assert words in done.stdout
+
+
+def test_recipes_say_how_many_scenes_they_make() -> None:
+    listed = scenetruth("scenes").stdout
+    for name in RECIPES.files():
+        assert f" {st.load_recipe(name).recipe.count:,} scenes " in listed

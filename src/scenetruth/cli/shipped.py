@@ -21,6 +21,8 @@ class Shelf:
         What each of them is.
     metavar
         What the command line calls one.
+    command
+        What is done with one most often.
     folder
         Where they are, inside the folder of all.
     takes_folders
@@ -29,6 +31,7 @@ class Shelf:
 
     noun: str
     metavar: str
+    command: str
     folder: str = "."
     takes_folders: bool = False
 
@@ -38,12 +41,16 @@ class Shelf:
 
         return shipped_files(self.folder)
 
+    def call(self, name: str) -> str:
+        """Return the command for one of them."""
+        return f"scenetruth {self.command} {name} -o FOLDER"
 
-SCENES = Shelf("scene", "SCENE")
+
+SCENES = Shelf("scene", "SCENE", "run")
 """Scenes."""
-RECIPES = Shelf("recipe", "RECIPE", "datasets", takes_folders=True)
+RECIPES = Shelf("recipe", "RECIPE", "dataset run", "datasets", takes_folders=True)
 """Recipes of data sets; a command that takes one takes the folder of a data set too."""
-GOALS = Shelf("goal", "GOAL", "goals")
+GOALS = Shelf("goal", "GOAL", "design optimise", "goals")
 """Goals of a search for a rig."""
 
 
@@ -80,6 +87,9 @@ def find(shelf: Shelf, given: Path) -> Path:
         message = f"no such file; a {shelf.noun} of this name is shipped, and called without folder and suffix: "
         message += given.stem
         raise _refused(shelf, message, given)
+    elif given.suffix in _SUFFIXES and (other := _other_shelf(shelf, given.stem)) is not None:
+        message = f"no such file; a {other.noun} of this name is shipped: {other.call(given.stem)}"
+        raise _refused(shelf, message, given)
     return given
 
 
@@ -87,8 +97,17 @@ def _unknown(shelf: Shelf, name: str, shipped: list[str]) -> str:
     from difflib import get_close_matches
 
     near = [f"'{one}'" for one in get_close_matches(name.lower(), shipped, n=3)]
+    if (other := _other_shelf(shelf, name)) is not None:
+        question = f"; or did you mean the {shelf.noun} {' or '.join(near)}?" if near else ";"
+        told = f"'{name}' is a {other.noun}, called by `{other.call(name)}`"
+        return f"no such file, and no {shelf.noun} of this name: {told}{question} `scenetruth scenes` lists all"
     question = f"; did you mean {' or '.join(near)}?" if near else ";"
     return f"no such file, and no {shelf.noun} of this name is shipped{question} `scenetruth scenes` lists all"
+
+
+def _other_shelf(shelf: Shelf, name: str) -> Shelf | None:
+    """Return where else a name is shipped, if not on a shelf itself."""
+    return next((other for other in (SCENES, RECIPES, GOALS) if other is not shelf and name in other.files()), None)
 
 
 def _refused(shelf: Shelf, message: str, given: Path) -> Exception:

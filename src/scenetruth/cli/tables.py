@@ -64,12 +64,8 @@ def print_shipped() -> None:
 
     if shipped_folder() is None:
         raise StoreError("scenes", "are not there; install scenetruth again")
-    for shelf, command in (
-        (SCENES, "scenetruth run NAME -o FOLDER"),
-        (RECIPES, "scenetruth dataset run NAME -o FOLDER"),
-        (GOALS, "scenetruth design optimise NAME -o FOLDER"),
-    ):
-        table = Table(title=f"{shelf.noun}s: {command}", title_justify="left")
+    for shelf in (SCENES, RECIPES, GOALS):
+        table = Table(title=f"{shelf.noun}s: {shelf.call('NAME')}", title_justify="left")
         for heading in ("name", "description", "size"):
             table.add_column(heading, overflow="fold")
         for name, file in shelf.files().items():
@@ -88,7 +84,9 @@ def _size_in(plain: Mapping[str, Any]) -> str:
         images = across * stage.get("rows", 1) * plain["frames"]["count"]
         return f"{images} images of {camera['width']} x {camera['height']} px"
     if "samples" in plain:
-        return f"{plain['samples']:,} scenes"
+        # As `Recipe.count`, of every draw itself and all steps of its ladders.
+        steps = 1 + sum(len(values) for values in (plain.get("paired") or {}).values())
+        return f"{plain['samples'] * steps:,} scenes"
     return f"{len(plain['free'])} to choose" if "free" in plain else ""
 
 
