@@ -104,6 +104,7 @@ def test_a_method_that_fails_keeps_no_other_from_its_work(tmp_path: Path) -> Non
         "estimate.zarr",
         "score.json",
         "score.csv",
+        ".unfinished",
     }
 
 
@@ -113,6 +114,45 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path: Path) -> None:
         run_scene(cube(**SMALL), tmp_path / "x", methods=("flat", "endless"), figures=["image"])
     assert {"recording.zarr", "truth.zarr", "estimate.zarr", "score.json", "report.html"} <= names(tmp_path / "x")
     assert not [name for name in names(tmp_path / "x") if "endless" in name or "partial" in name]
+
+
+@pytest.mark.usefixtures("with_methods")
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "x"
+    asked: dict[str, Any] = {"methods": ("structure_tensor", "endless"), "figures": ["image"]}
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(cube(**SMALL), folder, **asked)
+    # Another question is not gone on with.
+    for other in ({"methods": ("structure_tensor",)}, {"truth_content": "complete"}, {"figures": ["depth"]}):
+        with pytest.raises(st.OutputExistsError):
+            run_scene(cube(**SMALL), folder, **{**asked, **other})
+    with pytest.raises(st.OutputExistsError):
+        run_scene(cube(**SMALL, seed=9), folder, **asked)
+
+    monkeypatch.setattr(Endless, "estimate", Flat.estimate)
+    kept = ("recording.zarr", "truth.zarr", "estimate.zarr", "report.html")
+    before = {name: (folder / name).stat().st_ino for name in kept}
+    told: list[str] = []
+    results = run_scene(cube(**SMALL), folder, **asked, notice=told.append)
+    assert told[0] == "goes on with the run that was interrupted: images and truth are there"
+    assert {name: (folder / name).stat().st_ino for name in kept} == before
+    assert set(results.scores) == {"structure_tensor", "endless"}
+    # Nothing is left to go on with.
+    assert ".unfinished" not in names(folder)
+    with pytest.raises(st.OutputExistsError):
+        run_scene(cube(**SMALL), folder, **asked)
+
+
+@pytest.mark.usefixtures("with_methods")
+def test_a_stage_on_its_own_ends_what_could_be_gone_on_with(tmp_path: Path) -> None:
+    folder = tmp_path / "x"
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(cube(**SMALL), folder, methods=("endless",))
+    assert ".unfinished" in names(folder)
+    run_scene(cube(**SMALL), folder, stages=("estimate",), methods=("flat",))
+    assert ".unfinished" not in names(folder)
+    with pytest.raises(st.OutputExistsError):
+        run_scene(cube(**SMALL), folder, methods=("endless",))
 
 
 def test_a_score_of_another_estimate_is_not_reported(finished: Path, tmp_path: Path) -> None:

@@ -84,6 +84,11 @@ class RunFolder:
         return self.path / SCENE
 
     @property
+    def unfinished(self) -> Path:
+        """What a run was asked for whose last stages are not done; none once they are."""
+        return self.path / UNFINISHED
+
+    @property
     def recording(self) -> Path:
         """The recording."""
         return self._store(RECORDING)
@@ -158,9 +163,12 @@ class RunFolder:
             return None
 
 
+UNFINISHED = ".unfinished"
+"""Hidden: it is for the same command to go on."""
 _METHOD = r"(\.[\w-]+)?"
 _CLAIMS: tuple[tuple[re.Pattern[str], Claim], ...] = (
     (re.compile(rf"{re.escape(SCENE)}|score{_METHOD}\.(json|csv)|report{_METHOD}\.html"), claim_file),
+    (re.compile(re.escape(UNFINISHED)), claim_file),
     (re.compile(rf"({RECORDING}|{TRUTH}|estimate{_METHOD})\.zarr(\.zip)?"), claim_store),
     (re.compile(rf"figures{_METHOD}"), claim_pictures),
     (re.compile("images"), lambda path: claim_pictures(path, is_image_name)),

@@ -82,6 +82,9 @@ class Runner:
         A second process for figures.
     limits
         What may be taken of the machine; those by default if not given.
+    asked
+        A hash of all that the stages after rendering are asked for: a run that was interrupted, and asked for the same,
+        is gone on with. None for single stages.
     """
 
     def __init__(
@@ -93,8 +96,10 @@ class Runner:
         notice: Callable[[str], None] | None = None,
         helper: FigureHelper | None = None,
         limits: Limits | None = None,
+        asked: str | None = None,
     ) -> None:
         self.folder, self.overwrite, self.check = folder, overwrite, check
+        self.asked, self._goes_on = asked, False
         self.progress, self.notice = progress, notice
         self.helper, self.limits = helper, limits or Limits()
         self.scores: dict[str, Score] = {}
@@ -108,6 +113,9 @@ class Runner:
         self._held.enter_context(hold(self.folder.path, claim_run))
         if self.folder.path.is_dir():
             sweep_inside(self.folder.path, _claim)
+            if self.asked is None:
+                # What single stages make belongs to no run.
+                self.folder.unfinished.unlink(missing_ok=True)
         return self
 
     def __exit__(
@@ -148,6 +156,10 @@ class Runner:
         """Make recording and truth of a scene; the folder appears with both, or not at all."""
         from scenetruth.simulation import simulate_into
 
+        if not self.overwrite and self._is_unfinished():
+            self._goes_on = True
+            self._say("goes on with the run that was interrupted: images and truth are there")
+            return
         with write_aside(self.folder.path, overwrite=self.overwrite, claim=claim_run) as aside:
             aside.mkdir()
             with self._timed("simulate"):
@@ -157,7 +169,24 @@ class Runner:
             if images is not None:
                 with self._timed("images"):
                     write_images(open_store(files.recording, "recording"), files.images, images)
+            if self.asked is not None:
+                files.unfinished.write_text(self.asked, encoding="utf-8")
         self._forget()
+
+    def finish(self) -> None:
+        """Note that nothing is left to be gone on with."""
+        self.folder.unfinished.unlink(missing_ok=True)
+
+    def _has(self, method: str, *targets: Path) -> bool:
+        """Tell whether the run that is gone on with has made this; a method of one's own may have been mended since."""
+        return self._goes_on and ":" not in method and all(target.exists() for target in targets)
+
+    def _is_unfinished(self) -> bool:
+        """Tell whether the folder holds a run that was asked for the same, and interrupted after rendering."""
+        try:
+            return self.asked is not None and self.folder.unfinished.read_text(encoding="utf-8") == self.asked
+        except (OSError, ValueError):
+            return False
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse a folder whose recording was made from another scene."""
@@ -202,11 +231,13 @@ class Runner:
     def estimate(self, choice: MethodChoice) -> None:
         """Estimate with a method."""
         target = self.folder.of(choice.method).estimate
+        if self._has(choice.method, target):
+            return
         self._refuse_existing(target)
         self._refuse_resources("estimate", effort_of([choice]))
         with self._timed("estimate" if choice.method == self.folder.own_method else f"estimate {choice.method}"):
             try:
-                with write_aside(target, overwrite=self.overwrite, claim=claim_store) as aside:
+                with write_aside(target, overwrite=self._replaces, claim=claim_store) as aside:
                     work = prepare(self.recording, choice.method, choice.settings, self.progress)
                     write_estimate(work, aside, zipped=is_zip_name(target))
             except BaseException as error:
@@ -220,6 +251,9 @@ class Runner:
         from scenetruth.scoring import find_slips, score
 
         files = self.folder.of(method)
+        if self._has(method, files.estimate, files.score_json, files.score_csv):
+            self._score_of(method)
+            return
         self._refuse_existing(files.score_json, files.score_csv)
         estimated, truth = self._estimate_of(method), self.truth
         if truth is None:
@@ -248,7 +282,7 @@ class Runner:
         }
         scored = score(estimated, truth, self.recording, metadata=metadata, check=False, **settings.model_dump())
         for target, text in ((files.score_json, scored.to_json()), (files.score_csv, scored.to_csv())):
-            with write_aside(target, overwrite=self.overwrite) as aside:
+            with write_aside(target, overwrite=self._replaces) as aside:
                 aside.write_text(text, encoding="utf-8")
         self.scores[method] = scored
         for slip in find_slips(estimated, truth):
@@ -281,8 +315,8 @@ class Runner:
                 message = f"belongs to another estimate than {files.estimate}: {scored_hash}, not {now}; score again"
                 raise MismatchError([Problem(str(files.score_json), message)])
         with (
-            write_aside(files.report, overwrite=self.overwrite) as page,
-            write_aside(files.figures, overwrite=self.overwrite, claim=claim_pictures) as made,
+            write_aside(files.report, overwrite=self._replaces) as page,
+            write_aside(files.figures, overwrite=self._replaces, claim=claim_pictures) as made,
         ):
             # In the one folder that is swept if this process dies.
             made.mkdir()
@@ -336,9 +370,14 @@ class Runner:
             self.scores[method] = Score.read(self.folder.of(method).score_json)
         return self.scores[method]
 
+    @property
+    def _replaces(self) -> bool:
+        """Whether results may be replaced: as asked, or because they are what an interrupted run has left."""
+        return self.overwrite or self._goes_on
+
     def _refuse_existing(self, *targets: Path) -> None:
         for target in targets:
-            check_output(target, overwrite=self.overwrite, claim=_claim)
+            check_output(target, overwrite=self._replaces, claim=_claim)
 
     def _refuse_resources(self, stage: str, effort: Effort | None = None) -> None:
         """Refuse a stage that is foreseen to take more than the machine has."""

@@ -16,8 +16,10 @@ from scenetruth.pipeline.helping import FigureHelper, figure_help
 from scenetruth.pipeline.requirements import effort_of, method_choices, run_problems
 from scenetruth.pipeline.runner import Runner, RunResults
 from scenetruth.progress import Progress
+from scenetruth.provenance import own_release, scene_hash
 from scenetruth.resources import Limits, bounded_parts, demand_of, foresee, machine_at, refuse_resources
 from scenetruth.scene import Scene
+from scenetruth.schema import digest
 
 if TYPE_CHECKING:
     from scenetruth.truth import TruthMaps, TruthPoses, TruthViews
@@ -51,8 +53,8 @@ def run_scene(
 ) -> RunResults:
     """Take a scene through all stages, or some: render, estimate, score, report.
 
-    What one stage has finished stays if a later one fails or is interrupted. A method that fails keeps no other from
-    its work.
+    What one stage has finished stays if a later one fails or is interrupted; the same call goes on from there. A
+    method that fails keeps no other from its work.
 
     Parameters
     ----------
@@ -152,10 +154,18 @@ def run_scene(
         demand = replace(demand, effort=effort_of(choices))
         refuse_resources(foresee(demand, stages), machine_at(Path(folder)), allowed)
     truth = TruthChoice(truth_views, truth_poses, truth_content)
+    asked = None
+    if "render" in stages and len(stages) > 1:
+        of_methods = [choice.model_dump(mode="json") for choice in choices]
+        rest = [list(stages), truth_views, truth_poses, truth_content, ideal, images]
+        drawn = [None if figures is None else sorted(figures), sorted(figures_also)]
+        asked = digest([own_release(), scene.model_dump(mode="json"), scene_hash(scene), of_methods, rest, drawn])
     with (
         figure_help(helpers if "report" in stages else 0) as helper,
         _compiling_beside(helper, scene, choices if {"render", "estimate"} <= set(stages) else ()),
-        Runner(RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice, helper, allowed) as runner,
+        Runner(
+            RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice, helper, allowed, asked
+        ) as runner,
     ):
         if "render" in stages:
             runner.render(scene, truth, ideal=ideal, images=images)
@@ -169,6 +179,8 @@ def run_scene(
                     runner.score(choice.method, scene.score)
                 if "report" in stages:
                     runner.report(choice.method, figures, figures_also)
+        if asked is not None and not runner.failures:
+            runner.finish()
     return runner.results()
 
 
