@@ -61,6 +61,23 @@ def test_what_was_meant_is_told(override: str, end: str) -> None:
     assert message.endswith(end)
 
 
+@pytest.mark.parametrize(("wrong", "right"), [("object", "objects"), ("plnts", "plants"), ("camra", "camera")])
+def test_what_seems_missing_is_first_told_under_the_name_it_has(wrong: str, right: str) -> None:
+    plain = st.load_scene(SCENES / ("rosette.yaml" if right == "plants" else "cube.yaml")).to_plain()
+    if right == "plants":
+        plain["objects"] = []
+    plain[wrong] = plain.pop(right)
+    with pytest.raises(st.SceneError) as caught:
+        st.scene_from_plain(plain)
+    first, *others = caught.value.problems
+    assert first.path == wrong
+    assert first.message == f"unknown key; did you mean '{right}'?"
+    # Nothing was given there, so nothing is shown.
+    assert [str(other) for other in others] == [
+        "camera: is missing" if right == "camera" else "plants: a scene needs at least one object or plant"
+    ]
+
+
 PLACES = [
     (),
     ("camera",),

@@ -231,9 +231,14 @@ def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Probl
     for entry in entries[:_MOST_TOLD]:
         path = _path_in(plain, entry["loc"], entry["type"])
         message, value = _message_of(entry, path), entry.get("input")
-        problem = Problem(path, message[:1].lower() + message[1:], None if entry["type"] == "missing" else value)
+        # Of what is not there, nothing can be shown.
+        shown = None if entry["type"] == "missing" or value in ((), []) else value
+        problem = Problem(path, message[:1].lower() + message[1:], shown)
         found.setdefault((path, problem.message), (entry["type"], problem))
     problems = _joined(list(found.values()))
+    if any(entry["type"] == "missing" or entry.get("input") in ((), []) for entry in entries):
+        # What is missing may stand there under a wrong name, which is what is to be mended.
+        problems.sort(key=lambda one: "." in one.path or not one.message.startswith("unknown key; did you mean"))
     if len(entries) > _MOST_TOLD:
         problems.append(Problem("", f"{len(entries) - _MOST_TOLD:,} more problems are not told; mend these first"))
     return problems
