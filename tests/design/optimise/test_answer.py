@@ -62,7 +62,8 @@ def test_what_limits_is_told() -> None:
     parts = {"depth": {"noise": 0.03, "stage": 0.04}}
     one = Evaluation({"stage.baseline_mm": 12.4, "stage.positions": 9}, {"depth": 0.05}, parts, (used, free))
     assert limits_of(one, space, (objective(),)) == (
-        "depth is limited by the stage's errors (64 % of the variance); used up: stage travel (99.5 of 100 mm); "
+        "depth is limited by the stage's errors (64 % of the predicted variance); "
+        "used up: stage travel (99.5 of 100 mm); "
         "at the end of its range: stage.positions = 9"
     )
 

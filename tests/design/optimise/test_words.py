@@ -40,6 +40,13 @@ def test_the_rms_error_stands_beside_a_typical_one() -> None:
     assert words_of((of_rms,), rig, (), (), ())[1].endswith("from 2 seeds)")
 
 
+def test_one_seed_has_no_interval() -> None:
+    rig = Rig(3, {}, {}, {"depth": 0.2}, {"depth": Interval(0.3, math.nan, math.nan, 1)}, (), None, "")
+    line = words_of((objective(),), rig, (), (), ())[1]
+    assert "simulated 0.3 (from one seed: no interval)" in line
+    assert "nan" not in line
+
+
 def test_changes_both_ways_are_told_the_largest_first() -> None:
     rig = Rig(3, {}, {}, {"depth": 0.2}, {}, (), None, "")
     nothing = (math.nan,) * 4

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from scenetruth.design.optimise.confirm.intervals import interval_at
-from scenetruth.design.optimise.parts import Discrepancy, Objective, Order, Rig, Rule, Sensitivity
+from scenetruth.design.optimise.parts import Discrepancy, Interval, Objective, Order, Rig, Rule, Sensitivity
 
 __all__ = ["MUCH_TOLD", "order_words", "told_value", "words_of"]
 
@@ -99,10 +99,7 @@ def _reached(objectives: Sequence[Objective], rig: Rig) -> Iterator[str]:
         figure, known = rig.predicted[one.title], "predicted"
         if found is not None:
             figure, known = found.number, "simulated"
-            told += (
-                f", simulated {found.number:.3g} (another recording: {found.low:.3g} to {found.high:.3g} with 95 %, "
-            )
-            told += f"from {found.seeds} seeds{_beside(rig, one)})"
+            told += f", simulated {found.number:.3g} ({_seeds(found)}{_beside(rig, one)})"
             if rig.density(one.title) < MUCH_TOLD:
                 told += f"; only {100 * rig.density(one.title):.0f} % of the pixels are told"
         if one.wanted is not None:
@@ -111,6 +108,12 @@ def _reached(objectives: Sequence[Objective], rig: Rig) -> Iterator[str]:
                 reached = "reached, but another recording may miss it"
             told += f"; wanted {one.wanted:g}: {reached} ({known})"
         yield told
+
+
+def _seeds(found: Interval) -> str:
+    if found.seeds < 2 or not math.isfinite(found.low):
+        return f"from {'one seed' if found.seeds == 1 else f'{found.seeds} seeds'}: no interval"
+    return f"another recording: {found.low:.3g} to {found.high:.3g} with 95 %, from {found.seeds} seeds"
 
 
 def _beside(rig: Rig, objective: Objective) -> str:

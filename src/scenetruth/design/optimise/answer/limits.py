@@ -57,7 +57,7 @@ def _errors(one: Evaluation, objectives: tuple[Objective, ...]) -> Iterator[str]
         largest = max(parts, key=lambda name: parts[name])
         share = 100 * parts[largest] ** 2 / whole
         told = _WORDS[largest]
-        yield f"{objective.title.lower()} is limited by {told} ({share:.0f} % of the variance)"
+        yield f"{objective.title.lower()} is limited by {told} ({share:.0f} % of the predicted variance)"
 
 
 def _ends(one: Evaluation, space: Space) -> Iterator[str]:

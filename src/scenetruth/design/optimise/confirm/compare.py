@@ -33,7 +33,7 @@ def compared(rig: int, objective: Objective, predicted: float, simulated: Interv
     inside = math.isnan(simulated.low) or simulated.low <= predicted <= simulated.high
     notable = not 1 / _KNOWN <= ratio <= _KNOWN and not (inside and simulated.seeds > 1)
     told = f"{objective.title}: {objective.told_in} simulated {simulated.number:.3g}, "
-    told += f"predicted {predicted:.3g} {objective.unit}"
+    told += f"predicted of these images {predicted:.3g} {objective.unit}"
     if not notable:
         says = f"{told}: as far as {simulated.seeds} seeds tell, they agree (factor {ratio:.2f})"
     elif ratio > 1:
