@@ -98,6 +98,18 @@ def test_methods_are_listed() -> None:
     assert done.returncode == 0, done.stderr
     for name in ("structure_tensor", "opencv_stereo", "opencv_flow", "opencv_scene_flow"):
         assert name in done.stdout
+    assert "cannot be used" not in done.stdout
+
+
+def test_methods_whose_package_is_missing_are_marked_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    done = scenetruth("methods")
+    assert done.returncode == 0, done.stderr
+    # The column of what they need, whose lines are folded.
+    told = " ".join(" ".join(line.split("│")[3] for line in done.stdout.splitlines() if line.count("│") == 5).split())
+    assert told.count("cannot be used: needs OpenCV") == 3
+    assert told.count("pip install") == 3
+    assert told.count("scenetruth[opencv]") == 3
 
 
 def test_a_method_that_cannot_is_named_before_the_work(tmp_path: Path) -> None:

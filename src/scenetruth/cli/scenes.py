@@ -44,7 +44,7 @@ def schema() -> None:
 
 
 def methods() -> None:
-    """List the methods of estimation that are installed, ours and those of plug-ins."""
+    """List the methods of estimation, ours and those of plug-ins, and what keeps one from being used here."""
     from scenetruth.cli.tables import print_methods
 
     print_methods()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from scenetruth.estimators import Estimator
     from scenetruth.scoring import Score
 
 __all__ = ["console", "print_formats", "print_main_figures", "print_methods", "print_score", "print_shipped"]
@@ -34,8 +35,24 @@ def print_methods() -> None:
             table.add_row(*map(visible, (entry.name, "–", f"cannot be used: {told}", entry.origin)))
             continue
         gives = ", ".join(sorted(method.gives)) or "shows in its estimates"
-        table.add_row(*map(visible, (entry.name, gives, str(method.needs), entry.origin)))
+        needs = "; ".join([str(method.needs), *_cannot_be_used(method)])
+        table.add_row(*map(visible, (entry.name, gives, needs, entry.origin)))
     console().print(table)
+
+
+def _cannot_be_used(method: Estimator) -> list[str]:
+    """Return what a method lacks whatever the recording: it is asked of one that has all that it needs."""
+    import numpy as np
+
+    from scenetruth.schema import make_recording
+
+    needs = method.needs
+    try:
+        images = np.zeros((max(needs.cameras, 3), max(needs.frames, 3), 64, 64), dtype=np.uint8)
+        problems = method.requirements(make_recording(images, 100.0, 5.0), method.settings())
+    except Exception:  # of settings that must be given, or a plug-in at fault, its estimates will tell
+        return []
+    return [f"cannot be used: {problem.message}" for problem in problems if problem.path == "method"]
 
 
 def print_formats() -> None:
