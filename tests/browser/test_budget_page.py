@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from scenetruth.design.budget.answer import waterfall
 from scenetruth.design.budget.answer.page import write_page
 from tests.browser.pages import opened, reads_well
 from tests.design.budget.sample import budget_of_a_cube
@@ -26,3 +27,15 @@ def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px:
     assert page.locator(".chart .bars path").count() == 5
     # Words leave room for bars.
     assert page.locator(".chart .nsewdrag").first.bounding_box()["width"] > 100
+
+
+def test_no_figure_loses_its_last_digits(browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(waterfall, "number", lambda value: f"{value / 1000:.6f}")
+    phone = {"width": 375, "height": 800}
+    with opened(browser, write_page(budget_of_a_cube(), tmp_path), ".chart .main-svg", viewport=phone) as page:
+        beyond = page.evaluate(
+            """[...document.querySelectorAll('.chart .bartext')].map((one) => one.getBoundingClientRect().right
+               - one.closest('.chart').getBoundingClientRect().right)"""
+        )
+    assert len(beyond) >= 5
+    assert max(beyond) <= 0

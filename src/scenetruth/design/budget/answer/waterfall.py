@@ -212,7 +212,7 @@ def _chart_of(found: Budget, quantity: str, region: str) -> Chart:
         "title": {"text": f"{_heading(quantity)}, {unit}"},
         "yaxis": {"autorange": "reversed", "automargin": True},
         # Room for numbers behind the bars, also on a phone.
-        "xaxis": {"range": [0, 1.25 * max([total.parts, *_finite(total.simulated)])], "exponentformat": "none"},
+        "xaxis": {"range": [0, 1.5 * max([total.parts, *_finite(total.simulated)])], "exponentformat": "none"},
         "height": 150 + 32 * len(titles),
         "margin": {"l": 10, "r": 20, "t": 60, "b": 30},
     }
