@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
 import pytest
 
 from scenetruth.resources import machine
-from scenetruth.resources.machine import free_disk_bytes, free_memory_bytes, machine_at, work_s
+from scenetruth.resources.machine import free_disk_bytes, free_memory_bytes, machine_at, unwritable_folder, work_s
 
 MB = 1 << 20
 
@@ -81,6 +82,28 @@ def test_the_disk_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None
     assert found is not None
     # Others write at the same time.
     assert abs(found - free) < 0.1 * free
+
+
+def test_folders_of_the_system_have_no_disk_and_take_nothing(tmp_path: Path) -> None:
+    """Also from root, who is told that it may write there."""
+    if not Path("/proc/self").exists():
+        pytest.skip("this system tells of itself in another way")
+    here = machine_at(Path("/proc/results/of/mine"))
+    assert here.unwritable == "/proc"
+    assert here.disk_bytes is None
+    assert machine_at(tmp_path / "not" / "yet").unwritable == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_where_one_may_not_write_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Root may write anywhere: what the system says is told for it.
+    monkeypatch.setattr(os, "access", lambda place, mode: Path(place) != tmp_path)
+    assert unwritable_folder(tmp_path / "deep" / "results") == str(tmp_path)
+    (tmp_path / "deep").mkdir()
+    assert unwritable_folder(tmp_path / "deep" / "results") == ""
+    (tmp_path / "file").touch()
+    # That a file is in the way is told by whoever makes the folder.
+    assert unwritable_folder(tmp_path / "file" / "results") == ""
 
 
 def test_this_machine_has_something(tmp_path: Path) -> None:

@@ -42,6 +42,14 @@ def test_who_insists_is_let_through_as_the_message_says() -> None:
     assert paths(PLENTY, Limits(memory_gb=2)) == ["memory of estimate"]
 
 
+def test_where_nothing_can_be_written_is_told_and_not_as_lack_of_disk() -> None:
+    with pytest.raises(st.MachineError, match=r"output: results cannot be written here: .*\(got '/proc'\)") as caught:
+        refuse_resources(FORECAST, Machine(None, None, 2, unwritable="/proc"), Limits())
+    assert "disk" not in str(caught.value)
+    # A check writes nothing.
+    assert paths(Machine(None, None, 2, unwritable="/proc")) == []
+
+
 def test_a_run_is_refused_before_it_leaves_anything(tmp_path: Path) -> None:
     for limits, what in ((Limits(memory_gb=0.1), "memory of render"), (Limits(hours=1e-6), "time")):
         with pytest.raises(st.MachineError, match=what):

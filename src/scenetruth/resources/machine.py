@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from scenetruth.cache import key_of, remembered
 
-__all__ = ["Machine", "free_disk_bytes", "free_memory_bytes", "machine_at", "processors", "work_s"]
+__all__ = ["Machine", "free_disk_bytes", "free_memory_bytes", "machine_at", "processors", "unwritable_folder", "work_s"]
 
 _CGROUPS = Path("/sys/fs/cgroup")
 _MEMORY = Path("/proc/meminfo")
@@ -33,11 +34,14 @@ class Machine:
         Space that is free where results go.
     processors
         Processors that the process may run on.
+    unwritable
+        The folder, of those that results go to, in which this process may not write; empty if it may.
     """
 
     memory_bytes: int | None
     disk_bytes: int | None
     processors: int
+    unwritable: str = ""
 
 
 def machine_at(output: Path) -> Machine:
@@ -56,7 +60,7 @@ def machine_at(output: Path) -> Machine:
     free = free_memory_bytes()
     pages = _text_of(_MINE / "statm").split()
     memory = free if free is None or len(pages) < 2 else free + int(pages[1]) * os.sysconf("SC_PAGE_SIZE")
-    return Machine(memory, free_disk_bytes(output), processors())
+    return Machine(memory, free_disk_bytes(output), processors(), unwritable_folder(output))
 
 
 def processors() -> int:
@@ -93,8 +97,38 @@ def free_disk_bytes(output: Path) -> int | None:
             continue
         except (OSError, AttributeError):
             return None
-        return found.f_bavail * found.f_frsize
+        # What has no size, as /proc, is no disk, and others of that sort do not tell what they have.
+        return found.f_bavail * found.f_frsize if found.f_blocks else None
     return None
+
+
+def unwritable_folder(output: Path) -> str:
+    """Return the folder in which results cannot be made, because this process may not write there.
+
+    Parameters
+    ----------
+    output
+        Where results go; of a path that does not exist, the nearest folder above it counts.
+
+    Returns
+    -------
+    str
+        The folder; empty if it is writable, or if no folder is there, as whoever makes it will tell.
+    """
+    place = Path(os.path.abspath(output))
+    folder = next((one for one in (place, *place.parents) if os.path.lexists(one)), None)
+    if folder is None or not os.path.isdir(folder):
+        return ""
+    if os.access(folder, os.W_OK | os.X_OK):
+        try:
+            if not hasattr(os, "statvfs") or os.statvfs(folder).f_blocks:
+                return ""
+            # Folders of the system say that root may write, and then let nobody.
+            os.rmdir(tempfile.mkdtemp(dir=folder))
+        except OSError:
+            return str(folder)
+        return ""
+    return str(folder)
 
 
 def free_memory_bytes(mine: Path = _MINE, memory: Path = _MEMORY, groups: Path = _CGROUPS) -> int | None:

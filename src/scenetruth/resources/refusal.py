@@ -137,7 +137,7 @@ def _up(value: float) -> str:
 
 
 def refuse_resources(forecast: Forecast, machine: Machine, limits: Limits) -> None:
-    """Refuse work that is foreseen to take more than the machine has, or than may be taken.
+    """Refuse work whose results cannot be written, or that is foreseen to take more than there is or may be taken.
 
     Parameters
     ----------
@@ -147,8 +147,11 @@ def refuse_resources(forecast: Forecast, machine: Machine, limits: Limits) -> No
     Raises
     ------
     MachineError
-        With memory, disk and time, whichever is too much.
+        With memory, disk and time, whichever is too much, and where one may not write.
     """
     problems = machine_problems(forecast, machine, limits)
+    if machine.unwritable:
+        message = "results cannot be written here: choose another folder, or ask for the right to write in this one"
+        problems.insert(0, Problem("output", message, machine.unwritable))
     if problems:
         raise MachineError(problems)
