@@ -42,7 +42,32 @@ def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
     with pytest.raises(st.RecipeError) as caught:
         st.load_recipe(written(tmp_path, base=["rosette", "rosete", "cube.yaml"], samples=0))
     told = str(caught.value)
-    assert "base.1: cannot be read: No such file" in told
+    assert "base.1: no such file, and no scene of this name is shipped; did you mean 'rosette'?" in told
     assert "base.2: cannot be read: No such file" in told
+    assert "a scene of this name is shipped, and called without folder and suffix: cube" in told
     assert "base.0" not in told
     assert "samples: " in told
+
+
+@pytest.mark.parametrize(
+    ("base", "told"),
+    [
+        (
+            "leav",
+            "base.0: no such file, and no scene of this name is shipped; did you mean 'leaf'[?] `scenetruth scenes`",
+        ),
+        ("qqqq", "is shipped; `scenetruth scenes` lists all"),
+        ("../leaf.yaml", "base.0: cannot be read: No such file.*called without folder and suffix: leaf"),
+        ("../qqqq.yaml", r"base.0: cannot be read: No such file or directory \(got"),
+    ],
+)
+def test_a_base_that_is_not_there_is_told_with_what_may_be_meant(base: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(st.RecipeError, match=told):
+        st.load_recipe(written(tmp_path, base=base))
+
+
+@pytest.mark.parametrize("name", ["cubes", "leaves"])
+def test_a_shipped_recipe_can_be_copied_anywhere(name: str, tmp_path: Path) -> None:
+    copy = tmp_path / "mine.yaml"
+    copy.write_bytes((SCENES / "datasets" / f"{name}.yaml").read_bytes())
+    assert st.load_recipe(copy).bases == st.load_recipe(name).bases

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+import errno
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,13 +16,14 @@ from scenetruth.dataset.recipe.spec import Recipe
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.files import context_of
-from scenetruth.files.shipped import shipped_file
+from scenetruth.files.shipped import shipped_file, shipped_files
 from scenetruth.plain import plain_problems
 from scenetruth.scene import Scene, load_scene, scene_from_plain
 from scenetruth.scene.reading import read_file
 
 __all__ = ["load_recipe", "recipe_from_plain"]
 
+_NOT_THERE = f"cannot be read: {os.strerror(errno.ENOENT)}"
 _MAPPING = "a mapping of name, base, samples, vary, ..."
 
 
@@ -142,6 +146,9 @@ def _base(recipe: Recipe, number: int, folder: Path | None, problems: list[Probl
     except SceneError as error:
         for one in error.problems:
             path = one.path if one.path.startswith("set.") else ".".join(filter(None, (where, one.path)))
+            if isinstance(given, str) and not one.path and one.message == _NOT_THERE:
+                problems.append(Problem(path, _no_such_scene(given), given))
+                continue
             told = f"{one.message} ({given})" if isinstance(given, str) else one.message
             problems.append(Problem(path, told, one.value))
         return None
@@ -153,10 +160,24 @@ def _missing_bases(plain: Mapping[str, Any], folder: Path | None) -> list[Proble
     entries = given if isinstance(given, list | tuple) else [given]
     files = [entry.get("scene") if isinstance(entry, Mapping) else entry for entry in entries]
     return [
-        Problem(f"base.{number}", "cannot be read: No such file or directory", file)
+        Problem(f"base.{number}", _no_such_scene(file), file)
         for number, file in enumerate(files)
         if isinstance(file, str) and not (shipped_file(file, folder) or (folder or Path()) / file).exists()
     ]
+
+
+def _no_such_scene(given: str) -> str:
+    """Return why a base scene is not there, and which of those that are shipped may be meant."""
+    path, shipped = Path(given), shipped_files()
+    if path.suffix:
+        known = path.suffix in (".yaml", ".yml") and path.stem in shipped
+        remedy = (
+            f"; a scene of this name is shipped, and called without folder and suffix: {path.stem}" if known else ""
+        )
+        return f"{_NOT_THERE}{remedy}"
+    near = [f"'{name}'" for name in difflib.get_close_matches(path.name.lower(), shipped, n=3)]
+    question = f"; did you mean {' or '.join(near)}?" if near else ";"
+    return f"no such file, and no scene of this name is shipped{question} `scenetruth scenes` lists all"
 
 
 def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
@@ -199,8 +220,6 @@ _MOST_TOLD = 100
 
 
 def _known_near(key: str, loc: Sequence[Any]) -> str:
-    import difflib
-
     if len(loc) != 1:
         return ""
     near = difflib.get_close_matches(key, list(Recipe.model_fields), n=1)
