@@ -49,6 +49,16 @@ def test_check_tells_what_varies_what_is_refused_and_what_it_takes(tmp_path: Pat
     assert "licence: is not given" in output
 
 
+@pytest.mark.parametrize("columns", ["50", "80"])
+def test_check_shows_all_of_a_path_however_narrow_the_terminal(columns: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    output = call("check", "cubes")
+    assert "…" not in output
+    first = "".join(line.split("│")[1].strip() for line in output.splitlines() if line.count("│") == 3)
+    for axis in range(3):
+        assert f"objects.0.motion.0.velocity_mm_per_frame.{axis}" in first
+
+
 def test_run_goes_on_and_status_and_verify_tell_how_far(made: Path) -> None:
     assert "0 samples made, 2 were there" in call("run", made, "-o", made)
     assert "2 of 2 samples are there, 0 failed" in call("status", made)

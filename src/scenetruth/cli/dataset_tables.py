@@ -28,6 +28,9 @@ def print_recipe(sampler: Sampler, trial: Trial, forecast: Forecast) -> None:
     """
     recipe = sampler.recipe
     table = Table(title=visible(recipe.description or recipe.name), show_header=False, title_justify="left")
+    for heading in ("what", "value"):
+        # Ends of long paths tell fields apart.
+        table.add_column(heading, overflow="fold")
     table.add_row("samples", f"{recipe.count:,}" + (f" ({recipe.samples:,} draws)" if recipe.steps > 1 else ""))
     table.add_row("base", visible(", ".join(str(base) for base in sampler.bases)))
     for item in sampler.varied[:_MOST_FIELDS]:
@@ -41,7 +44,7 @@ def print_recipe(sampler: Sampler, trial: Trial, forecast: Forecast) -> None:
     console.print(table)
     taken = Table(title="foreseen", title_justify="left")
     for heading in ("", "memory", "disk", "at most", "processor time"):
-        taken.add_column(heading, justify="left" if not heading else "right")
+        taken.add_column(heading, justify="left" if not heading else "right", overflow="fold")
     for what, count in (("one sample", 1), ("all", recipe.count)):
         taken.add_row(
             what,
