@@ -71,3 +71,45 @@ def test_a_shipped_recipe_can_be_copied_anywhere(name: str, tmp_path: Path) -> N
     copy = tmp_path / "mine.yaml"
     copy.write_bytes((SCENES / "datasets" / f"{name}.yaml").read_bytes())
     assert st.load_recipe(copy).bases == st.load_recipe(name).bases
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"name": "tiny leaves"},
+            "  - name: must consist of the letters A to Z .* digit, as in tiny-leaves [(]got 'tiny leaves'[)]",
+        ),
+        ({"name": "  "}, "  - name: must consist of the letters A to Z and a to z, .* with a letter or a digit [(]got"),
+        (
+            {"set": {"objects[0].name": 1}},
+            "set.objects.0..name: is no path of a field: .*; write objects.0.name [(]got",
+        ),
+        ({"set": {"a b": 1}}, "set.a b: is no path of a field: .* as objects.0.mesh.size_mm [(]got 'a b'[)]"),
+        (
+            {"vary": {"seed": {"kind": "integers", "low": 1, "high": 2, "name": "a-b"}}},
+            "vary.seed.name: must consist of the letters A to Z and a to z, digits and underscores",
+        ),
+        (
+            {"vary": {"seed": {"kind": "loguniform", "low": 1, "high": 2}}},
+            "vary.seed: is of no known kind: .*; did you mean 'log_uniform'[?] [(]got",
+        ),
+        ({"accept": [{"kind": "visibleshare"}]}, "accept.0: is of no known kind: .*did you mean 'visible_share'[?]"),
+    ],
+    ids=str,
+)
+def test_wrong_letters_and_kinds_are_told_in_words_with_what_was_meant(
+    changes: dict[str, Any], told: str, tmp_path: Path
+) -> None:
+    with pytest.raises(st.RecipeError, match=told) as caught:
+        st.load_recipe(written(tmp_path, **{"base": "plane", **changes}))
+    assert "pattern" not in str(caught.value)
+
+
+def test_a_key_that_is_spelt_wrong_is_told_before_what_seems_to_be_missing(tmp_path: Path) -> None:
+    plain = {**RECIPE, "base": "plane", "sample": 3}
+    del plain["samples"]
+    with pytest.raises(st.RecipeError) as caught:
+        st.recipe_from_plain(plain)
+    told = ["sample: unknown key; did you mean 'samples'? (got 3)", "samples: is missing"]
+    assert list(map(str, caught.value.problems)) == told

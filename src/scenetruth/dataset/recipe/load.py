@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import errno
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from scenetruth.dataset.recipe.paths import PathError, assign, expand
-from scenetruth.dataset.recipe.spec import Recipe
+from scenetruth.dataset.recipe.spec import PATH_PATTERN, Recipe
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.files import context_of
@@ -20,6 +21,7 @@ from scenetruth.files.shipped import shipped_file, shipped_files
 from scenetruth.plain import plain_problems
 from scenetruth.scene import Scene, load_scene, scene_from_plain
 from scenetruth.scene.reading import read_file
+from scenetruth.scene.suggestions import suggest_word
 
 __all__ = ["load_recipe", "recipe_from_plain"]
 
@@ -206,17 +208,40 @@ def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> Sequence[P
         elif entry["type"] == "missing":
             message = "is missing"
         elif entry["type"] == "union_tag_invalid":
-            message = f"is of no known kind: '{entry['ctx']['tag']}' is none of {entry['ctx']['expected_tags']}"
+            tag, kinds = entry["ctx"]["tag"], entry["ctx"]["expected_tags"]
+            message = f"is of no known kind: '{tag}' is none of {kinds}" + suggest_word(tag, kinds)
         elif entry["type"] == "union_tag_not_found":
             message = "needs a kind, such as {kind: uniform, low: 1, high: 2}"
+        elif entry["type"] == "string_pattern_mismatch":
+            message = _letters_allowed(path, str(entry["input"]))
+            path = path.removesuffix(f".{_KEY}")
         # Of a recipe as a whole nothing can be shown.
         value = None if entry["type"] == "missing" or not path else entry.get("input")
         problem = Problem(path, message[:1].lower() + message[1:], value)
         found.setdefault((path, problem.message), problem)
-    return list(found.values())
+    problems = list(found.values())
+    if any(problem.message == "is missing" for problem in problems):
+        # What is missing may stand there under a wrong name, which is what is to be mended.
+        problems.sort(key=lambda problem: not problem.message.startswith("unknown key; did you mean"))
+    return problems
 
 
 _MOST_TOLD = 100
+_KEY = "[key]"
+"""What pydantic calls the key of a mapping."""
+
+
+def _letters_allowed(path: str, given: str) -> str:
+    """Say in words of which letters a name, or a path of a field, is made, and how the given one would be spelled."""
+    if path == "name":
+        spelled = re.sub(r"[^A-Za-z0-9_.-]+", "-", given).strip("-._")
+        allowed = "must consist of the letters A to Z and a to z, digits, points, dashes and underscores, and begin "
+        return f"{allowed}with a letter or a digit" + (f", as in {spelled:.100}" if spelled else "")
+    if path.endswith(_KEY):
+        spelled = re.sub(r"\[(\d+|\*)\]", r".\1", given)
+        remedy = f"; write {spelled:.200}" if spelled != given and re.fullmatch(PATH_PATTERN, spelled) else ""
+        return f"is no path of a field: keys and indices with dots between them, as objects.0.mesh.size_mm{remedy}"
+    return "must consist of the letters A to Z and a to z, digits and underscores, and not begin with a digit"
 
 
 def _known_near(key: str, loc: Sequence[Any]) -> str:

@@ -14,7 +14,7 @@ from scenetruth.files import SceneFile
 from scenetruth.kinds import one_of
 from scenetruth.model import FrozenModel, Name, Positive
 
-__all__ = ["AnyBound", "AnyDistribution", "Base", "Recipe", "TruthSettings"]
+__all__ = ["PATH_PATTERN", "AnyBound", "AnyDistribution", "Base", "Recipe", "TruthSettings"]
 
 
 def _formula(value: Any) -> Any:
@@ -31,8 +31,8 @@ else:
     AnyDistribution = Annotated[one_of(Distribution, "scenetruth.dataset.distributions"), BeforeValidator(_formula)]
     AnyBound = one_of(Bound, "scenetruth.dataset.acceptance")
 
-_PATH = r"^[A-Za-z0-9_*-]+(\.[A-Za-z0-9_*-]+)*$"
-FieldPath = Annotated[str, Field(pattern=_PATH, max_length=300)]
+PATH_PATTERN = r"^[A-Za-z0-9_*-]+(\.[A-Za-z0-9_*-]+)*$"
+FieldPath = Annotated[str, Field(pattern=PATH_PATTERN, max_length=300)]
 """Path of a field of the scene, keys and indices with dots between them; ``*`` stands for every one."""
 
 
