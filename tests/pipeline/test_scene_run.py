@@ -208,3 +208,21 @@ def test_figures_may_be_chosen_and_are_checked_before_any_work(tmp_path: Path) -
     with pytest.raises(st.SceneError, match="figures: must be some of image, surface"):
         run_scene(cube(**SMALL), tmp_path / "x", figures=["dept"])
     assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(("method", "seen"), [("structure_tensor", False), ("refined", True)])
+def test_growth_that_is_smaller_than_its_error_is_told(tmp_path: Path, method: str, seen: bool) -> None:
+    # On a surface that faces the camera, the structure tensor takes growth for motion towards it.
+    wall: dict[str, Any] = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [120, 120]}}
+    wall |= {"pose": {"position_mm": [0, 0, 100]}, "texture": {"kind": "noise", "wavelength_mm": [5, 20]}}
+    wall |= {"deformation": [{"kind": "growth", "rate_per_hour": 0.01}]}
+    changes: dict[str, Any] = {"camera": {"width": 96, "height": 80, "focal_length_px": 96}, "objects": [wall]}
+    changes |= {"stage": {"positions": 5, "baseline_mm": 1}, "sensor": {"bit_depth": None, "noise_std": 0.01}}
+    changes |= {"frames": {"count": 9, "frame_interval_s": 7200}, "score": {"interior_margin_px": 2}}
+    told: list[str] = []
+    stages: Any = ("render", "estimate", "score")
+    run_scene(cube(**changes), tmp_path / "x", methods=(method,), stages=stages, notice=told.append)
+    notes = [line for line in told if line.startswith(f"growth is not seen by '{method}'")]
+    assert bool(notes) is not seen
+    for note in notes:
+        assert note.endswith("by more than 1 %/h, where 1 %/h are there (rms); --method refined sees more")

@@ -287,6 +287,9 @@ class Runner:
         self.scores[method] = scored
         for slip in find_slips(estimated, truth):
             self._say(f"likely slip in the estimate of '{method}': {slip.message}")
+        unseen = _unseen_growth(scored, method)
+        if unseen:
+            self._say(unseen)
 
     def report(self, method: str, figures: Collection[str] | None = None, figures_also: Collection[str] = ()) -> None:
         """Draw the pictures of a method's estimate, or some, and write the page; errors too, where there is a truth.
@@ -400,6 +403,17 @@ class Runner:
     def _say(self, text: str) -> None:
         if self.notice is not None:
             self.notice(text)
+
+
+def _unseen_growth(scored: Score, method: str) -> str:
+    """Tell of growth that most pixels are off by more than there is, and what sees more of it."""
+    values = scored.regions["interior"].get("growth_rate", {})
+    median, rms, relative = (values.get(name) for name in ("median_abs", "rms", "relative_rms"))
+    if not scored.grows or median is None or not rms or not relative or median <= rms / relative:
+        return ""
+    better = "a longer frames.frame_interval_s" if method == "refined" else "--method refined"
+    told = f"half of the pixels are off by more than {median:.2g} %/h, where {rms / relative:.2g} %/h are there (rms)"
+    return f"growth is not seen by '{method}': {told}; {better} sees more"
 
 
 def _claim(path: Path) -> Claimed:
