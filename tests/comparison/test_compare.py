@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from scenetruth.comparison.contestants import contestants_of
 from scenetruth.comparison.offline import write_recordings
 from scenetruth.comparison.rows import Row
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from scenetruth.estimators import Needs, find_method
 from scenetruth.estimators.external import ResultsFolder
 from tests.cli.calling import scenetruth
 from tests.nightly import nightly
@@ -49,8 +51,8 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
     before = kept.stat().st_mtime_ns
     again = compare([nearest, failing], folder=tmp_path / "c", **QUICK)
-    assert kept.stat().st_mtime_ns == before
-    assert again.rows == found.rows
+    assert kept.stat().st_mtime_ns > before, "what failed is tried again"
+    assert [row for row in again.rows if row.quantity] == [row for row in found.rows if row.quantity]
     # A file that was not written to its end, or of another version, is made again.
     plain = json.loads(kept.read_text())
     kept.write_text(json.dumps({**plain, "key": "of another"}))
@@ -62,6 +64,65 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert list(frame.columns) == [*fields[:2], "label", *fields[2:]]
     assert set(frame["label"]) == {"0"}
     assert len(frame) == len(found.rows)
+
+
+def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_path: Path) -> None:
+    told: list[str] = []
+    found = compare(nearest, folder=tmp_path / "c", **QUICK, notice=told.append)
+    (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
+    before = kept.stat().st_mtime_ns
+    again = compare(nearest, folder=tmp_path / "c", **QUICK, notice=told.append)
+    assert kept.stat().st_mtime_ns == before
+    assert again.rows == found.rows
+    assert told == ["kept from earlier: 1 of 1 scenes; 0 to be measured"]
+
+
+def test_what_an_installed_method_refuses_is_not_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(type(find_method("plane_sweep")), "needs", Needs(cameras=99))
+    found = compare("plane_sweep", folder=tmp_path / "c", **QUICK)
+    (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
+    before = kept.stat().st_mtime_ns
+    again = compare("plane_sweep", folder=tmp_path / "c", **QUICK)
+    assert found.failures
+    assert again.failures == found.failures
+    assert kept.stat().st_mtime_ns == before
+
+
+MINE = """import numpy as np
+from beside import number
+
+
+def f(recording):
+    return {"depth": np.full(recording["image"].shape[-2:], number())}
+"""
+
+
+def test_a_method_that_is_mended_is_measured_again(tmp_path: Path) -> None:
+    beside = tmp_path / "beside.py"
+    (tmp_path / "mine.py").write_text(MINE)
+    words = ["compare", "mine:f", "--case", "disparity", "--value", "1.3", "--workers", "0", "-o", "c"]
+
+    def bias() -> tuple[subprocess.CompletedProcess[str], list[float]]:
+        called = [sys.executable, "-m", "scenetruth", *words]
+        done = subprocess.run(called, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+        frame = pd.read_csv(tmp_path / "c" / "results.csv")
+        frame = frame[(frame.quantity == "depth") & (frame.statistic == "bias")]
+        return done, [round(one, 1) for one in frame.number]
+
+    beside.write_text("def number():\n    return {}['nokey']\n")
+    done, told = bias()
+    assert (done.returncode, told) == (1, [])
+    beside.write_text("def number():\n    return 800.0\n")
+    done, told = bias()
+    assert (done.returncode, told) == (0, [80.0]), done.stderr
+    beside.write_text("def number():\n    return 730.0\n")
+    done, told = bias()
+    assert told == [10.0]
+    assert "kept from earlier" not in done.stderr
+    (tmp_path / "other.py").write_text("")
+    done, told = bias()
+    assert told == [10.0]
+    assert "kept from earlier: 1 of 1 scenes" in done.stderr
 
 
 def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:

@@ -44,7 +44,8 @@ def compare(
     """Find out how accurate methods are, over the cases of the metrology suite.
 
     Every case varies one thing: noise, contrast, wavelength, slope, disparity, motion, the distance from an outline,
-    and more. All methods get the same images. What is done stays in the folder, and is not done again.
+    and more. All methods get the same images. What is done stays in the folder, and is not done again;
+    what failed is, and what a method of your own gave before its code changed.
 
     Parameters
     ----------
@@ -109,6 +110,9 @@ def compare(
             str((place / "points").resolve()), tuple(points), tuple(contestants), tuple(sorted(versions_here().items()))
         )
         missing = [number for number in range(len(points)) if not job.is_done(number)]
+        if notice is not None and len(missing) < len(points):
+            kept = len(points) - len(missing)
+            notice(f"kept from earlier: {kept} of {len(points)} scenes; {len(missing)} to be measured")
         done = for_each(
             missing,
             measure_one,

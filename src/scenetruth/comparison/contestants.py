@@ -11,6 +11,7 @@ import yaml
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators import Estimator, choose, find_method, validate_settings
+from scenetruth.estimators.made_of import made_of
 
 __all__ = ["Contestant", "contestants_of"]
 
@@ -31,11 +32,14 @@ class Contestant:
         What `scenetruth.estimate` takes.
     settings
         Its settings.
+    made_of
+        A hash of the code of a method of one's own, as it was when it was named; empty for those that are installed.
     """
 
     label: str
     method: Any
     settings: Mapping[str, Any] = field(default_factory=dict)
+    made_of: str = ""
 
     @property
     def spelled(self) -> str:
@@ -61,9 +65,16 @@ class Contestant:
 
     @property
     def identity(self) -> str:
-        """What its figures depend on: where its code stands, and all of its settings."""
+        """What its figures depend on: where its code stands, all of its settings, and what it is made of."""
         settings = validate_settings(find_method(self.method), self.settings)
-        return f"{_path_of(self.method)} {settings.model_dump_json()}"
+        plain = f"{_path_of(self.method)} {settings.model_dump_json()}"
+        # Of methods that are installed, the identity is as it always was: what was measured stays.
+        return f"{plain} {self.made_of}" if self.made_of else plain
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether it goes by a name, and is nobody's own code: what it refuses, it will refuse again."""
+        return isinstance(self.method, str) and not self.made_of
 
 
 def contestants_of(methods: Iterable[Given] | Given, *, from_file: bool = False) -> list[Contestant]:
@@ -138,7 +149,8 @@ def _checked(method: Any, settings: Mapping[str, Any], label: str, from_file: bo
         validate_settings(find_method(method), settings)
     short = "" if isinstance(method, str) else getattr(method, "name", getattr(method, "__name__", ""))
     spelled = Contestant("", method, dict(settings)).spelled.removeprefix("=")
-    return Contestant(label or (short if short and not settings else spelled), method, dict(settings))
+    told = label or (short if short and not settings else spelled)
+    return Contestant(told, method, dict(settings), made_of(method))
 
 
 def _path_of(method: Any) -> str:

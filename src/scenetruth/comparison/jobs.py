@@ -23,7 +23,7 @@ from scenetruth.provenance import content_hash
 from scenetruth.scene import scene_from_plain
 from scenetruth.schema import digest
 
-__all__ = ["Job", "key_of", "measure_one", "points_of", "read_measured"]
+__all__ = ["Job", "key_of", "measure_one", "points_of", "read_measured", "to_try_again"]
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,18 @@ class Job:
         return Path(self.folder) / point.case / f"{point.name}.json"
 
     def is_done(self, number: int) -> bool:
-        """Return whether the file of a point is there, and is of this very point."""
+        """Return whether the file of a point is there, is of this very point, and tells of no failure to try again."""
         try:
             plain = parse_json(self.path(number).read_bytes())
         except (OSError, ValueError):
             return False
-        return isinstance(plain, dict) and plain.get("key") == key_of(self, number)
+        return isinstance(plain, dict) and not to_try_again(plain) and plain.get("key") == key_of(self, number)
+
+
+def to_try_again(plain: Mapping[str, Any]) -> bool:
+    """Tell whether a file of figures holds failures that may be gone when they are tried again."""
+    failures, settled = plain.get("failures"), plain.get("settled")
+    return bool(set(failures if isinstance(failures, dict) else ()).difference(settled or ()))
 
 
 def points_of(cases: Sequence[Case], suite: str, values: Sequence[float | str] | None = None) -> list[Point]:
@@ -118,6 +124,7 @@ def measure_one(job: Job, number: int) -> Made:
             "key": key_of(job, number),
             "rows": [row.to_plain() for row in found.rows],
             "failures": found.failures,
+            "settled": found.settled,
         }
         path.parent.mkdir(parents=True, exist_ok=True)
         if found.maps is not None:

@@ -20,7 +20,7 @@ from scenetruth.comparison.measures.figures import figure_rows
 from scenetruth.comparison.memory import PeakMemory
 from scenetruth.comparison.rows import BOUND, OWN, Row
 from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning
-from scenetruth.estimators import estimate
+from scenetruth.estimators import prepare
 from scenetruth.randomness import generator_for
 from scenetruth.scene import scene_from_plain
 from scenetruth.scoring import units_of
@@ -67,12 +67,15 @@ class Measured:
         The figures.
     failures
         Why methods have given nothing, by label.
+    settled
+        Labels of those whose failures need not be tried again: installed methods that refuse the recording.
     maps
         What is pictured; None where nothing is measured in pixels, or figures were read from a file.
     """
 
     rows: list[Row] = field(default_factory=list)
     failures: dict[str, str] = field(default_factory=dict)
+    settled: list[str] = field(default_factory=list)
     maps: Maps | None = None
 
 
@@ -100,12 +103,15 @@ def measure(case: Case, point: Point, contestants: Sequence[Contestant]) -> Meas
             recording = noisy(ideal, noise_std, case.kind, seed)
             estimates = {}
             for one in contestants:
-                took, held = time.perf_counter(), PeakMemory()
+                took, held, work = time.perf_counter(), PeakMemory(), None
                 try:
                     with held:
-                        maps = estimate(recording, one.method, dict(one.settings)).sel(t=[0])
+                        work = prepare(recording, one.method, dict(one.settings))
+                        maps = work.estimate().sel(t=[0])
                 except (EstimateError, KeyError) as error:
                     measured.failures[one.label] = str(error)
+                    if work is None and one.is_installed:
+                        measured.settled.append(one.label)
                     continue
                 took = time.perf_counter() - took
                 estimates[one.label] = maps

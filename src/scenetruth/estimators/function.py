@@ -36,7 +36,7 @@ class FunctionMethod(Method):
 
     def __init__(self, function: Callable[..., Any], name: str) -> None:
         self.name = name
-        self._function = function
+        self.function = function
         parameters = list(inspect.signature(function).parameters.values())
         if not parameters:
             msg = "takes no recording"
@@ -62,7 +62,7 @@ class FunctionMethod(Method):
         given = {name: getattr(settings, name) for name in type(settings).model_fields}
         if self._takes_progress:
             given["progress"] = progress
-        found = self._function(recording, **given)
+        found = self.function(recording, **given)
         if isinstance(found, Mapping) and not isinstance(found, xr.Dataset):
             return make_estimate(like=recording, **found)
         return found  # type: ignore[no-any-return]  # whatever it is, it is checked where methods are called

@@ -147,6 +147,31 @@ def test_it_goes_on_where_it_was(tmp_path: Path) -> None:
     assert (tmp_path / "calm" / "plots" / "depth_rms.png").exists()
 
 
+def test_what_failed_or_has_changed_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    options: dict[str, Any] = {"seeds": 1, "notice": told.append}
+    (tmp_path / "wall_of_mine.py").write_text("def f(recording):\n    return {'dpeth': 1}\n")
+    monkeypatch.chdir(tmp_path)
+
+    def run() -> Sweep:
+        sys.modules.pop("wall_of_mine", None)
+        return sweep(scene(), {BASELINE: [2, 3]}, "wall_of_mine:f", tmp_path / "out", **options)
+
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    assert len(run().failures) == 2
+    assert len(run().failures) == 2
+    assert "2 simulations, 2 of them to be made" in told[-1]
+    for depth_mm in (500, 510):
+        code = f"def f(recording):\n    return {{'depth': 0.0 * recording.image[0].values + {depth_mm}}}\n"
+        (tmp_path / "wall_of_mine.py").write_text(code)
+        found = run()
+        assert found.figure("depth", "bias").number == pytest.approx(depth_mm - DEPTH_MM, abs=0.2)
+        assert "2 simulations, 2 of them to be made" in told[-1]
+    run()
+    assert told[-1].endswith("2 simulations, 0 of them to be made, 2 kept from earlier")
+    sys.modules.pop("wall_of_mine")
+
+
 def test_scenes_and_methods_are_factors_and_what_fails_is_told() -> None:
     other = scene(objects=[scene()["objects"][0] | {"pose": {"position_mm": [0, 0, 510]}}])
     methods: list[Any] = [nearest, f"mine={METHOD}", failing]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scenetruth.comparison.contestants import Contestant
+from scenetruth.comparison.jobs import to_try_again
 from scenetruth.dataset.sample import Made
 from scenetruth.design.sweep.factors import label_of
 from scenetruth.design.sweep.kept import write_kept
@@ -75,13 +76,13 @@ class Job:
         return Path(self.folder) / f"{key}.json"
 
     def is_done(self, key: str) -> bool:
-        """Return whether the figures of a simulation are there."""
+        """Return whether the figures of a simulation are there, with no failure to try again."""
         path = self.path(key)
         try:
             plain = parse_json(path.read_bytes())
         except (OSError, ValueError):
             return False
-        whole = isinstance(plain, dict) and plain.get("key") == key
+        whole = isinstance(plain, dict) and plain.get("key") == key and not to_try_again(plain)
         return whole and (not self.keeps or path.with_suffix(".npz").exists())
 
     def told(self, number: int) -> str:
@@ -120,7 +121,7 @@ def measure_one(job: Job, number: int) -> Made:
 
 
 def _plain(found: Measured) -> dict[str, Any]:
-    names = ("figures", "bounds", "failures", "notes", "grows")
+    names = ("figures", "bounds", "failures", "notes", "settled", "grows")
     return {name: getattr(found, name) for name in names}
 
 
@@ -139,6 +140,7 @@ def read_measured(path: Path) -> Measured:
             dict(plain["bounds"]),
             dict(plain["failures"]),
             list(plain["notes"]),
+            list(plain.get("settled", ())),
             bool(plain["grows"]),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -14,7 +14,7 @@ from scenetruth.comparison.point import quiet
 from scenetruth.design.sweep.kept import Kept, errors_of, every_px
 from scenetruth.design.sweep.least import Window, bound_names, least_std, sizes_of_normal, window_of
 from scenetruth.errors import EstimateError
-from scenetruth.estimators import estimate
+from scenetruth.estimators import prepare
 from scenetruth.resources import Limits
 from scenetruth.scene import Scene
 from scenetruth.scoring import QUANTITIES, REGIONS, Score, score
@@ -50,6 +50,8 @@ class Measured:
         Why methods have given nothing, by label.
     notes
         Why there is no bound.
+    settled
+        Labels of those whose failures need not be tried again: installed methods that refuse the recording.
     grows
         Whether anything grows, so that errors of growth can be compared with growth.
     kept
@@ -60,6 +62,7 @@ class Measured:
     bounds: dict[str, Figures] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    settled: list[str] = field(default_factory=list)
     grows: bool = False
     kept: Kept | None = None
 
@@ -100,10 +103,14 @@ def measure(
         recording = with_ideal.drop_vars("ideal", errors="ignore")
         step_px = every_px(recording)
         for one in methods:
+            work = None
             try:
-                maps = estimate(recording, one.method, dict(one.settings))
+                work = prepare(recording, one.method, dict(one.settings))
+                maps = work.estimate()
             except (EstimateError, KeyError) as error:
                 measured.failures[one.label] = " ".join(str(error).split())
+                if work is None and one.is_installed:
+                    measured.settled.append(one.label)
                 continue
             if _is_further(maps, truth):
                 truth = make_truth(scene, truth_content="complete", limits=limits)

@@ -130,7 +130,7 @@ def sweep(
         # Different values may make the same scene.
         missing = {key: number for number, key in reversed(list(enumerate(keys))) if not job.is_done(key)}
         refuse_unmakeable(job, sorted(missing.values()), progress)
-        _announce(job, len(missing), notice)
+        _announce(job, len(missing), sum(key not in missing for key in keys), notice)
         done = for_each(
             sorted(missing.values()),
             measure_one,
@@ -160,11 +160,12 @@ def _begin(folder: Path) -> None:
         aside.write_text(json.dumps({"format": 1}) + "\n", encoding="utf-8")
 
 
-def _announce(job: Job, missing: int, notice: Callable[[str], None] | None) -> None:
+def _announce(job: Job, missing: int, kept: int, notice: Callable[[str], None] | None) -> None:
     plan = job.plan
     if notice is not None:
         seeds = f"{plan.each} seed{'s' if plan.each > 1 else ''}"
-        notice(f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to be made")
+        told = f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to be made"
+        notice(told + (f", {kept:,} kept from earlier" if kept else ""))
 
 
 def _write(found: Sweep, job: Job, again: str) -> None:

@@ -14,7 +14,7 @@ from pydantic import create_model, field_validator
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.choice import validate_settings
-from scenetruth.estimators.external.command_line import filled, program_problem, words_of
+from scenetruth.estimators.external.command_line import files_of, filled, program_problem, words_of
 from scenetruth.estimators.external.exchange.image_files import image_problems
 from scenetruth.estimators.external.exchange.reading import read_results
 from scenetruth.estimators.external.exchange.writing import write_recording
@@ -148,6 +148,10 @@ class CommandMethod(Method):
     def as_option(self, label: str) -> tuple[str, str]:
         """Return how the command line of a comparison calls it."""
         return "--command", f"{label}={self._given['command']}"
+
+    def named_files(self) -> list[Path]:
+        """Return the files that the command names, the program first if it is found."""
+        return files_of(words_of(self._given["command"]), self._base)
 
     def requirements(self, recording: xr.Dataset, settings: CommandSettings) -> list[Problem]:
         """Return what keeps the program from being started, and images from being written."""

@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
-__all__ = ["PLACES", "filled", "program_problem", "words_of"]
+__all__ = ["PLACES", "files_of", "filled", "program_problem", "words_of"]
 
 PLACES = ("recording", "output")
 """What must stand in braces in a command, each at least once."""
@@ -80,6 +80,28 @@ def _filled(word: str, folders: Mapping[str, Path], base: Path) -> str:
         except (OSError, ValueError):  # a word that no file can be named like
             pass
     return _BRACES.sub(one, word)
+
+
+def files_of(words: list[str], base: Path) -> list[Path]:
+    """Return the files that words name, also after ``--option=``, and the program, wherever it is found.
+
+    Parameters
+    ----------
+    words
+        From `words_of`.
+    base
+        The folder that relative names of files count from.
+    """
+    import shutil
+
+    named = [part for word in words for part in (word, word.partition("=")[2]) if part]
+    found = [] if (base / words[0]).is_file() else [Path(shutil.which(words[0]) or base)]
+    for name in named:
+        try:
+            found += [base / name] if (base / name).is_file() else []
+        except (OSError, ValueError):  # a word that no file can be named like
+            continue
+    return [path for path in found if path.is_file()]
 
 
 def program_problem(word: str, base: Path) -> str:

@@ -87,6 +87,15 @@ class ResultsFolder(Method):
         """Return how the command line of a comparison calls it."""
         return "--results", f"{label}={self._where}"
 
+    def listing(self) -> str:
+        """Return what lies in the folder: names, sizes and times, which tell when results are changed."""
+        lines = []
+        for file in sorted(Path(self._where).rglob("*")):
+            if file.is_file():
+                told = file.stat()
+                lines.append(f"{file.relative_to(self._where)} {told.st_size} {told.st_mtime_ns}")
+        return "\n".join(lines)
+
     def requirements(self, recording: xr.Dataset, settings: ResultsFolderSettings) -> list[Problem]:
         """Return whether the folder is missing; what is in it shows when there are images."""
         if Path(settings.folder).is_dir():

@@ -1,0 +1,105 @@
+"""Methods of one's own are known by what they are made of; those that are installed are not."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenetruth.estimators.external import CommandMethod, ResultsFolder
+from scenetruth.estimators.made_of import made_of
+from scenetruth.estimators.own_code import with_imported
+
+METHOD = """def f(recording):
+    return None
+
+
+class Other:
+    name = "other"
+"""
+
+
+def write(folder: Path, files: dict[str, str]) -> None:
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    before = set(sys.modules)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    yield tmp_path
+    for name in set(sys.modules) - before:
+        if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+@pytest.mark.parametrize("method", ["structure_tensor", "plane_sweep"])
+def test_what_is_installed_is_known_by_its_name(method: str) -> None:
+    assert made_of(method) == ""
+
+
+def test_a_file_and_what_it_imports_beside_it_count_and_nothing_else(here: Path) -> None:
+    write(
+        here,
+        {
+            "own_a.py": "import numpy\nimport own_b\n\n" + METHOD,
+            "own_b.py": "def late():\n    from own_package import part\n    return part\n",
+            "own_package/__init__.py": "",
+            "own_package/part.py": "from . import deep\n",
+            "own_package/deep.py": "import own_a\n",
+            "not_imported.py": "",
+        },
+    )
+    parts = ["own_a.py", "own_b.py", "own_package/__init__.py", "own_package/deep.py", "own_package/part.py"]
+    assert with_imported(here / "own_a.py") == [here / part for part in parts]
+    known = {made_of("own_a:f")}
+    (here / "not_imported.py").write_text("changed = 1\n")
+    assert made_of("own_a:f") in known
+    for part in parts:
+        (here / part).write_text((here / part).read_text() + "# changed\n")
+        assert made_of("own_a:f") not in known
+        known.add(made_of("own_a:f"))
+    function: Any = importlib.import_module("own_a").f
+    assert {made_of(function), made_of(functools.partial(function))} <= known
+
+
+def test_what_is_typed_into_a_session_is_known_by_itself() -> None:
+    def typed(text: str) -> Any:
+        names: dict[str, Any] = {"__name__": "typed_in"}
+        exec(compile(text, "<stdin>", "exec"), names)  # as a session does
+        return names["f"]
+
+    first = made_of(typed("def f(recording):\n    return {1, 'a', 'b'}"))
+    assert first
+    assert made_of(typed("\n\ndef f(recording):\n    return {1, 'a', 'b'}")) == first
+    assert made_of(typed("def f(recording):\n    return {1, 'a', 'c'}")) != first
+
+
+def test_files_that_a_command_names_count(here: Path) -> None:
+    write(here, {"program.py": "import beside_it\n", "beside_it.py": "", "config.json": "{}", "unnamed.json": "{}"})
+    method = CommandMethod("python program.py --from=config.json {recording} {output}", "mine")
+    known = {made_of(method)}
+    (here / "unnamed.json").write_text("[]")
+    assert made_of(method) in known
+    for name in ("program.py", "beside_it.py", "config.json"):
+        (here / name).write_text((here / name).read_text() + "\n")
+        assert made_of(method) not in known
+        known.add(made_of(method))
+
+
+def test_what_lies_in_a_folder_of_results_counts(here: Path) -> None:
+    write(here, {"results/key/depth.npy": "1"})
+    method = ResultsFolder(here / "results", "mine")
+    before = made_of(method)
+    assert made_of(method) == before
+    write(here, {"results/key/depth.npy": "10"})
+    assert made_of(method) != before
