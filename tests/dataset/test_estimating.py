@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import copy
 import json
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import scenetruth as st
@@ -53,6 +55,37 @@ def test_what_has_a_score_is_not_estimated_again_nor_mixed_with_other_settings(m
     name, value = next((key, one) for key, one in settings.items() if isinstance(one, int | float) and one > 1)
     with pytest.raises(EstimateError, match="has scores with other settings"):
         estimate_dataset(made, method, {name: type(value)(value + 1)}, workers=0)
+
+
+WALL = "def f(recording):\n    return {'depth': 0.0 * recording.image[0].values + DEPTH}\n"
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_method_that_is_mended_is_measured_again(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    told: list[str] = []
+
+    def estimate(depth: str, numbers: list[int] | None = None) -> tuple[int, int, int]:
+        (tmp_path / "wall_of_datasets.py").write_text(WALL.replace("DEPTH", depth))
+        sys.modules.pop("wall_of_datasets", None)
+        found = estimate_dataset(made, "wall_of_datasets:f", workers=0, numbers=numbers, notice=told.append)
+        return found.done, found.present, len(found.failed)
+
+    def biases() -> list[float]:
+        return list(st.open_dataset(made).catalogue["score.wall_of_datasets-f.all.depth.bias"])
+
+    assert estimate("{}['nokey']") == (0, 0, 2)
+    assert estimate("100") == (2, 0, 0)
+    before = np.array(biases())
+    assert estimate("100") == (0, 2, 0)
+    told.clear()
+    assert estimate("120", [0]) == (1, 0, 0)
+    assert told == ["the code of 'wall_of_datasets:f' has changed: 2 scores of what it was are made again"]
+    assert np.isnan(biases()).tolist() == [False, True], "no table mixes both"
+    assert estimate("120") == (1, 1, 0)
+    np.testing.assert_allclose(np.array(biases()) - before, 20, atol=1e-3)
+    sys.modules.pop("wall_of_datasets")
 
 
 def test_no_such_method_is_told_first(made: Path) -> None:

@@ -17,6 +17,7 @@ from scenetruth.dataset.shards import extracted, shard_of
 from scenetruth.dataset.shelf import Shelf
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators import MethodChoice, choose
+from scenetruth.estimators.made_of import made_of
 from scenetruth.pipeline import RunFolder, Runner, run_problems
 from scenetruth.placing import write_aside
 from scenetruth.progress import Progress
@@ -43,7 +44,8 @@ def estimate_dataset(
 
     Estimates and scores lie in the samples' folders as those of runs do; of samples in tar files, the score alone is
     kept. Scores come into the catalogue as columns ``score.METHOD.REGION.QUANTITY.STATISTIC``. What has a score
-    already is not estimated again.
+    already is not estimated again, unless the code of a method of your own has changed since: then all of its scores
+    are removed first.
 
     Parameters
     ----------
@@ -84,9 +86,11 @@ def estimate_dataset(
     shelf = Shelf.of(places, sampler, identity)
     there = shelf.present(range(identity.count))
     wanted = sorted(there if numbers is None else there.intersection(numbers))
+    code = made_of(chosen.method)
+    _remove_scores_of_other_code(places, chosen.method, code, notice)
     _refuse_other_settings(places, chosen)
     missing = [number for number in wanted if not score_file(places, chosen.method, number).exists()]
-    arguments = (str(places.path.resolve()), chosen.model_dump_json(), sampler.recipe.samples_per_shard)
+    arguments = (str(places.path.resolve()), chosen.model_dump_json(), sampler.recipe.samples_per_shard, bool(code))
     found = for_each(
         missing,
         try_estimate,
@@ -110,6 +114,26 @@ def _choice(own: MethodChoice, method: str | None, settings: Mapping[str, Any]) 
     return choose({"method": name, **known, **settings})
 
 
+def _remove_scores_of_other_code(
+    places: DatasetFolder, method: str, code: str, notice: Callable[[str], None] | None
+) -> None:
+    """Remove the scores of a method of one's own that were made by other code than it has now."""
+    folder = places.scores(method)
+    file = folder / "made_of.txt"
+    if not code or (file.exists() and file.read_text(encoding="utf-8").strip() == code):
+        return
+    scores = sorted(folder.glob("*/*.json"))
+    if scores and notice is not None:
+        changed = "has changed" if file.exists() else "may have changed"
+        notice(f"the code of '{method}' {changed}: {len(scores):,} scores of what it was are made again")
+    # The mark comes last: whoever is interrupted before removes the rest.
+    for one in (places.scores_table(method), folder / "settings.json", *scores):
+        one.unlink(missing_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    with write_aside(file, overwrite=True) as aside:
+        aside.write_text(code + "\n", encoding="utf-8")
+
+
 def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
     """Refuse to mix scores of one method with different settings."""
     file = places.scores(chosen.method) / "settings.json"
@@ -124,8 +148,11 @@ def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
         aside.write_text(text, encoding="utf-8")
 
 
-def try_estimate(folder: str, choice: str, per_shard: int, number: int) -> Made:
-    """Estimate and score one sample, for whoever works through many: what goes wrong is returned."""
+def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: int) -> Made:
+    """Estimate and score one sample, for whoever works through many: what goes wrong is returned.
+
+    ``anew``: an estimate that lies there may be of other code, and is not used.
+    """
     start = time.perf_counter()
     places, given = DatasetFolder(folder), json.loads(choice)
     chosen = choose({"method": given["method"], **{key: value for key, value in given.items() if key != "method"}})
@@ -133,9 +160,9 @@ def try_estimate(folder: str, choice: str, per_shard: int, number: int) -> Made:
     try:
         if shard.exists():
             with extracted(shard, number) as files:
-                score = _scored(files, chosen)
+                score = _scored(files, chosen, anew)
         else:
-            score = _scored(places.sample(number), chosen)
+            score = _scored(places.sample(number), chosen, anew)
         target = score_file(places, chosen.method, number)
         target.parent.mkdir(parents=True, exist_ok=True)
         row = {"sample": number, "seconds": time.perf_counter() - start, **columns_of(score)}
@@ -146,12 +173,12 @@ def try_estimate(folder: str, choice: str, per_shard: int, number: int) -> Made:
     return Made(number, row, seconds=time.perf_counter() - start)
 
 
-def _scored(folder: Path, chosen: MethodChoice) -> Score:
+def _scored(folder: Path, chosen: MethodChoice, anew: bool) -> Score:
     from scenetruth.scoring import score_settings
 
     with Runner(RunFolder(folder), overwrite=True, limits=Limits()) as runner:
         files = runner.folder.of(chosen.method)
-        if not files.estimate.exists():
+        if anew or not files.estimate.exists():
             runner.estimate(chosen)
         scene = json.loads(runner.recording.attrs["scene"])
         runner.score(chosen.method, score_settings(**scene.get("score", {})))
