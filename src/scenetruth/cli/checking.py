@@ -37,6 +37,7 @@ def print_check(scene: Scene, file: Path, limits: Limits) -> None:
     from scenetruth.pipeline import STAGES, effort_of, run_problems
     from scenetruth.resources import bounded_parts, demand_of, foresee, machine_at, machine_problems
     from scenetruth.resources.glimpse import glimpse_of, without_interior
+    from scenetruth.resources.plausibility import slips_of_units
     from scenetruth.scene.check import describe_scene
 
     try:
@@ -52,7 +53,7 @@ def print_check(scene: Scene, file: Path, limits: Limits) -> None:
     problems = machine_problems(forecast, machine, limits)
     if problems:
         raise MachineError(problems)
-    messages = [*report.warnings, *_print_precision(scene, parts)]
+    messages = [*slips_of_units(scene), *report.warnings, *_print_precision(scene, parts)]
     if without := without_interior(glimpse, scene.score.interior_margin_px):
         messages.append(_interior_warning(without, scene.score.interior_margin_px))
     if glimpse.left_out:

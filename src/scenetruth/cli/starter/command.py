@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["register"]
 
 _BESIDE = "scene.schema.json"
+_SMALL_MM = 1.0
+"""What is smaller, in a file whose unit was not given, is most likely in metres, as glTF is."""
 _NO_UV = (
     "the mesh has no UV coordinates, by which an image is laid on it; OBJ, PLY and GLB (glTF) can carry them, STL and "
     "OFF never do: export it with them, or leave out --texture for noise, which needs none"
@@ -74,6 +76,7 @@ def init(
     ] = None,
 ) -> None:
     """Write a scene to start from, with a sentence on every block and what to change first."""
+    from scenetruth.cli.console import print_warning
     from scenetruth.cli.starter.kinds import cube, leaf
     from scenetruth.cli.starter.mesh import mesh_start, place_mesh
     from scenetruth.errors import Problem, SceneError, visible
@@ -99,6 +102,8 @@ def init(
     _write(start, file, schema)
     if found is not None:
         typer.echo(visible(f"mesh: {found.words}"))
+        if max(found.size_mm) < _SMALL_MM and unit_mm is None:
+            print_warning(f"the mesh is less than {_SMALL_MM:g} mm wide; if its unit is metres: --unit-mm 1000")
     typer.echo(visible(f"written: {file}; what will be made of it: scenetruth check {file}"))
 
 

@@ -118,6 +118,6 @@ def leaf() -> Start:
         frame_interval_s=60,
         blocks=_LIGHT,
         sensor="bit_depth: 12\nnoise_std: 0.002",
-        estimate="# Sees slow growth, and takes a minute or two; structure_tensor takes a second, and does not see it.\n"
+        estimate="# Sees slow growth, and takes a minute or two; structure_tensor takes a second, and does not.\n"
         "method: refined",
     )
