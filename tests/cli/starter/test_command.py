@@ -126,6 +126,16 @@ def test_a_mesh_is_measured_and_told(here: Path) -> None:
     assert math.dist(scene.objects[0].pose.position_mm, (0, 0, 410)) < 1e-9
 
 
+def test_a_tiny_mesh_is_asked_for_its_unit(here: Path) -> None:
+    metres = write_mesh(here / "metres.off", size=(0.04, 0.03, 0.02))
+    done = scenetruth("init", "small.yaml", "--mesh", metres)
+    assert done.returncode == 0, done.stderr
+    assert "warning: the mesh is less than 1 mm wide; if its unit is metres: --unit-mm 1000" in done.stderr
+    # Whoever gives the unit knows it, and what is larger is in mm.
+    for words in (("--mesh", metres, "--unit-mm", "1"), ("--mesh", write_mesh(here / "mm.off"))):
+        assert scenetruth("init", f"{len(words)}.yaml", *words).stderr == ""
+
+
 def test_images_are_laid_on_cubes(here: Path) -> None:
     Image.new("L", (8, 8), 128).save(here / "a picture: grey.png")
     (here / "deep").mkdir()
