@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +12,7 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.errors import Problem
-from scenetruth.estimators import Method, Needs
+from scenetruth.estimators import Method, Needs, own_code
 
 Estimate = Callable[[xr.Dataset], Any]
 
@@ -48,9 +49,20 @@ def raise_zero_division(recording: xr.Dataset) -> xr.Dataset:
     return recording / (1 // 0)
 
 
+def leave(recording: xr.Dataset) -> xr.Dataset:
+    sys.exit(3)
+
+
+HERE = r"[\w/]*test_estimation\.py"
+
+
 @pytest.mark.parametrize(
     ("work", "message"),
     [
+        (leave, rf"method 'doing': failed: it called sys.exit\(3\) \({HERE}:[0-9]+ in leave\)"),
+        (lambda r: raise_zero_division(r), rf"ZeroDivisionError: .* \({HERE}:[0-9]+ in raise_zero_division\)"),
+        (lambda r: np.linalg.inv(np.zeros((2, 2))), rf"Singular matrix \({HERE}:[0-9]+ in <lambda>\)"),
+        (lambda r: st.make_estimate(like=r), rf"method 'doing' \({HERE}:[0-9]+ in <lambda>\)"),
         (raise_zero_division, "method 'doing': failed: ZeroDivisionError"),
         (write_to, "method 'doing': changes the recording that it was given"),
         (lambda _: None, "the method 'doing' returned.*is not an xarray.Dataset.*'NoneType'"),
@@ -72,6 +84,33 @@ def test_what_goes_wrong_is_told_with_the_name_of_the_method(
     with pytest.raises(st.EstimateError, match=f"(?s){message}"):
         st.estimate(recording, method)
     xr.testing.assert_identical(recording, before)
+
+
+def test_what_nobody_has_written_himself_has_no_place(recording: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(given: xr.Dataset) -> Any:
+        return given.attrs["nokey"]
+
+    monkeypatch.setattr(own_code, "is_own_file", lambda file: False)
+    with pytest.raises(st.EstimateError, match=r"failed: KeyError: 'nokey'$"):
+        st.estimate(recording, Doing(fail))
+
+
+def test_an_interruption_is_no_failure_of_a_method(recording: xr.Dataset) -> None:
+    def interrupted(given: xr.Dataset) -> xr.Dataset:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        st.estimate(recording, Doing(interrupted))
+
+
+def test_maps_of_unknown_names_are_told_with_the_known_ones(recording: xr.Dataset) -> None:
+    with pytest.raises(st.EstimateError) as caught:
+        st.estimate(recording, lambda recording: {"dpeth": np.zeros((30, 40)), "like": 1, "quux": 2})
+    told = str(caught.value)
+    assert "dpeth: is nothing that an estimate holds; did you mean 'depth'? Known: depth, disparity, flow," in told
+    assert "quux: is nothing that an estimate holds. Known: depth" in told
+    assert "like: is nothing" in told
+    assert ", like" not in told
 
 
 def test_the_recording_cannot_be_changed_through_its_containers(recording: xr.Dataset) -> None:

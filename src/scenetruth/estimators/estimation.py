@@ -10,6 +10,7 @@ import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem, ScenetruthError, StoreError
 from scenetruth.estimators.choice import validate_settings
+from scenetruth.estimators.own_code import place_of
 from scenetruth.estimators.protocol import Estimator, StreamingMethod
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method
 from scenetruth.estimators.returned import own_arrays, read_only, returned_problems
@@ -197,19 +198,24 @@ class Estimation:
             raise
         except ScenetruthError as error:
             told = getattr(error, "problems", (Problem("", str(error)),))
-            raise EstimateError(told, source=f"method '{name}'") from error
+            place = place_of(error)
+            raise EstimateError(told, source=f"method '{name}'" + (f" ({place})" if place else "")) from error
         except (Warning, OSError) as error:
             # A warning that the caller has turned into an error; a disk that is full.
             if isinstance(error, Warning) or isinstance(self._method, StreamingMethod):
                 raise
             raise self._failure(error) from error
-        except Exception as error:  # whatever the code of a method raises
+        except (Exception, SystemExit) as error:  # whatever the code of a method raises; none may end the program
             raise self._failure(error) from error
 
-    def _failure(self, error: Exception) -> EstimateError:
+    def _failure(self, error: Exception | SystemExit) -> EstimateError:
         message = f"failed: {type(error).__name__}: {error}"
         if isinstance(error, ValueError) and "read-only" in str(error):
             message = f"changes the recording that it was given: {error}; let it work on a copy"
+        elif isinstance(error, SystemExit):
+            message = f"failed: it called sys.exit({'' if error.code is None else repr(error.code)})"
+        place = place_of(error)
+        message += f" ({place})" if place else ""
         return EstimateError([Problem(f"method '{self._method.name}'", message)])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, get_type_hints
@@ -9,6 +10,7 @@ from typing import Any, get_type_hints
 import xarray as xr
 from pydantic import Field, create_model
 
+from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.protocol import Method, MethodSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import make_estimate
@@ -64,8 +66,23 @@ class FunctionMethod(Method):
             given["progress"] = progress
         found = self.function(recording, **given)
         if isinstance(found, Mapping) and not isinstance(found, xr.Dataset):
+            _refuse_strange(found)
             return make_estimate(like=recording, **found)
         return found  # type: ignore[no-any-return]  # whatever it is, it is checked where methods are called
+
+
+def _refuse_strange(found: Mapping[Any, Any]) -> None:
+    """Refuse what a function returns under names that no estimate has."""
+    parameters = inspect.signature(make_estimate).parameters.values()
+    known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY and one.name != "like"]
+    problems = []
+    for name in found:
+        if name not in known:
+            near = difflib.get_close_matches(str(name), known, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else "."
+            problems.append(Problem(str(name), f"is nothing that an estimate holds{hint} Known: {', '.join(known)}"))
+    if problems:
+        raise EstimateError(problems)
 
 
 def _hints_of(function: Callable[..., Any]) -> dict[str, Any]:
