@@ -154,6 +154,33 @@ def test_a_plain_function_is_a_method(
         st.estimate(data[0], "my_methods:nothing")
 
 
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("slips_of_names.py:wall", "leave out .py: slips_of_names:wall "),
+        ("part/slips_of_names.py:wall", "leave out .py: part.slips_of_names:wall "),
+        ("slips_of_names", "named with its module: slips_of_names:FUNCTION "),
+        ("part.slips_of_names", "named with its module: part.slips_of_names:FUNCTION "),
+        ("slips_of_names.py", "named with its module: slips_of_names:FUNCTION "),
+        ("slips_of_nams", "no such method. Installed: "),
+        ("a" * 10_000, "no such method. Installed: "),
+        ("leaves_at_once:f", "module:function: it called sys.exit\\(3\\)"),
+        ("fails_at_once:f", "module:function: ZeroDivisionError: .* \\(fails_at_once.py:2 in <module>\\)"),
+    ],
+)
+def test_files_that_are_named_instead_of_modules(
+    name: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "part").mkdir()
+    (tmp_path / "slips_of_names.py").write_text("")
+    (tmp_path / "part" / "slips_of_names.py").write_text("")
+    (tmp_path / "leaves_at_once.py").write_text("import sys\nsys.exit(3)\n")
+    (tmp_path / "fails_at_once.py").write_text("\n1 / 0\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(st.EstimateError, match=message):
+        find_method(name)
+
+
 def test_a_function_itself_will_do(data: tuple[xr.Dataset, xr.Dataset]) -> None:
     def wall(recording: xr.Dataset, depth_mm: float = 700.0) -> dict[str, np.ndarray]:
         return {"depth": np.full(recording["image"].shape[-3:], depth_mm)}

@@ -12,9 +12,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.own_code import place_of
 
 if TYPE_CHECKING:
     from scenetruth.estimators.protocol import Estimator
@@ -27,6 +29,7 @@ ENTRY_POINTS = "scenetruth.estimators"
 """Group of entry points under which packages offer methods."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
+_DOTTED = re.compile(r"[\w.]{1,200}")
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,8 @@ def find_method(name: object) -> Estimator:
     if not entries:
         import difflib
 
+        if hint := _file_hint(name):
+            raise _refused(hint, name)
         known = sorted({entry.name for entry in method_entries()})
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else "."
@@ -214,12 +219,36 @@ def _name_problem(name: str, names: list[str], taken: set[str]) -> str:
 
 def _attribute_of(path: str) -> Any:
     module, _, attribute = path.partition(":")
+    if module.endswith(".py"):
+        raise _refused(f"names a file, not a module; leave out .py: {_module_of(module)}:{attribute}", path)
     try:
         with _searched(os.getcwd()):
             return getattr(importlib.import_module(module), attribute)
-    except Exception as error:  # whatever a user's module raises
-        message = f"cannot be imported as module:function: {type(error).__name__}: {error}"
-        raise _refused(message, path) from error
+    except (Exception, SystemExit) as error:  # whatever a user's module raises
+        told = f"it called sys.exit({error.code!r})" if isinstance(error, SystemExit) else _told(error)
+        raise _refused(f"cannot be imported as module:function: {told}", path) from error
+
+
+def _told(error: BaseException) -> str:
+    place = place_of(error)
+    return f"{type(error).__name__}: {error}" + (f" ({place})" if place else "")
+
+
+def _file_hint(name: str) -> str:
+    """Return what to write instead of the name of a module; empty if it is that of none in the current folder."""
+    dotted = _DOTTED.fullmatch(name) is not None
+    if not name.endswith(".py") and not (dotted and Path(f"{name.replace('.', '/')}.py").is_file()):
+        return ""
+    module = _module_of(name) if name.endswith(".py") else name
+    return f"no such method; a function of one's own is named with its module: {module}:FUNCTION"
+
+
+def _module_of(file: str) -> str:
+    """Return what Python calls the module in a file, from the current folder."""
+    path = Path(file).with_suffix("")
+    if path.is_absolute() and path.is_relative_to(Path.cwd()):
+        path = path.relative_to(Path.cwd())
+    return path.name if path.is_absolute() or ".." in path.parts else ".".join(path.parts)
 
 
 @contextmanager
@@ -243,7 +272,7 @@ def _made(found: Any, name: str) -> Estimator:
             found = found()
         elif callable(found) and not hasattr(found, "estimate"):
             found = FunctionMethod(found, name)
-    except Exception as error:  # whatever a plug-in's code raises
+    except (Exception, SystemExit) as error:  # whatever a plug-in's code raises
         raise _refused(f"cannot be made: {type(error).__name__}: {error}", name) from error
     wrong = []
     if not isinstance(found, Estimator):
