@@ -194,6 +194,24 @@ def test_the_command(tmp_path: Path) -> None:
     assert "contrast" in scenetruth("compare", "--list").stdout
 
 
+def leaving(recording: xr.Dataset) -> dict[str, Any]:
+    sys.exit(3)
+
+
+def test_what_failed_is_told_line_by_line_and_where(tmp_path: Path) -> None:
+    mine = f"{__name__}:failing", f"{__name__}:leaving"
+    words = ["--case", "phase_of_flow", "--value", "0", "--workers", "0", "-o", str(tmp_path / "c")]
+    done = scenetruth("compare", *mine, *words)
+    assert done.returncode == 1
+    first, *rest = [line for line in done.stderr.splitlines() if "method" in line or "nothing told" in line]
+    assert first == f"nothing told: phase_of_flow at 0: {mine[0]}: 1 problem with the estimate:"
+    assert rest[0].startswith(f"      - method '{mine[0]}': failed: ZeroDivisionError: no idea (")
+    assert rest[0].endswith(" in failing)")
+    assert "failed: it called sys.exit(3) (" in rest[2]
+    page = (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
+    assert f'<li style="white-space: pre-wrap">phase_of_flow at 0: {mine[0]}: 1 problem' in page
+
+
 def test_results_made_elsewhere_are_compared_as_if_made_here(tmp_path: Path) -> None:
     (place,) = write_recordings(tmp_path / "recordings", **QUICK, images="npy")
     assert write_recordings(tmp_path / "recordings", **QUICK, images="npy") == [place]

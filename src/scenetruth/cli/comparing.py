@@ -177,4 +177,5 @@ def _print_summary(found: Comparison) -> None:
             table.add_row(escape(str(name)), *("–" if one != one else f"{one:.2g}" for one in numbers))
         Console().print(table)
     for line in found.failures:
-        typer.echo(f"nothing told: {visible(line, lines=False)}", err=True)
+        # Whatever a method says stands below, and cannot be taken for a line of ours.
+        typer.echo("nothing told: " + visible(line).replace("\n", "\n    "), err=True)
