@@ -28,7 +28,8 @@ def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(sc
     assert f"{format_percent(inner['depth']['relative_rms'])} % of the true value" in depth.rest
     spread = viewer.spread["depth"]
     assert inner["depth"]["rms"] is not None
-    assert f"{format_percent(inner['depth']['rms'] / spread)} % of the standard deviation of the true depth" in depth.rest
+    varies = f"{format_percent(inner['depth']['rms'] / spread)} % of the standard deviation of the true depth there"
+    assert varies in depth.rest
     assert motion.figure == format_number(inner["velocity_endpoint"]["rms"])
     assert motion.layer == "velocity_endpoint:error"
     assert motion.place == viewer.worst["velocity_endpoint"]
