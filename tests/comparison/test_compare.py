@@ -212,6 +212,21 @@ def test_what_failed_is_told_line_by_line_and_where(tmp_path: Path) -> None:
     assert f'<li style="white-space: pre-wrap">phase_of_flow at 0: {mine[0]}: 1 problem' in page
 
 
+def in_metres(recording: xr.Dataset) -> dict[str, Any]:
+    return {"depth": nearest(recording)["depth"] / 1000}
+
+
+def test_likely_slips_are_told(tmp_path: Path) -> None:
+    slipping, right = f"{__name__}:in_metres", f"{__name__}:nearest"
+    words = ["--case", "phase_of_flow", "--value", "0", "--value", "0.25", "--workers", "0", "-o", str(tmp_path / "c")]
+    for _ in range(2):
+        done = scenetruth("compare", slipping, right, *words)
+        (told,) = [line for line in done.stderr.splitlines() if "slip:" in line]
+        assert told.startswith(f"likely slip: {slipping}: depth is in metres: ")
+        assert told.endswith(" (at 2 of 2 scenes)")
+    assert "<h3>Likely slips</h3>" in (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
+
+
 def test_results_made_elsewhere_are_compared_as_if_made_here(tmp_path: Path) -> None:
     (place,) = write_recordings(tmp_path / "recordings", **QUICK, images="npy")
     assert write_recordings(tmp_path / "recordings", **QUICK, images="npy") == [place]

@@ -176,6 +176,8 @@ def _print_summary(found: Comparison) -> None:
             numbers = list(cells)[first : first + _BESIDE]
             table.add_row(escape(str(name)), *("–" if one != one else f"{one:.2g}" for one in numbers))
         Console().print(table)
+    for line in found.slips:
+        typer.echo(f"likely slip: {visible(line, lines=False)}", err=True)
     for line in found.failures:
         # Whatever a method says stands below, and cannot be taken for a line of ours.
         typer.echo("nothing told: " + visible(line).replace("\n", "\n    "), err=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -125,12 +126,14 @@ def compare(
         )
         rows: list[Row] = []
         failures = list(done.failed.values())
+        slips: Counter[str] = Counter()
         for number, point in enumerate(points):
             if number in done.failed:
                 continue
             measured = read_measured(job.path(number))
             rows += measured.rows
             failures += [f"{point.case} at {point.name}: {label}: {why}" for label, why in measured.failures.items()]
+            slips.update(f"{label}: {told}" for label, found_here in measured.slips.items() for told in found_here)
         for case in chosen:
             rows += list(case.conclusions([row for row in rows if row.case == case.kind]))
         rows += list(product_rows(rows))
@@ -141,6 +144,7 @@ def compare(
             failures,
             None if folder is None else place,
             [one.label for one in contestants if one.is_own],
+            [f"{told} (at {count} of {len(points)} scenes)" for told, count in slips.most_common()],
         )
         if folder is not None:
             _write_tables(found, place)

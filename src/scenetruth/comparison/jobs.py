@@ -125,6 +125,7 @@ def measure_one(job: Job, number: int) -> Made:
             "rows": [row.to_plain() for row in found.rows],
             "failures": found.failures,
             "settled": found.settled,
+            "slips": {label: told for label, told in found.slips.items() if told},
         }
         path.parent.mkdir(parents=True, exist_ok=True)
         if found.maps is not None:
@@ -149,7 +150,7 @@ def read_measured(path: Path) -> Measured:
     try:
         plain = parse_json(path.read_bytes())
         rows = [Row.from_plain(row) for row in plain["rows"]]
-        return Measured(rows, dict(plain["failures"]))
+        return Measured(rows, dict(plain["failures"]), slips=dict(plain.get("slips", {})))
     except (OSError, ValueError, KeyError, TypeError) as error:
         message = f"is damaged: {error}; remove it, and run the comparison again"
         raise StoreError(path, message) from error

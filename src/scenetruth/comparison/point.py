@@ -6,7 +6,7 @@ import math
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,11 +19,11 @@ from scenetruth.comparison.maps import Maps, maps_of
 from scenetruth.comparison.measures.figures import figure_rows
 from scenetruth.comparison.memory import PeakMemory
 from scenetruth.comparison.rows import BOUND, OWN, Row
-from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning
+from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, ScoreError
 from scenetruth.estimators import prepare
 from scenetruth.randomness import generator_for
 from scenetruth.scene import scene_from_plain
-from scenetruth.scoring import units_of
+from scenetruth.scoring import find_slips, units_of
 from scenetruth.scoring.regions import seen_throughout
 from scenetruth.simulation import simulate
 
@@ -69,6 +69,8 @@ class Measured:
         Why methods have given nothing, by label.
     settled
         Labels of those whose failures need not be tried again: installed methods that refuse the recording.
+    slips
+        Likely slips of convention in what methods of others and of one's own gave, by label.
     maps
         What is pictured; None where nothing is measured in pixels, or figures were read from a file.
     """
@@ -76,6 +78,7 @@ class Measured:
     rows: list[Row] = field(default_factory=list)
     failures: dict[str, str] = field(default_factory=dict)
     settled: list[str] = field(default_factory=list)
+    slips: dict[str, list[str]] = field(default_factory=dict)
     maps: Maps | None = None
 
 
@@ -115,6 +118,9 @@ def measure(case: Case, point: Point, contestants: Sequence[Contestant]) -> Meas
                     continue
                 took = time.perf_counter() - took
                 estimates[one.label] = maps
+                if seed == 0 and not one.is_own:
+                    with suppress(ScoreError):
+                        measured.slips[one.label] = [slip.message for slip in find_slips(maps, truth)]
                 for name, number, unit in (("seconds", took, "s"), ("peak_memory", held.megabytes, "MB")):
                     measured.rows.append(Row(case.kind, first, one.label, "", OWN, name, number, at=seed, unit=unit))
             found.append(Found(estimates, truth, recording, first))

@@ -36,6 +36,8 @@ class Comparison:
         Where it lies; None if it was not kept.
     own
         Labels of the methods whose algorithms are scenetruth's own.
+    slips
+        Likely slips of convention in what all other methods gave, as of `scenetruth.scoring.find_slips`: lines to read.
 
     See Also
     --------
@@ -70,6 +72,7 @@ class Comparison:
     failures: Sequence[str] = field(default=(), repr=False)
     folder: Path | None = None
     own: Sequence[str] = ()
+    slips: Sequence[str] = field(default=(), repr=False)
 
     def to_frame(self) -> pd.DataFrame:
         """Return all figures, a row each.

@@ -64,6 +64,7 @@ def write_page(
         efficiency=_efficiency(found),
         efficiency_short=_efficiency_short(found),
         failures=found.failures,
+        slips=found.slips,
         worst=worst_places(found, maps or {}),
         scale="; ".join(scale_words()),
     )
