@@ -101,3 +101,13 @@ def test_the_schema_describes_every_kind() -> None:
     assert {"Uniform", "Choice", "Table", "VisibleShare"} <= set(schema["$defs"])
     assert "Examples" not in json.dumps(schema)
     assert schema["properties"]["vary"]["description"]
+
+
+def test_a_card_from_before_is_told_of(tmp_path: Path) -> None:
+    assert "its card" not in call("run", written(tmp_path, samples=1), "-o", tmp_path / "tiles")
+    call("card", tmp_path / "tiles")
+    output = call("run", written(tmp_path, samples=2), "-o", tmp_path / "tiles", "--extend")
+    told = "its card tells of it as it was before: scenetruth dataset card"
+    assert told in output
+    call("card", tmp_path / "tiles", "--overwrite")
+    assert told not in call("run", written(tmp_path, samples=2), "-o", tmp_path / "tiles")

@@ -146,6 +146,8 @@ def run(
             notice=reporter.say,
         )
     _echo(f"written: {output}: {outcome.made:,} samples made, {outcome.present:,} were there")
+    if outcome.made and outcome.folder.card.exists():
+        _echo(f"its card tells of it as it was before: scenetruth dataset card {output} --overwrite", err=True)
     if outcome.failed:
         _echo(
             f"{len(outcome.failed):,} samples failed; see {outcome.folder.failed}, and run again to try them", err=True
