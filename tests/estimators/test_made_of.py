@@ -66,10 +66,24 @@ def test_a_file_and_what_it_imports_beside_it_count_and_nothing_else(here: Path)
     assert made_of("own_a:f") in known
     for part in parts:
         (here / part).write_text((here / part).read_text() + "# changed\n")
+        importlib.reload(sys.modules["own_a"])
         assert made_of("own_a:f") not in known
         known.add(made_of("own_a:f"))
     function: Any = importlib.import_module("own_a").f
     assert {made_of(function), made_of(functools.partial(function))} <= known
+
+
+def test_code_that_was_not_loaded_again_is_nobodys(here: Path) -> None:
+    write(here, {"own_c.py": METHOD})
+    first = made_of("own_c:f")
+    assert made_of("own_c:f") == first
+    write(here, {"own_c.py": METHOD + "# changed\n"})
+    # The old code still runs in this process: what it gives must not be taken for that of the new file.
+    outdated = {made_of("own_c:f"), made_of("own_c:f")}
+    importlib.reload(sys.modules["own_c"])
+    fresh = made_of("own_c:f")
+    assert len({first, fresh, *outdated}) == 4
+    assert made_of("own_c:f") == fresh
 
 
 def test_what_is_typed_into_a_session_is_known_by_itself() -> None:
@@ -94,6 +108,7 @@ def test_files_that_a_command_names_count(here: Path) -> None:
         (here / name).write_text((here / name).read_text() + "\n")
         assert made_of(method) not in known
         known.add(made_of(method))
+        assert made_of(method) in known, "the same files are the same program"
 
 
 def test_what_lies_in_a_folder_of_results_counts(here: Path) -> None:
