@@ -15,6 +15,7 @@ from sphinx.environment import BuildEnvironment
 from sphinx.transforms import SphinxTransform
 from sphinx.util.osutil import relative_uri
 
+from scenetruth.pages.plotly_script import plotly_script
 from scenetruth_site.api import documented_names
 from scenetruth_site.generated import fill_in, generated_parts
 from scenetruth_site.site_text import site_text
@@ -114,8 +115,7 @@ def _copy_shared(app: Sphinx, failure: Exception | None) -> None:
         return
     target = Path(app.outdir, INTERACTIVE)
     shutil.copytree(pages, target, dirs_exist_ok=True)
-    with resources.as_file(resources.files("plotly") / "package_data" / "plotly.min.js") as file:
-        shutil.copyfile(file, target / "plotly.min.js")
+    (target / "plotly.min.js").write_text(plotly_script(), encoding="utf-8")
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
