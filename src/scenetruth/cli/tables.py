@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -108,11 +109,16 @@ def _size_in(plain: Mapping[str, Any]) -> str:
 
 
 def console() -> Console:
-    """Return a console on standard output, wide enough for tables where it is no terminal; brackets are no markup."""
+    """Return a console on standard output; brackets are no markup.
+
+    Where it is no terminal, and ``COLUMNS`` says no width, it is wide enough for tables.
+    """
     from rich.console import Console
 
     console = Console(markup=False, emoji=False, highlight=False)
-    return console if console.is_terminal else Console(width=120, markup=False, emoji=False, highlight=False)
+    if console.is_terminal or "COLUMNS" in os.environ:
+        return console
+    return Console(width=120, markup=False, emoji=False, highlight=False)
 
 
 def print_score(scored: Score, method: str = "") -> None:
@@ -156,6 +162,10 @@ _MAIN = (
 """Of each of these, the first that a score has is a main figure."""
 
 
+_ALL_FIGURES = 72
+"""So many letters of a line have room for all columns."""
+
+
 def print_main_figures(scored: Score, method: str) -> None:
     """Print how large the errors of depth, motion and growth are in the interior; all else is in the page and files."""
     from rich.table import Table
@@ -166,9 +176,11 @@ def print_main_figures(scored: Score, method: str) -> None:
 
     shown, interior = shown_quantities(scored.regions, grows=scored.grows), scored.regions["interior"]
     table = Table(title=visible(f"errors of {method}, region interior", lines=False), title_justify="left")
-    table.add_column("quantity")
-    for heading in ("rms", "median", "unit", "rms, rel.", "density"):
-        table.add_column(heading, justify="left" if heading == "unit" else "right")
+    table.add_column("quantity", min_width=13)
+    # What finds no room is left out: no figure loses digits.
+    headings = ("rms", "median", "unit", "rms, rel.", "density")[: 5 if console().width >= _ALL_FIGURES else 3]
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading == "unit" else "right", no_wrap=True)
     for name in (next((one for one in several if one in shown), None) for several in _MAIN):
         if name is None:
             continue
@@ -177,7 +189,7 @@ def print_main_figures(scored: Score, method: str) -> None:
         )
         shares = ("–" if value is None else f"{100 * value:.3g} %" for value in (relative, density))
         values = ("–" if value is None else f"{value:.3g}" for value in (rms, median))
-        table.add_row(title_of(name), *values, units_of(name), *shares)
+        table.add_row(title_of(name), *[*values, units_of(name), *shares][: len(headings)])
     console().print(table)
 
 
