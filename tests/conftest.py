@@ -15,6 +15,9 @@ if "SCENETRUTH_TESTS" not in os.environ:
     os.environ["SCENETRUTH_TESTS"] = os.environ["SCENETRUTH_CACHE"] = tempfile.mkdtemp(prefix="scenetruth-tests-")
     atexit.register(shutil.rmtree, os.environ["SCENETRUTH_TESTS"], ignore_errors=True)
 
+# What is printed is looked at as in a pipe, whatever the width of the terminal that the tests are run from.
+os.environ.pop("COLUMNS", None)
+
 # Kernels are compiled at their first call, and machines are busy: how long an example takes says nothing. There are
 # half as many as usual by day, and many more by night.
 settings.register_profile("without_deadlines", deadline=None, max_examples=50)
