@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
+from scenetruth.resources import glimpse
 from scenetruth.resources.demand import parts_of
 from scenetruth.resources.glimpse import glimpse_of, without_interior
 from scenetruth.scene import Scene
@@ -106,3 +108,23 @@ def test_meshes_that_take_long_to_read_are_left_out(tmp_path: Path, monkeypatch:
     monkeypatch.setattr("scenetruth.scene.mesh.file._QUICKLY_READ", 10)
     glimpse = glimpse_of(scene, parts_of(scene)[0])
     assert glimpse.left_out == [scene.objects[0].name]
+
+
+def test_surfaces_that_begin_at_the_camera_take_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(glimpse, "_MOST_PIECES", 500)
+    monkeypatch.setattr(glimpse, "_ALL_PIECES", 2_000)
+    made: list[int] = []
+    cut = glimpse._cut
+
+    def counted(pieces: NDArray[np.float64]) -> NDArray[np.float64]:
+        made.append(4 * len(pieces))
+        return cut(pieces)
+
+    monkeypatch.setattr(glimpse, "_cut", counted)
+    # Seen edge on, from a hair before the camera to far away.
+    floor = np.array([[[-1e3, 1e-3, 1e-3], [1e3, 1e-3, 1e-3], [0.0, 1e3, 1e6]]])
+    depth, body = glimpse._picture([floor], cube().camera)
+    assert sum(made) > 500
+    assert max(made) <= 2_000
+    assert depth.shape == body.shape
+    assert np.isfinite(depth).any()

@@ -198,6 +198,10 @@ def _moments(scene: Scene, bodies: int) -> list[float]:
     return sorted({*chosen, 0.0})
 
 
+_ALL_PIECES = 4_000_000
+"""So many fit into a gigabyte with all that is made of them."""
+
+
 def _picture(corners: Sequence[NDArray[np.float64]], camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the depth of what is nearest in every pixel of a small picture, and which body it is."""
     for width_px in _WIDTHS_PX[:-1]:
@@ -228,8 +232,12 @@ def _drawn(
         (left, right), (top, bottom) = _ends(x), _ends(y)
         seen = (right >= -0.5) & (left < camera.width - 0.5) & (bottom >= -0.5) & (top < camera.height - 0.5)
         large = seen & (np.maximum(right - left, bottom - top) > 1.0)
-        if made + 4 * np.count_nonzero(large) > most_pieces:
+        pieces_then = made + 4 * np.count_nonzero(large)
+        if pieces_then > most_pieces:
             return None
+        if pieces_then > _ALL_PIECES:
+            # Surfaces that begin at the camera have no end of them: the rest counts as it is.
+            large = np.zeros_like(large)
         small = seen & ~large
         middle = (pieces[small, 0] + pieces[small, 1] + pieces[small, 2]) / 3
         _splat(middle, body[small], camera, depth, object_id)
