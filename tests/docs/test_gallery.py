@@ -12,5 +12,5 @@ def test_every_scene_is_shown() -> None:
     scenes = sorted(file.stem for file in (ROOT / "scenes").glob("*.yaml"))
     assert [line.split("]")[0].removeprefix("## [") for line in page.splitlines() if line.startswith("## [")] == scenes
     for name in scenes:
-        assert f"(gallery/{name}.png)" in page
+        assert f"![The scene {name}: image, depth, and how it moves](gallery/{name}.png)" in page
         assert (ROOT / "docs" / "gallery" / f"{name}.png").is_file()

@@ -17,13 +17,8 @@ def test_all_scenes_of_the_library_are_among_those_that_are_changed() -> None:
     assert len(base_trees()) > len(LIBRARY)
 
 
-# The same files every day: others are tried by night, where a process of their own bounds what they take.
 @by_day
-@settings(
-    max_examples=120,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
+@settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(content=scene_files())
 def test_any_file_gives_a_scene_or_an_error_of_ours(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "scene.yaml"

@@ -162,3 +162,10 @@ def test_refined_cameras_may_be_larger_than_those_of_scenes() -> None:
     assert (fine.width, fine.height, fine.focal_px) == (4 * 32774, 32, 8000)
     point = np.array([[3.0, 2.0, 1000.0]])
     np.testing.assert_allclose(fine.project(point), (camera.project(point) + 3.5) * 4 - 0.5)
+
+
+def test_a_plant_at_the_bound_of_places_has_leaves() -> None:
+    leaf = {"kind": "leaf", "length_mm": 30, "resolution_mm": 2, "petiole": {"length_mm": 20, "diameter_mm": 2}}
+    plant = {"name": "p", "kind": "rosette", "leaf": leaf, "leaves": 4, "texture": {"kind": "leaf"}}
+    scene = st.scene_from_plain(PLAIN | {"plants": [plant | {"position_mm": [LARGEST, 0, 600]}]})
+    assert max(part.pose.position_mm[0] for _, part in scene.parts) > LARGEST

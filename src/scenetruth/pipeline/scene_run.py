@@ -164,7 +164,14 @@ def run_scene(
         figure_help(helpers if "report" in stages else 0) as helper,
         _compiling_beside(helper, scene, choices if {"render", "estimate"} <= set(stages) else ()),
         Runner(
-            RunFolder(folder, scene.estimate.method), overwrite, check, progress, notice, helper, allowed, asked
+            RunFolder(folder, scene.estimate.method),
+            overwrite=overwrite,
+            check=check,
+            progress=progress,
+            notice=notice,
+            helper=helper,
+            limits=allowed,
+            asked=asked,
         ) as runner,
     ):
         if "render" in stages:

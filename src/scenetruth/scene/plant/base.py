@@ -106,7 +106,8 @@ def _leaf(plant: PlantModel, number: int, place: LeafPlace) -> SceneObject:
         name=f"{plant.name}/leaf-{number + 1}",
         mesh=place.mesh,
         texture=plant.texture,
-        pose=Pose(position_mm=(float(x), float(y), float(z)), rotations=rotations),
+        # A leaf may stand beyond the bounds of what a file may say, by as much as the plant is large.
+        pose=Pose(rotations=rotations).model_copy(update={"position_mm": (float(x), float(y), float(z))}),
         deformation=tuple(deformation),
         motion=tuple(_about(entry, plant) for entry in plant.motion),
     )
