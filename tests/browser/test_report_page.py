@@ -181,6 +181,12 @@ def test_keys_move_the_cursor_and_take_profiles(page: Any) -> None:
     assert f"column x = {now['x']}" in page.locator("#profile-charts .title").first.text_content()
 
 
+def test_the_profile_begins_at_the_cursor_in_the_middle(page: Any) -> None:
+    now = page.evaluate("({...scenetruthReport.cursor})")
+    assert now == {"x": (WIDTH - 1) // 2, "y": (HEIGHT - 1) // 2}
+    assert page.locator("#profile-at").input_value() == str(now["y"])
+
+
 def test_sliders_choose_images_and_estimates(page: Any, case: Case) -> None:
     point_at(page, 90, 50, panel=1)
     image = case.recording["image"]

@@ -2,7 +2,7 @@
 
 const tables = Object.fromEntries(Object.entries(data.colours).map(([name, text]) => [name, Uint8Array.from(atob(text), (one) => one.charCodeAt(0))]));
 const view = {scale: 1, x: 0, y: 0};
-const cursor = {x: Math.floor(data.width / 2), y: Math.floor(data.height / 2)};
+const cursor = {x: Math.floor((data.width - 1) / 2), y: Math.floor((data.height - 1) / 2)};
 const panels = [];
 const outlines = new Map(), shownRegions = new Set();
 const REGION_COLOURS = {interior: "#e69f00", edges: "#ff3b30", hidden: "#cc79a7"};
