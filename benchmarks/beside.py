@@ -11,8 +11,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
-from scenetruth.scoring.regions import further_regions, main_regions, seen_throughout
+from scenetruth.estimators.method_settings import StructureTensorSettings
+from scenetruth.scoring.regions import further_regions, main_regions, visible_throughout
 from scenetruth.settings import ScoreSettings
 
 __all__ = ["METHODS", "SCENES", "beyond", "estimated", "scene_of"]
@@ -56,7 +56,7 @@ def beyond(found: xr.Dataset, truth: xr.Dataset) -> dict[str, tuple[float, float
     truth
         The whole truth of the reference camera.
     """
-    throughout, exact = seen_throughout(truth), truth.sel(t=found["t"].values)
+    throughout, exact = visible_throughout(truth), truth.sel(t=found["t"].values)
     masks = main_regions(exact, ScoreSettings().interior_margin_px)
     masks |= further_regions(exact, masks["interior"], ScoreSettings(), throughout=throughout)
     known = found["kind"].values == 2

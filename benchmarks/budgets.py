@@ -17,7 +17,7 @@ from benchmarks.beside import scene_of
 from benchmarks.imperfections import EFFECTS, IDEAL
 from benchmarks.jobs import arguments, ends, heading, line, number
 
-from scenetruth.design.budget import budget
+from scenetruth.design.uncertainty import budget
 
 QUANTITIES = ("depth", "velocity_x", "velocity_z", "growth_rate")
 SMALL = ["camera.width=320", "camera.height=240", "render.backend=raycast", "render.supersampling=2"]

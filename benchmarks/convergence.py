@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from tests.estimators.refined.surface import MovingPlane
 
 import scenetruth as st
-from scenetruth.estimators.frame_reader import FrameReader
-from scenetruth.estimators.refined.frames import Splines
-from scenetruth.estimators.refined.images import Images
-from scenetruth.estimators.refined.parameters import STEADY_PLACES
-from scenetruth.estimators.refined.rounds import refine
-from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.estimators.method_settings import RefinedSettings
+from scenetruth.estimators.protocol import FrameReader
+from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
+from scenetruth.estimators.refined.image_stack import ImageStack, Splines
+from scenetruth.estimators.refined.iterations import refine
 from scenetruth.indexing import centred_indices
 
 Array = NDArray[np.float64]
@@ -65,7 +64,7 @@ def from_start(wavelengths: tuple[float, float], what: str, off_px: float) -> fl
         places = np.stack([across, np.zeros(CAMERAS)], axis=-1)
         height, width = plane.size
         centre, moved = ((width - 1) / 2, (height - 1) / 2), np.zeros((CAMERAS * FRAMES, 4))
-        images = Images(splines, places, times, plane.focal_px, centre, moved)
+        images = ImageStack(splines, places, times, plane.focal_px, centre, moved)
         x = np.arange(width) - (width - 1) / 2
         y = (np.arange(height) - (height - 1) / 2)[:, None]
         for field, sign in WAYS[what]:

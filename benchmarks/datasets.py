@@ -35,14 +35,14 @@ import pyarrow.parquet as pq
 import yaml
 from tests.dataset.conftest import RECIPE
 
-from scenetruth.dataset.catalogue.store import CatalogueWriter
-from scenetruth.dataset.engine.workers import LocalWorkers
-from scenetruth.dataset.folder import DatasetFolder
-from scenetruth.dataset.identity import begin
-from scenetruth.dataset.recipe.load import recipe_from_plain
-from scenetruth.dataset.run import run_dataset, status_of
-from scenetruth.dataset.sample import Made, make_sample, scene_of, try_sample
+from scenetruth.dataset.catalogue import CatalogueWriter
+from scenetruth.dataset.executors import ProcessExecutor
+from scenetruth.dataset.fingerprint import begin_dataset
+from scenetruth.dataset.generation import read_status, run_dataset
+from scenetruth.dataset.layout import DatasetFolder
+from scenetruth.dataset.recipe_loader import recipe_from_plain
 from scenetruth.dataset.sampler import Sampler
+from scenetruth.dataset.samples import SampleResult, build_sample_scene, make_sample, try_sample
 
 SCENES = Path(__file__).parents[1] / "scenes"
 CUBES: dict[str, Any] = {
@@ -85,11 +85,11 @@ class Clock:
         return (self.at[-1] - self.at[skip]) / (len(self.at) - 1 - skip)
 
 
-def bare(folder: str, number: int) -> Made:
+def bare(folder: str, number: int) -> SampleResult:
     """Make images and truth of a sample, and nothing else."""
-    from scenetruth.dataset.sample import _opened
+    from scenetruth.dataset.samples import _opened
     from scenetruth.simulation import simulate_into
-    from scenetruth.truth import TruthChoice
+    from scenetruth.truth import TruthOptions
 
     sampler, identity = _opened(folder, 0)
     target = Path(folder) / "bare" / str(number)
@@ -97,9 +97,9 @@ def bare(folder: str, number: int) -> Made:
     start = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        simulate_into(target, scene_of(sampler, identity, sampler.draw(number)), TruthChoice())
+        simulate_into(target, build_sample_scene(sampler, identity, sampler.draw(number)), TruthOptions())
     shutil.rmtree(target)
-    return Made(number, seconds=time.perf_counter() - start)
+    return SampleResult(number, seconds=time.perf_counter() - start)
 
 
 def throughput(folder: Path, samples: int = 200) -> None:
@@ -114,8 +114,8 @@ def throughput(folder: Path, samples: int = 200) -> None:
     same = contents(folder / "by1") == contents(folder / "by2")
     print(f"bytes are {'the same' if same else 'NOT the same'}")
     # In one process of the same kind, one after the other.
-    begin(DatasetFolder(folder / "bare"), sampler)
-    workers = LocalWorkers(1)
+    begin_dataset(DatasetFolder(folder / "bare"), sampler)
+    workers = ProcessExecutor(1)
     count = min(samples, 60)
     took = [workers.submit(bare, str(folder / "bare"), number).result().seconds for number in range(count)]
     workers.close()
@@ -153,7 +153,7 @@ def tiny(folder: Path, samples: int = 2000) -> None:
 
 def resume(folder: Path, samples: int = 10_000) -> None:
     places, sampler = DatasetFolder(folder / "resume"), tiles(samples)
-    row = make_sample(sampler, begin(places, sampler), 0, places.sample(0))
+    row = make_sample(sampler, begin_dataset(places, sampler), 0, places.sample(0))
     writer = CatalogueWriter(places, sampler)
     for number in range(samples):
         if number:
@@ -167,8 +167,8 @@ def resume(folder: Path, samples: int = 10_000) -> None:
 
 
 def memory(folder: Path, samples: int = 300) -> None:
-    begin(DatasetFolder(folder / "memory"), cubes(samples))
-    workers = LocalWorkers(1)
+    begin_dataset(DatasetFolder(folder / "memory"), cubes(samples))
+    workers = ProcessExecutor(1)
     for number in range(samples):
         workers.submit(try_sample, str(folder / "memory"), number).result()
         if (number + 1) % 30 == 0:
@@ -194,7 +194,7 @@ def kills(folder: Path, samples: int = 200, wanted: int = 100) -> None:
             what = generator.choice(list(counts))
             counts[what] += _kill(run.pid, what)
         run.wait()
-    print("killed:", counts, f"; {status_of(killed).done} of {samples} samples were there", flush=True)
+    print("killed:", counts, f"; {read_status(killed).done} of {samples} samples were there", flush=True)
     while subprocess.run(command, check=False, capture_output=True).returncode:
         time.sleep(1)
     run_dataset(recipe_from_plain({**copy.deepcopy(RECIPE), "samples": samples}), folder / "calm", workers=2)
@@ -222,22 +222,22 @@ def _command_of(process: int) -> str:
         return ""
 
 
-def sleep(seconds: float, number: int) -> Made:
+def sleep(seconds: float, number: int) -> SampleResult:
     time.sleep(seconds)
-    return Made(number)
+    return SampleResult(number)
 
 
 def sleeping(folder: Path, samples: int = 10_000, seconds: float = 0.5, threads: int = 100) -> None:
     from distributed import LocalCluster
 
-    from scenetruth.dataset.engine.drive import Drive
-    from scenetruth.dataset.engine.workers import DaskWorkers
+    from scenetruth.dataset.executors import DaskExecutor
+    from scenetruth.dataset.scheduler import SampleScheduler
 
     with LocalCluster(n_workers=2, threads_per_worker=threads // 2, dashboard_address=":0") as found:
-        crew = DaskWorkers(found.scheduler_address)
-        done: list[Made] = []
+        crew = DaskExecutor(found.scheduler_address)
+        done: list[SampleResult] = []
         start, used = time.perf_counter(), time.process_time()
-        Drive(crew, sleep, (seconds,), done.append, lambda *_: None, print).run(range(samples))
+        SampleScheduler(crew, sleep, (seconds,), done.append, lambda *_: None, print).run(range(samples))
         wall, taken = time.perf_counter() - start, time.process_time() - used
         crew.close()
     ideal = samples * seconds / threads

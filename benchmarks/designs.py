@@ -18,18 +18,22 @@ from typing import Any
 
 import numpy as np
 
-from scenetruth.dataset.engine.each import for_each
-from scenetruth.dataset.engine.workers import workers_of
-from scenetruth.dataset.unfit import versions_here
-from scenetruth.design.optimise import Design, load_goal, optimise
-from scenetruth.design.optimise.confirm.lighter import lighter
-from scenetruth.design.optimise.confirm.measure import Confirmation, figure_in, simulate_one
-from scenetruth.design.optimise.constraints.facts import Facts
-from scenetruth.design.optimise.goal.prepare import Prepared, prepare
-from scenetruth.design.optimise.rig.build import build
-from scenetruth.design.optimise.search.ledger import Ledger
-from scenetruth.design.optimise.words import order_words
-from scenetruth.design.predict import Causes, Prediction
+from scenetruth.dataset.executors import create_executor
+from scenetruth.dataset.scheduler import for_each
+from scenetruth.dataset.worker_setup import collect_versions
+from scenetruth.design.optimisation import DesignResult, load_design_spec, optimise
+from scenetruth.design.optimisation.confirmation import (
+    ConfirmationTask,
+    get_simulated_statistic,
+    reduce_scene,
+    simulate_candidate,
+)
+from scenetruth.design.optimisation.design_result import describe_rank_consistency
+from scenetruth.design.optimisation.evaluation_log import EvaluationLog
+from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
+from scenetruth.design.optimisation.rig_context import RigContext
+from scenetruth.design.optimisation.rig_evaluation import build_rig
+from scenetruth.design.prediction import Prediction, PredictionInputs
 from scenetruth.errors import SceneError
 from scenetruth.scene import scene_from_plain
 
@@ -40,10 +44,10 @@ _MOST_DRAWN, _AT_ONCE, _ABOUT = 500, 500, 0.05
 
 def random_rigs(file: Path, count: int) -> list[Mapping[str, float]]:
     """Return predictions of random rigs that satisfy a goal's constraints."""
-    prepared = prepare(load_goal(file))
+    prepared = prepare_problem(load_design_spec(file))
     generator = np.random.default_rng(2026)
-    crew = workers_of(2)
-    ledger = Ledger(prepared.task, prepared.space, crew)
+    crew = create_executor(2)
+    ledger = EvaluationLog(prepared.task, prepared.space, crew)
     found: list[Mapping[str, float]] = []
     drawn = 0
     try:
@@ -59,27 +63,27 @@ def random_rigs(file: Path, count: int) -> list[Mapping[str, float]]:
     return found
 
 
-def _may_hold(prepared: Prepared, values: Mapping[str, Any]) -> bool:
+def _may_hold(prepared: OptimisationProblem, values: Mapping[str, Any]) -> bool:
     """Tell whether a rig satisfies what geometry tells without a prediction; most random rigs do not."""
     base = prepared.task.base
     try:
-        built = build(base, values)
+        built = build_rig(base, values)
         scene = scene_from_plain(built.plain)
     except SceneError:
         return False
     depth = float(values.get("working_distance_mm", base.depth_mm))
-    nothing = dict.fromkeys((field.name for field in fields(Causes)), math.nan)
+    nothing = dict.fromkeys((field.name for field in fields(PredictionInputs)), math.nan)
     causes: Any = {**nothing, "depth_mm": depth, "frames": scene.frames.count}
     causes["window_sigma_px"] = getattr(scene.estimate.settings, "window_sigma_px", math.nan)
     region = prepared.task.objectives[0].region
-    blank = Prediction("envelope", "", (region,), 1.0, {}, {region: Causes(**causes)})
-    facts = Facts(scene, blank, region, values, built.lens, built.camera, built.stage, built.f_number)
+    blank = Prediction("envelope", "", (region,), 1.0, {}, {region: PredictionInputs(**causes)})
+    facts = RigContext(scene, blank, region, values, built.lens, built.camera, built.stage, built.f_number)
     told = [one for limit in prepared.task.limits for one in limit.checked(facts)]
     # What needs a prediction has no value here; depths in the image differ a little from that of the base scene.
     return all(one.holds or one.margin > -_ABOUT or math.isnan(one.value) for one in told)
 
 
-def against_random(design: Design, rigs: Sequence[Mapping[str, float]]) -> None:
+def against_random(design: DesignResult, rigs: Sequence[Mapping[str, float]]) -> None:
     """Print the best of the front beside the best of random rigs, and how many of these the front leaves unbeaten."""
     for one in design.objectives:
         best = min(rig.predicted[one.title] for rig in design.front)
@@ -92,9 +96,9 @@ def against_random(design: Design, rigs: Sequence[Mapping[str, float]]) -> None:
     print(f"  random rigs that no rig of the front beats in all objectives: {unbeaten} of {len(rigs)}")
 
 
-def order_kept(design: Design) -> None:
+def order_kept(design: DesignResult) -> None:
     """Print which pairs of simulated rigs keep the order of their predictions, and of which it cannot be told."""
-    for line in order_words(design.objectives, design.orders):
+    for line in describe_rank_consistency(design.objectives, design.orders):
         print(f"  {line}")
     for one in design.orders:
         print(
@@ -105,19 +109,19 @@ def order_kept(design: Design) -> None:
         print(f"  rig {each.rig}: {each.says}")
 
 
-def other_seeds(design: Design, count: int, most_px: int | None, folder: Path) -> None:
+def other_seeds(design: DesignResult, count: int, most_px: int | None, folder: Path) -> None:
     """Print how many recordings with other seeds lie in the intervals of the recommended rig."""
     rig = design.recommended
-    light = lighter(scene_from_plain(rig.scene), design.objectives[0].region, most_px)
+    light = reduce_scene(scene_from_plain(rig.scene), design.objectives[0].region, most_px)
     first = int(rig.scene["seed"]) + 1000
     seeds = tuple(range(first, first + count))
-    versions = tuple(sorted(versions_here().items()))
-    job = Confirmation(str(folder / "simulations"), (light.plain,), seeds, design.objectives, versions)
+    versions = tuple(sorted(collect_versions().items()))
+    job = ConfirmationTask(str(folder / "simulations"), (light.plain,), seeds, design.objectives, versions)
     missing = [number for number in range(count) if job.figures(number) is None]
-    for_each(missing, simulate_one, (job,), present=count - len(missing), workers=2, notice=print)
+    for_each(missing, simulate_candidate, (job,), present=count - len(missing), workers=2, notice=print)
     for one in design.objectives:
         told = rig.simulated[one.title]
-        found = [figure_in(job.figures(number), one.title, one.statistic) for number in range(count)]
+        found = [get_simulated_statistic(job.figures(number), one.title, one.statistic) for number in range(count)]
         inside = sum(told.low <= figure <= told.high for figure in found)
         print(
             f"  {one.title}, {one.told_in}, {one.unit}, other seeds: {', '.join(f'{figure:.4g}' for figure in found)}"
@@ -147,7 +151,7 @@ def main() -> None:
             against_random(design, random_rigs(file, given.random))
             order_kept(design)
             if given.seeds and design.recommended.is_confirmed:
-                other_seeds(design, given.seeds, load_goal(file).confirm.most_px, folder)
+                other_seeds(design, given.seeds, load_design_spec(file).confirm.most_px, folder)
 
 
 if __name__ == "__main__":

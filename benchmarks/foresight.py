@@ -1,8 +1,7 @@
 """How near what is foreseen comes to what is measured: peak memory, disk and time of ``scenetruth render``.
-
-Run it from the top of the repository, on a machine that does nothing else: ``python -m benchmarks.foresight``; names of
-cases choose some of them. The figures are those from which the table in `scenetruth.resources.forecast` was fitted, by
-least squares of relative errors with coefficients that are not negative.
+ Run it from the top of the repository, on a machine that does nothing else: ``python -m benchmarks.foresight``; names
+of cases choose some of them. The figures are those from which the table in `scenetruth.resources.cost_estimate` was
+fitted, by least squares of relative errors with coefficients that are not negative.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import scenetruth as st
-from scenetruth.resources.demand import demand_of, parts_of
-from scenetruth.resources.forecast import StageForecast, foresee
-from scenetruth.scene.world import build_world
+from scenetruth.resources.cost_estimate import StageForecast, estimate_cost
+from scenetruth.resources.workload import compute_workload, list_object_workloads
+from scenetruth.scene.built_scene import build_scene
 
 SCENES = Path(__file__).parents[1] / "scenes"
 RAYS = "render.backend=raycast"
@@ -99,10 +98,10 @@ def foreseen(name: str, changes: Sequence[str], options: Sequence[str]) -> Stage
     """Foresee the same."""
     scene = st.load_scene(SCENES / f"{name}.yaml", list(changes))
     views = scene.stage.positions * scene.stage.rows if "all" in options else 1
-    parts, problems = parts_of(scene)
+    parts, problems = list_object_workloads(scene)
     assert not problems
-    demand = demand_of(scene, parts, views=views, complete="complete" in options, ideal="--ideal" in options)
-    return foresee(demand, ["render"]).stages["render"]
+    demand = compute_workload(scene, parts, views=views, complete="complete" in options, ideal="--ideal" in options)
+    return estimate_cost(demand, ["render"]).stages["render"]
 
 
 def main() -> None:
@@ -117,7 +116,7 @@ def main() -> None:
                 if wanted and case not in wanted:
                     continue
                 if painted:
-                    build_world(st.load_scene(SCENES / f"{name}.yaml", list(changes)))
+                    build_scene(st.load_scene(SCENES / f"{name}.yaml", list(changes)))
                 expected = foreseen(name, changes, options)
                 found = measured(name, changes, options, Path(temporary, f"{painted} {number}"))
                 cells = [

@@ -28,10 +28,10 @@ from benchmarks.jobs import heading, line
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.camera import LinearImage, chain_of
-from scenetruth.comparison.case import inner
+from scenetruth.benchmark.cases.case import mask_interior
+from scenetruth.camera import LinearImage, build_sensor_chain
 from scenetruth.design import predict
-from scenetruth.randomness import generator_for
+from scenetruth.random_streams import generator_for
 
 Array = NDArray[np.float64]
 
@@ -147,7 +147,7 @@ def window_of(number: int) -> float:
 
 def recordings(ideal: xr.Dataset, sensor: Any, count: int) -> Iterator[xr.Dataset]:
     """Give recordings of the same linear images by a sensor, each with noise and patterns of its own."""
-    chain, images = chain_of(sensor), ideal["image"]
+    chain, images = build_sensor_chain(sensor), ideal["image"]
     size = images.shape[-2:]
     for seed in range(count):
         opened = chain.open(size, partial(generator_for, 1000 + seed, "sensor"))
@@ -208,7 +208,7 @@ def compared(number: int, folder: Path) -> list[list[Any]]:
     scene = st.scene_from_plain(scene_of(number))
     body, margin = kept["object_id"], scene.score.interior_margin_px
     # Near the image's border windows are cut, and not all images show what the reference does.
-    border = ~inner(xr.Dataset(coords={"y": range(body.shape[0]), "x": range(body.shape[1])}), margin)
+    border = ~mask_interior(xr.Dataset(coords={"y": range(body.shape[0]), "x": range(body.shape[1])}), margin)
     inside = (kept["boundary_distance"] >= margin) & ~border
     regions = {"all": body >= 0, "interior": inside & (body >= 0)}
     regions["border"] = border & (kept["boundary_distance"] >= margin) & (body >= 0)

@@ -23,9 +23,9 @@ from scenetruth.raycast import Topology
 from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.texture import SurfaceTexture
-from scenetruth.scene.texture.image import Picture
-from scenetruth.scene.world import World, build_world
+from scenetruth.scene.texture.image_textures import Picture
 from scenetruth.truth import GeometryPass, truth_maps
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -45,7 +45,7 @@ class Case:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.world: World = build_world(self.scene)
+        self.world: BuiltScene = build_scene(self.scene)
         self.topology = Topology.of(self.world.at(0).vertices_mm, self.world.faces)
         self.truth = self.make_truth()
         # What is no edge, nor beside one.
@@ -61,12 +61,12 @@ class Case:
         geometry = GeometryPass(self.world, self.topology, 0.0)
         return truth_maps(geometry, self.scene.camera, Viewpoint.on_axis(0.0), self.scene.stage.baseline_mm)
 
-    def bilinear_world(self) -> World:
+    def bilinear_world(self) -> BuiltScene:
         """Return the world with its textures as rasters that are interpolated as the other renderers do it."""
         bodies = [
             replace(body, texture=Picture(texels_of(body.texture), body.texture.tiled)) for body in self.world.bodies
         ]
-        return World(tuple(bodies))
+        return BuiltScene(tuple(bodies))
 
     @property
     def corners_mm(self) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from tests.estimators.structure_tensor.plain import estimate_plain
 
 from scenetruth.estimators import estimate
-from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
+from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.scene import load_scene
 from scenetruth.schema import make_recording
 from scenetruth.simulation import simulate

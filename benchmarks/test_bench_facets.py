@@ -12,11 +12,11 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import RayCaster, Topology
-from scenetruth.raycast import caster as caster_module
+from scenetruth.raycast import ray_caster as caster_module
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.mesh import MeshModel, TriangleMesh
-from scenetruth.scene.world import World, build_world
 from scenetruth.truth import GeometryPass, truth_maps
 
 AXIS = Viewpoint.on_axis(0.0)
@@ -36,7 +36,7 @@ def sheet(cells: int, size_mm: float = 60.0) -> TriangleMesh:
 
 
 @pytest.fixture(scope="module", params=[71, 224, 707], ids=["1e4", "1e5", "1e6"])
-def case(request: pytest.FixtureRequest) -> tuple[Scene, World, Topology]:
+def case(request: pytest.FixtureRequest) -> tuple[Scene, BuiltScene, Topology]:
     scene = scene_from_plain(
         {
             "camera": {"width": 640, "height": 480, "focal_length_px": 6500},
@@ -54,7 +54,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Scene, World, Topology]:
         }
     )
     with patch.object(MeshModel, "make", return_value=sheet(request.param)):
-        world = build_world(scene)
+        world = build_scene(scene)
     return scene, world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
 
 
@@ -64,7 +64,9 @@ def given_up(_self: object, _view: object, pixels: NDArray[np.int64], *_rule: ob
 
 
 @pytest.mark.parametrize("way", ["walked", "cast", "embree"])
-def test_image_of_the_next_frame(benchmark: BenchmarkFixture, case: tuple[Scene, World, Topology], way: str) -> None:
+def test_image_of_the_next_frame(
+    benchmark: BenchmarkFixture, case: tuple[Scene, BuiltScene, Topology], way: str
+) -> None:
     """One image at a new time: by walks; with a ray for every sample; with these and all others asking Embree."""
     scene, world, topology = case
     renderer = RaycastRenderer(world, scene.camera, 0.0, 4, topology=topology)
@@ -77,7 +79,9 @@ def test_image_of_the_next_frame(benchmark: BenchmarkFixture, case: tuple[Scene,
 
 
 @pytest.mark.parametrize("way", ["cells", "tiles", "embree"])
-def test_rays_of_the_next_frame(benchmark: BenchmarkFixture, case: tuple[Scene, World, Topology], way: str) -> None:
+def test_rays_of_the_next_frame(
+    benchmark: BenchmarkFixture, case: tuple[Scene, BuiltScene, Topology], way: str
+) -> None:
     """What all pixel centres meet, with the mesh placed anew."""
     scene, world, topology = case
     directions = scene.camera.ray_directions(scene.camera.pixel_grid()).reshape(-1, 3)
@@ -93,7 +97,7 @@ def test_rays_of_the_next_frame(benchmark: BenchmarkFixture, case: tuple[Scene, 
     assert (hits.face >= 0).mean() > 0.5
 
 
-def test_truth_of_a_frame(benchmark: BenchmarkFixture, case: tuple[Scene, World, Topology]) -> None:
+def test_truth_of_a_frame(benchmark: BenchmarkFixture, case: tuple[Scene, BuiltScene, Topology]) -> None:
     """All maps of the reference camera at one time, with the geometry made anew."""
     scene, world, topology = case
     times = iter(range(1, 100_000))

@@ -15,14 +15,14 @@ from scenetruth.render import Renderer
 from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import load_scene
-from scenetruth.scene.world import World, build_world
+from scenetruth.scene.built_scene import BuiltScene, build_scene
 
 SCENE = load_scene(Path(__file__).parents[1] / "scenes" / "cube.yaml")
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
-    return build_world(SCENE)
+def world() -> BuiltScene:
+    return build_scene(SCENE)
 
 
 @pytest.fixture(params=[1, 4], ids=["1x1", "4x4"])
@@ -31,7 +31,7 @@ def samples(request: pytest.FixtureRequest) -> int:
 
 
 @pytest.fixture(params=["raycast", "pyrender"])
-def renderer(request: pytest.FixtureRequest, world: World, samples: int) -> Iterator[Renderer]:
+def renderer(request: pytest.FixtureRequest, world: BuiltScene, samples: int) -> Iterator[Renderer]:
     """Yield a renderer that has its kernels compiled and its textures uploaded."""
     made: Renderer
     if request.param == "raycast":

@@ -9,16 +9,16 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from scenetruth.scene import load_scene
-from scenetruth.scene.texture.band_limited import BandLimitedNoise, band_limited_noise
-from scenetruth.scene.texture.kernels import spline_lookup
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.texture.band_limited_noise import BandLimitedNoise, make_band_limited_noise
+from scenetruth.scene.texture.texture_kernels import spline_lookup
 
 CUBE = load_scene(Path(__file__).parents[1] / "scenes" / "cube.yaml")
 WAVELENGTH_MM = (0.8, 4.0)
 
 
 def make_noise(size_mm: tuple[float, float]) -> BandLimitedNoise:
-    return band_limited_noise(WAVELENGTH_MM, size_mm, np.random.default_rng(1))
+    return make_band_limited_noise(WAVELENGTH_MM, size_mm, np.random.default_rng(1))
 
 
 @pytest.mark.parametrize("edge_mm", [50.0, 200.0])
@@ -30,7 +30,7 @@ def test_noise_of_a_square(benchmark: BenchmarkFixture, edge_mm: float) -> None:
 
 def test_world_of_the_cube(benchmark: BenchmarkFixture) -> None:
     """Mesh and texture of the cube, whose six sides have places of their own in one texture."""
-    world = benchmark.pedantic(build_world, args=(CUBE,), rounds=3, warmup_rounds=1)
+    world = benchmark.pedantic(build_scene, args=(CUBE,), rounds=3, warmup_rounds=1)
     assert len(world.bodies) == 1
 
 

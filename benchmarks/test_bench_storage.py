@@ -10,7 +10,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from scenetruth.scene import load_scene
 from scenetruth.simulation import simulate
-from scenetruth.storage import load, save
+from scenetruth.storage import load_store, save_store
 
 SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
 
@@ -25,13 +25,13 @@ def made() -> dict[str, xr.Dataset]:
 @pytest.mark.parametrize("kind", ["recording", "truth"])
 def test_write(benchmark: BenchmarkFixture, made: dict[str, xr.Dataset], kind: str, tmp_path: Path) -> None:
     store = tmp_path / f"{kind}.zarr"
-    benchmark.pedantic(save, args=(made[kind], store), kwargs={"overwrite": True}, rounds=3, warmup_rounds=1)
+    benchmark.pedantic(save_store, args=(made[kind], store), kwargs={"overwrite": True}, rounds=3, warmup_rounds=1)
     assert store.is_dir()
 
 
 @pytest.mark.parametrize("kind", ["recording", "truth"])
 def test_read(benchmark: BenchmarkFixture, made: dict[str, xr.Dataset], kind: str, tmp_path: Path) -> None:
     store = tmp_path / f"{kind}.zarr"
-    save(made[kind], store)
-    result = benchmark.pedantic(load, args=(store,), rounds=3, warmup_rounds=1)
+    save_store(made[kind], store)
+    result = benchmark.pedantic(load_store, args=(store,), rounds=3, warmup_rounds=1)
     assert result.equals(made[kind])

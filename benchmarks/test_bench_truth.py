@@ -11,8 +11,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import load_scene
-from scenetruth.scene.world import build_world
-from scenetruth.truth import GeometryPass, make_truth, truth_maps, truth_of_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.truth import GeometryPass, make_truth, truth_from_world, truth_maps
 
 SCENES = Path(__file__).parents[1] / "scenes"
 SCENE = load_scene(SCENES / "cube.yaml")
@@ -20,7 +20,7 @@ SCENE = load_scene(SCENES / "cube.yaml")
 
 def test_truth_of_a_frame(benchmark: BenchmarkFixture) -> None:
     """All maps of the reference camera at one time, with the geometry made anew."""
-    world = build_world(SCENE)
+    world = build_scene(SCENE)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     baseline = SCENE.stage.baseline_mm
 
@@ -44,11 +44,11 @@ def test_complete_truth_of_a_rosette(benchmark: BenchmarkFixture, resolution_mm:
         "objects.1.mesh.resolution_mm=8",
     ]
     scene = load_scene(SCENES / "rosette.yaml", changes)
-    world = build_world(scene)
+    world = build_scene(scene)
     one = load_scene(SCENES / "rosette.yaml", [*changes, "frames.count=1"])
     make_truth(one, truth_content="complete")  # compiles the kernels
     arguments = (scene, world, "reference", "real", "complete", {})
-    truth = benchmark.pedantic(truth_of_world, arguments, rounds=1)
+    truth = benchmark.pedantic(truth_from_world, arguments, rounds=1)
     benchmark.extra_info["triangles"] = len(world.faces)
     assert truth.sizes["t"] == scene.frames.count
     assert np.isfinite(truth["growth_rate"].values).any()

@@ -12,8 +12,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import scenetruth as st
-from scenetruth.design.page.side_view.draw import drawings_of
-from scenetruth.design.page.side_view.view import side_view_of
+from scenetruth.design.optimisation.report.side_view import draw_side_views
+from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
 
 DOCS = Path(__file__).parent
 RECIPE = DOCS.parent / "scenes" / "datasets" / "leaves.yaml"
@@ -71,7 +71,7 @@ def accuracy() -> None:
 
 def rig() -> None:
     """Draw a recommended rig to scale."""
-    drawing = drawings_of(side_view_of(st.load_scene(RIG).to_plain(), 1.5, "object_leaf"))[0]
+    drawing = draw_side_views(compute_side_view(st.load_scene(RIG).to_plain(), 1.5, "object_leaf"))[0]
     svg = drawing.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
     start = svg.index(">") + 1
     (DOCS / "door_design.svg").write_text(svg[:start] + STYLE + svg[start:], encoding="utf-8")

@@ -21,7 +21,7 @@ import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
-from scenetruth.scene.world import World, build_world
+from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.truth import make_truth
 
 ROOT = Path(__file__).parents[1]
@@ -54,7 +54,7 @@ def see(scene: Scene) -> tuple[NDArray[np.float32], xr.Dataset]:
             "stage": scene.stage.model_copy(update={"positions": 1}),
         }
     )
-    world: World = build_world(scene, ROOT)
+    world: BuiltScene = build_scene(scene, ROOT)
     with RaycastRenderer(world, scene.camera, scene.background, 4, scene.lighting) as renderer:
         image = renderer.render(0.0, Viewpoint.on_axis(0.0))
     return image, make_truth(only).sel(t=0)

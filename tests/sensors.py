@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scenetruth.camera.sensor import Effect, Exposure
-from scenetruth.randomness import generator_for
+from scenetruth.random_streams import generator_for
 
 Array = NDArray[np.float64]
 

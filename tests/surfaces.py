@@ -10,8 +10,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from scenetruth.scene import Scene
+from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.mesh import MeshModel, TriangleMesh
-from scenetruth.scene.world import World, build_world
 from tests.scenes import cube
 
 SMOOTH_DEG = 60.0
@@ -65,7 +65,7 @@ def scene_of(*items: dict[str, Any], **changes: Any) -> Scene:
     return cube(**({"objects": objects} | changes))
 
 
-def world_of(scene: Scene, *meshes: TriangleMesh) -> World:
+def world_of(scene: Scene, *meshes: TriangleMesh) -> BuiltScene:
     """Build the world of a scene with other meshes than it says."""
     with patch.object(MeshModel, "make", side_effect=meshes):
-        return build_world(scene)
+        return build_scene(scene)

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from scenetruth import cache
-from scenetruth.cache import cache_folder, key_of, recall, remember, remembered, source_hash
-from scenetruth.randomness import generator_for
-from scenetruth.scene.load import scene_from_plain
-from scenetruth.scene.world import build_world
+from scenetruth.cache import cache_folder, entry_key, load_or_compute, read_entry, source_hash, write_entry
+from scenetruth.random_streams import generator_for
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.scene_loader import scene_from_plain
 
 VALUES = {"image": np.arange(12, dtype=np.float32).reshape(3, 4), "place": np.array([1.5, -2.0])}
 
@@ -54,8 +54,8 @@ def test_what_is_made_once_is_taken_from_the_disk(folder: Path) -> None:
         made.append(1)
         return {name: values.copy() for name, values in VALUES.items()}
 
-    first, again = remembered(key_of("thing", 1), make), remembered(key_of("thing", 1), make)
-    remembered(key_of("thing", 2), make)
+    first, again = load_or_compute(entry_key("thing", 1), make), load_or_compute(entry_key("thing", 1), make)
+    load_or_compute(entry_key("thing", 2), make)
     assert len(made) == 2
     assert all(first[name].tobytes() == again[name].tobytes() == VALUES[name].tobytes() for name in VALUES)
     # As arrays that are made anew: kernels are compiled for one kind only.
@@ -65,8 +65,8 @@ def test_what_is_made_once_is_taken_from_the_disk(folder: Path) -> None:
 
 @pytest.mark.parametrize("damage", ["cut", "bit in the middle", "bit at the end", "bit in the head", "empty", "grown"])
 def test_damaged_entries_are_made_again(folder: Path, damage: str) -> None:
-    key = key_of("thing", 1)
-    remember(key, VALUES)
+    key = entry_key("thing", 1)
+    write_entry(key, VALUES)
     path = folder / entries(folder)[0]
     data = bytearray(path.read_bytes())
     if damage == "cut":
@@ -78,11 +78,11 @@ def test_damaged_entries_are_made_again(folder: Path, damage: str) -> None:
     else:
         data[{"bit in the middle": len(data) // 2, "bit at the end": -1, "bit in the head": 3}[damage]] ^= 4
     path.write_bytes(data)
-    assert recall(key) is None
+    assert read_entry(key) is None
     assert entries(folder) == []
-    found = remembered(key, lambda: VALUES)
+    found = load_or_compute(key, lambda: VALUES)
     assert (found["image"] == VALUES["image"]).all()
-    assert recall(key) is not None
+    assert read_entry(key) is not None
 
 
 def test_keys_tell_everything_apart() -> None:
@@ -90,11 +90,11 @@ def test_keys_tell_everything_apart() -> None:
     other = generator_for(1, "texture", "box").bit_generator.state
     parts = [(1.0, 0.1, state), (1.0, np.nextafter(0.1, 1), state), (1.0, 0.1, other), (1.0, 0.1), (-0.0,), (0.0,)]
     parts += [(np.arange(3),), (np.arange(3.0),), (np.float64(1.0), 0.1, state, 2)]
-    keys = [key_of(what, *given) for given in parts for what in ("noise", "leaf")]
+    keys = [entry_key(what, *given) for given in parts for what in ("noise", "leaf")]
     assert len({*keys}) == len(keys)
-    assert key_of("noise", 1.0, 0.1, state) == key_of("noise", np.float64(1.0), 0.1, state)
+    assert entry_key("noise", 1.0, 0.1, state) == entry_key("noise", np.float64(1.0), 0.1, state)
     with pytest.raises(TypeError, match="cannot hold"):
-        key_of("noise", {1, 2})
+        entry_key("noise", {1, 2})
 
 
 def test_changed_sources_have_another_hash(tmp_path: Path) -> None:
@@ -111,18 +111,18 @@ def test_changed_sources_have_another_hash(tmp_path: Path) -> None:
 def test_the_least_recently_used_go_first(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENETRUTH_CACHE_MB", "0.0035")
     large = {"values": np.zeros(250)}  # 2000 bytes, and a little
-    keys = [key_of("thing", n) for n in range(4)]
+    keys = [entry_key("thing", n) for n in range(4)]
     small = {"values": np.zeros(50)}
     for n, key in enumerate(keys[:3]):
-        remember(key, small)
+        write_entry(key, small)
         os.utime(folder / f"{key}.entry", (n, n))
-    assert recall(keys[0]) is not None  # used: now the youngest
-    remember(keys[3], large)
-    assert recall(keys[1]) is None
-    assert all(recall(key) is not None for key in (keys[0], keys[3]))
+    assert read_entry(keys[0]) is not None  # used: now the youngest
+    write_entry(keys[3], large)
+    assert read_entry(keys[1]) is None
+    assert all(read_entry(key) is not None for key in (keys[0], keys[3]))
     # What is larger than all there may be is not kept, and drives nothing out.
-    remember(key_of("thing", 9), {"values": np.zeros(1000)})
-    assert recall(keys[0]) is not None
+    write_entry(entry_key("thing", 9), {"values": np.zeros(1000)})
+    assert read_entry(keys[0]) is not None
 
 
 def test_remains_of_killed_writers_are_taken_away(folder: Path) -> None:
@@ -131,26 +131,26 @@ def test_remains_of_killed_writers_are_taken_away(folder: Path) -> None:
     for path in (old, young):
         path.write_bytes(b"half")
     os.utime(old, (time.time() - 7200,) * 2)
-    remember(key_of("thing"), VALUES)
+    write_entry(entry_key("thing"), VALUES)
     assert not old.exists()
     assert young.exists()
 
 
 def test_many_writers_and_readers_never_see_half_an_entry(folder: Path) -> None:
-    key, bad = key_of("thing"), []
+    key, bad = entry_key("thing"), []
     stop = threading.Event()
 
     def write(number: int) -> None:
         while not stop.is_set():
-            remember(key, {"values": np.full(20_000, number)})
+            write_entry(key, {"values": np.full(20_000, number)})
 
     def read() -> None:
         for _ in range(200):
-            found = recall(key)
+            found = read_entry(key)
             if found is not None and len({*found["values"].tolist()}) != 1:
                 bad.append(found)
 
-    remember(key, {"values": np.full(20_000, 9)})
+    write_entry(key, {"values": np.full(20_000, 9)})
     writers = [threading.Thread(target=write, args=(number,)) for number in range(2)]
     for thread in writers:
         thread.start()
@@ -160,16 +160,16 @@ def test_many_writers_and_readers_never_see_half_an_entry(folder: Path) -> None:
         thread.join()
     assert not bad
     # No reader took a half written file for a damaged one and deleted it.
-    assert recall(key) is not None
+    assert read_entry(key) is not None
 
 
 def test_unwritable_folders_and_none_leave_the_result_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("no folder")
     for place in (str(tmp_path / "file"), str(tmp_path / "file" / "below"), "/proc/nowhere", "off"):
         monkeypatch.setenv("SCENETRUTH_CACHE", place)
-        found = remembered(key_of("thing"), lambda: VALUES)
+        found = load_or_compute(entry_key("thing"), lambda: VALUES)
         assert (found["image"] == VALUES["image"]).all()
-        assert recall(key_of("thing")) is None
+        assert read_entry(entry_key("thing")) is None
 
 
 def test_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -203,10 +203,10 @@ def test_textures_are_the_same_with_and_without(folder: Path, monkeypatch: pytes
             "objects": objects,
         }
     )
-    kept = [build_world(scene) for _ in range(2)]
+    kept = [build_scene(scene) for _ in range(2)]
     assert len(entries(folder)) == 2
     monkeypatch.setenv("SCENETRUTH_CACHE", "off")
-    plain = build_world(scene)
+    plain = build_scene(scene)
     for world in kept:
         for one, other in zip(world.bodies, plain.bodies, strict=True):
             assert one.texture.raster().tobytes() == other.texture.raster().tobytes()

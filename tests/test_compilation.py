@@ -95,7 +95,7 @@ def test_a_store_is_packed_by_no_more_threads_than_allowed(told: str, tmp_path: 
         "assert thread_count() == int(sys.argv[2]) and 'numba' not in sys.modules\n"
         "import numpy as np, scenetruth as st\n"
         "images = np.zeros((2, 3, 30, 40), np.uint8)\n"
-        "st.save(st.make_recording(images, focal_length_px=50, baseline_mm=1), sys.argv[1])\n"
+        "st.save_store(st.make_recording(images, focal_length_px=50, baseline_mm=1), sys.argv[1])\n"
         "print(*started)\n"
     )
     done = subprocess.run(

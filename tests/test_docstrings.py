@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scenetruth.docstrings import field_docstrings
+from scenetruth.validated_model import field_docstrings
 
 
 class Plain:

@@ -1,4 +1,4 @@
-"""The rooms of the house may import only what lies below them."""
+"""Layers of imports, and sizes of modules and packages."""
 
 from __future__ import annotations
 
@@ -11,38 +11,34 @@ SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
 LEAVES = {
     "cache",
-    "errors",
-    "model",
-    "settings",
-    "indexing",
-    "presets",
-    "kinds",
-    "files",
-    "pages",
-    "randomness",
-    "progress",
-    "docstrings",
     "compilation",
+    "discovery",
+    "errors",
+    "html",
+    "indexing",
+    "input_files",
+    "plain_data",
+    "progress",
+    "random_streams",
+    "settings",
     "threads",
-    "plain",
+    "validated_model",
 }
 MAY_IMPORT = {
     "cache": set(),
     "errors": set(),
-    "docstrings": set(),
     "compilation": {"errors"},
     "threads": {"compilation"},
-    "plain": {"errors"},
-    "model": {"docstrings"},
+    "plain_data": {"errors"},
+    "validated_model": set(),
+    "discovery": set(),
     "indexing": set(),
-    "kinds": set(),
-    "files": set(),
-    "pages": set(),
-    "randomness": set(),
+    "input_files": set(),
+    "html": set(),
+    "random_streams": set(),
     "progress": set(),
-    "presets": set(),
-    "settings": {"model"},
-    "schema": {"errors", "indexing", "progress", "plain"},
+    "settings": {"validated_model"},
+    "schema": {"errors", "indexing", "progress", "plain_data"},
     "camera": LEAVES,
     "scene": {*LEAVES, "camera", "estimators"},
     "raycast": {*LEAVES, "camera"},
@@ -50,140 +46,82 @@ MAY_IMPORT = {
     "resources": {*LEAVES, "scene", "camera", "render"},
     "truth": {*LEAVES, "scene", "camera", "raycast", "schema", "provenance", "resources"},
     "provenance": {*LEAVES, "scene", "camera", "schema"},
-    "placing": {"errors"},
-    "storage": {"errors", "schema", "placing", "compilation"},
-    "export": {*LEAVES, "schema", "placing", "storage"},
+    "output": {"errors"},
+    "storage": {"errors", "schema", "output", "compilation"},
+    "exporters": {*LEAVES, "schema", "output", "storage"},
     "simulation": {
         *LEAVES,
-        "scene",
-        "camera",
-        "raycast",
-        "render",
-        "truth",
-        "schema",
-        "provenance",
-        "resources",
-        "placing",
-        "storage",
+        *("scene", "camera", "raycast", "render", "truth", "schema", "provenance", "resources", "output", "storage"),
     },
     "estimators": {*LEAVES, "schema"},
     "scoring": {*LEAVES, "schema"},
     "pipeline": {
         *LEAVES,
-        "scene",
-        "camera",
-        "provenance",
-        "resources",
-        "schema",
-        "estimators",
-        "scoring",
-        "placing",
-        "storage",
-        "export",
-        "simulation",
-        "truth",
+        *("scene", "camera", "provenance", "resources", "schema", "estimators", "scoring", "output", "storage"),
+        *("exporters", "simulation", "truth"),
     },
     "dataset": {
         *LEAVES,
-        "scene",
-        "camera",
-        "provenance",
-        "render",
-        "raycast",
-        "resources",
-        "schema",
-        "placing",
-        "storage",
-        "simulation",
-        "truth",
-        "pipeline",
-        "estimators",
-        "scoring",
-        "export",
+        *("scene", "camera", "provenance", "render", "raycast", "resources", "schema", "output", "storage"),
+        *("simulation", "truth", "pipeline", "estimators", "scoring", "exporters"),
     },
     "bound": {*LEAVES, "schema"},
-    "comparison": {
+    "benchmark": {
         *LEAVES,
-        "scene",
-        "provenance",
-        "schema",
-        "placing",
-        "simulation",
-        "estimators",
-        "scoring",
-        "bound",
-        "dataset",
+        *("scene", "provenance", "schema", "output", "simulation", "estimators", "scoring", "bound", "dataset"),
     },
     "design": {
         *LEAVES,
-        "scene",
-        "camera",
-        "raycast",
-        "render",
-        "truth",
-        "resources",
-        "provenance",
-        "schema",
-        "placing",
-        "simulation",
-        "estimators",
-        "scoring",
-        "bound",
-        "dataset",
-        "comparison",
+        *("scene", "camera", "raycast", "render", "truth", "resources", "provenance", "schema", "output"),
+        *("simulation", "estimators", "scoring", "bound", "dataset", "benchmark"),
     },
     "testing": {
         *LEAVES,
-        "schema",
-        "scene",
-        "provenance",
-        "placing",
-        "storage",
-        "simulation",
-        "estimators",
-        "scoring",
-        "bound",
+        *("schema", "scene", "provenance", "output", "storage", "simulation", "estimators", "scoring", "bound"),
     },
-    "experiment": {*LEAVES, "scene", "camera", "render", "schema", "estimators"},
+    "validation_studies": {*LEAVES, "scene", "camera", "render", "schema", "estimators"},
 }
 SCENE_MAY_IMPORT = {
-    "jets": set(),
-    "motion": {"jets"},
-    "motions": {"motion"},
-    "deformation": {"jets", "motion"},
-    "deformations": {"deformation"},
-    "mesh": {"jets", "motion"},
-    "surface": {"jets", "motion", "mesh"},
-    "nodal": {"jets", "motion", "deformation", "mesh", "surface"},
+    "taylor_kernels": set(),
+    "taylor": {"taylor_kernels"},
+    "motion": {"taylor"},
+    "deformation": {"taylor", "motion"},
+    "mesh": {"taylor", "motion"},
+    "surface_tensor_kernels": {"taylor"},
+    "reference_configuration": {"taylor", "motion", "mesh"},
+    "vertex_animation": {"taylor", "motion", "deformation", "mesh", "reference_configuration"},
     "texture": {"mesh"},
     "leaf": {"mesh", "texture"},
-    "light": {"motion", "motions"},
-    "lighting": {"light"},
-    "pose": set(),
-    "item": {"motions", "deformation", "mesh", "nodal", "texture", "pose"},
-    "plant": {"motion", "motions", "deformation", "deformations", "leaf", "pose", "item"},
-    "summary": {"lighting", "item", "plant"},
-    "spec": {"texture", "lighting", "item", "plant", "summary"},
-    "suggestions": {"spec"},
-    "reading": set(),
-    "load": {"reading", "spec", "suggestions"},
-    "times": {"spec"},
-    "movement_check": {"motion", "deformation", "surface", "item", "spec"},
-    "world": {
-        *("jets", "motion", "deformation", "mesh", "surface", "nodal", "texture"),
-        *("item", "spec", "times", "movement_check"),
+    "lighting": {"motion"},
+    "scene_object": {"motion", "deformation", "mesh", "vertex_animation", "texture"},
+    "plant": {"motion", "deformation", "leaf", "scene_object"},
+    "scene_models": {"texture", "lighting", "scene_object", "plant"},
+    "field_paths": set(),
+    "suggestions": {"scene_models"},
+    "yaml_reader": set(),
+    "scene_loader": {"yaml_reader", "scene_models", "suggestions"},
+    "built_scene": {
+        *("taylor", "motion", "deformation", "mesh", "surface_tensor_kernels", "reference_configuration"),
+        *("vertex_animation", "texture", "scene_object", "scene_models"),
     },
-    "lighting_check": {"light", "spec", "world"},
-    "check": {"texture", "spec", "times", "world", "lighting_check"},
+    "scene_report": {"texture", "lighting", "scene_models", "built_scene"},
 }
-"""Rooms of `scene`, from the lowest to the highest."""
+"""Modules and packages of `scene`, from the lowest to the highest."""
 
-MOST_MODULES = 16
-"""A folder with more modules is two rooms."""
+MAX_LINES = 700
+"""A module with more lines holds several concepts."""
+LONGER = {"estimators/structure_tensor/tensor_kernels.py"}
+"""One kernel, which is a single function."""
+MIN_LINES = 100
+"""A module with fewer lines, imported by a single module beside it, belongs into that module."""
+MIN_MODULES = 4
+"""A package with fewer modules is a module."""
+MAX_DEPTH = 3
+"""Folders below `scenetruth`, one within another."""
 
 
-def imported_rooms(file: Path) -> set[str]:
-    rooms = set()
+def imported_packages(file: Path) -> set[str]:
+    packages = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -195,8 +133,8 @@ def imported_rooms(file: Path) -> set[str]:
                 names = [f"scenetruth.{alias.name}" for alias in node.names]
         else:
             continue
-        rooms |= {name.split(".")[1] for name in names if name.startswith("scenetruth.")}
-    return rooms
+        packages |= {name.split(".")[1] for name in names if name.startswith("scenetruth.")}
+    return packages
 
 
 def imported_modules(file: Path) -> set[str]:
@@ -253,49 +191,135 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     assert not circle, "these import each other in a circle: " + " -> ".join([*circle, *circle[:1]])
 
 
-@pytest.mark.parametrize(
-    "folder", sorted(path.parent for path in SOURCE.rglob("__init__.py")), ids=lambda path: path.name
-)
-def test_no_folder_holds_too_many_modules(folder: Path) -> None:
-    modules = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
-    assert len(modules) <= MOST_MODULES, f"{folder} holds {len(modules)} modules: make it two rooms"
+PACKAGES = sorted(path.parent for path in SOURCE.rglob("__init__.py"))
+MODULES = sorted(path for path in SOURCE.rglob("*.py") if path.name not in ("__init__.py", "__main__.py"))
 
 
-@pytest.mark.parametrize("room", SCENE_MAY_IMPORT)
-def test_room_of_the_scene_imports_only_what_lies_below(room: str) -> None:
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_package_has_at_least_four_modules_and_lies_at_most_three_deep(package: Path) -> None:
+    entries = [path for path in MODULES if path.parent == package]
+    entries += [path for path in PACKAGES if path.parent == package]
+    assert len(entries) >= MIN_MODULES, f"{package} holds {len(entries)} modules: make it one module, or move them up"
+    assert len(package.relative_to(SOURCE).parts) <= MAX_DEPTH, f"{package} lies too deep"
+
+
+def test_no_module_is_longer_than_a_concept() -> None:
+    lengths = {path.relative_to(SOURCE).as_posix(): len(path.read_text("utf-8").splitlines()) for path in MODULES}
+    too_long = {name: lines for name, lines in lengths.items() if lines > MAX_LINES and name not in LONGER}
+    assert not too_long, f"more than {MAX_LINES} lines: {too_long}"
+    assert all(lengths[name] > MAX_LINES for name in LONGER), "an exception that is needed no more"
+
+
+def lone_importers(source: Path) -> dict[str, str]:
+    """Modules that a single module of the same package imports and nothing else does, with that module."""
+    graph = import_graph(source)
+    users: dict[str, set[str]] = {}
+    for name, targets in graph.items():
+        for target in targets:
+            users.setdefault(target, set()).add(name)
+    return {
+        name: user
+        for name, names in users.items()
+        if len(names) == 1 and (user := next(iter(names))).rpartition(".")[0] == name.rpartition(".")[0]
+    }
+
+
+def test_small_module_is_a_leaf_of_its_own() -> None:
+    """What only one neighbour imports stands in that neighbour, unless it is large, or a module of kernels."""
+    lone = lone_importers(SOURCE)
+    small = {}
+    for path in MODULES:
+        name = ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts)
+        lines = len(path.read_text("utf-8").splitlines())
+        if lines < MIN_LINES and name in lone and not name.endswith("kernels") and name not in SMALL:
+            small[name] = f"{lines} lines, imported by {lone[name]}"
+    assert not small, f"merge them: {small}"
+
+
+SMALL = {
+    "scenetruth.cli.dataset_report": "loads scipy, which the other commands of data sets do without",
+    "scenetruth.cli.render_probe": "runs as a script, in a process of its own",
+    "scenetruth.output.destinations": "the checks of a destination, which read it only",
+    "scenetruth.render.opengl_probe": "runs as a script, in a process of its own",
+}
+"""Small modules with one importer that stay apart, and why."""
+
+
+def public_classes(source: Path) -> dict[str, list[str]]:
+    """Return where each public class of a package is defined, by its name."""
+    places: dict[str, list[str]] = {}
+    for file in sorted(source.rglob("*.py")):
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(file.relative_to(source).as_posix())
+    return places
+
+
+def test_public_class_name_stands_for_one_class() -> None:
+    twice = {name: files for name, files in public_classes(SOURCE).items() if len(files) > 1}
+    assert not twice
+
+
+def test_no_module_is_called_like_a_public_function() -> None:
+    import scenetruth
+    from scenetruth import design
+
+    functions = {name for module in (scenetruth, design) for name in module.__all__ if callable(getattr(module, name))}
+    functions = {name for name in functions if name.islower()}
+    assert {"simulate", "score", "predict"} <= functions
+    named = [path for path in (*MODULES, *PACKAGES) if path.stem in functions]
+    assert not named
+
+
+def test_the_rules_of_size_see_what_breaks_them(tmp_path: Path) -> None:
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "small.py").write_text("class Shape: ...\n")
+    (package / "user.py").write_text("from package.small import Shape\nclass Box(Shape): ...\n")
+    assert lone_importers(package) == {"package.small": "package.user"}
+    (package / "other.py").write_text("from package.small import Shape\nclass Box(Shape): ...\n")
+    assert lone_importers(package) == {}
+    assert public_classes(package)["Box"] == ["other.py", "user.py"]
+
+
+@pytest.mark.parametrize("name", SCENE_MAY_IMPORT)
+def test_module_of_the_scene_imports_only_what_lies_below(name: str) -> None:
     folder = SOURCE / "scene"
-    files = sorted((folder / room).rglob("*.py")) if (folder / room).is_dir() else [folder / f"{room}.py"]
+    files = sorted((folder / name).rglob("*.py")) if (folder / name).is_dir() else [folder / f"{name}.py"]
     assert files
-    rooms = list(SCENE_MAY_IMPORT)
-    assert all(rooms.index(lower) < rooms.index(room) for lower in SCENE_MAY_IMPORT[room]), "not downwards"
+    order = list(SCENE_MAY_IMPORT)
+    assert all(order.index(lower) < order.index(name) for lower in SCENE_MAY_IMPORT[name]), "not downwards"
     for file in files:
-        names = {name.split(".")[2] for name in imported_modules(file) if name.startswith("scenetruth.scene.")}
-        assert names - {room} <= SCENE_MAY_IMPORT[room], file
+        found = {path.split(".")[2] for path in imported_modules(file) if path.startswith("scenetruth.scene.")}
+        assert found - {name} <= SCENE_MAY_IMPORT[name], file
 
 
-def test_every_room_of_the_scene_has_a_rule() -> None:
+def test_every_module_of_the_scene_has_a_rule() -> None:
     folder = SOURCE / "scene"
-    rooms = {path.stem for path in folder.iterdir() if path.name not in ("__init__.py", "__pycache__")}
-    assert rooms == set(SCENE_MAY_IMPORT)
+    names = {path.stem for path in folder.iterdir() if path.name not in ("__init__.py", "__pycache__")}
+    assert names == set(SCENE_MAY_IMPORT)
 
 
-@pytest.mark.parametrize("room", sorted(MAY_IMPORT))
-def test_room_imports_only_what_lies_below(room: str) -> None:
-    files = sorted((SOURCE / room).rglob("*.py")) if (SOURCE / room).is_dir() else [SOURCE / f"{room}.py"]
+@pytest.mark.parametrize("name", sorted(MAY_IMPORT))
+def test_package_imports_only_what_lies_below(name: str) -> None:
+    files = sorted((SOURCE / name).rglob("*.py")) if (SOURCE / name).is_dir() else [SOURCE / f"{name}.py"]
     assert files
     for file in files:
-        assert imported_rooms(file) - {room} <= MAY_IMPORT[room], file
+        assert imported_packages(file) - {name} <= MAY_IMPORT[name], file
 
 
-def test_every_room_has_a_rule() -> None:
-    rooms = {path.stem for path in SOURCE.glob("*.py")} | {path.name for path in SOURCE.iterdir() if path.is_dir()}
-    assert rooms - {"__init__", "__main__", "__pycache__", "cli"} == set(MAY_IMPORT)
+def test_every_package_has_a_rule() -> None:
+    names = {path.stem for path in SOURCE.glob("*.py")} | {path.name for path in SOURCE.iterdir() if path.is_dir()}
+    assert names - {"__init__", "__main__", "__pycache__", "cli", "templates"} == set(MAY_IMPORT)
 
 
 def test_the_rule_sees_imports_inside_functions(tmp_path: Path) -> None:
     file = tmp_path / "module.py"
-    file.write_text("def f():\n    from scenetruth.truth import maps\n    import scenetruth.scene.spec\n")
-    assert imported_rooms(file) == {"truth", "scene"}
+    file.write_text(
+        "def f():\n    from scenetruth.truth import geometry_maps\n    import scenetruth.scene.scene_models\n"
+    )
+    assert imported_packages(file) == {"truth", "scene"}
 
 
 def test_a_circle_is_seen_wherever_the_import_stands(tmp_path: Path) -> None:

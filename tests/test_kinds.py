@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from scenetruth.kinds import kinds_in, one_of
-from scenetruth.model import FrozenModel
+from scenetruth.discovery import discriminated_union, kinds_in
+from scenetruth.validated_model import FrozenModel
 
 MODULE = """
 from typing import Literal
@@ -23,7 +23,7 @@ def room(folder: Path, monkeypatch: pytest.MonkeyPatch, **kinds: str) -> str:
     name = f"room_{folder.name}"
     (folder / name).mkdir()
     (folder / name / "__init__.py").touch()
-    base = "from scenetruth.model import FrozenModel\nclass Shape(FrozenModel):\n    pass\n"
+    base = "from scenetruth.validated_model import FrozenModel\nclass Shape(FrozenModel):\n    pass\n"
     (folder / name / "base.py").write_text(base)
     for module, kind in kinds.items():
         text = MODULE.format(room=name, name=module.capitalize(), kind=kind)
@@ -47,7 +47,7 @@ def _load(name: str) -> type[FrozenModel]:
 def test_a_module_in_the_room_is_all_that_a_kind_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = room(tmp_path, monkeypatch, torus="torus", box="box")
     assert list(kinds_in(base_of(name), name)) == ["box", "torus"]
-    shape = TypeAdapter(one_of(base_of(name), name))
+    shape = TypeAdapter(discriminated_union(base_of(name), name))
     assert type(shape.validate_python({"kind": "torus"})).__name__ == "Torus"
     assert [ref["$ref"] for ref in shape.json_schema()["oneOf"]] == ["#/$defs/Box", "#/$defs/Torus"]
     with pytest.raises(ValidationError, match="'box', 'torus'"):
@@ -56,7 +56,9 @@ def test_a_module_in_the_room_is_all_that_a_kind_needs(tmp_path: Path, monkeypat
 
 def test_kinds_may_be_written_in_any_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = room(tmp_path, monkeypatch, torus="torus", box="box")
-    assert type(TypeAdapter(one_of(base_of(name), name)).validate_python({"kind": "Box"})).__name__ == "Box"
+    assert (
+        type(TypeAdapter(discriminated_union(base_of(name), name)).validate_python({"kind": "Box"})).__name__ == "Box"
+    )
 
 
 def test_two_modules_cannot_have_one_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from typing import Any, Literal
 import pytest
 from pydantic import ValidationError, model_validator
 
-from scenetruth.model import FrozenModel
+from scenetruth.validated_model import FrozenModel
 
 
 class Words(FrozenModel):

@@ -21,7 +21,7 @@ def test_every_public_name_exists_and_is_documented(name: str) -> None:
 
 
 FUNCTIONS = [name for name in st.__all__ if inspect.isfunction(getattr(st, name))]
-EXAMPLES = [*FUNCTIONS, "Problem", "RunFolder", "Scene", "Score"]
+EXAMPLES = [*FUNCTIONS, "Problem", "RunDirectory", "Scene", "Score"]
 
 
 def sections_of(thing: object) -> dict[str, str]:

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from scenetruth.randomness import generator_for
+from scenetruth.random_streams import generator_for
 
 
 def test_generators_are_keyed_by_purpose_not_by_order() -> None:

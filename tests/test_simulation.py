@@ -166,8 +166,8 @@ def test_ideal_images_stand_beside_the_sensed_ones() -> None:
 
 def test_ideal_images_are_kept_in_a_store(tmp_path: Path) -> None:
     recording, _ = st.simulate(cube(**SMALL, sensor={"noise_std": 0.05}), ideal=True)
-    st.save(recording, tmp_path / "recording.zarr")
-    np.testing.assert_array_equal(st.load(tmp_path / "recording.zarr", "recording")["ideal"], recording["ideal"])
+    st.save_store(recording, tmp_path / "recording.zarr")
+    np.testing.assert_array_equal(st.load_store(tmp_path / "recording.zarr", "recording")["ideal"], recording["ideal"])
 
 
 def test_simulation_is_imported_without_what_only_some_scenes_need() -> None:

@@ -39,8 +39,8 @@ from benchmarks.star import INTERIOR_PX, crossings, periods_px
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.opencv import FlowSettings, eight_bit_images, flow_between
-from scenetruth.placing import write_aside
+from scenetruth.estimators.opencv_common import FlowSettings, eight_bit_images, flow_between
+from scenetruth.output import write_atomically
 
 Map = NDArray[np.float64]
 TIMEOUT_S = 900.0
@@ -193,7 +193,7 @@ def main() -> None:
                 print(f"{name}: nothing found: {error}", file=sys.stderr, flush=True)
                 continue
             _file(name, given.folder).parent.mkdir(parents=True, exist_ok=True)
-            with write_aside(_file(name, given.folder), overwrite=True) as aside:
+            with write_atomically(_file(name, given.folder), overwrite=True) as aside:
                 aside.write_text(json.dumps({"job": asdict(JOBS[name]), "found": there}, indent=1), encoding="utf-8")
             print(f"{name}: {there['']['seconds']:.1f} s", file=sys.stderr, flush=True)
         found[name] = there

@@ -18,7 +18,7 @@ from scipy.ndimage import binary_erosion
 
 import scenetruth as st
 from scenetruth.estimators.external import write_recording
-from scenetruth.placing import write_aside
+from scenetruth.output import write_atomically
 
 __all__ = ["PAIRS", "SCENES", "Pair", "made"]
 
@@ -86,12 +86,12 @@ def made(label: str, pair: str, folder: Path) -> Pair:
     if not place.exists():
         place.parent.mkdir(parents=True, exist_ok=True)
         rendered, truth = st.simulate(scene_of(name, [f"frames.count={COUNT}", *changes]), truth_views="all")
-        with write_aside(place) as aside:
+        with write_atomically(place) as aside:
             aside.mkdir()
-            st.save(rendered, aside / "recording.zarr")
-            st.save(truth, aside / "truth.zarr")
-    recording: Any = st.load(place / "recording.zarr", "recording")
-    truth = st.load(place / "truth.zarr", "truth")
+            st.save_store(rendered, aside / "recording.zarr")
+            st.save_store(truth, aside / "truth.zarr")
+    recording: Any = st.load_store(place / "recording.zarr", "recording")
+    truth = st.load_store(place / "truth.zarr", "truth")
     left, right = PAIRS[pair]
     apart = APART.get(name, 1)
     if left == right:
@@ -106,7 +106,7 @@ def made(label: str, pair: str, folder: Path) -> Pair:
     written = folder / "pairs" / f"{label}_{pair}"
     if not written.exists():
         written.parent.mkdir(parents=True, exist_ok=True)
-        with write_aside(written) as aside:
+        with write_atomically(written) as aside:
             aside.mkdir()
             write_recording(recording, aside / "recording")
             np.save(aside / "region.npy", binary_erosion(seen, iterations=MARGIN_PX, border_value=1))

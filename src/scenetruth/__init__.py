@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 from scenetruth.compilation import keep_compiled_code
 
 if TYPE_CHECKING:
+    from scenetruth.benchmark import BenchmarkResult, compare
     from scenetruth.camera import two_point_correction
-    from scenetruth.comparison import Comparison, compare
+    from scenetruth.dataset.generation import run_dataset
     from scenetruth.dataset.reading import open_dataset
-    from scenetruth.dataset.recipe.load import load_recipe, recipe_from_plain
-    from scenetruth.dataset.run import run_dataset
-    from scenetruth.design.budget import Budget
-    from scenetruth.design.optimise import Design
-    from scenetruth.design.predict import Prediction, predict
-    from scenetruth.design.sweep import Sweep, sweep
+    from scenetruth.dataset.recipe_loader import load_recipe, recipe_from_plain
+    from scenetruth.design.optimisation import DesignResult
+    from scenetruth.design.prediction import Prediction, predict
+    from scenetruth.design.sweeps import Sweep, sweep
+    from scenetruth.design.uncertainty import Budget
     from scenetruth.errors import (
         BackendUnavailableError,
         EstimateError,
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
         StoreError,
     )
     from scenetruth.estimators import estimate
-    from scenetruth.export import export_data, export_formats
-    from scenetruth.pipeline import RunFolder, export_run, run_scene, verify_folder
+    from scenetruth.exporters import export_data, export_formats
+    from scenetruth.pipeline import RunDirectory, export_run, run_scene, verify_run
     from scenetruth.resources import Limits
     from scenetruth.scene import Scene, load_scene, scene_from_plain
     from scenetruth.schema import make_estimate, make_recording
-    from scenetruth.scoring import Score, score, surface_growth, write_report
+    from scenetruth.scoring import Score, compute_growth_rate, score, write_report
     from scenetruth.simulation import simulate
-    from scenetruth.storage import load, open_store, save
+    from scenetruth.storage import load_store, open_store, save_store
     from scenetruth.truth import make_truth, track_points
 
     __version__: str
@@ -52,9 +52,9 @@ keep_compiled_code()
 
 __all__ = [
     "BackendUnavailableError",
+    "BenchmarkResult",
     "Budget",
-    "Comparison",
-    "Design",
+    "DesignResult",
     "EstimateError",
     "EstimateWarning",
     "ExportError",
@@ -67,7 +67,7 @@ __all__ = [
     "RecipeError",
     "RecordingError",
     "RenderError",
-    "RunFolder",
+    "RunDirectory",
     "Scene",
     "SceneError",
     "SceneWarning",
@@ -77,13 +77,14 @@ __all__ = [
     "StoreError",
     "Sweep",
     "compare",
+    "compute_growth_rate",
     "estimate",
     "export_data",
     "export_formats",
     "export_run",
-    "load",
     "load_recipe",
     "load_scene",
+    "load_store",
     "make_estimate",
     "make_recording",
     "make_truth",
@@ -93,32 +94,31 @@ __all__ = [
     "recipe_from_plain",
     "run_dataset",
     "run_scene",
-    "save",
+    "save_store",
     "scene_from_plain",
     "score",
     "simulate",
-    "surface_growth",
     "sweep",
     "track_points",
     "two_point_correction",
-    "verify_folder",
+    "verify_run",
     "write_report",
 ]
 
 _HOMES = {
-    "Budget": "design.budget",
-    "Comparison": "comparison",
-    "Design": "design.optimise",
-    "Prediction": "design.predict",
-    "Sweep": "design.sweep",
-    "predict": "design.predict",
-    "sweep": "design.sweep",
+    "Budget": "design.uncertainty",
+    "BenchmarkResult": "benchmark",
+    "DesignResult": "design.optimisation",
+    "Prediction": "design.prediction",
+    "Sweep": "design.sweeps",
+    "predict": "design.prediction",
+    "sweep": "design.sweeps",
     "Limits": "resources",
-    "compare": "comparison",
-    "load_recipe": "dataset.recipe.load",
+    "compare": "benchmark",
+    "load_recipe": "dataset.recipe_loader",
     "open_dataset": "dataset.reading",
-    "recipe_from_plain": "dataset.recipe.load",
-    "run_dataset": "dataset.run",
+    "recipe_from_plain": "dataset.recipe_loader",
+    "run_dataset": "dataset.generation",
     "Scene": "scene",
     "load_scene": "scene",
     "scene_from_plain": "scene",
@@ -128,17 +128,17 @@ _HOMES = {
     "estimate": "estimators",
     "Score": "scoring",
     "score": "scoring",
-    "load": "storage",
+    "load_store": "storage",
     "open_store": "storage",
-    "RunFolder": "pipeline",
-    "export_data": "export",
-    "export_formats": "export",
+    "RunDirectory": "pipeline",
+    "export_data": "exporters",
+    "export_formats": "exporters",
     "export_run": "pipeline",
     "run_scene": "pipeline",
-    "verify_folder": "pipeline",
-    "save": "storage",
+    "verify_run": "pipeline",
+    "save_store": "storage",
     "make_truth": "truth",
-    "surface_growth": "scoring",
+    "compute_growth_rate": "scoring",
     "track_points": "truth",
     "write_report": "scoring",
     "two_point_correction": "camera",

@@ -1,8 +1,4 @@
-"""Finished work on disk, to be taken from there the next time: never other bytes than those that would be made anew.
-
-An entry goes by a hash of everything that it depends on, and carries a checksum: one that was changed or cut off is as
-good as none. Writers put an entry aside and rename it. Where nothing can be written, everything is made anew.
-"""
+"""A cache of arrays on disk, shared by runs."""
 
 from __future__ import annotations
 
@@ -21,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cache_folder", "is_kept", "key_of", "recall", "remember", "remembered", "source_hash"]
+__all__ = ["cache_folder", "entry_key", "has_entry", "load_or_compute", "read_entry", "source_hash", "write_entry"]
 
 _FOLDER, _SIZE = "SCENETRUTH_CACHE", "SCENETRUTH_CACHE_MB"
 _OFF = ("off", "0", "no", "false")
-_MOST_MB = 1000.0
+_MAX_MB = 1000.0
 _MAGIC = b"scenetruth cache 1\n"
 _DIGEST = hashlib.sha256().digest_size
 _ALIGNMENT = 64
@@ -56,7 +52,7 @@ def cache_folder() -> Path | None:
     return Path(base) / "scenetruth" if os.path.isabs(base) else None
 
 
-def key_of(what: str, *parts: Any) -> str:
+def entry_key(what: str, *parts: Any) -> str:
     """Return the key of an entry: a hash of everything that its contents depend on.
 
     The versions of NumPy and SciPy and the processor belong to every key: they may round otherwise.
@@ -120,13 +116,13 @@ def source_hash(*folders: Path) -> str:
     return found.hexdigest()
 
 
-def remembered(key: str, make: Callable[[], Arrays]) -> Arrays:
+def load_or_compute(key: str, make: Callable[[], Arrays]) -> Arrays:
     """Return arrays from the cache, or make them and keep them there.
 
     Parameters
     ----------
     key
-        Their key, from `key_of`.
+        Their key, from `entry_key`.
     make
         Makes them.
 
@@ -135,20 +131,20 @@ def remembered(key: str, make: Callable[[], Arrays]) -> Arrays:
     dict of str to numpy.ndarray
         The arrays by their names, the caller's own.
     """
-    found = recall(key)
+    found = read_entry(key)
     if found is None:
         found = make()
-        remember(key, found)
+        write_entry(key, found)
     return found
 
 
-def recall(key: str) -> Arrays | None:
+def read_entry(key: str) -> Arrays | None:
     """Return the arrays of an entry.
 
     Parameters
     ----------
     key
-        Its key, from `key_of`.
+        Its key, from `entry_key`.
 
     Returns
     -------
@@ -175,13 +171,13 @@ def recall(key: str) -> Arrays | None:
     return found
 
 
-def is_kept(key: str) -> bool:
+def has_entry(key: str) -> bool:
     """Tell whether there is an entry; it may still turn out to be damaged.
 
     Parameters
     ----------
     key
-        Its key, from `key_of`.
+        Its key, from `entry_key`.
 
     Returns
     -------
@@ -192,7 +188,7 @@ def is_kept(key: str) -> bool:
     return folder is not None and (folder / f"{key}{_SUFFIX}").is_file()
 
 
-def remember(key: str, arrays: Arrays) -> None:
+def write_entry(key: str, arrays: Arrays) -> None:
     """Keep arrays, and take away the entries that were not used for longest, so that all stay within the limit.
 
     The environment variable ``SCENETRUTH_CACHE_MB`` sets the limit in megabytes; 1000 if it does not.
@@ -200,12 +196,12 @@ def remember(key: str, arrays: Arrays) -> None:
     Parameters
     ----------
     key
-        Their key, from `key_of`.
+        Their key, from `entry_key`.
     arrays
         What to keep. Where the disk does not take it, nothing is kept.
     """
     folder = cache_folder()
-    most = _most_bytes()
+    most = _max_bytes()
     if folder is None or sum(values.nbytes for values in arrays.values()) > most:
         return
     with contextlib.suppress(OSError):
@@ -223,11 +219,11 @@ def remember(key: str, arrays: Arrays) -> None:
         _prune(folder, most)
 
 
-def _most_bytes() -> float:
+def _max_bytes() -> float:
     try:
-        return float(os.environ.get(_SIZE, _MOST_MB)) * 1e6
+        return float(os.environ.get(_SIZE, _MAX_MB)) * 1e6
     except ValueError:
-        return _MOST_MB * 1e6
+        return _MAX_MB * 1e6
 
 
 def _packed(arrays: Arrays) -> list[bytes | memoryview]:

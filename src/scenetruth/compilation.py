@@ -1,4 +1,4 @@
-"""Compiled code: where it is kept between runs, word of its making, and how many threads may work."""
+"""Compiled code of numba: where it is cached, and the number of threads."""
 
 from __future__ import annotations
 

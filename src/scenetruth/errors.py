@@ -1,4 +1,4 @@
-"""The exception hierarchy; every exception carries the values that offended."""
+"""The exceptions and warnings of scenetruth."""
 
 from __future__ import annotations
 
@@ -373,13 +373,13 @@ class StoreError(ScenetruthError):
 
     See Also
     --------
-    scenetruth.load, scenetruth.open_store, scenetruth.verify_folder : Raise it.
+    scenetruth.load_store, scenetruth.open_store, scenetruth.verify_run : Raise it.
 
     Examples
     --------
     >>> import scenetruth as st
     >>> try:
-    ...     st.load("nowhere/recording.zarr")
+    ...     st.load_store("nowhere/recording.zarr")
     ... except st.StoreError as error:
     ...     print(error.path)
     nowhere/recording.zarr
@@ -399,7 +399,7 @@ class OutputExistsError(StoreError):
 
     See Also
     --------
-    scenetruth.save, scenetruth.simulate, scenetruth.run_scene : Raise it; ``overwrite=True`` allows to replace.
+    scenetruth.save_store, scenetruth.simulate, scenetruth.run_scene : Raise it; ``overwrite=True`` allows to replace.
 
     Examples
     --------
@@ -408,9 +408,9 @@ class OutputExistsError(StoreError):
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((3, 1, 4, 6)), focal_length_px=500, baseline_mm=5)
     >>> with TemporaryDirectory() as folder:
-    ...     st.save(recording, f"{folder}/recording.zarr")
+    ...     st.save_store(recording, f"{folder}/recording.zarr")
     ...     try:
-    ...         st.save(recording, f"{folder}/recording.zarr")
+    ...         st.save_store(recording, f"{folder}/recording.zarr")
     ...     except st.OutputExistsError as error:
     ...         print(error.message)
     exists already; give another output or --overwrite

@@ -1,4 +1,4 @@
-"""What data sets tell of the scene they were made from: the scene itself, its hash, seed, versions, intrinsics."""
+"""Provenance of results: hashes of scenes and recordings, versions of packages, attributes of stores."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from scenetruth.camera import Schedule, chain_of
-from scenetruth.files import input_files
-from scenetruth.plain import parse_json
-from scenetruth.randomness import generator_for
-from scenetruth.scene.spec import Scene
+from scenetruth.camera import Schedule, build_sensor_chain
+from scenetruth.input_files import collect_input_files
+from scenetruth.plain_data import parse_json
+from scenetruth.random_streams import generator_for
+from scenetruth.scene.scene_models import Scene
 from scenetruth.schema import Intrinsics, blank_map, digest, label
 
 __all__ = [
     "blank_recording",
+    "build_schedule",
     "content_hash",
     "intrinsics_from",
     "own_release",
-    "provenance_of",
+    "provenance_attributes",
     "recording_hash",
     "scene_hash",
-    "schedule_of",
 ]
 
 _PACKAGES = (
@@ -50,7 +50,7 @@ _WITHOUT_EFFECT = ("format", "description", "estimate", "score", "storage")
 """Sections of a scene on which images and truth do not depend."""
 
 
-def schedule_of(scene: Scene) -> Schedule:
+def build_schedule(scene: Scene) -> Schedule:
     """Return where and when a scene's images are planned, and where and when they are taken in fact."""
     return Schedule(scene.stage, scene.frames, partial(generator_for, scene.seed, "stage"))
 
@@ -73,7 +73,7 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, ide
     ideal
         Whether there are linear images without noise too.
     """
-    camera, stage, sensor = scene.camera, scene.stage, chain_of(scene.sensor)
+    camera, stage, sensor = scene.camera, scene.stage, build_sensor_chain(scene.sensor)
     rows = (stage.rows,) if stage.rows > 1 else ()
     shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
     arrays = {"image": blank_map(sensor.dtype, shape)}
@@ -102,7 +102,7 @@ def scene_hash(scene: Scene) -> str:
         The scene; relative paths of its files count from the current folder.
     """
     plain = scene.to_plain()
-    for where, file in input_files(scene):
+    for where, file in collect_input_files(scene):
         place: Any = plain
         *path, last = where.split(".")
         for key in path:
@@ -116,7 +116,7 @@ def recording_hash(scene_hash: str, backend: str) -> str:
     return digest([scene_hash, backend])
 
 
-def provenance_of(scene: Scene) -> dict[str, Any]:
+def provenance_attributes(scene: Scene) -> dict[str, Any]:
     """Return the attributes that tell where a data set is from."""
     versions = {"python": platform.python_version()}
     for name in _PACKAGES:

@@ -1,4 +1,4 @@
-"""The settings of scores and of storage, shared by scene files and by calls from Python."""
+"""The settings of scores and of storage, shared by scene files and calls from Python."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from scenetruth.model import FrozenModel, NonNegative, Positive
+from scenetruth.validated_model import FrozenModel, NonNegative, Positive
 
 __all__ = ["ScoreSettings", "StorageSettings"]
 

@@ -1,4 +1,4 @@
-"""From a scene to a recording and its truth."""
+"""Simulation of the recording and the ground truth of a scene."""
 
 from __future__ import annotations
 
@@ -10,29 +10,21 @@ from pathlib import Path
 
 import xarray as xr
 
-from scenetruth.camera import LinearImage, chain_of
+from scenetruth.camera import LinearImage, build_sensor_chain
 from scenetruth.errors import SceneWarning
-from scenetruth.placing import write_aside
+from scenetruth.output import write_atomically
 from scenetruth.progress import Progress
-from scenetruth.provenance import blank_recording, provenance_of, recording_hash, schedule_of
-from scenetruth.randomness import generator_for
+from scenetruth.provenance import blank_recording, build_schedule, provenance_attributes, recording_hash
+from scenetruth.random_streams import generator_for
 from scenetruth.render import choose_renderer
-from scenetruth.resources import Limits, refuse_beyond_bounds
-from scenetruth.scene.check import check_scene
+from scenetruth.resources import Limits, refuse_beyond_limits
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.spec import Scene
-from scenetruth.scene.world import build_world
-from scenetruth.schema import Filling, Put
+from scenetruth.scene.scene_models import Scene
+from scenetruth.scene.scene_report import check_scene
+from scenetruth.schema import IncrementalDataset, Put
 from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, open_store, store_name
-from scenetruth.truth import (
-    TruthChoice,
-    TruthMaps,
-    TruthPoses,
-    TruthViews,
-    blank_truth,
-    fill_truth,
-    refuse_arguments,
-)
+from scenetruth.truth import TruthMaps, TruthOptions, TruthPoses, TruthViews, blank_truth, fill_truth, refuse_arguments
 
 __all__ = ["simulate", "simulate_into"]
 
@@ -114,26 +106,26 @@ def simulate(
     (('t', 'y', 'x'), 100.0, 3.0)
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
-    refuse_beyond_bounds(scene, limits)
-    choice = TruthChoice(truth_views, truth_poses, truth_content)
+    refuse_beyond_limits(scene, limits)
+    choice = TruthOptions(truth_views, truth_poses, truth_content)
     if folder is not None:
-        with write_aside(folder) as aside:
+        with write_atomically(folder) as aside:
             aside.mkdir()
             simulate_into(aside, scene, choice, ideal=ideal, progress=progress)
         recorded, measured = _stores(Path(folder), scene)
         return open_store(recorded, "recording"), open_store(measured, "truth")
     work = _Work(scene, ideal=ideal, progress=progress)
     with work.opened() as blank:
-        images = Filling(blank)
+        images = IncrementalDataset(blank)
         work.record(images.put)
-    maps = Filling(work.blank_truth(choice))
+    maps = IncrementalDataset(work.blank_truth(choice))
     work.measure(choice, maps.put)
     work.warn(stacklevel=3)
     return images.dataset(), maps.dataset()
 
 
 def simulate_into(
-    folder: Path, scene: Scene, choice: TruthChoice, *, ideal: bool = False, progress: Progress | None = None
+    folder: Path, scene: Scene, choice: TruthOptions, *, ideal: bool = False, progress: Progress | None = None
 ) -> tuple[str, str]:
     """Render a scene and compute its truth into a folder that exists and is empty, image by image.
 
@@ -176,9 +168,9 @@ class _Work:
 
     def __init__(self, scene: Scene, *, ideal: bool, progress: Progress | None) -> None:
         self.scene, self.ideal, self.progress = scene, ideal, progress
-        self.world = build_world(scene)
+        self.world = build_scene(scene)
         check_scene(scene, self.world)
-        self.provenance = provenance_of(scene)
+        self.provenance = provenance_attributes(scene)
         self.warnings: list[str] = []
 
     @contextmanager
@@ -202,9 +194,9 @@ class _Work:
         """Render all images, and read them out of the sensor."""
         scene = self.scene
         stage, frames, camera = scene.stage, scene.frames, scene.camera
-        sensor = chain_of(scene.sensor)
+        sensor = build_sensor_chain(scene.sensor)
         opened = sensor.open((camera.height, camera.width), partial(generator_for, scene.seed, "sensor"))
-        schedule = schedule_of(scene)
+        schedule = build_schedule(scene)
         places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
         # In the order of the scan: some sensors need the image before.
         order = [(n, t, *place) for n, t in enumerate(frames.t.tolist()) for place in places]
@@ -228,11 +220,11 @@ class _Work:
             self.progress("render", len(order), len(order))
         self.warnings += _saturation_warnings(scene, brightest)
 
-    def blank_truth(self, choice: TruthChoice) -> xr.Dataset:
+    def blank_truth(self, choice: TruthOptions) -> xr.Dataset:
         """Give the truth with blank maps; after `opened`, whose recording it belongs to."""
         return blank_truth(self.scene, choice, self.provenance)
 
-    def measure(self, choice: TruthChoice, put: Put) -> None:
+    def measure(self, choice: TruthOptions, put: Put) -> None:
         """Compute the maps of the truth."""
         self.warnings += fill_truth(self.scene, self.world, choice, put, self.progress)
 
@@ -244,7 +236,7 @@ class _Work:
 
 def _saturation_warnings(scene: Scene, brightest: float) -> list[str]:
     """Return a warning if images are brighter than the sensor can tell."""
-    limit = chain_of(scene.sensor).saturation_radiance
+    limit = build_sensor_chain(scene.sensor).saturation_radiance
     # What is exactly as bright as full scale may have been rounded up.
     if brightest <= limit * (1 + 1e-6):
         return []

@@ -1,8 +1,4 @@
-"""Sharing work among threads, for kernels that release the interpreter's lock.
-
-numba's own parallel loops take twice as long to compile, share tiles of unequal cost out beforehand, and do not all
-bear being called from two threads at a time.
-"""
+"""Work on bands of rows in threads."""
 
 from __future__ import annotations
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.bound import Envelope, cramer_rao, envelope_of, gradient_of_texture
-from scenetruth.bound.model import Motion
+from scenetruth.bound import ClosedFormBound, closed_form_bound, cramer_rao_bound, texture_gradient
+from scenetruth.bound.unknowns import Motion
 from scenetruth.errors import RecordingError
 from tests.bound.planes import plane_of, truth_of
 
@@ -19,12 +19,12 @@ def test_they_agree_with_the_maps(motion: Motion) -> None:
     """Within 30 %: the texture of a window is not that of all, and its derivatives along x and y are not alike."""
     plane = plane_of(size=(40, 100), slopes=(0.0, 0.0), velocity_mm=(0.0, 0.0, 0.0), waves=200, baseline_mm=12.0)
     recording = plane.recording(3, 5)
-    maps = cramer_rao(
+    maps = cramer_rao_bound(
         truth_of(plane), recording.assign(ideal=recording["image"]), noise_std=0.01, window_sigma_px=3.0, motion=motion
     ).isel(t=0, y=slice(8, -8), x=slice(32, -32))
     # 0.1 is the contrast of these planes, whose waves are as many in each octave.
-    texture = {**TEXTURE, "gradient": gradient_of_texture(0.1, (8.0, 16.0), -2.0)}
-    told = envelope_of(**{**RIG, **texture, "baseline_mm": 12.0}, motion=motion)  # type: ignore[arg-type]
+    texture = {**TEXTURE, "gradient": texture_gradient(0.1, (8.0, 16.0), -2.0)}
+    told = closed_form_bound(**{**RIG, **texture, "baseline_mm": 12.0}, motion=motion)  # type: ignore[arg-type]
     expected = {
         "disparity_std": told.disparity_px,
         "depth_std": told.depth_mm,
@@ -44,8 +44,8 @@ def test_they_agree_with_the_maps(motion: Motion) -> None:
 
 
 def test_they_scale_as_they_say() -> None:
-    def at(**changes: float) -> Envelope:
-        return envelope_of(**{**RIG, **TEXTURE, **changes})  # type: ignore[arg-type]
+    def at(**changes: float) -> ClosedFormBound:
+        return closed_form_bound(**{**RIG, **TEXTURE, **changes})  # type: ignore[arg-type]
 
     one, wide, long = at(), at(baseline_mm=4.0), at(frames=9)
     assert wide.depth_mm == pytest.approx(one.depth_mm / 2)
@@ -65,8 +65,8 @@ def test_they_scale_as_they_say() -> None:
 def test_growth_hides_motion_in_depth_behind_a_short_baseline() -> None:
     """With a long baseline, all comes from the change of disparity, and growth takes nothing away."""
     ratios = [
-        envelope_of(**{**RIG, **TEXTURE, "baseline_mm": baseline}, motion="growing").velocity_depth_mm  # type: ignore[arg-type]
-        / envelope_of(**{**RIG, **TEXTURE, "baseline_mm": baseline}).velocity_depth_mm  # type: ignore[arg-type]
+        closed_form_bound(**{**RIG, **TEXTURE, "baseline_mm": baseline}, motion="growing").velocity_depth_mm  # type: ignore[arg-type]
+        / closed_form_bound(**{**RIG, **TEXTURE, "baseline_mm": baseline}).velocity_depth_mm  # type: ignore[arg-type]
         for baseline in (0.2, 2.0, 200.0)
     ]
     assert ratios[0] > ratios[1] > ratios[2] >= 1.0
@@ -74,7 +74,7 @@ def test_growth_hides_motion_in_depth_behind_a_short_baseline() -> None:
 
 
 def test_a_single_frame_tells_no_motion() -> None:
-    found = envelope_of(**{**RIG, **TEXTURE, "frames": 1})  # type: ignore[arg-type]
+    found = closed_form_bound(**{**RIG, **TEXTURE, "frames": 1})  # type: ignore[arg-type]
     assert np.isfinite(found.depth_mm)
     assert np.isinf([found.flow_px, found.velocity_lateral_mm, found.velocity_depth_mm]).all()
 
@@ -83,20 +83,20 @@ def test_the_gradient_is_that_of_waves() -> None:
     """Waves of all directions: half of the squared gradient lies along each axis."""
     x = np.arange(10_000) * 0.01
     wave = 3.0 * np.sqrt(2) * np.sin(2 * np.pi * x / 5.0)
-    assert np.std(np.gradient(wave, 0.01)) / np.sqrt(2) == pytest.approx(gradient_of_texture(3.0, 5.0), rel=1e-3)
+    assert np.std(np.gradient(wave, 0.01)) / np.sqrt(2) == pytest.approx(texture_gradient(3.0, 5.0), rel=1e-3)
     for exponent in (0.0, -2.0, -4.0, 1.5):
-        narrow = gradient_of_texture(3.0, (4.999, 5.001), exponent)
-        assert narrow == pytest.approx(gradient_of_texture(3.0, 5.0), rel=1e-6)
+        narrow = texture_gradient(3.0, (4.999, 5.001), exponent)
+        assert narrow == pytest.approx(texture_gradient(3.0, 5.0), rel=1e-6)
     # Against sums over rings.
     f = np.linspace(1 / 30, 1 / 6, 20_001)
     for exponent in (0.0, -2.0, 1.0):
         power = f ** (exponent + 1)
         expected = 2 * np.pi * 3.0 * np.sqrt((power * f**2).sum() / power.sum() / 2)
-        assert gradient_of_texture(3.0, (6.0, 30.0), exponent) == pytest.approx(expected, rel=1e-3)
+        assert texture_gradient(3.0, (6.0, 30.0), exponent) == pytest.approx(expected, rel=1e-3)
 
 
 def test_all_that_is_wrong_is_listed() -> None:
     with pytest.raises(RecordingError, match=r"(?s)depth_mm.*gradient.*motion"):
-        envelope_of(**{**RIG, **TEXTURE, "depth_mm": 0.0, "gradient": -1.0, "motion": "wild"})  # type: ignore[arg-type]
+        closed_form_bound(**{**RIG, **TEXTURE, "depth_mm": 0.0, "gradient": -1.0, "motion": "wild"})  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match="wavelength_px"):
-        gradient_of_texture(1.0, 0.0)
+        texture_gradient(1.0, 0.0)

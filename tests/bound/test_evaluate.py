@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.bound import cramer_rao
-from scenetruth.bound.windows import window_weights
+from scenetruth.bound import cramer_rao_bound
+from scenetruth.bound.fisher_information import window_weights
 from scenetruth.errors import RecordingError
 from tests.bound.planes import directions, full_covariance, plane_of, truth_of
 from tests.estimators.refined.surface import MovingPlane, turning
@@ -31,7 +31,7 @@ STDS = ("disparity_std", "depth_std", "flow_std", "velocity_std", "slope_std")
 def bound_of(plane: MovingPlane, recording: xr.Dataset | None = None, **settings: Any) -> xr.Dataset:
     recording = plane.recording(3, 3) if recording is None else recording
     given = {"noise_std": 1.0, "window_sigma_px": SIGMA, **settings}
-    return cramer_rao(truth_of(plane), recording.assign(ideal=recording["image"]), **given)
+    return cramer_rao_bound(truth_of(plane), recording.assign(ideal=recording["image"]), **given)
 
 
 def inside(values: xr.DataArray) -> np.ndarray:
@@ -179,7 +179,9 @@ def test_noisy_images_tell_the_same_bound() -> None:
     plane = plane_of(size=(60, 72))
     noise = 0.03
     clean = bound_of(plane, noise_std=noise)
-    noisy = cramer_rao(truth_of(plane), plane.recording(3, 3, noise_std=noise), noise_std=noise, window_sigma_px=SIGMA)
+    noisy = cramer_rao_bound(
+        truth_of(plane), plane.recording(3, 3, noise_std=noise), noise_std=noise, window_sigma_px=SIGMA
+    )
     naive = bound_of(plane, plane.recording(3, 3, noise_std=noise), noise_std=noise)
     for name in ("disparity_std", "velocity_std"):
         # 40 windows that share nothing, each with an error of some 20 %.
@@ -191,7 +193,7 @@ def test_images_without_noise_tell_it_by_either_way() -> None:
     """From the reference alone, or from images that are warped by splines."""
     plane = plane_of()
     one = bound_of(plane)
-    other = cramer_rao(truth_of(plane), plane.recording(3, 3), noise_std=1.0, window_sigma_px=SIGMA)
+    other = cramer_rao_bound(truth_of(plane), plane.recording(3, 3), noise_std=1.0, window_sigma_px=SIGMA)
     for name in STDS:
         np.testing.assert_allclose(inside(other[name]), inside(one[name]), rtol=0.01)
 
@@ -206,7 +208,7 @@ def test_what_is_hidden_or_masked_does_not_count() -> None:
     truth["visible"] = (("s", "t", "y", "x"), visible)
     ideal = recording.assign(ideal=recording["image"])
     settings: dict[str, Any] = {"noise_std": 1.0, "window_sigma_px": SIGMA}
-    hidden = cramer_rao(truth, ideal, **settings)
+    hidden = cramer_rao_bound(truth, ideal, **settings)
     mask = np.zeros((3, 1, *plane.size), dtype=bool)
     mask[0] = True
     masked = st.make_recording(
@@ -215,7 +217,7 @@ def test_what_is_hidden_or_masked_does_not_count() -> None:
         plane.baseline_mm,
         mask=np.broadcast_to(mask, recording["image"].shape),
     )
-    both = [hidden, cramer_rao(truth_of(plane), masked.assign(ideal=masked["image"]), **settings)]
+    both = [hidden, cramer_rao_bound(truth_of(plane), masked.assign(ideal=masked["image"]), **settings)]
     two = bound_of(plane, recording.sel(s=slice(0, 1)))
     for found in both:
         assert inside(found["images_used"]).max() == 6
@@ -234,7 +236,7 @@ def test_windows_keep_to_one_object() -> None:
     stronger[..., 30:] = (stronger[..., 30:] - 0.5) * 4 + 0.5
     settings: dict[str, Any] = {"noise_std": 1.0, "window_sigma_px": 6.0}
     one, other = (
-        cramer_rao(truth, recording.assign(ideal=image), **settings) for image in (recording["image"], stronger)
+        cramer_rao_bound(truth, recording.assign(ideal=image), **settings) for image in (recording["image"], stronger)
     )
     # The image and its linear relation to ``ideal`` are those of the whole.
     left = {"x": slice(None, 20)}
@@ -283,14 +285,14 @@ def test_all_that_is_wrong_is_listed() -> None:
     plane = plane_of()
     truth, recording = truth_of(plane), plane.recording(3, 3)
     with pytest.raises(RecordingError, match=r"(?s)motion.*noise_std.*window_sigma_px.*every_px"):
-        cramer_rao(truth, recording, motion="wild", noise_std=0.0, window_sigma_px=-1.0, every_px=0)  # type: ignore[arg-type]
+        cramer_rao_bound(truth, recording, motion="wild", noise_std=0.0, window_sigma_px=-1.0, every_px=0)  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match=r"(?s)truth\.normal.*recording\.s: has one camera"):
-        cramer_rao(truth.drop_vars("normal"), recording.sel(s=[0]), noise_std=1.0)
+        cramer_rao_bound(truth.drop_vars("normal"), recording.sel(s=[0]), noise_std=1.0)
     visible = np.ones((1, 1, *plane.size), dtype=bool)
     told = truth.assign_coords(s=[0]).assign(visible=(("s", "t", "y", "x"), visible))
     with pytest.raises(RecordingError, match=r"truth\.visible\.s: does not tell of all images .*-1, 1"):
-        cramer_rao(told, recording.sel(t=[0]), noise_std=1.0)
+        cramer_rao_bound(told, recording.sel(t=[0]), noise_std=1.0)
     with pytest.raises(RecordingError, match=r"noise_std: is not known"):
-        cramer_rao(truth, recording)
+        cramer_rao_bound(truth, recording)
     with pytest.raises(RecordingError, match=r"must have the pixels of the truth"):
-        cramer_rao(truth, recording.isel(x=slice(3, None)), noise_std=1.0)
+        cramer_rao_bound(truth, recording.isel(x=slice(3, None)), noise_std=1.0)

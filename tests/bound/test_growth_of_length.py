@@ -7,20 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from scenetruth.bound.functionals import functionals_of, pushed_apart, with_products
-from scenetruth.bound.geometry import Points
-from scenetruth.bound.model import Model
+from scenetruth.bound.surface_geometry import ReferencePoints
+from scenetruth.bound.unknowns import WindowUnknowns, add_error_products, compute_eigenvalue_bias, compute_functionals
 from scenetruth.schema import Intrinsics
 
 FOCAL, X, Y = 900.0, 130.0, -80.0
 CAMERA = Intrinsics(focal_length_px=FOCAL, principal_point_px=(0.0, 0.0), baseline_mm=2.0)
 
 
-def points_of(theta: np.ndarray) -> Points:
+def points_of(theta: np.ndarray) -> ReferencePoints:
     """One pixel's surface and motion: disparity, then q_X, q_Y, q_Z, each with its slopes along x and y."""
     value = theta.reshape(4, 3)[:, :, None]
     fields = (value[0, 0], value[0, 1], value[0, 2], value[1:, 0], value[1:, 1], value[1:, 2])
-    return Points(np.array([X]), np.array([Y]), *fields, FOCAL)
+    return ReferencePoints(np.array([X]), np.array([Y]), *fields, FOCAL)
 
 
 def growths(theta: np.ndarray) -> np.ndarray:
@@ -40,7 +39,7 @@ def test_derivatives_are_those_of_the_eigenvalues(seed: int) -> None:
     scale = np.array([0.0, 2e-3, 2e-3, 0.1, 2e-3, 2e-3, 0.1, 2e-3, 2e-3, 0.1, 2e-3, 2e-3])
     theta = scale * draw.normal(size=12)
     theta[0] = 8.0
-    found = functionals_of(points_of(theta), CAMERA, Model("plane", "affine", moving=True, brightness=0))
+    found = compute_functionals(points_of(theta), CAMERA, WindowUnknowns("plane", "affine", moving=True, brightness=0))
     apart = float(np.diff(growths(theta))[0])
     if abs(apart) < 1e-3:
         return
@@ -65,9 +64,9 @@ def test_noise_pushes_growths_apart() -> None:
     draw = np.random.default_rng(5).normal(0.0, 2.0, (2, 200_000))
     for half in (0.0, 1.0, 3.0, 9.0):
         drawn = np.hypot(half + draw[0], draw[1]).mean() - half
-        told = pushed_apart(np.array([half]), np.array([2.0]), np.array([2.0]))
+        told = compute_eigenvalue_bias(np.array([half]), np.array([2.0]), np.array([2.0]))
         assert told[0] == pytest.approx(drawn, abs=0.02)
-    none, far = pushed_apart(np.array([0.0, 200.0]), np.array([2.0, 2.0]), np.array([2.0, 2.0]))
+    none, far = compute_eigenvalue_bias(np.array([0.0, 200.0]), np.array([2.0, 2.0]), np.array([2.0, 2.0]))
     assert none == pytest.approx(2.0 * np.sqrt(np.pi / 2))
     assert far == pytest.approx(4.0 / 400.0, rel=1e-3)
 
@@ -77,7 +76,7 @@ def test_errors_of_inclination_and_turn_multiply() -> None:
     tilt, turn = 0.07, 0.03
     std = {"growth_rate": 0.0, "growth_apart": 0.0, "growth_shear": 0.0, "growth_principal.0": 1e-3}
     std |= {"growth_principal.1": 0.0, "growth_tilt.0": tilt, "growth_tilt.1": 0.0, "growth_turn.0": turn}
-    told = with_products({name: np.array([value]) for name, value in (std | {"growth_turn.1": 0.0}).items()})
+    told = add_error_products({name: np.array([value]) for name, value in (std | {"growth_turn.1": 0.0}).items()})
     a, b, c = np.random.default_rng(6).normal(size=(3, 400_000))
     assert told["growth_principal.0"][0] == pytest.approx(np.std(1e-3 * a + tilt * turn * b * c), rel=0.01)
     assert told["growth_principal.1"][0] == 0

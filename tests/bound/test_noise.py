@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.bound.noise import is_noise_free, noise_of
+from scenetruth.bound.image_gradients import compute_noise_variance, is_noise_free
 from scenetruth.errors import Problem
 from tests.dataset.conftest import SCENE
 
@@ -34,7 +34,7 @@ def test_it_is_that_of_the_images(sensor: dict[str, Any]) -> None:
     """40 frames of 3456 pixels: the mean variance is known to 0.4 %, that of the darkest tenth to 1.3 %."""
     recording = still(sensor)
     problems: list[Problem] = []
-    noise = noise_of(recording, None, problems)
+    noise = compute_noise_variance(recording, None, problems)
     assert problems == []
     values = recording["image"].values.astype(np.float64)
     mean, variance = values.mean(axis=1), values.var(axis=1, ddof=1)
@@ -48,7 +48,7 @@ def test_it_is_that_of_the_images(sensor: dict[str, Any]) -> None:
 def test_a_given_noise_goes_before_the_sensor() -> None:
     recording = still({"noise_std": 0.01, "bit_depth": 8}, frames=1)
     problems: list[Problem] = []
-    assert noise_of(recording, 3.0, problems).variance(np.array([7.0])) == pytest.approx(9.0)
+    assert compute_noise_variance(recording, 3.0, problems).variance(np.array([7.0])) == pytest.approx(9.0)
     assert problems == []
 
 
@@ -64,7 +64,7 @@ def test_a_given_noise_goes_before_the_sensor() -> None:
 def test_sensors_that_tell_nothing_ask_for_it(sensor: Any, said: str) -> None:
     recording = still(sensor, frames=1)
     problems: list[Problem] = []
-    noise_of(recording, None, problems)
+    compute_noise_variance(recording, None, problems)
     assert [problem.path for problem in problems] == ["noise_std"]
     assert said in str(problems[0])
     assert is_noise_free(recording) == (said == "is zero")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.bound import cramer_rao
+from scenetruth.bound import cramer_rao_bound
 from tests.bound.planes import plane_of, truth_of
 from tests.dataset.conftest import SCENE
 from tests.nightly import nightly
@@ -19,8 +19,8 @@ def test_a_scene_has_a_bound_on_its_surfaces() -> None:
     scene = copy.deepcopy(SCENE)
     recording, truth = st.simulate(st.scene_from_plain(scene), ideal=True)
     at = truth.sel(t=0)
-    found = cramer_rao(truth, recording, window_sigma_px=3.0)
-    noisy = cramer_rao(truth, recording.drop_vars("ideal"), window_sigma_px=3.0)
+    found = cramer_rao_bound(truth, recording, window_sigma_px=3.0)
+    noisy = cramer_rao_bound(truth, recording.drop_vars("ideal"), window_sigma_px=3.0)
     nothing = at["mixed"].values.astype(bool) | np.isnan(at["depth"].values)
     known = np.isfinite(found["depth_std"].values[0])
     assert nothing.any()
@@ -42,16 +42,16 @@ def test_a_sensor_without_noise_needs_to_be_told_one() -> None:
     scene["sensor"] = "ideal"
     recording, truth = st.simulate(st.scene_from_plain(scene), ideal=True)
     with pytest.raises(st.RecordingError, match="noise_std"):
-        cramer_rao(truth, recording)
-    found = cramer_rao(truth, recording, noise_std=0.01, window_sigma_px=3.0)
-    plain = cramer_rao(truth, recording.drop_vars("ideal"), noise_std=0.01, window_sigma_px=3.0)
+        cramer_rao_bound(truth, recording)
+    found = cramer_rao_bound(truth, recording, noise_std=0.01, window_sigma_px=3.0)
+    plain = cramer_rao_bound(truth, recording.drop_vars("ideal"), noise_std=0.01, window_sigma_px=3.0)
     np.testing.assert_allclose(plain["depth_std"].values, found["depth_std"].values, rtol=1e-5)
 
 
 def test_a_truth_of_all_cameras_is_that_of_the_reference() -> None:
     scene = st.scene_from_plain(copy.deepcopy(SCENE))
     (recording, one), (_, every) = (st.simulate(scene, truth_views=views) for views in ("reference", "all"))
-    found = [cramer_rao(truth, recording, window_sigma_px=3.0, every_px=5) for truth in (one, every)]
+    found = [cramer_rao_bound(truth, recording, window_sigma_px=3.0, every_px=5) for truth in (one, every)]
     np.testing.assert_array_equal(found[0]["velocity_std"].values, found[1]["velocity_std"].values)
 
 
@@ -63,7 +63,7 @@ def test_bright_pixels_have_more_noise() -> None:
     clean = recording["image"].values.astype(np.float64)
     least, most = (np.sqrt(0.39 * (grey - 16)) for grey in (np.quantile(clean, 0.01), clean.max()))
     low, own, high = (
-        cramer_rao(truth, recording, noise_std=noise, window_sigma_px=3.0)["depth_std"].values
+        cramer_rao_bound(truth, recording, noise_std=noise, window_sigma_px=3.0)["depth_std"].values
         for noise in (least, None, most + 2.0)
     )
     known = np.isfinite(own)
@@ -77,7 +77,7 @@ def test_parts_of_different_scenes_are_refused() -> None:
     second["objects"][1]["pose"]["position_mm"][2] = 90
     (recording, _), (_, truth) = (st.simulate(st.scene_from_plain(each)) for each in (first, second))
     with pytest.raises(st.MismatchError):
-        cramer_rao(truth, recording)
+        cramer_rao_bound(truth, recording)
 
 
 @nightly
@@ -91,7 +91,9 @@ def test_the_refined_method_reaches_it(motion: Any) -> None:
     plane = plane_of(size=(64, 96), baseline_mm=4.0, velocity_mm=(0.05, -0.03, -0.2), waves=100)
     truth, clean = truth_of(plane), plane.recording(3, 5)
     noise, sigma = 0.005, 3.0
-    bound = cramer_rao(truth, clean.assign(ideal=clean["image"]), noise_std=noise, window_sigma_px=sigma, motion=motion)
+    bound = cramer_rao_bound(
+        truth, clean.assign(ideal=clean["image"]), noise_std=noise, window_sigma_px=sigma, motion=motion
+    )
     settings = {"surface": "plane", "motion": motion, "acceleration": False, "outlines": False, "brightness": "none"}
     found = [
         st.estimate(plane.recording(3, 5, noise_std=noise, seed=seed), "refined", window_sigma_px=sigma, **settings)

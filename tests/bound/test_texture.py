@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from scenetruth.bound.pieces import inside_of, pieces_of
-from scenetruth.bound.texture import gradient_along
+from scenetruth.bound.image_gradients import gradient_along
+from scenetruth.bound.surface_geometry import compute_interior_mask, label_surface_segments
 
 
 @pytest.mark.parametrize(("wavelength_px", "error"), [(12.0, 5e-6), (6.0, 3.4e-4), (4.0, 5.4e-3), (3.0, 0.047)])
@@ -27,14 +27,14 @@ def test_derivatives_are_as_exact_as_stated(wavelength_px: float, error: float) 
 
 
 def test_a_step_beyond_a_piece_is_hardly_felt_inside() -> None:
-    """A tenth of a step 3 px away, as pixels at the end of `inside_of` have it."""
+    """A tenth of a step 3 px away, as pixels at the end of `compute_interior_mask` have it."""
     image = np.zeros((60, 60))
     image[:, 30:] = 1.0
     gradient = np.abs(gradient_along(image, 1)[30])
     assert gradient[27] < 0.12
     assert gradient[24] < 0.01
     pieces = np.where(np.arange(60) < 30, 0, 1) + np.zeros((60, 1), dtype=np.int64)
-    assert inside_of(pieces)[30].nonzero()[0].tolist() == [*range(28), *range(32, 60)]
+    assert compute_interior_mask(pieces)[30].nonzero()[0].tolist() == [*range(28), *range(32, 60)]
 
 
 def test_pieces_end_at_edges_and_at_objects() -> None:
@@ -46,7 +46,7 @@ def test_pieces_end_at_edges_and_at_objects() -> None:
     objects = np.zeros(depth.shape, dtype=int)
     objects[:, 9:] = 1
     maps = {"depth": depth, "mixed": mixed, "object_id": objects}
-    pieces = pieces_of(xr.Dataset({name: (("y", "x"), values) for name, values in maps.items()}))
+    pieces = label_surface_segments(xr.Dataset({name: (("y", "x"), values) for name, values in maps.items()}))
     assert (pieces[0] == -1).all()
     assert (pieces[:, 4] == -1).all()
     parts = [pieces[1:, :4], pieces[1:, 5:9], pieces[1:, 9:]]

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.comparison import compare
+from scenetruth.benchmark import compare
 from tests.browser.pages import opened, reads_well
 
 

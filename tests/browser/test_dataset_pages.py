@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.card.write import write_card
-from scenetruth.dataset.preview.write import write_preview
-from scenetruth.dataset.recipe.load import recipe_from_plain
-from scenetruth.dataset.run import run_dataset
+from scenetruth.dataset.generation import run_dataset
+from scenetruth.dataset.pages.card import write_card
+from scenetruth.dataset.pages.preview_page import write_preview
+from scenetruth.dataset.recipe_loader import recipe_from_plain
 from tests.browser.pages import opened, reads_well
 from tests.dataset.conftest import RECIPE
 

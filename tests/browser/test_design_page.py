@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.design.page.write import write_design_page
+from scenetruth.design.optimisation.report.design_report import write_design_page
 from tests.browser.pages import opened, reads_well
 from tests.design.page.sample import design
 

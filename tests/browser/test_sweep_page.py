@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.sweep.page.write import write_page
+from scenetruth.design.sweeps.sweep_report import write_sweep_report
 from tests.browser.pages import opened, reads_well
 from tests.design.sweep.test_page import over_two
 
 
 @pytest.fixture
 def page(browser: Any, tmp_path: Path) -> Iterator[Any]:
-    write_page(over_two(), tmp_path, "scenetruth design sweep cube.yaml")
+    write_sweep_report(over_two(), tmp_path, "scenetruth design sweep cube.yaml")
     with opened(browser, tmp_path / "index.html", ".chart .main-svg") as page:
         yield page
 

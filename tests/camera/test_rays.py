@@ -7,7 +7,7 @@ import gc
 import numpy as np
 
 from scenetruth.camera import Camera, Distortion, pixel_rays
-from scenetruth.camera import rays as module
+from scenetruth.camera import pinhole as module
 
 
 def camera(**changes: object) -> Camera:
@@ -29,7 +29,7 @@ def test_equal_cameras_share_their_rays_and_others_do_not() -> None:
 def test_rays_go_with_their_camera() -> None:
     item = camera(width=11)
     assert pixel_rays(item).directions.shape == (55, 3)
-    before = len(module._known)
+    before = len(module._rays_by_camera)
     del item
     gc.collect()
-    assert len(module._known) == before - 1
+    assert len(module._rays_by_camera) == before - 1

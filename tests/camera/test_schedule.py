@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
-from scenetruth.camera import Frames, Moment, Schedule, Stage
-from scenetruth.randomness import generator_for
+from scenetruth.camera import Frames, ImageAcquisition, Schedule, Stage
+from scenetruth.random_streams import generator_for
 from tests.nightly import nightly
 
 SCANS = ["unidirectional", "bidirectional"]
@@ -33,7 +33,7 @@ def images(plan: Schedule) -> Iterator[tuple[int, int, int]]:
     return product(stage.s_y.tolist(), stage.s.tolist(), plan.frames.t.tolist())
 
 
-def values(moment: Moment) -> list[float]:
+def values(moment: ImageAcquisition) -> list[float]:
     return [moment.t, *moment.viewpoint.position_mm, *moment.viewpoint.rotation.ravel(), *moment.rotation_rad]
 
 

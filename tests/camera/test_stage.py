@@ -12,7 +12,7 @@ from hypothesis import strategies as some
 
 import scenetruth as st
 from scenetruth.camera import Frames, Stage, StageErrors
-from scenetruth.camera.stage_errors import STAGE_PRESETS
+from scenetruth.camera.stage import STAGE_PRESETS
 from tests.scenes import SCENES, cube
 
 LISTED = {"positions_mm": [-10, -4, 0, 5, 12]}

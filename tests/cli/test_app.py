@@ -123,7 +123,7 @@ def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Pa
 def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Path) -> None:
     done = scenetruth("estimate", finished, "--overwrite", "--set", "estimate.window_sigma_px=4")
     assert done.returncode == 0, done.stderr
-    assert json.loads(st.load(finished / "estimate.zarr").attrs["settings"])["window_sigma_px"] == 4
+    assert json.loads(st.load_store(finished / "estimate.zarr").attrs["settings"])["window_sigma_px"] == 4
     assert "score.json, score.csv, report.html, figures" in done.stderr
     assert "belong to the former estimate" in done.stderr
     done = scenetruth("estimate", finished, "--overwrite", "--set", "camera.width=4")
@@ -154,15 +154,15 @@ def test_an_existing_output_is_refused_without_overwrite(finished: Path, scene_f
 
 def test_recordings_from_elsewhere_can_be_estimated(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (5, 9, 40, 48), dtype=np.uint8)
-    st.save(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
+    st.save_store(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
     done = scenetruth("estimate", tmp_path, "--set", "estimate.working_point_px=0")
     assert done.returncode == 0, done.stderr
-    assert st.load(tmp_path / "estimate.zarr").attrs["working_point_px"] == 0
+    assert st.load_store(tmp_path / "estimate.zarr").attrs["working_point_px"] == 0
 
 
 def test_truth_of_all_cameras_is_scored_at_the_reference(finished: Path) -> None:
     """That its score is that of the reference alone says `test_commands_one_by_one_give_the_same_as_run`."""
-    assert st.load(finished / "truth.zarr")["depth"].sizes["s"] == 5
+    assert st.load_store(finished / "truth.zarr")["depth"].sizes["s"] == 5
 
 
 def test_truth_is_taken_from_real_poses_or_from_planned_ones(scene_file: Path, tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_truth_is_taken_from_real_poses_or_from_planned_ones(scene_file: Path, t
     for poses in ("real", "nominal"):
         done = scenetruth("render", scene_file, "-o", tmp_path / poses, "--truth-poses", poses, *stage)
         assert done.returncode == 0, done.stderr
-        truths[poses] = st.load(tmp_path / poses / "truth.zarr", "truth")
+        truths[poses] = st.load_store(tmp_path / poses / "truth.zarr", "truth")
         assert truths[poses].attrs["truth_poses"] == poses
     difference = truths["real"]["depth"] - truths["nominal"]["depth"]
     # 5 µm of straightness, 100 µrad on 45° faces at 700 mm.
@@ -212,7 +212,7 @@ def test_a_grid_is_rendered_and_estimated_row_by_row(scene_file: Path, tmp_path:
     assert "stage.rows: a grid cannot be estimated as a whole" in refused.stderr
     done = scenetruth("render", scene_file, "-o", tmp_path / "grid", *grid)
     assert done.returncode == 0, done.stderr
-    assert st.load(tmp_path / "grid" / "recording.zarr")["image"].shape == (2, 5, 1, 120, 160)
+    assert st.load_store(tmp_path / "grid" / "recording.zarr")["image"].shape == (2, 5, 1, 120, 160)
     done = scenetruth("estimate", tmp_path / "grid")
     assert done.returncode == 2
     assert "recording.sel(s_y=0)" in done.stderr

@@ -24,7 +24,7 @@ except SystemExit as ended:
 # Not that of the process that started this one, which getrusage counts in.
 status = dict(line.split(':', 1) for line in Path('/proc/self/status').read_text().splitlines())
 peak = int(status['VmHWM'].split()[0]) / 1024
-print("took", time.process_time(), peak, "numba" in sys.modules, "scenetruth.truth.kernels" in sys.modules)
+print("took", time.process_time(), peak, "numba" in sys.modules, "scenetruth.truth.map_kernels" in sys.modules)
 """
 MOST_MB = 500
 # The promise is two seconds on an idle machine; tests share it, and clocks of processes run slower then.

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.cli.completion import files_on, method_names
-from scenetruth.cli.shipped import SCENES
+from scenetruth.cli.options import SCENES, file_completer, method_names
 from scenetruth.estimators import method_entries
 
 
@@ -25,7 +24,7 @@ def test_shipped_names_and_files_here(tmp_path: Path, monkeypatch: pytest.Monkey
     (tmp_path / "inner").mkdir()
     for name in ("cutter.yaml", "cut.txt", "inner/cup.yml"):
         (tmp_path / name).touch()
-    complete = files_on(SCENES)
+    complete = file_completer(SCENES)
     assert complete("cu") == ["cube", "cube_spotlight", "cutter.yaml"]
     assert complete("inner/c") == ["inner/cup.yml"]
     assert complete("no/c") == []

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
-from scenetruth.cli.console import Reporter, reporting
+from scenetruth.cli.console import ProgressReporter, reporting
 
 SWALLOWED = """
 import ctypes, os, signal, time
@@ -47,12 +47,12 @@ class Clock:
         return self.now
 
 
-def told_by(clock: Clock, seconds: float, work: Callable[[Reporter, float], None]) -> list[tuple[float, str]]:
+def told_by(clock: Clock, seconds: float, work: Callable[[ProgressReporter, float], None]) -> list[tuple[float, str]]:
     """Return the lines of a reporter that is asked every quarter of a second, each with its time."""
     lines = []
     with mock.patch("time.monotonic", clock):
         file = io.StringIO()
-        reporter = Reporter(Progress(console=Console(file=file, width=200)))
+        reporter = ProgressReporter(Progress(console=Console(file=file, width=200)))
         while clock.now < seconds:
             clock.now += 0.25
             work(reporter, clock.now)
@@ -72,7 +72,7 @@ def test_a_pipe_hears_of_compiling_every_three_seconds() -> None:
 
 
 def test_a_pipe_hears_of_long_work_ever_more_rarely() -> None:
-    def work(reporter: Reporter, now: float) -> None:
+    def work(reporter: ProgressReporter, now: float) -> None:
         if now > 10:
             reporter("render", int(now), 40_000)
 

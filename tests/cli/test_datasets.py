@@ -98,7 +98,9 @@ def test_other_folders_are_no_data_sets(tmp_path: Path) -> None:
 
 def test_the_schema_describes_every_kind() -> None:
     schema = json.loads(call("schema"))
-    assert {"Uniform", "Choice", "Table", "VisibleShare"} <= set(schema["$defs"])
+    assert {"UniformDistribution", "ChoiceDistribution", "TableDistribution", "VisibleFractionCriterion"} <= set(
+        schema["$defs"]
+    )
     assert "Examples" not in json.dumps(schema)
     assert schema["properties"]["vary"]["description"]
 

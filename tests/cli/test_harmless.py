@@ -100,7 +100,7 @@ def test_files_that_are_no_scene_end_with_a_message(tmp_path: Path, command: str
     ],
 )
 def test_what_machines_refuse_is_told(error: Exception, message: str, tmp_path: Path) -> None:
-    with mock.patch("scenetruth.resources.glimpse.glimpse_of", side_effect=error):
+    with mock.patch("scenetruth.resources.quick_preview.make_quick_preview", side_effect=error):
         done = scenetruth("check", SCENES / "plaid.yaml")
     assert done.returncode == 2
     assert re.search(message, done.stderr)
@@ -108,7 +108,7 @@ def test_what_machines_refuse_is_told(error: Exception, message: str, tmp_path: 
 
 def test_what_nobody_foresaw_keeps_its_traceback() -> None:
     with (
-        mock.patch("scenetruth.resources.glimpse.glimpse_of", side_effect=ZeroDivisionError("a fault")),
+        mock.patch("scenetruth.resources.quick_preview.make_quick_preview", side_effect=ZeroDivisionError("a fault")),
         pytest.raises(ZeroDivisionError),
     ):
         scenetruth("check", SCENES / "plaid.yaml")

@@ -52,7 +52,7 @@ def test_one_other_method_is_the_scenes_own_from_then_on(tmp_path: Path) -> None
     assert names(tmp_path / "x" / "figures") == PICTURES
     again = st.load_scene(tmp_path / "x" / "scene.yaml")
     assert again.estimate.method == "opencv_flow"
-    estimate = st.load(tmp_path / "x" / "estimate.zarr", "estimate")
+    estimate = st.load_store(tmp_path / "x" / "estimate.zarr", "estimate")
     assert json.loads(estimate.attrs["settings"])["flow_window_px"] == 15
 
 
@@ -72,7 +72,7 @@ def test_parts_of_different_runs_are_refused_unless_allowed(folder: Path, tmp_pa
     other = tmp_path / "other"
     scene = write_scene(tmp_path / "scene.yaml", seed=99)
     assert scenetruth("render", scene, "-o", other).returncode == 0
-    st.save(st.load(folder / "estimate.zarr"), other / "estimate.zarr")
+    st.save_store(st.load_store(folder / "estimate.zarr"), other / "estimate.zarr")
     done = scenetruth("score", other)
     assert done.returncode == 2
     assert "estimate.zarr: belongs to another recording than" in done.stderr
@@ -83,7 +83,7 @@ def test_parts_of_different_runs_are_refused_unless_allowed(folder: Path, tmp_pa
 
 def test_real_images_are_estimated_and_reported(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (3, 3, 48, 64), dtype=np.uint8)
-    st.save(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
+    st.save_store(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
     for command in (("estimate", "--set", "estimate.working_point_px=0"), ("report", "--figures", "image")):
         done = scenetruth(command[0], tmp_path, *command[1:])
         assert done.returncode == 0, done.stderr
@@ -164,10 +164,10 @@ def test_code_is_named_by_the_call_alone(tmp_path: Path, monkeypatch: pytest.Mon
     done = scenetruth("run", scene, "-o", "x", *given, "--no-report")
     assert done.returncode == 0, done.stderr
     assert {"estimate.far-away.zarr", "score.far-away.json"} < names(tmp_path / "x")
-    assert (st.load(tmp_path / "x" / "estimate.far-away.zarr", "estimate")["depth"] == 70).all()
+    assert (st.load_store(tmp_path / "x" / "estimate.far-away.zarr", "estimate")["depth"] == 70).all()
     # What is written is a file as any other: it names none.
     assert st.load_scene(tmp_path / "x" / "scene.yaml").estimate.method == "structure_tensor"
-    monkeypatch.setattr("scenetruth.pipeline.runner.scene_of", lambda _: {"estimate": {"method": "far:away"}})
+    monkeypatch.setattr("scenetruth.pipeline.runner.read_scene", lambda _: {"estimate": {"method": "far:away"}})
     done = scenetruth("estimate", "x")
     assert done.returncode != 0
     assert "estimate.method: is code, which no file may name" in done.stderr

@@ -17,7 +17,7 @@ from hypothesis import strategies as any_
 from rich.console import Console
 
 import scenetruth as st
-from scenetruth.cli.picture import print_picture, rows_of, shows_pictures, shrunk
+from scenetruth.cli.terminal_preview import downsample, print_picture, render_rows, shows_pictures
 
 
 @given(any_.integers(1, 5), any_.integers(1, 6), any_.integers(1, 7), any_.integers(0, 2**31))
@@ -25,12 +25,12 @@ def test_whole_blocks_become_their_means(block: int, lines: int, columns: int, s
     picture = np.random.default_rng(seed).random((lines * block, columns * block, 3))
     means = picture.reshape(lines, block, columns, block, 3).mean(axis=(1, 3))
     # Sums of 25 numbers at most, each rounded to 1e-16.
-    np.testing.assert_allclose(shrunk(picture, columns), means, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(downsample(picture, columns), means, rtol=0, atol=1e-13)
 
 
 @given(any_.integers(1, 90), any_.integers(1, 90), any_.integers(1, 100))
 def test_any_size_keeps_a_constant_and_its_shape(height: int, width: int, columns: int) -> None:
-    found = shrunk(np.full((height, width, 1), 0.25), columns)
+    found = downsample(np.full((height, width, 1), 0.25), columns)
     assert found.shape[1] == min(columns, width)
     assert abs(found.shape[0] - height * found.shape[1] / width) <= 0.5 or found.shape[0] == 1
     assert (found == 0.25).all()
@@ -40,12 +40,12 @@ def test_pixels_with_less_than_half_of_them_are_empty() -> None:
     picture = np.full((2, 4, 1), np.nan)
     picture[0, 0] = 1.0
     picture[:, 2] = 3.0
-    assert np.array_equal(shrunk(picture, 2)[..., 0], [[np.nan, 3.0]], equal_nan=True)
+    assert np.array_equal(downsample(picture, 2)[..., 0], [[np.nan, 3.0]], equal_nan=True)
 
 
 def test_a_character_is_two_pixels() -> None:
     red, blue, none = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (np.nan,) * 3
-    lines = rows_of(np.array([[red, red, none, none], [blue, none, blue, none], [blue, red, none, none]]))
+    lines = render_rows(np.array([[red, red, none, none], [blue, none, blue, none], [blue, red, none, none]]))
     assert [line.plain for line in lines] == ["▀▀▄ ", "▀▀  "]
     assert [str(span.style) for span in lines[0].spans] == ["#ff0000 on #0000ff", "#ff0000", "#0000ff"]
 
@@ -83,7 +83,7 @@ def test_terminals_say_whether_they_have_the_colours() -> None:
 def test_a_pipe_gets_none_even_if_colours_are_forced(tmp_path: Path) -> None:
     console = terminal()
     with mock.patch.object(sys, "stdout", mock.Mock(isatty=lambda: False, encoding="utf-8")):
-        print_picture(st.RunFolder(tmp_path / "nothing"), "any", console)
+        print_picture(st.RunDirectory(tmp_path / "nothing"), "any", console)
     assert console.file.getvalue() == ""  # type: ignore[attr-defined]
 
 
@@ -94,11 +94,11 @@ def test_image_and_depth_are_printed(with_depth: bool, tmp_path: Path) -> None:
     depth = np.tile(np.linspace(70, 90, 160), (3, 12, 1))
     flow = np.zeros((2, 3, 12, 160))
     estimate = st.make_estimate(depth=depth if with_depth else None, flow=flow, like=recording)
-    st.save(recording, tmp_path / "recording.zarr")
-    st.save(estimate, tmp_path / "estimate.zarr")
+    st.save_store(recording, tmp_path / "recording.zarr")
+    st.save_store(estimate, tmp_path / "estimate.zarr")
     console = terminal()
     with on_terminal():
-        print_picture(st.RunFolder(tmp_path, "mine"), "mine", console)
+        print_picture(st.RunDirectory(tmp_path, "mine"), "mine", console)
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     # 39 columns for a picture of 160 x 12: three lines of pixels, which take two of characters, and the caption.
     assert len(lines) == 3

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import scenetruth as st
-from scenetruth.cli.shipped import GOALS, RECIPES, SCENES, Shelf, find
-from scenetruth.design.optimise.problems import GoalError
-from scenetruth.files.shipped import shipped_folder
+from scenetruth.cli.options import GOALS, RECIPES, SCENES, BundledFiles, resolve_file
+from scenetruth.design.optimisation.design_records import DesignSpecError
+from scenetruth.input_files import bundled_folder
 from tests.cli.calling import scenetruth
 from tests.scenes import LIBRARY
 from tests.scenes import SCENES as FOLDER
@@ -35,34 +35,34 @@ def test_all_scenes_recipes_and_goals_are_shipped() -> None:
 
 def test_an_installed_package_brings_them_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.resources, "files", lambda package: tmp_path / "site" / package)
-    assert shipped_folder() is None
+    assert bundled_folder() is None
     assert SCENES.files() == {}
     (tmp_path / "site" / "scenetruth" / "shipped" / "goals").mkdir(parents=True)
     (tmp_path / "site" / "scenetruth" / "shipped" / "goals" / "far.yaml").touch()
-    assert find(GOALS, Path("far")) == tmp_path / "site" / "scenetruth" / "shipped" / "goals" / "far.yaml"
+    assert resolve_file(GOALS, Path("far")) == tmp_path / "site" / "scenetruth" / "shipped" / "goals" / "far.yaml"
 
 
 @pytest.mark.parametrize(("shelf", "name"), [(SCENES, "cube"), (RECIPES, "cubes"), (GOALS, "cube_depth")])
-def test_a_name_stands_for_a_file_unless_there_is_one(shelf: Shelf, name: str, tmp_path: Path) -> None:
+def test_a_name_stands_for_a_file_unless_there_is_one(shelf: BundledFiles, name: str, tmp_path: Path) -> None:
     shipped = shelf.files()[name]
-    assert find(shelf, Path(name)) == shipped
+    assert resolve_file(shelf, Path(name)) == shipped
     (tmp_path / name).mkdir()
     # An earlier run may have left its results under this name; a recipe may be that of a data set.
-    assert find(shelf, Path(name)) == (Path(name) if shelf.takes_folders else shipped)
+    assert resolve_file(shelf, Path(name)) == (Path(name) if shelf.takes_folders else shipped)
     (tmp_path / name).rmdir()
     (tmp_path / name).touch()
-    assert find(shelf, Path(name)) == Path(name)
+    assert resolve_file(shelf, Path(name)) == Path(name)
 
 
 @pytest.mark.parametrize(
     ("shelf", "error", "near"),
-    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cubs"), (GOALS, GoalError, "cube_dept")],
+    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cubs"), (GOALS, DesignSpecError, "cube_dept")],
 )
-def test_unknown_names_are_told_with_those_near_them(shelf: Shelf, error: type[Exception], near: str) -> None:
+def test_unknown_names_are_told_with_those_near_them(shelf: BundledFiles, error: type[Exception], near: str) -> None:
     with pytest.raises(error, match=rf"no {shelf.noun} of this name is shipped; did you mean '.*`scenetruth scenes`"):
-        find(shelf, Path(near))
+        resolve_file(shelf, Path(near))
     with pytest.raises(error, match=r"is shipped; `scenetruth scenes` lists all \(got 'qqqq'\)"):
-        find(shelf, Path("qqqq"))
+        resolve_file(shelf, Path("qqqq"))
 
 
 @pytest.mark.parametrize(
@@ -82,25 +82,30 @@ def test_unknown_names_are_told_with_those_near_them(shelf: Shelf, error: type[E
             "'cube' is a scene, called by `scenetruth run cube -o FOLDER`; or did you mean",
         ),
         (RECIPES, st.RecipeError, "sheet_motion", "is a goal, called by `scenetruth design optimise sheet_motion"),
-        (GOALS, GoalError, "windy_leaf", "'windy_leaf' is a scene, called by `scenetruth run windy_leaf -o FOLDER`"),
-        (GOALS, GoalError, "leaves", "'leaves' is a recipe, called by `scenetruth dataset run leaves"),
+        (
+            GOALS,
+            DesignSpecError,
+            "windy_leaf",
+            "'windy_leaf' is a scene, called by `scenetruth run windy_leaf -o FOLDER`",
+        ),
+        (GOALS, DesignSpecError, "leaves", "'leaves' is a recipe, called by `scenetruth dataset run leaves"),
     ],
 )
 def test_what_is_shipped_as_something_else_is_told_with_its_command(
-    shelf: Shelf, error: type[Exception], name: str, told: str
+    shelf: BundledFiles, error: type[Exception], name: str, told: str
 ) -> None:
     with pytest.raises(error, match=rf"no {shelf.noun} of this name: .*`scenetruth scenes` lists all") as caught:
-        find(shelf, Path(name))
+        resolve_file(shelf, Path(name))
     assert told in str(caught.value)
     with pytest.raises(error, match=rf"no such file; a \w+ of this name is shipped: scenetruth .* {name} -o FOLDER"):
-        find(shelf, Path(f"{name}.yaml"))
+        resolve_file(shelf, Path(f"{name}.yaml"))
 
 
 def test_paths_to_nothing_are_left_to_who_reads_them_unless_their_name_is_shipped() -> None:
-    assert find(SCENES, Path("no/such.yaml")) == Path("no/such.yaml")
-    assert find(SCENES, Path("no/cube")) == Path("no/cube")
+    assert resolve_file(SCENES, Path("no/such.yaml")) == Path("no/such.yaml")
+    assert resolve_file(SCENES, Path("no/cube")) == Path("no/cube")
     with pytest.raises(st.SceneError, match="called without folder and suffix: cube"):
-        find(SCENES, Path("scenes/cube.yaml"))
+        resolve_file(SCENES, Path("scenes/cube.yaml"))
 
 
 def test_commands_take_names(tmp_path: Path) -> None:
@@ -129,7 +134,7 @@ def test_all_of_them_are_listed() -> None:
     for shelf in (SCENES, RECIPES, GOALS):
         for name in shelf.files():
             assert f" {name} " in done.stdout
-    for words in ("Scharr & Küsters 2002", "45 images of 64 x 64 px", str(shipped_folder())):
+    for words in ("Scharr & Küsters 2002", "45 images of 64 x 64 px", str(bundled_folder())):
         assert words in done.stdout
 
 

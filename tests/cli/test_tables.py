@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from scenetruth.cli.tables import print_main_figures
+from scenetruth.cli.console import print_main_figures
 from scenetruth.scoring import Score
 
 VALUES = {"rms": 0.0123, "median_abs": 0.00456, "relative_rms": 0.0789, "density": 0.918}

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.files import input_files
+from scenetruth.input_files import collect_input_files
 from scenetruth.scene import load_scene
 from tests.scenes import LIBRARY, SCENES
 
@@ -34,7 +34,7 @@ def test_scenes_are_copied_with_their_files(build: Any, tmp_path: Path) -> None:
     for scene in LIBRARY:
         assert (shipped / scene.name).read_bytes() == scene.read_bytes()
     copy = load_scene(shipped / "finite_elements.yaml")
-    files = [path for _, path in input_files(copy)]
+    files = [path for _, path in collect_input_files(copy)]
     assert len(files) == 2
     assert all(path.is_file() and path.is_relative_to(shipped) for path in files)
     assert {"cubes.yaml", "leaves.yaml"} <= {path.name for path in (shipped / "datasets").iterdir()}

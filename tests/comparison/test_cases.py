@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from scenetruth.comparison.case import SUITES, Case, all_cases, cases_named
-from scenetruth.comparison.cases.whole import gallery
-from scenetruth.comparison.compare import chosen_cases
-from scenetruth.comparison.jobs import points_of
+from scenetruth.benchmark.benchmark_tasks import list_design_points
+from scenetruth.benchmark.cases import scenes
+from scenetruth.benchmark.cases.case import SUITES, Case, all_cases, select_cases
+from scenetruth.benchmark.suite import select_available_cases
 from scenetruth.errors import RecipeError
 from scenetruth.scene import scene_from_plain
 from scenetruth.scoring import QUANTITIES
-from scenetruth.scoring.regions import seen_throughout
+from scenetruth.scoring.regions import visible_throughout
 from scenetruth.simulation import simulate
 from tests.nightly import nightly
 
@@ -24,7 +24,7 @@ CASES = list(all_cases().values())
 
 def truth_of(case: Case, value: float) -> xr.Dataset:
     whole = simulate(scene_from_plain(case.scene(value)))[1]
-    return whole.sel(t=0).assign(seen_throughout=(("y", "x"), seen_throughout(whole)))
+    return whole.sel(t=0).assign(seen_throughout=(("y", "x"), visible_throughout(whole)))
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.kind)
@@ -44,7 +44,7 @@ def test_every_case_says_what_it_is(case: Case) -> None:
 @nightly
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.kind)
 def test_every_value_has_pixels_to_measure(case: Case) -> None:
-    for point in points_of([case], "full"):
+    for point in list_design_points([case], "full"):
         truth = truth_of(case, point.values[0])
         for value in point.values:
             # Fewer tell nothing of a method's errors; a crest of the star is as narrow as its period is short.
@@ -71,7 +71,7 @@ def test_steps_lie_where_the_truth_has_them() -> None:
 
 def test_unknown_cases_are_named() -> None:
     with pytest.raises(RecipeError, match="no such case; known: blur, brightness"):
-        cases_named(["noize", "blurr"])
+        select_cases(["noize", "blurr"])
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.kind)
@@ -96,16 +96,16 @@ def test_every_scene_of_the_library_is_in_the_gallery() -> None:
 
 
 def test_what_cannot_be_measured_here_is_left_out_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert [case.kind for case in chosen_cases("full", None, None)] == [case.kind for case in CASES]
+    assert [case.kind for case in select_available_cases("full", None, None)] == [case.kind for case in CASES]
     with pytest.raises(RecipeError, match="no values in the suite core"):
-        chosen_cases("core", ["gallery"], None)
-    monkeypatch.setattr(gallery, "scene_files", tuple)
+        select_available_cases("core", ["gallery"], None)
+    monkeypatch.setattr(scenes, "scene_files", tuple)
     told: list[str] = []
-    kinds = {case.kind for case in chosen_cases("full", None, None, told.append)}
+    kinds = {case.kind for case in select_available_cases("full", None, None, told.append)}
     assert kinds == {case.kind for case in CASES} - {"gallery"}
     assert told == [
         "case gallery is left out: it needs the folder scenes/, which only a checkout of the project has:"
         " run it from one"
     ]
     with pytest.raises(RecipeError, match="needs the folder scenes/"):
-        chosen_cases("full", ["gallery"], None)
+        select_available_cases("full", ["gallery"], None)

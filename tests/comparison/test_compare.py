@@ -14,10 +14,10 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.comparison import compare
-from scenetruth.comparison.contestants import contestants_of
-from scenetruth.comparison.offline import write_recordings
-from scenetruth.comparison.rows import Row
+from scenetruth.benchmark import compare
+from scenetruth.benchmark.cases.case import BenchmarkRecord
+from scenetruth.benchmark.method_specs import parse_methods
+from scenetruth.benchmark.suite import write_recordings
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
 from scenetruth.estimators import Needs, find_method
 from scenetruth.estimators.external import ResultsFolder
@@ -60,7 +60,7 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert json.loads(kept.read_text())["key"] == plain["key"]
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {"results.parquet", "results.csv", "summary.csv"}
     frame = found.to_frame()
-    fields = list(Row.__dataclass_fields__)
+    fields = list(BenchmarkRecord.__dataclass_fields__)
     assert list(frame.columns) == [*fields[:2], "label", *fields[2:]]
     assert set(frame["label"]) == {"0"}
     assert len(frame) == len(found.rows)
@@ -173,12 +173,12 @@ def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
 
 
 def test_methods_are_spelled_with_settings_and_labels() -> None:
-    found = contestants_of(["refined[window_sigma_px: 4, motion: rigid]", "fine=structure_tensor[window_sigma_px: 3]"])
+    found = parse_methods(["refined[window_sigma_px: 4, motion: rigid]", "fine=structure_tensor[window_sigma_px: 3]"])
     assert [one.label for one in found] == ["refined[motion: rigid, window_sigma_px: 4]", "fine"]
     assert found[0].settings == {"window_sigma_px": 4, "motion": "rigid"}
-    assert contestants_of(found[1].spelled)[0] == found[1]
+    assert parse_methods(found[1].spelled)[0] == found[1]
     assert (
-        contestants_of({"method": "refined", "label": "mine", "motion": "rigid"})[0].spelled
+        parse_methods({"method": "refined", "label": "mine", "motion": "rigid"})[0].spelled
         == "mine=refined[motion: rigid]"
     )
 
@@ -189,7 +189,7 @@ def test_the_command(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "Noise floor" in done.stdout
-    assert st.Comparison is not None
+    assert st.BenchmarkResult is not None
     assert scenetruth("compare").returncode == 2
     assert "contrast" in scenetruth("compare", "--list").stdout
 

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.bound import cramer_rao
-from scenetruth.comparison import Comparison, compare
-from scenetruth.comparison.case import all_cases
-from scenetruth.comparison.point import quiet
-from scenetruth.comparison.rows import BOUND
+from scenetruth.benchmark import BenchmarkResult, compare
+from scenetruth.benchmark.cases.case import BOUND, all_cases
+from scenetruth.benchmark.design_point import ignore_scene_warnings
+from scenetruth.bound import cramer_rao_bound
 from scenetruth.estimators import method_entries
 from scenetruth.scene import scene_from_plain
-from scenetruth.scoring.regions import seen_throughout
+from scenetruth.scoring.regions import visible_throughout
 from tests.nightly import whole_core
 
 METHODS = [entry.name for entry in method_entries() if entry.origin == "scenetruth"]
@@ -47,8 +46,8 @@ Of = Callable[[str, float], dict[str, float]]
 
 
 @pytest.fixture(scope="module")
-def core() -> Iterator[Comparison]:
-    with quiet():
+def core() -> Iterator[BenchmarkResult]:
+    with ignore_scene_warnings():
         yield compare(METHODS, "core", workers=min(2, os.cpu_count() or 1))
 
 
@@ -67,9 +66,9 @@ def bounds() -> Of:
 
 def _bounds(kind: str, value: float) -> dict[str, float]:
     case = all_cases()[kind]
-    with quiet():
+    with ignore_scene_warnings():
         recording, truth = st.simulate(scene_from_plain(case.scene(value)))
-        bound = cramer_rao(
+        bound = cramer_rao_bound(
             truth,
             recording,
             noise_std=case.noise_std(value),
@@ -77,7 +76,7 @@ def _bounds(kind: str, value: float) -> dict[str, float]:
             motion="growing",
             brightness="per_image",
         ).sel(t=0)
-    region = case.region_at(truth.sel(t=0).assign(seen_throughout=(("y", "x"), seen_throughout(truth))), value)
+    region = case.region_at(truth.sel(t=0).assign(seen_throughout=(("y", "x"), visible_throughout(truth))), value)
     found = {}
     for quantity in QUANTITIES:
         name, _, axis = quantity.partition("_")
@@ -87,13 +86,13 @@ def _bounds(kind: str, value: float) -> dict[str, float]:
     return found
 
 
-def test_every_method_gives_something_everywhere(core: Comparison) -> None:
+def test_every_method_gives_something_everywhere(core: BenchmarkResult) -> None:
     assert not core.failures
     assert {row.method for row in core.rows} == {*METHODS, BOUND}
 
 
 @pytest.mark.parametrize(("case", "value"), PLANES)
-def test_refined_is_at_the_bound_on_planes(core: Comparison, bounds: Of, case: str, value: float) -> None:
+def test_refined_is_at_the_bound_on_planes(core: BenchmarkResult, bounds: Of, case: str, value: float) -> None:
     told = all_cases()[case].bounded
     others = {} if told else bounds(case, value)
     for quantity in QUANTITIES:
@@ -101,7 +100,7 @@ def test_refined_is_at_the_bound_on_planes(core: Comparison, bounds: Of, case: s
         assert core.figure(case, REFINED, quantity, "rms", value).number < KNOWN * bound, quantity
 
 
-def test_nothing_is_below_the_bound(core: Comparison) -> None:
+def test_nothing_is_below_the_bound(core: BenchmarkResult) -> None:
     for row in core.rows:
         if row.case == "noise" and row.statistic == "noise" and row.method != BOUND:
             bound = core.figure("noise", BOUND, row.quantity, "noise", row.value).number
@@ -109,7 +108,7 @@ def test_nothing_is_below_the_bound(core: Comparison) -> None:
 
 
 @pytest.mark.parametrize("method", BOTH)
-def test_errors_are_as_large_as_the_noise(core: Comparison, method: str) -> None:
+def test_errors_are_as_large_as_the_noise(core: BenchmarkResult, method: str) -> None:
     for quantity in QUANTITIES:
         low, high = (core.figure("noise", method, quantity, "noise", value).number for value in (0.005, 0.02))
         # The same noise, four times as large: all is linear as long as errors are far below a pixel.
@@ -117,13 +116,13 @@ def test_errors_are_as_large_as_the_noise(core: Comparison, method: str) -> None
 
 
 @pytest.mark.parametrize("method", BOTH)
-def test_error_bars_are_honest(core: Comparison, method: str) -> None:
+def test_error_bars_are_honest(core: BenchmarkResult, method: str) -> None:
     for quantity in ("depth", "velocity_x", "velocity_z"):
         for value in (0.005, 0.02):
             assert 1 / KNOWN < core.figure("noise", method, quantity, "calibration", value).number < KNOWN
 
 
-def test_nothing_locks_to_whole_pixels(core: Comparison) -> None:
+def test_nothing_locks_to_whole_pixels(core: BenchmarkResult) -> None:
     for case, quantity, methods in (
         ("phase_of_disparity", "disparity", (*BOTH, SWEEP)),
         ("phase_of_flow", "flow_x", BOTH),
@@ -134,7 +133,7 @@ def test_nothing_locks_to_whole_pixels(core: Comparison) -> None:
 
 
 @pytest.mark.parametrize(("case", "quantity"), [("waves_of_motion", "flow_y"), ("waves_of_depth", "depth")])
-def test_a_gaussian_window_leaves_what_it_must(core: Comparison, case: str, quantity: str) -> None:
+def test_a_gaussian_window_leaves_what_it_must(core: BenchmarkResult, case: str, quantity: str) -> None:
     for period, expected in SHARE_LEFT.items():
         # Texture weighs the pixels of a window unevenly, here by chance.
         assert core.figure(case, TENSOR, quantity, "share_left", period).number == pytest.approx(expected, abs=0.06)
@@ -146,26 +145,26 @@ def test_a_gaussian_window_leaves_what_it_must(core: Comparison, case: str, quan
 
 
 @pytest.mark.parametrize("method", BOTH)
-def test_an_unsteady_stage_costs_what_it_must(core: Comparison, method: str) -> None:
+def test_an_unsteady_stage_costs_what_it_must(core: BenchmarkResult, method: str) -> None:
     # Every image is off by 0.1 px; a line through five cameras, in each of five frames, has this slope.
     expected = 0.1 / math.sqrt(5 * sum(s * s for s in range(-2, 3)))
     assert core.figure("stage_error", method, "disparity", "rms", 0.1).number < 3 * expected
 
 
 @pytest.mark.parametrize("case", ["edge_of_depth", "step_of_motion"])
-def test_refined_keeps_to_its_side_of_an_edge(core: Comparison, case: str) -> None:
+def test_refined_keeps_to_its_side_of_an_edge(core: BenchmarkResult, case: str) -> None:
     quantity, step_px = {"edge_of_depth": ("disparity", 1.47), "step_of_motion": ("flow_y", 0.8)}[case]
     for value in all_cases()[case].core:
         # A window of both sides would be wrong by 40 % of the step, one pixel from it.
         assert core.figure(case, REFINED, quantity, "rms", value).number < 0.02 * step_px
 
 
-def test_growth_is_as_certain_as_the_bound(core: Comparison) -> None:
+def test_growth_is_as_certain_as_the_bound(core: BenchmarkResult) -> None:
     case = all_cases()["growth"]
     for minutes in case.core:
-        with quiet():
+        with ignore_scene_warnings():
             recording, truth = st.simulate(scene_from_plain(case.scene(minutes)))
-            bound = cramer_rao(truth, recording, noise_std=case.noise_std(minutes), motion="growing").sel(t=0)
+            bound = cramer_rao_bound(truth, recording, noise_std=case.noise_std(minutes), motion="growing").sel(t=0)
         std = float(bound["growth_rate_std"].median()) * 60 / minutes * 100
         # Growth over 20 px is a mean over more than the window that the bound has.
         assert core.figure("growth", REFINED, "growth_rate_windowed", "rms", minutes).number < KNOWN * std

@@ -8,20 +8,19 @@ import xarray as xr
 from scipy import ndimage
 
 import scenetruth as st
-from scenetruth.comparison.case import Found, all_cases
-from scenetruth.comparison.measures.figures import figure_rows
-from scenetruth.comparison.rows import ALL, COMMON, OWN, Row
-from scenetruth.comparison.sheet import changed
+from scenetruth.benchmark.cases.case import ALL, COMMON, OWN, BenchmarkRecord, CaseEstimates, all_cases
+from scenetruth.benchmark.cases.reference_scene import apply_changes
+from scenetruth.benchmark.error_statistics import compute_statistic_records
 from scenetruth.scene import scene_from_plain
-from scenetruth.scoring.regions import seen_throughout
+from scenetruth.scoring.regions import visible_throughout
 from scenetruth.simulation import simulate
 
 
 def made(kind: str, value: float) -> tuple[xr.Dataset, xr.Dataset]:
     # Maps of the truth at t = 0 are the same with fewer images.
-    few = changed(all_cases()[kind].scene(value), {"frames.count": 2, "stage.positions": 2})
+    few = apply_changes(all_cases()[kind].scene(value), {"frames.count": 2, "stage.positions": 2})
     recording, whole = simulate(scene_from_plain(few))
-    throughout = seen_throughout(whole)
+    throughout = visible_throughout(whole)
     return recording, whole.sel(t=[0]).assign(seen_throughout=(("y", "x"), throughout))
 
 
@@ -30,7 +29,7 @@ def estimate_of(recording: xr.Dataset, truth: xr.Dataset, **changes: object) -> 
     return st.make_estimate(like=recording, t=[0], **given)  # type: ignore[arg-type]  # any arrays
 
 
-def one(rows: list[Row], method: str, quantity: str, statistic: str, pixels: str = OWN) -> Row:
+def one(rows: list[BenchmarkRecord], method: str, quantity: str, statistic: str, pixels: str = OWN) -> BenchmarkRecord:
     (found,) = [
         row
         for row in rows
@@ -53,8 +52,8 @@ def test_known_noise_bias_and_error_bars_come_back(still: tuple[xr.Dataset, xr.D
         noise = generator.normal(0, 0.02, exact.shape)
         std = np.full(exact.shape, 0.01)
         known = estimate_of(recording, truth, disparity=exact + 0.005 + noise, disparity_std=std)
-        found.append(Found({"known": known}, truth, recording, 0.005))
-    rows = list(figure_rows(all_cases()["noise"], 0.005, found))
+        found.append(CaseEstimates({"known": known}, truth, recording, 0.005))
+    rows = list(compute_statistic_records(all_cases()["noise"], 0.005, found))
     # 12 x 112 x 76 values: their standard deviation is known to 0.2 %, their mean to 6e-5.
     assert one(rows, "known", "disparity", "noise").number == pytest.approx(0.02, rel=0.02)
     assert one(rows, "known", "disparity", "bias").number == pytest.approx(0.005, abs=3e-4)
@@ -67,14 +66,14 @@ def test_known_noise_bias_and_error_bars_come_back(still: tuple[xr.Dataset, xr.D
 def test_the_window_of_a_blurred_truth_comes_back() -> None:
     case, sigma_px = all_cases()["waves_of_motion"], 6.0
     expected = 2 * np.pi * sigma_px / np.sqrt(-2 * np.log(0.9))
-    rows: list[Row] = []
+    rows: list[BenchmarkRecord] = []
     # Around the period that is expected; farther away, nothing crosses.
     for value in (60.0, 72.0, 96.0):
         recording, truth = made(case.kind, value)
         # The window sees what lies beyond the image as well: a wave goes on there, here by its reflection.
         blurred = ndimage.gaussian_filter(truth["velocity"].values, (0, 0, sigma_px, 0), mode="reflect", truncate=6)
         estimates = {"blurred": estimate_of(recording, truth, velocity=blurred)}
-        rows += case.further_rows(Found(estimates, truth, recording, value))
+        rows += case.further_rows(CaseEstimates(estimates, truth, recording, value))
     periods = {row.statistic: row.number for row in case.conclusions(rows)}
     first = periods["period_at_10_percent_loss_first"]
     assert first == periods["period_at_10_percent_loss_last"]
@@ -92,7 +91,7 @@ def test_the_window_of_a_blurred_star_comes_back(star: tuple[xr.Dataset, xr.Data
     # The window sees what lies beyond the image as well; the star's middle is 6 sigma away from the border at least.
     blurred = ndimage.gaussian_filter(truth["velocity"].values, (0, 0, sigma_px, sigma_px), mode="reflect", truncate=6)
     estimates = {"blurred": estimate_of(recording, truth, velocity=blurred)}
-    rows = [row for value in case.core for row in case.further_rows(Found(estimates, truth, recording, value))]
+    rows = [row for value in case.core for row in case.further_rows(CaseEstimates(estimates, truth, recording, value))]
     for row in rows:
         # Of a wave of one period exp(-(2 pi sigma / p)^2 / 2) is left; p changes by sigma / 4 within a window.
         assert row.number == pytest.approx(np.exp(-((2 * np.pi * sigma_px / row.value) ** 2) / 2), abs=0.01)
@@ -127,7 +126,9 @@ def test_methods_are_compared_on_what_all_tell(still: tuple[xr.Dataset, xr.Datas
     # Right where the other is silent.
     wrong[..., : exact.shape[-1] // 2] = exact[..., : exact.shape[-1] // 2]
     estimates["wrong"] = estimate_of(recording, truth, disparity=wrong)
-    rows = list(figure_rows(all_cases()["noise"], 0.005, [Found(estimates, truth, recording, 0.005)]))
+    rows = list(
+        compute_statistic_records(all_cases()["noise"], 0.005, [CaseEstimates(estimates, truth, recording, 0.005)])
+    )
     assert one(rows, "half", "disparity", "density").number == pytest.approx(0.5, abs=0.01)
     assert one(rows, "half", "disparity", "good", ALL).number == pytest.approx(0.5, abs=0.01)
     assert one(rows, "wrong", "disparity", "density").number == 1
@@ -141,5 +142,9 @@ def test_methods_are_compared_on_what_all_tell(still: tuple[xr.Dataset, xr.Datas
 def test_a_method_that_gives_less_is_not_asked_for_more(still: tuple[xr.Dataset, xr.Dataset]) -> None:
     recording, truth = still
     depth_only = st.make_estimate(like=recording, t=[0], depth=truth["depth"].values)
-    rows = list(figure_rows(all_cases()["noise"], 0.005, [Found({"depth": depth_only}, truth, recording, 0.005)]))
+    rows = list(
+        compute_statistic_records(
+            all_cases()["noise"], 0.005, [CaseEstimates({"depth": depth_only}, truth, recording, 0.005)]
+        )
+    )
     assert {row.quantity for row in rows} == {"depth", "disparity"}

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenetruth.comparison.cases.whole.gallery import Gallery
-from scenetruth.comparison.jobs import Job, key_of
-from scenetruth.comparison.point import Point
+from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, compute_point_key
+from scenetruth.benchmark.cases.scenes import GalleryCase
+from scenetruth.benchmark.design_point import DesignPoint
 from scenetruth.scene import load_scene
 from tests.scenes import SCENES
 
@@ -21,18 +21,18 @@ def test_figures_are_of_what_the_files_of_a_scene_hold(tmp_path: Path, monkeypat
     shutil.copy(SCENES / "finite_elements.yaml", tmp_path)
     shutil.copytree(SCENES / "finite_elements", tmp_path / "finite_elements")
 
-    def scene(case: Gallery, value: float) -> Mapping[str, Any]:
+    def scene(case: GalleryCase, value: float) -> Mapping[str, Any]:
         return load_scene(tmp_path / ("finite_elements.yaml" if value == 0 else "gone.yaml")).to_plain()
 
-    monkeypatch.setattr(Gallery, "scene", scene)
-    job = Job(str(tmp_path), (Point("gallery", (0.0,), 1),), (), ())
-    keys = [key_of(job, 0), key_of(job, 0)]
+    monkeypatch.setattr(GalleryCase, "scene", scene)
+    job = BenchmarkTask(str(tmp_path), (DesignPoint("gallery", (0.0,), 1),), (), ())
+    keys = [compute_point_key(job, 0), compute_point_key(job, 0)]
     mesh, array = (tmp_path / "finite_elements" / name for name in ("plate.obj", "displacements.npy"))
     mesh.write_text(mesh.read_text() + "# changed\n")
-    keys.append(key_of(job, 0))
+    keys.append(compute_point_key(job, 0))
     np.save(array, 1.01 * np.load(array))
-    keys.append(key_of(job, 0))
+    keys.append(compute_point_key(job, 0))
     array.unlink()
-    keys.append(key_of(job, 0))
+    keys.append(compute_point_key(job, 0))
     assert keys[0] == keys[1]
     assert len(set(keys)) == 4

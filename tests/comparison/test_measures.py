@@ -8,9 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as strategies
 from scipy import ndimage, special
 
-from scenetruth.comparison.measures.confidence import WITHIN, calibration, reliability, sparsification
-from scenetruth.comparison.measures.sizes import sizes_of
-from scenetruth.comparison.measures.waves import crossings, share_left
+from scenetruth.benchmark.error_statistics import (
+    COVERAGE_FACTORS,
+    compute_coverage,
+    compute_interval_statistics,
+    compute_rms_z,
+    compute_sparsification,
+)
+from scenetruth.benchmark.spatial_resolution import compute_amplitude_ratio, compute_cutoff_periods
 
 GENERATOR = np.random.default_rng(3)
 
@@ -18,7 +23,7 @@ GENERATOR = np.random.default_rng(3)
 def test_noise_and_bias_come_back() -> None:
     errors = GENERATOR.normal(0.03, 0.2, (4, 90, 110))
     kept = GENERATOR.random(errors.shape) < 0.7
-    found = sizes_of(errors, kept)
+    found = compute_interval_statistics(errors, kept)
     # 27,720 values: their standard deviation is known to 0.4 %.
     assert found["std"].number == pytest.approx(0.2, rel=0.02)
     assert found["bias"].number == pytest.approx(errors[kept].mean())
@@ -36,17 +41,17 @@ def test_intervals_hold_the_truth_though_neighbours_err_alike() -> None:
         white = np.random.default_rng(seed).normal(size=(1, 110, 146))
         smooth = ndimage.gaussian_filter(white, (0, 3, 3), mode="wrap")
         smooth *= 2 * 3 * np.sqrt(np.pi)
-        found = sizes_of(smooth, np.ones(smooth.shape, dtype=bool))["rms"]
+        found = compute_interval_statistics(smooth, np.ones(smooth.shape, dtype=bool))["rms"]
         held += found.low <= 1.0 <= found.high
     # 95 % of 60 are 57; fewer than 50 would happen once in a thousand tries.
     assert held >= 50
 
 
 def test_nothing_is_told_of_nothing() -> None:
-    assert sizes_of(np.zeros((1, 4, 4)), np.zeros((1, 4, 4), dtype=bool)) == {}
+    assert compute_interval_statistics(np.zeros((1, 4, 4)), np.zeros((1, 4, 4), dtype=bool)) == {}
     few = np.zeros((1, 40, 40), dtype=bool)
     few[0, 3, 3:9] = True
-    assert np.isnan(sizes_of(np.ones(few.shape), few)["rms"].low)
+    assert np.isnan(compute_interval_statistics(np.ones(few.shape), few)["rms"].low)
 
 
 @given(strategies.floats(0.2, 5.0))
@@ -54,21 +59,21 @@ def test_error_bars_scaled_give_the_inverse(factor: float) -> None:
     errors = np.random.default_rng(1).normal(0, 0.1, 40_000)
     std = np.full(errors.shape, 0.1 * factor)
     # 40,000 values: to 0.4 %.
-    assert calibration(errors, std) == pytest.approx(1 / factor, rel=0.02)
-    expected = [special.erf(number * factor / np.sqrt(2)) for number in WITHIN]
-    np.testing.assert_allclose(reliability(errors, std), expected, atol=0.01)
+    assert compute_rms_z(errors, std) == pytest.approx(1 / factor, rel=0.02)
+    expected = [special.erf(number * factor / np.sqrt(2)) for number in COVERAGE_FACTORS]
+    np.testing.assert_allclose(compute_coverage(errors, std), expected, atol=0.01)
 
 
 def test_confidence_that_knows_sorts_errors() -> None:
     std = GENERATOR.uniform(0.1, 1.0, 50_000)
     errors = GENERATOR.normal(0, std)
-    curve = sparsification(errors, std)
+    curve = compute_sparsification(errors, std)
     assert np.all(np.diff(curve) > 0)
     # The surest tenth have standard deviations from 0.1 to 0.19.
     assert curve[0] == pytest.approx(np.sqrt(np.mean(np.linspace(0.1, 0.19, 100) ** 2)), rel=0.03)
     assert curve[-1] == pytest.approx(np.sqrt(np.mean(errors**2)))
     # Confidence that knows nothing leaves the same everywhere.
-    np.testing.assert_allclose(sparsification(errors, GENERATOR.random(errors.shape)), curve[-1], rtol=0.05)
+    np.testing.assert_allclose(compute_sparsification(errors, GENERATOR.random(errors.shape)), curve[-1], rtol=0.05)
 
 
 @pytest.mark.parametrize("sigma_px", [3.0, 5.0, 8.0])
@@ -80,18 +85,18 @@ def test_the_cut_off_of_a_known_window_comes_back(sigma_px: float) -> None:
     for period in periods:
         wave = np.cos(2 * np.pi * np.arange(4000) / period)
         blurred = ndimage.gaussian_filter1d(wave, sigma_px, mode="reflect", truncate=6)
-        left.append(share_left(blurred[400:-400], wave[400:-400]))
-    first, last = crossings(list(periods), left)
+        left.append(compute_amplitude_ratio(blurred[400:-400], wave[400:-400]))
+    first, last = compute_cutoff_periods(list(periods), left)
     assert first == last
     # What is interpolated is of this form; the kernel is cut off and sampled.
     assert first == pytest.approx(expected, rel=0.01)
 
 
 def test_crossings_that_are_not_there() -> None:
-    assert crossings([80, 40], [1.0, 0.99]) == (0.0, 0.0)
-    assert crossings([80, 40], [0.5, 0.4]) == (np.inf, np.inf)
+    assert compute_cutoff_periods([80, 40], [1.0, 0.99]) == (0.0, 0.0)
+    assert compute_cutoff_periods([80, 40], [0.5, 0.4]) == (np.inf, np.inf)
     # Found again below: what looks resolved at 20 px is not to be trusted at 40 px.
-    first, last = crossings([80, 40, 20, 10], [1.0, 0.8, 0.95, 0.5])
+    first, last = compute_cutoff_periods([80, 40, 20, 10], [1.0, 0.8, 0.95, 0.5])
     assert 40 < first < 80
     assert 10 < last < 20
-    assert crossings([80, 40, 20], [1.0, np.nan, np.nan])[0] > 40
+    assert compute_cutoff_periods([80, 40, 20], [1.0, np.nan, np.nan])[0] > 40

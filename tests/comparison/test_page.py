@@ -11,44 +11,54 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from scenetruth.comparison import Comparison
-from scenetruth.comparison.case import all_cases
-from scenetruth.comparison.contestants import contestants_of
-from scenetruth.comparison.measures.products import product_rows
-from scenetruth.comparison.page.charts import charts_of
-from scenetruth.comparison.page.leads import leads_of
-from scenetruth.comparison.page.write import write_page
-from scenetruth.comparison.rows import BOUND, COMMON, OWN, Row
+from scenetruth.benchmark import BenchmarkResult
+from scenetruth.benchmark.benchmark_report import write_benchmark_report
+from scenetruth.benchmark.cases.case import BOUND, COMMON, OWN, BenchmarkRecord, all_cases
+from scenetruth.benchmark.error_statistics import compute_efficiency_records
+from scenetruth.benchmark.method_specs import parse_methods
+from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
 from scenetruth.estimators.external import CommandMethod, ResultsFolder
 
 HOSTILE = "</script><script>alert(1)</script>"
 
 
-def rows() -> list[Row]:
+def rows() -> list[BenchmarkRecord]:
     found = []
     for label, factor in (("mine", 1.0), (HOSTILE, 2.0)):
         for value in all_cases()["noise"].core:
             for pixels in (OWN, COMMON):
                 number = factor * value
-                found.append(Row("noise", value, label, "disparity", pixels, "rms", number, 0.9 * number, 1.1 * number))
-            found.append(Row("noise", value, label, "disparity", OWN, "noise", factor * value))
-            found.append(Row("noise", value, label, "disparity", OWN, "density", 0.9))
-            found += [Row("noise", value, label, "disparity", OWN, "within", at / 4, at=at) for at in (1.0, 2.0, 3.0)]
+                found.append(
+                    BenchmarkRecord(
+                        "noise", value, label, "disparity", pixels, "rms", number, 0.9 * number, 1.1 * number
+                    )
+                )
+            found.append(BenchmarkRecord("noise", value, label, "disparity", OWN, "noise", factor * value))
+            found.append(BenchmarkRecord("noise", value, label, "disparity", OWN, "density", 0.9))
+            found += [
+                BenchmarkRecord("noise", value, label, "disparity", OWN, "within", at / 4, at=at)
+                for at in (1.0, 2.0, 3.0)
+            ]
         for period, left in ((96.0, 0.99), (48.0, 0.8)):
-            found.append(Row("waves_of_depth", period, label, "depth", OWN, "share_left", left))
-    found += [Row("noise", value, BOUND, "disparity", OWN, "noise", value / 2) for value in all_cases()["noise"].core]
+            found.append(BenchmarkRecord("waves_of_depth", period, label, "depth", OWN, "share_left", left))
+    found += [
+        BenchmarkRecord("noise", value, BOUND, "disparity", OWN, "noise", value / 2)
+        for value in all_cases()["noise"].core
+    ]
     for case in (all_cases()["waves_of_depth"],):
         found += list(case.conclusions(found))
     return found
 
 
 @pytest.fixture
-def comparison() -> Comparison:
+def comparison() -> BenchmarkResult:
     cases = [all_cases()[kind] for kind in ("noise", "waves_of_depth")]
-    return Comparison(["mine", HOSTILE], cases, [*rows(), *product_rows(rows())], ["noise at 0.1: mine: why"])
+    return BenchmarkResult(
+        ["mine", HOSTILE], cases, [*rows(), *compute_efficiency_records(rows())], ["noise at 0.1: mine: why"]
+    )
 
 
-def test_efficiency_and_products_follow_from_rows(comparison: Comparison) -> None:
+def test_efficiency_and_products_follow_from_rows(comparison: BenchmarkResult) -> None:
     frame = comparison.efficiency()
     assert set(frame["efficiency_percent"].round(9)) == {25.0, 6.25}
     first = comparison.figure("waves_of_depth", "mine", "depth", "period_at_10_percent_loss_first").number
@@ -62,8 +72,8 @@ def test_efficiency_and_products_follow_from_rows(comparison: Comparison) -> Non
     assert summary.loc["Noise floor: disparity noise", BOUND] == np.median(all_cases()["noise"].core) / 2
 
 
-def test_charts_hold_what_was_measured(comparison: Comparison) -> None:
-    charts = {chart.name: chart for chart in charts_of(comparison, comparison.cases[0])}
+def test_charts_hold_what_was_measured(comparison: BenchmarkResult) -> None:
+    charts = {chart.name: chart for chart in build_charts(comparison, comparison.cases[0])}
     assert set(charts) == {"noise-disparity-noise", "noise-disparity-density", "noise-within"}
     chart = charts["noise-disparity-noise"]
     assert [line["name"] for line in chart.data] == ["mine", HOSTILE, "bound of noise"]
@@ -72,8 +82,8 @@ def test_charts_hold_what_was_measured(comparison: Comparison) -> None:
     assert chart.layout["xaxis"]["type"] == "log"
 
 
-def test_the_page_is_one_file_in_which_no_word_acts(comparison: Comparison, tmp_path: Path) -> None:
-    page = write_page(comparison, [["mine"], ["theirs[a: 1]"]], tmp_path, "core")
+def test_the_page_is_one_file_in_which_no_word_acts(comparison: BenchmarkResult, tmp_path: Path) -> None:
+    page = write_benchmark_report(comparison, [["mine"], ["theirs[a: 1]"]], tmp_path, "core")
     text = page.read_text(encoding="utf-8")
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert HOSTILE not in text
@@ -91,21 +101,23 @@ def test_the_page_is_one_file_in_which_no_word_acts(comparison: Comparison, tmp_
     assert all(math.isfinite(value) for value in charts["noise-disparity-noise"]["data"][0]["y"])
 
 
-def told_by(*figures: tuple[str, float], own: tuple[str, ...] = ("mine",), kind: str = "noise") -> Comparison:
+def told_by(*figures: tuple[str, float], own: tuple[str, ...] = ("mine",), kind: str = "noise") -> BenchmarkResult:
     """Return a comparison of one case, by its headline alone."""
     case = all_cases()[kind]
     quantity, statistic = case.headline
-    found = [Row(kind, math.nan, label, quantity, OWN, statistic, number, unit="px") for label, number in figures]
-    found += [Row(kind, value, "mine", quantity, OWN, "density", 1.0) for value in case.core]
-    return Comparison([label for label, _ in figures], [case], found, own=own)
+    found = [
+        BenchmarkRecord(kind, math.nan, label, quantity, OWN, statistic, number, unit="px") for label, number in figures
+    ]
+    found += [BenchmarkRecord(kind, value, "mine", quantity, OWN, "density", 1.0) for value in case.core]
+    return BenchmarkResult([label for label, _ in figures], [case], found, own=own)
 
 
 def test_methods_of_others_that_are_ahead_are_told_with_numbers(tmp_path: Path) -> None:
     found = told_by(("mine", 0.02), ("slow", 0.03), ("quick", 0.0125), ("ours", 0.05), own=("mine", "ours"))
-    (one,) = leads_of(found).ahead
+    (one,) = compute_rank_leaders(found).ahead
     assert one.others == [("quick", "0.0125 px")]
     assert one.own == ["mine", "0.02 px"]
-    text = write_page(found, [[one] for one in found.methods], tmp_path, "core").read_text(encoding="utf-8")
+    text = write_benchmark_report(found, [[one] for one in found.methods], tmp_path, "core").read_text(encoding="utf-8")
     head = text.index('id="who-leads"')
     places = [text.index(words) for words in ("1 of the 1</b> case that", "<b>quick</b> 0.0125 px", 'id="methods"')]
     assert [head, *places] == sorted([head, *places])
@@ -114,21 +126,21 @@ def test_methods_of_others_that_are_ahead_are_told_with_numbers(tmp_path: Path) 
 
 def test_nobody_is_ahead_by_nothing(tmp_path: Path) -> None:
     found = told_by(("mine", 0.02), ("theirs", 0.02))
-    leads = leads_of(found)
+    leads = compute_rank_leaders(found)
     assert leads.cases == 1
     assert not leads.ahead
     assert not leads.best
-    assert "In none of the 1 case that" in write_page(found, [["mine"], ["theirs"]], tmp_path, "core").read_text(
-        "utf-8"
-    )
+    assert "In none of the 1 case that" in write_benchmark_report(
+        found, [["mine"], ["theirs"]], tmp_path, "core"
+    ).read_text("utf-8")
     # A method alone, or methods of one kind, are not compared with others.
-    assert leads_of(told_by(("mine", 0.02))).cases == 0
-    assert leads_of(told_by(("a", 0.02), ("b", 0.03), own=())).best == [("a", ["Noise floor"])]
-    assert leads_of(told_by(("theirs", 0.02), ("mine", math.nan))).ahead[0].own == []
+    assert compute_rank_leaders(told_by(("mine", 0.02))).cases == 0
+    assert compute_rank_leaders(told_by(("a", 0.02), ("b", 0.03), own=())).best == [("a", ["Noise floor"])]
+    assert compute_rank_leaders(told_by(("theirs", 0.02), ("mine", math.nan))).ahead[0].own == []
 
 
 def test_periods_outside_of_what_was_measured_are_told_so() -> None:
-    (one,) = leads_of(told_by(("mine", math.inf), ("theirs", 0.0), kind="star")).ahead
+    (one,) = compute_rank_leaders(told_by(("mine", math.inf), ("theirs", 0.0), kind="star")).ahead
     assert (one.others, one.own) == ([("theirs", "under 20 px")], ["mine", "over 96 px"])
 
 
@@ -138,15 +150,15 @@ def zero(recording: xr.Dataset) -> dict[str, np.ndarray]:
 
 def test_our_own_methods_are_told_from_others() -> None:
     given = ["fine=refined[window_sigma_px: 4]", "structure_tensor", "plane_sweep", "opencv_flow", f"{__name__}:zero"]
-    assert [one.is_own for one in contestants_of(given)] == [True, True, True, False, False]
+    assert [one.is_own for one in parse_methods(given)] == [True, True, True, False, False]
 
 
 def test_values_with_names_are_drawn_at_their_names() -> None:
     case = all_cases()["gallery"]
     values = [case.value_of(name) for name in ("leaf", "cube", "star")]
-    found = [Row(case.kind, value, "mine", "disparity", OWN, "rms", 0.1 + value) for value in values]
-    found += [Row(case.kind, values[0], "mine", "growth_rate_windowed", OWN, "rms", 3.0)]
-    charts = {chart.name: chart for chart in charts_of(Comparison(["mine"], [case], found), case)}
+    found = [BenchmarkRecord(case.kind, value, "mine", "disparity", OWN, "rms", 0.1 + value) for value in values]
+    found += [BenchmarkRecord(case.kind, values[0], "mine", "growth_rate_windowed", OWN, "rms", 3.0)]
+    charts = {chart.name: chart for chart in build_charts(BenchmarkResult(["mine"], [case], found), case)}
     assert set(charts) == {"gallery-disparity-rms", "gallery-growth_rate_windowed-rms"}
     chart = charts["gallery-disparity-rms"]
     assert chart.data[0]["x"] == ["cube", "leaf", "star"]
@@ -160,16 +172,16 @@ def test_others_that_are_ahead_in_one_scene_or_one_quantity_are_told_too() -> No
     leaf, star = case.value_of("leaf"), case.value_of("star")
     figures = {(leaf, "mine"): 0.1, (leaf, "theirs"): 0.2, (star, "mine"): 0.1, (star, "theirs"): 0.05}
     found = [
-        Row(case.kind, value, label, "disparity", pixels, "rms", number, unit="px")
+        BenchmarkRecord(case.kind, value, label, "disparity", pixels, "rms", number, unit="px")
         for (value, label), number in figures.items()
         for pixels in (OWN, COMMON)
     ]
     # Nobody else tells depth; what is told by others alone puts them ahead.
     found += [
-        Row(case.kind, star, "mine", "depth", OWN, "rms", 1.0),
-        Row(case.kind, star, "theirs", "flow_x", OWN, "rms", 2.0),
+        BenchmarkRecord(case.kind, star, "mine", "depth", OWN, "rms", 1.0),
+        BenchmarkRecord(case.kind, star, "theirs", "flow_x", OWN, "rms", 2.0),
     ]
-    leads = leads_of(Comparison(["mine", "theirs"], [case], found, own=["mine"]))
+    leads = compute_rank_leaders(BenchmarkResult(["mine", "theirs"], [case], found, own=["mine"]))
     # The medians are 0.1 and 0.125.
     assert (leads.cases, leads.ahead, leads.figures) == (1, [], 3)
     assert leads.lines == [
@@ -180,7 +192,7 @@ def test_others_that_are_ahead_in_one_scene_or_one_quantity_are_told_too() -> No
 
 def test_programs_and_results_are_named_by_their_options(tmp_path: Path) -> None:
     program = CommandMethod("python mine.py {recording} {output}", "mine")
-    given = contestants_of(["fine=refined[window_sigma_px: 4]", program, ResultsFolder(tmp_path, "theirs")])
+    given = parse_methods(["fine=refined[window_sigma_px: 4]", program, ResultsFolder(tmp_path, "theirs")])
     assert [one.words for one in given] == [
         ("fine=refined[window_sigma_px: 4]",),
         ("--command", "mine=python mine.py {recording} {output}"),

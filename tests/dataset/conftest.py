@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.recipe.load import recipe_from_plain
+from scenetruth.dataset.recipe_loader import recipe_from_plain
 from scenetruth.dataset.sampler import Sampler
 
 SCENE: dict[str, Any] = {

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.dataset.estimating import estimate_dataset
-from scenetruth.dataset.recipe.load import recipe_from_plain
-from scenetruth.dataset.run import run_dataset
-from scenetruth.dataset.verify import verify_dataset
+from scenetruth.dataset.dataset_estimation import estimate_dataset
+from scenetruth.dataset.generation import run_dataset, verify_dataset
+from scenetruth.dataset.recipe_loader import recipe_from_plain
 from scenetruth.errors import EstimateError
 from tests.dataset.conftest import RECIPE, SCENE
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.dataset.exporting import export_dataset
-from scenetruth.dataset.recipe.load import recipe_from_plain
-from scenetruth.dataset.run import run_dataset
+from scenetruth.dataset.dataset_export import export_dataset
+from scenetruth.dataset.generation import run_dataset
+from scenetruth.dataset.recipe_loader import recipe_from_plain
 from scenetruth.errors import ExportError, Problem, StoreError
 from scenetruth.pipeline import export_run
 from tests.dataset.conftest import RECIPE
@@ -56,7 +56,7 @@ def test_what_one_sample_lacks_keeps_no_other(made: Path, tmp_path: Path, monkey
             raise ExportError([Problem("depth", "is too far for this format")])
         return export_run(folder, target, *rest, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("scenetruth.dataset.exporting.export_run", refuse_last)
+    monkeypatch.setattr("scenetruth.dataset.dataset_export.export_run", refuse_last)
     found = export_dataset(made, tmp_path / "npz", "npz", numbers=[2, 0], workers=0)
     assert (found.done, found.present, sorted(found.failed)) == (1, 0, [2])
     assert "too far" in found.failed[2]

@@ -18,16 +18,15 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.dataset.catalogue.store import read_catalogue
-from scenetruth.dataset.folder import DatasetFolder
-from scenetruth.dataset.identity import begin, identify, recipe_hash_of
-from scenetruth.dataset.part import Part
-from scenetruth.dataset.recipe.load import load_recipe, recipe_from_plain
-from scenetruth.dataset.run import run_dataset, status_of
-from scenetruth.dataset.sample import make_sample
+from scenetruth.dataset.catalogue import read_catalogue
+from scenetruth.dataset.fingerprint import begin_dataset, compute_fingerprint, compute_recipe_hash
+from scenetruth.dataset.generation import read_status, run_dataset
+from scenetruth.dataset.layout import DatasetFolder
+from scenetruth.dataset.recipe_loader import load_recipe, recipe_from_plain
 from scenetruth.dataset.sampler import Sampler
+from scenetruth.dataset.samples import Partition, make_sample
 from scenetruth.errors import MachineError, MismatchError, StoreError
-from scenetruth.pipeline import verify_folder
+from scenetruth.pipeline import verify_run
 from scenetruth.resources import Limits
 from tests.dataset.conftest import RECIPE
 from tests.nightly import nightly
@@ -54,9 +53,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_samples_are_folders_of_runs_and_whole(made: Path) -> None:
-    assert status_of(made).missing == 0
+    assert read_status(made).missing == 0
     for number in range(6):
-        verdicts = verify_folder(DatasetFolder(made).sample(number))
+        verdicts = verify_run(DatasetFolder(made).sample(number))
         assert len(verdicts) == 3
         assert not any(verdict.problem for verdict in verdicts)
     left = [path.name for path in made.rglob(".*")]
@@ -65,14 +64,14 @@ def test_samples_are_folders_of_runs_and_whole(made: Path) -> None:
 
 def test_parts_orders_and_restarts_make_the_same_bytes(made: Path, tmp_path: Path, sampler_with: Make) -> None:
     sampler, folder = sampler_with(samples=3, paired=PAIRED), tmp_path / "again"
-    for part in (Part(3, 3), Part(1, 3), Part(2, 3)):
+    for part in (Partition(3, 3), Partition(1, 3), Partition(2, 3)):
         run_dataset(sampler, folder, workers=0, part=part)
     assert contents(folder) == contents(made)
     # And from the recipe in the folder itself.
     again = tmp_path / "alone"
     inside = load_recipe(made / "dataset.yaml")
-    assert identify(inside).recipe_hash == identify(sampler).recipe_hash
-    make_sample(inside, identify(inside), 4, again)
+    assert compute_fingerprint(inside).recipe_hash == compute_fingerprint(sampler).recipe_hash
+    make_sample(inside, compute_fingerprint(inside), 4, again)
     files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in again.iterdir()}
     assert {f"00000/00000004/{name}": value for name, value in files.items()}.items() <= contents(made).items()
 
@@ -145,17 +144,17 @@ def test_the_recipe_in_a_folder_is_that_of_the_data_set(tmp_path: Path, sampler_
     table.write_text("z\n100\n105\n", encoding="utf-8")
     values = {"depth": {"kind": "table", "file": str(table), "column": "z"}}
     sampler = sampler_with(set={"frames.count": 2}, values=values, samples=1)
-    begin(DatasetFolder(tmp_path / "new"), sampler)
+    begin_dataset(DatasetFolder(tmp_path / "new"), sampler)
     inside = load_recipe(tmp_path / "new" / "dataset.yaml")
-    assert recipe_hash_of(inside) == recipe_hash_of(sampler)
-    assert begin(DatasetFolder(tmp_path / "new"), inside).samples == 1
-    former = recipe_hash_of(sampler)
+    assert compute_recipe_hash(inside) == compute_recipe_hash(sampler)
+    assert begin_dataset(DatasetFolder(tmp_path / "new"), inside).samples == 1
+    former = compute_recipe_hash(sampler)
     moved = table.rename(tmp_path / "moved.csv")
     values["depth"]["file"] = str(moved)
-    assert recipe_hash_of(sampler_with(set={"frames.count": 2}, values=values, samples=1)) == former
+    assert compute_recipe_hash(sampler_with(set={"frames.count": 2}, values=values, samples=1)) == former
     # What lies in every sample's files counts, though no image depends on it.
     other = sampler_with(set={"frames.count": 2, "score.interior_margin_px": 5}, values=values, samples=1)
-    assert recipe_hash_of(other) != former
+    assert compute_recipe_hash(other) != former
 
 
 def test_words_may_change(made: Path, sampler_with: Make) -> None:
@@ -188,7 +187,7 @@ def test_a_sample_that_fails_is_set_aside_and_told(tmp_path: Path, sampler_with:
     assert told["attempts"] == 2
     assert told["again"].startswith("scenetruth dataset sample ")
     assert "sample 1 failed" in said[0]
-    status = status_of(tmp_path / "new")
+    status = read_status(tmp_path / "new")
     assert (status.done, status.missing, list(status.failed)) == (2, 1, [1])
 
 
@@ -206,7 +205,7 @@ def test_a_killed_run_leaves_whole_samples_and_goes_on(made: Path, tmp_path: Pat
     for group in (folder / "samples").iterdir():
         for sample in group.iterdir():
             if not sample.name.startswith("."):
-                assert not any(verdict.problem for verdict in verify_folder(sample))
+                assert not any(verdict.problem for verdict in verify_run(sample))
     subprocess.run(command, check=True, capture_output=True)
     assert contents(folder) == contents(made)
     assert not [path.name for path in folder.rglob(".*")]

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.checking import refuse_recipe, try_draws
-from scenetruth.dataset.recipe.load import load_recipe, recipe_from_plain
+from scenetruth.dataset.recipe_loader import load_recipe, recipe_from_plain
+from scenetruth.dataset.recipe_validation import refuse_recipe, try_draws
 from scenetruth.dataset.sampler import HELD_OUT, Sampler
 from scenetruth.errors import RecipeError
 from tests.dataset.conftest import RECIPE, SCENE

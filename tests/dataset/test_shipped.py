@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.dataset.checking import refuse_recipe
-from scenetruth.dataset.recipe.load import load_recipe
+from scenetruth.dataset.recipe_loader import load_recipe
+from scenetruth.dataset.recipe_validation import refuse_recipe
 
 RECIPES = sorted((Path(__file__).parents[2] / "scenes" / "datasets").glob("*.yaml"))
 

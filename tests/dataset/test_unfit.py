@@ -10,11 +10,11 @@ from unittest.mock import patch
 
 import pytest
 
-from scenetruth.dataset.folder import DatasetFolder
-from scenetruth.dataset.identity import begin
-from scenetruth.dataset.run import run_dataset, status_of
+from scenetruth.dataset.fingerprint import begin_dataset
+from scenetruth.dataset.generation import read_status, run_dataset
+from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.sampler import Sampler
-from scenetruth.dataset.unfit import refuse_other_versions, versions_here
+from scenetruth.dataset.worker_setup import collect_versions, refuse_other_versions
 from scenetruth.errors import BackendUnavailableError, MachineError
 from tests.no_gl import python_path_without_gl
 
@@ -29,23 +29,23 @@ def test_a_worker_without_gl_is_told_and_no_sample_is_set_aside(
     workers: int, tmp_path: Path, sampler_with: Callable[..., Sampler], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, sampler = DatasetFolder(tmp_path / "new"), sampler_with(samples=2)
-    begin(folder, sampler)
+    begin_dataset(folder, sampler)
     # As if it had been begun where there is GL.
     changed(folder, backend="pyrender", platform="osmesa")
     missing = BackendUnavailableError("pyrender (osmesa)", "no such library", "install libosmesa6")
     if workers:
         monkeypatch.setenv("PYTHONPATH", python_path_without_gl(tmp_path))
     with (
-        patch("scenetruth.render.select._pyrender", side_effect=missing),
+        patch("scenetruth.render.backend_selection._pyrender", side_effect=missing),
         pytest.raises(MachineError, match=r"workers: .* cannot make samples of this data set.*OSMesa|libosmesa6"),
     ):
         run_dataset(sampler, folder.path, workers=workers)
-    assert (status_of(folder.path).done, status_of(folder.path).failed) == (0, {})
+    assert (read_status(folder.path).done, read_status(folder.path).failed) == (0, {})
     changed(folder, backend="raycast", platform="auto")
     assert run_dataset(sampler, folder.path, workers=0).made == 2
 
 
 def test_other_versions_make_other_samples(tmp_path: Path, sampler_with: Callable[..., Sampler]) -> None:
-    refuse_other_versions(versions_here())
+    refuse_other_versions(collect_versions())
     with pytest.raises(MachineError, match=r"has numpy .* was begun with 1\.0"):
-        refuse_other_versions({**versions_here(), "numpy": "1.0"})
+        refuse_other_versions({**collect_versions(), "numpy": "1.0"})

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 
 ROOT = Path(__file__).parents[2]
 
@@ -31,9 +31,9 @@ def example() -> Iterator[Any]:
 
 
 def test_other_beginnings_and_rates_are_the_same_motion(example: Any) -> None:
-    own = build_world(st.load_scene(example.FILE), ROOT, painted=False).bodies[0]
+    own = build_scene(st.load_scene(example.FILE), ROOT, painted=False).bodies[0]
     start_s, rate_hz = 37.3, 12.5
-    moved = build_world(example.windy(start_s, rate_hz), ROOT, painted=False).bodies[0]
+    moved = build_scene(example.windy(start_s, rate_hz), ROOT, painted=False).bodies[0]
     for later_s in (0.0, 0.31):
         # Float64 keeps sums of some hundred mm, and phases of some hundred turns, to 1e-12 and better.
         expected = own.positions_at((start_s + later_s) * 50)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shutil
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.nightly import NIGHTLY, nightly
-from tests.test_import_rules import MAY_IMPORT, MOST_MODULES, imported_rooms
+from tests.test_import_rules import MAX_LINES, MAY_IMPORT, imported_packages
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs" / "how_to").glob("add_*.md"))
@@ -21,7 +22,10 @@ MOST_LINES = 80
 PYTHON = os.environ.get("SCENETRUTH_TEST_PYTHON", sys.executable)
 """The Python that follows the pages: that of an environment with an installed wheel, if it is named."""
 
-_FILE = re.compile(r"^`((?:src|tests)/[\w/]+\.py)`[^\n]*:\n\n```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_FILE = re.compile(
+    r"^(?:Append to )?`((?:src|tests)/[\w/]+\.py)`[^\n]*:\n\n```python\n(.*?)^```$", re.MULTILINE | re.DOTALL
+)
+_APPENDED = re.compile(r"^Append to `([\w/]+\.py)`, and add `\"(\w+)\"` to its `__all__`:$", re.MULTILINE)
 _ROW = re.compile(r"^In `(docs/\w+\.md)`, below the line that begins with ``(.+?) ``:\n\n    (\|.*\|)$", re.MULTILINE)
 _COMMAND = re.compile(r"^    ((?:python|scenetruth) .*)$", re.MULTILINE)
 # By night only: what makes images, and the tests that look through all of the package or of a room.
@@ -40,13 +44,14 @@ class Page:
     """What a page tells to write and to run."""
 
     files: dict[str, str]
+    appended: dict[str, str]
     rows: list[tuple[str, str, str]]
     commands: list[str]
 
 
 def read(page: Path) -> Page:
     text = page.read_text(encoding="utf-8")
-    found = Page(dict(_FILE.findall(text)), _ROW.findall(text), _COMMAND.findall(text))
+    found = Page(dict(_FILE.findall(text)), dict(_APPENDED.findall(text)), _ROW.findall(text), _COMMAND.findall(text))
     # Every block of the page is one of these.
     assert text.count("```python\n") == len(found.files)
     assert len(re.findall(r"^    (?! )\S", _without_code(text), re.MULTILINE)) == len(found.rows) + len(found.commands)
@@ -100,12 +105,19 @@ def below(text: str, anchor: str, row: str) -> str:
     return "".join([*lines[: number + 1], row + "\n", *lines[number + 1 :]])
 
 
+def exported(text: str, name: str) -> str:
+    """Add a name to ``__all__``, in its place."""
+    (before,) = re.findall(r"^__all__ = (\[.*?\])", text, re.MULTILINE | re.DOTALL)
+    names = sorted([*ast.literal_eval(before), name])
+    listed = "".join(f'    "{each}",\n' for each in names)
+    return re.sub(r"^__all__ = \[.*?\]", f"__all__ = [\n{listed}]", text, count=1, flags=re.MULTILINE | re.DOTALL)
+
+
 def keeps_the_rules(module: Path, package: Path) -> None:
-    """Hold a new module against the rules of rooms."""
-    room = module.relative_to(package).parts[0]
-    assert imported_rooms(module) - {room} <= MAY_IMPORT[room]
-    beside = [path for path in module.parent.glob("*.py") if path.name != "__init__.py"]
-    assert len(beside) <= MOST_MODULES, f"{module.parent.name}/ is full: one more module needs a second room"
+    """Hold a module against the rules of packages."""
+    name = module.relative_to(package).parts[0]
+    assert imported_packages(module) - {name} <= MAY_IMPORT[name]
+    assert len(module.read_text(encoding="utf-8").splitlines()) <= MAX_LINES, f"{module.name} is full"
 
 
 def test_there_is_a_page_for_each_of_the_usual_things() -> None:
@@ -120,14 +132,17 @@ def test_there_is_a_page_for_each_of_the_usual_things() -> None:
 )
 def test_what_a_page_tells_is_all_that_is_needed(page: Path, tmp_path: Path) -> None:
     told, folder = read(page), checkout(tmp_path / "copy")
-    # One module, one test, one row: nothing else changes.
+    # One place, one test, one row: nothing else changes.
     assert [name.split("/")[0] for name in told.files] == ["src", "tests"]
     assert len(told.rows) == 1
     assert len(told.commands) > 2
     for name, text in told.files.items():
         file = folder / name
-        assert file.parent.is_dir(), f"{name}: no such room"
-        assert not file.exists(), f"{name} is there already: the page needs another example"
+        assert file.parent.is_dir(), f"{name}: no such folder"
+        assert file.exists() == (name in told.appended), f"{name} is there already, or is not: mend the page"
+        if name in told.appended:
+            text = f"{exported(file.read_text(encoding='utf-8'), told.appended[name])}\n\n{text}"
+            file.unlink()  # it may be a link to the file of the checkout
         file.write_text(text, encoding="utf-8")
     for name, anchor, row in told.rows:
         file = folder / name

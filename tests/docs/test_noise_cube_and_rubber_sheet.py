@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from scenetruth.design import predict
-from scenetruth.design.optimise import load_goal
-from scenetruth.design.optimise.goal.prepare import prepare
+from scenetruth.design.optimisation import load_design_spec
+from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.scene import load_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -17,7 +17,7 @@ PER_HOUR = 360_000.0
 
 @pytest.mark.parametrize(("name", "objective"), [("cube_depth", "depth"), ("rubber_sheet", "growth_largest")])
 def test_goals_load_and_can_be_followed(name: str, objective: str) -> None:
-    prepared = prepare(load_goal(SCENES / "goals" / f"{name}.yaml"))
+    prepared = prepare_problem(load_design_spec(SCENES / "goals" / f"{name}.yaml"))
     assert prepared.task.objectives[0].quantity == objective
 
 

@@ -20,8 +20,8 @@ from pydantic import BaseModel
 import scenetruth
 import scenetruth.testing
 from scenetruth.cli.app import app
-from scenetruth.dataset.recipe.spec import Recipe
-from scenetruth.design.optimise import Goal
+from scenetruth.dataset.recipe_model import Recipe
+from scenetruth.design.optimisation import DesignSpec
 from scenetruth.scene import Scene
 from scenetruth_site.api import API, api_in_markdown, documented_names
 from scenetruth_site.commands import command_names, commands_in_markdown
@@ -169,7 +169,7 @@ def test_the_schema_has_no_model_that_is_not_described() -> None:
         assert names <= set(models_of(schema))
 
 
-@pytest.mark.parametrize(("file", "model"), [("scene", Scene), ("recipe", Recipe), ("goal", Goal)])
+@pytest.mark.parametrize(("file", "model"), [("scene", Scene), ("recipe", Recipe), ("goal", DesignSpec)])
 def test_examples_are_valid_and_show_every_model(file: str, model: type[BaseModel]) -> None:
     source = DOCS / "reference" / "examples" / f"{file}.yaml"
     documents = list(yaml.safe_load_all(source.read_text(encoding="utf-8")))

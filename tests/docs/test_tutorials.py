@@ -176,8 +176,8 @@ def test_cells_are_found_without_their_options() -> None:
 
 def test_names_that_are_not_public_or_that_nothing_makes_are_seen() -> None:
     cells = [
-        "import scenetruth as st\nfrom scenetruth.scoring import find_slips, secret\nfrom scenetruth.scene._x import y",
-        "from scenetruth import scoring\nst.simulate(st.dream('a'))\nfor one in [find_slips, lost]:\n    one()",
+        "import scenetruth as st\nfrom scenetruth.scoring import score, secret\nfrom scenetruth.scene._x import y",
+        "from scenetruth import scoring\nst.simulate(st.dream('a'))\nfor one in [score, lost]:\n    one()",
     ]
     assert list(wrong_names(cells)) == ["scenetruth.scoring.secret", "scenetruth.scene._x", "st.dream", "lost"]
 

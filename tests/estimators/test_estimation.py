@@ -12,7 +12,7 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.errors import Problem
-from scenetruth.estimators import Method, Needs, own_code
+from scenetruth.estimators import Method, Needs, user_code
 
 Estimate = Callable[[xr.Dataset], Any]
 
@@ -90,7 +90,7 @@ def test_what_nobody_has_written_himself_has_no_place(recording: xr.Dataset, mon
     def fail(given: xr.Dataset) -> Any:
         return given.attrs["nokey"]
 
-    monkeypatch.setattr(own_code, "is_own_file", lambda file: False)
+    monkeypatch.setattr(user_code, "is_user_file", lambda file: False)
     with pytest.raises(st.EstimateError, match=r"failed: KeyError: 'nokey'$"):
         st.estimate(recording, Doing(fail))
 

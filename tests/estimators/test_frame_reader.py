@@ -12,7 +12,7 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.frame_reader import FrameReader
+from scenetruth.estimators.protocol import FrameReader
 
 FRAMES = 7
 windows = some.lists(
@@ -44,9 +44,9 @@ def test_windows_are_the_recordings(asked: list[tuple[int, int]], dtype: Any, ch
 
 
 def test_stored_frames_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from scenetruth.storage import reading
+    from scenetruth.storage import reader as reading
 
-    st.save(
+    st.save_store(
         st.make_recording(images(np.uint8), focal_length_px=500, baseline_mm=5, full_scale=200),
         tmp_path / "recording.zarr",
     )

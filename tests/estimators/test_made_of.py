@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from scenetruth.estimators.code_fingerprint import compute_code_fingerprint
 from scenetruth.estimators.external import CommandMethod, ResultsFolder
-from scenetruth.estimators.made_of import made_of
-from scenetruth.estimators.own_code import with_imported
+from scenetruth.estimators.user_code import with_imported
 
 METHOD = """def f(recording):
     return None
@@ -44,7 +44,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.mark.parametrize("method", ["structure_tensor", "plane_sweep"])
 def test_what_is_installed_is_known_by_its_name(method: str) -> None:
-    assert made_of(method) == ""
+    assert compute_code_fingerprint(method) == ""
 
 
 def test_a_file_and_what_it_imports_beside_it_count_and_nothing_else(here: Path) -> None:
@@ -61,29 +61,29 @@ def test_a_file_and_what_it_imports_beside_it_count_and_nothing_else(here: Path)
     )
     parts = ["own_a.py", "own_b.py", "own_package/__init__.py", "own_package/deep.py", "own_package/part.py"]
     assert with_imported(here / "own_a.py") == [here / part for part in parts]
-    known = {made_of("own_a:f")}
+    known = {compute_code_fingerprint("own_a:f")}
     (here / "not_imported.py").write_text("changed = 1\n")
-    assert made_of("own_a:f") in known
+    assert compute_code_fingerprint("own_a:f") in known
     for part in parts:
         (here / part).write_text((here / part).read_text() + "# changed\n")
         importlib.reload(sys.modules["own_a"])
-        assert made_of("own_a:f") not in known
-        known.add(made_of("own_a:f"))
+        assert compute_code_fingerprint("own_a:f") not in known
+        known.add(compute_code_fingerprint("own_a:f"))
     function: Any = importlib.import_module("own_a").f
-    assert {made_of(function), made_of(functools.partial(function))} <= known
+    assert {compute_code_fingerprint(function), compute_code_fingerprint(functools.partial(function))} <= known
 
 
 def test_code_that_was_not_loaded_again_is_nobodys(here: Path) -> None:
     write(here, {"own_c.py": METHOD})
-    first = made_of("own_c:f")
-    assert made_of("own_c:f") == first
+    first = compute_code_fingerprint("own_c:f")
+    assert compute_code_fingerprint("own_c:f") == first
     write(here, {"own_c.py": METHOD + "# changed\n"})
     # The old code still runs in this process: what it gives must not be taken for that of the new file.
-    outdated = {made_of("own_c:f"), made_of("own_c:f")}
+    outdated = {compute_code_fingerprint("own_c:f"), compute_code_fingerprint("own_c:f")}
     importlib.reload(sys.modules["own_c"])
-    fresh = made_of("own_c:f")
+    fresh = compute_code_fingerprint("own_c:f")
     assert len({first, fresh, *outdated}) == 4
-    assert made_of("own_c:f") == fresh
+    assert compute_code_fingerprint("own_c:f") == fresh
 
 
 def test_what_is_typed_into_a_session_is_known_by_itself() -> None:
@@ -92,29 +92,29 @@ def test_what_is_typed_into_a_session_is_known_by_itself() -> None:
         exec(compile(text, "<stdin>", "exec"), names)  # as a session does
         return names["f"]
 
-    first = made_of(typed("def f(recording):\n    return {1, 'a', 'b'}"))
+    first = compute_code_fingerprint(typed("def f(recording):\n    return {1, 'a', 'b'}"))
     assert first
-    assert made_of(typed("\n\ndef f(recording):\n    return {1, 'a', 'b'}")) == first
-    assert made_of(typed("def f(recording):\n    return {1, 'a', 'c'}")) != first
+    assert compute_code_fingerprint(typed("\n\ndef f(recording):\n    return {1, 'a', 'b'}")) == first
+    assert compute_code_fingerprint(typed("def f(recording):\n    return {1, 'a', 'c'}")) != first
 
 
 def test_files_that_a_command_names_count(here: Path) -> None:
     write(here, {"program.py": "import beside_it\n", "beside_it.py": "", "config.json": "{}", "unnamed.json": "{}"})
     method = CommandMethod("python program.py --from=config.json {recording} {output}", "mine")
-    known = {made_of(method)}
+    known = {compute_code_fingerprint(method)}
     (here / "unnamed.json").write_text("[]")
-    assert made_of(method) in known
+    assert compute_code_fingerprint(method) in known
     for name in ("program.py", "beside_it.py", "config.json"):
         (here / name).write_text((here / name).read_text() + "\n")
-        assert made_of(method) not in known
-        known.add(made_of(method))
-        assert made_of(method) in known, "the same files are the same program"
+        assert compute_code_fingerprint(method) not in known
+        known.add(compute_code_fingerprint(method))
+        assert compute_code_fingerprint(method) in known, "the same files are the same program"
 
 
 def test_what_lies_in_a_folder_of_results_counts(here: Path) -> None:
     write(here, {"results/key/depth.npy": "1"})
     method = ResultsFolder(here / "results", "mine")
-    before = made_of(method)
-    assert made_of(method) == before
+    before = compute_code_fingerprint(method)
+    assert compute_code_fingerprint(method) == before
     write(here, {"results/key/depth.npy": "10"})
-    assert made_of(method) != before
+    assert compute_code_fingerprint(method) != before

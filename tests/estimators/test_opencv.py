@@ -11,10 +11,10 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators import opencv, prepare
+from scenetruth.estimators import opencv_common, prepare
 from scenetruth.estimators.methods import opencv_scene_flow
-from scenetruth.pipeline.estimating import write_estimate
-from scenetruth.storage import reading
+from scenetruth.pipeline.runner import write_estimate
+from scenetruth.storage import reader
 from tests.estimators.structure_tensor.analytic import Plane
 
 pytest.importorskip("cv2")
@@ -122,11 +122,11 @@ def at_once(recording: xr.Dataset, name: str) -> xr.Dataset:
         low, high = np.nanpercentile(images[..., ::4, ::4].astype(np.float64), (0.1, 99.9))
         images = np.rint(np.clip((images - low) * (255 / (high - low)), 0, 255)).astype(np.uint8)
     count = recording.sizes["t"]
-    flow = [opencv.flow_between(images[1, n], images[1, n + 1], settings) for n in range(count - 1)]
+    flow = [opencv_common.flow_between(images[1, n], images[1, n + 1], settings) for n in range(count - 1)]
     if name == "opencv_flow":
         return st.make_estimate(like=recording, flow=np.stack(flow, axis=1), t=recording["t"].values[:-1])
     disparity = np.stack(
-        [opencv.disparity_between(images[1, n], images[2, n], settings, to_the_right=True) for n in range(count)]
+        [opencv_common.disparity_between(images[1, n], images[2, n], settings, to_the_right=True) for n in range(count)]
     )
     if name == "opencv_stereo":
         return st.make_estimate(like=recording, disparity=disparity)
@@ -136,7 +136,7 @@ def at_once(recording: xr.Dataset, name: str) -> xr.Dataset:
 
 @pytest.mark.parametrize("name", METHODS)
 def test_frame_by_frame_from_a_store_is_all_at_once_to_the_bit(deep: xr.Dataset, tmp_path: Path, name: str) -> None:
-    st.save(deep, tmp_path / "recording.zarr")
+    st.save_store(deep, tmp_path / "recording.zarr")
     lazy = st.open_store(tmp_path / "recording.zarr")
     told: dict[str, list[tuple[int, int]]] = {}
 
@@ -144,7 +144,7 @@ def test_frame_by_frame_from_a_store_is_all_at_once_to_the_bit(deep: xr.Dataset,
         told.setdefault(what, []).append((done, total))
 
     write_estimate(prepare(lazy, name, progress=progress), tmp_path / "estimate.zarr")
-    found = st.load(tmp_path / "estimate.zarr", "estimate")
+    found = st.load_store(tmp_path / "estimate.zarr", "estimate")
     xr.testing.assert_identical(found, st.estimate(deep, name))
     xr.testing.assert_identical(found.drop_attrs(), at_once(deep, name).drop_attrs())
     assert ("velocity" in found) == (name == "opencv_scene_flow")
@@ -158,11 +158,11 @@ def test_frame_by_frame_from_a_store_is_all_at_once_to_the_bit(deep: xr.Dataset,
 def test_images_are_read_one_by_one_and_few_are_held(
     deep: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    st.save(deep, tmp_path / "recording.zarr")
+    st.save_store(deep, tmp_path / "recording.zarr")
     lazy = st.open_store(tmp_path / "recording.zarr")
     held: set[int] = set()
     most, sizes = [0], list[int]()
-    plain = reading.StoredArray.read
+    plain = reader.StoredArray.read
 
     def counting(self: Any, key: tuple[Any, ...]) -> Any:
         found = plain(self, key)
@@ -174,7 +174,7 @@ def test_images_are_read_one_by_one_and_few_are_held(
             most[0] = max(most[0], len(held))
         return found
 
-    monkeypatch.setattr(reading.StoredArray, "read", counting)
+    monkeypatch.setattr(reader.StoredArray, "read", counting)
     write_estimate(prepare(lazy, name), tmp_path / "estimate.zarr")
     assert set(sizes) == {deep.sizes["y"] * deep.sizes["x"]}
     # Every image that is looked at is read once, and all of them once before where their range must be known.

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.estimators.percentiles import outer_percentiles
+from scenetruth.estimators.opencv_common import outer_percentiles
 
 numbers = some.floats(-1e6, 1e6, width=32) | some.just(float("nan")) | some.integers(0, 3).map(float)
 parts = some.lists(some.lists(numbers, max_size=12), min_size=1, max_size=12)

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators.returned import read_only
+from scenetruth.estimators.estimation import read_only
 
 
 def test_nothing_of_a_recording_can_be_written_to() -> None:

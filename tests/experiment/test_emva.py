@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor, PhotonTransfer
 from scenetruth.cli.app import app
-from scenetruth.experiment.emva import run as emva
-from scenetruth.experiment.emva.run import compare, measure_sensor, run_emva
+from scenetruth.validation_studies import emva1288 as emva
+from scenetruth.validation_studies.emva1288 import compare_with_settings, measure_sensor, run_emva
 from tests.nightly import by_night
 from tests.sensors import NOISY_SENSOR
 
@@ -52,7 +52,7 @@ def measured(name: str) -> PhotonTransfer:
 @pytest.mark.parametrize("name", [*BY_DAY, *by_night(*sorted({*SENSORS} - {*BY_DAY}))])
 def test_measured_as_told(name: str) -> None:
     sensor, found = made(name), measured(name)
-    errors = {one.quantity: abs(one.error) for one in compare(name, sensor, found)}
+    errors = {one.quantity: abs(one.error) for one in compare_with_settings(name, sensor, found)}
     assert set(errors) == set(BOUNDS)
     assert {quantity: error for quantity, error in errors.items() if error > BOUNDS[quantity]} == {}
     dark_e = sensor.dark_current_e_per_s * sensor.exposure_time_s
@@ -66,7 +66,7 @@ def test_the_page_has_these_measurements() -> None:
     table = {row[0].strip("`"): row[1:] for row in rows if row[0].strip("`") in BOUNDS and len(row) == 5}
     assert list(table) == list(BOUNDS)
     for column, name in enumerate(PRESETS):
-        for one in compare(name, made(name), measured(name)):
+        for one in compare_with_settings(name, made(name), measured(name)):
             if one.quantity != "linearity_error":
                 assert float(table[one.quantity][column].split()[0]) == pytest.approx(one.measured, rel=1e-4)
 

@@ -15,15 +15,21 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 import scenetruth as st
-from scenetruth import experiment
+from scenetruth import validation_studies
 from scenetruth.cli.app import app
-from scenetruth.experiment.fidelity.reference import PlaneImage
-from scenetruth.experiment.fidelity.registration import shift_errors
-from scenetruth.experiment.fidelity.run import SHIFTS_PX, TEXTURES_PX, noise_plane, reference_image, run_fidelity
 from scenetruth.render import opengl
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.scene.texture.noise import NoiseTexture
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.texture.procedural_textures import NoiseTexture
+from scenetruth.validation_studies.rendering_accuracy import (
+    SHIFTS_PX,
+    TEXTURES_PX,
+    PlaneImage,
+    noise_plane,
+    reference_image,
+    run_fidelity,
+    shift_errors,
+)
 from tests.nightly import nightly
 
 SMALL = (50, 75)
@@ -40,7 +46,7 @@ def test_pixel_integral_is_what_64_x_64_samples_of_the_texture_converge_to() -> 
     item = scene.objects[0]
     assert item.mesh.kind == "plane"
     assert isinstance(item.texture, NoiseTexture)
-    body = build_world(scene).bodies[0]
+    body = build_scene(scene).bodies[0]
     pitch, n, shift = 660 / 5016, 64, 0.3
     corners = body.vertices_mm[body.faces].reshape(-1, 3)[:, :2]
     design = np.column_stack([corners, np.ones(len(corners))])
@@ -112,7 +118,9 @@ def test_registration_is_the_least_squares_solution() -> None:
 @pytest.fixture
 def one_texture(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the texture that has a bound: `test_the_whole_experiment` has both."""
-    monkeypatch.setattr("scenetruth.experiment.fidelity.run.TEXTURES_PX", {"band-limited": TEXTURES_PX["band-limited"]})
+    monkeypatch.setattr(
+        "scenetruth.validation_studies.rendering_accuracy.TEXTURES_PX", {"band-limited": TEXTURES_PX["band-limited"]}
+    )
 
 
 @pytest.mark.usefixtures("one_texture")
@@ -163,7 +171,7 @@ def test_the_whole_experiment(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("one_texture")
 def test_the_command_prints_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiment, "run_fidelity", partial(run_fidelity, samplings=[4], shape=(25, 25)))
+    monkeypatch.setattr(validation_studies, "run_fidelity", partial(run_fidelity, samplings=[4], shape=(25, 25)))
     result = CliRunner().invoke(app, ["experiment", "fidelity", "-o", str(tmp_path / "out")])
     assert result.exception is None
     assert "1e-04, kept" in result.output

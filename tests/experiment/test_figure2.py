@@ -14,10 +14,17 @@ from typer.testing import CliRunner
 import scenetruth as st
 from scenetruth.cli.app import app
 from scenetruth.estimators.structure_tensor.filters import transfer
-from scenetruth.experiment.figure2 import run as figure2
-from scenetruth.experiment.figure2.pattern import FOCAL_LENGTH_PX, REFERENCE_DEPTH, pattern_images, pattern_recording
-from scenetruth.experiment.figure2.points import Condition
-from scenetruth.experiment.figure2.run import conditions, measure, run_figure2
+from scenetruth.validation_studies import paper_figure2 as figure2
+from scenetruth.validation_studies.paper_figure2 import (
+    FOCAL_LENGTH_PX,
+    REFERENCE_DEPTH,
+    Condition,
+    conditions,
+    measure_condition,
+    pattern_images,
+    pattern_recording,
+    run_figure2,
+)
 from tests.nightly import by_night, nightly
 from tests.scenes import plaid
 
@@ -36,7 +43,7 @@ def test_pattern_is_what_the_scene_renders(wavelength: int, velocity: tuple[floa
 @pytest.mark.parametrize("wavelength", [4, 8, 16, 32])
 @pytest.mark.parametrize("quantity", ["U_X", "V_X"])
 def test_points_without_noise_follow_the_law_of_the_filters(quantity: Literal["U_X", "V_X"], wavelength: int) -> None:
-    result = measure(Condition(quantity, 2.0, wavelength, 0.0), "paper")
+    result = measure_condition(Condition(quantity, 2.0, wavelength, 0.0), "paper")
     k, shift = 2 * np.pi / wavelength, 0.2
     (d_shift, s_shift), (d_k, s_k) = transfer(k * shift), transfer(k)
     ratio = float(d_shift * s_k / (d_k * s_shift * shift))
@@ -59,7 +66,7 @@ def test_noise_costs_what_an_independent_implementation_measured(
     quantity: Literal["U_X", "U_Z", "V_X"], value: float, expected: tuple[float, ...]
 ) -> None:
     for wavelength, rms in zip((4, 8, 16, 32), expected, strict=False):
-        result = measure(Condition(quantity, value, wavelength, 0.025), "paper", runs=200)
+        result = measure_condition(Condition(quantity, value, wavelength, 0.025), "paper", runs=200)
         # Both are a scatter over finitely many runs (9 % at 60, 5 % at 200), over different phases.
         assert result.rms_relative_error == pytest.approx(rms, rel=0.25)
 
@@ -79,12 +86,12 @@ def test_patterns_side_by_side_are_estimated_like_each_alone(divergence: Literal
         errors.append(float(pixel["flow"][0]) * REFERENCE_DEPTH / FOCAL_LENGTH_PX - 1)
     # Only the distance to the principal point differs, and the rounding of float32 with it.
     expected = np.sqrt(np.mean(np.square(errors)))
-    assert measure(condition, divergence, runs=5).rms_relative_error == pytest.approx(expected, rel=1e-4)
+    assert measure_condition(condition, divergence, runs=5).rms_relative_error == pytest.approx(expected, rel=1e-4)
 
 
 def test_noise_is_the_same_in_every_run() -> None:
     condition = Condition("U_X", 1.0, 8, 0.025)
-    assert measure(condition, "paper", runs=3) == measure(condition, "paper", runs=3)
+    assert measure_condition(condition, "paper", runs=3) == measure_condition(condition, "paper", runs=3)
 
 
 def test_conditions_cover_the_papers_ranges() -> None:

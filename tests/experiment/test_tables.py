@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenetruth.experiment.tables import write_table
+from scenetruth.validation_studies.csv_tables import write_table
 
 
 def test_columns_are_named_and_rows_keep_their_order(tmp_path: Path) -> None:

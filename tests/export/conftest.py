@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.export import Exported, Source
+from scenetruth.exporters import ExportResult, ExportSource
 from scenetruth.scene import Scene
 
 
@@ -55,18 +55,18 @@ def truth(recording_and_truth: tuple[xr.Dataset, xr.Dataset]) -> xr.Dataset:
 
 
 @pytest.fixture(scope="session")
-def source(recording: xr.Dataset, truth: xr.Dataset) -> Source:
-    return Source(recording, truth)
+def source(recording: xr.Dataset, truth: xr.Dataset) -> ExportSource:
+    return ExportSource(recording, truth)
 
 
-Export = Callable[..., Exported]
+Export = Callable[..., ExportResult]
 
 
 @pytest.fixture
 def export(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> Export:
     """Write the scene in a format, into a folder of that name."""
 
-    def write(format: str, **options: Any) -> Exported:
+    def write(format: str, **options: Any) -> ExportResult:
         return st.export_data(recording, truth, tmp_path / format, format, **options)
 
     return write

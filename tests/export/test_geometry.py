@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from scenetruth.export.geometry import _undistort, distort
+from scenetruth.exporters.camera_geometry import _undistort, distort
 
 LENS = {"k1": -0.25, "k2": 0.08, "p1": 0.003, "p2": -0.002, "k3": -0.01, "k4": 0.02, "k5": 0.001, "k6": -0.003}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.export import known_formats
+from scenetruth import exporters
+from scenetruth.exporters import load_formats
+from scenetruth.exporters.export_source import CameraPair, ExportSource
 from tests.export.conftest import Export, scene
 
 PACKAGES = {"kitti": "cv2", "spring": "h5py", "exr": "OpenEXR", "ply": "plyfile"}
@@ -32,8 +35,8 @@ def problems_of(info: pytest.ExceptionInfo[st.ExportError]) -> dict[str, str]:
 
 
 def test_every_format_says_what_it_means_and_what_it_loses() -> None:
-    assert set(known_formats()) == set(st.export_formats())
-    for kind, model in known_formats().items():
+    assert set(load_formats()) == set(st.export_formats())
+    for kind, model in load_formats().items():
         meaning = model.meaning()
         assert "ost:" in meaning or "is lost" in meaning, kind
         assert model.summary
@@ -41,15 +44,16 @@ def test_every_format_says_what_it_means_and_what_it_loses() -> None:
         assert not reserved & set(model.model_fields)
 
 
-def test_every_module_of_the_room_is_a_format() -> None:
-    room = Path(st.export.formats.__path__[0])
-    assert {path.stem for path in room.glob("*.py")} - {"__init__"} == set(known_formats())
+def test_every_class_of_the_modules_of_formats_is_one() -> None:
+    folder = Path(exporters.__path__[0])
+    text = "".join(file.read_text(encoding="utf-8") for file in folder.glob("*_formats.py"))
+    assert set(re.findall(r"^class (\w+)", text, re.MULTILINE)) == {cls.__name__ for cls in load_formats().values()}
 
 
 def test_a_run_is_exported_as_its_data_sets_are(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
-    st.save(recording, tmp_path / "run" / "recording.zarr")
-    st.save(truth, tmp_path / "run" / "truth.zarr")
-    for kind in known_formats():
+    st.save_store(recording, tmp_path / "run" / "recording.zarr")
+    st.save_store(truth, tmp_path / "run" / "truth.zarr")
+    for kind in load_formats():
         one = st.export_run(tmp_path / "run", tmp_path / kind, kind)
         other = st.export_data(recording, truth, tmp_path / "again" / kind, kind)
         assert one.files == other.files
@@ -79,7 +83,7 @@ def test_a_missing_package_has_a_remedy(
 def test_only_formats_with_packages_need_them(export: Export, monkeypatch: pytest.MonkeyPatch) -> None:
     for package in PACKAGES.values():
         monkeypatch.setitem(sys.modules, package, None)
-    for kind in set(known_formats()) - set(PACKAGES):
+    for kind in set(load_formats()) - set(PACKAGES):
         assert export(kind).files
 
 
@@ -137,9 +141,9 @@ def test_unequal_and_falling_stages_have_the_disparity_of_the_pair(tmp_path: Pat
         stage = {"positions_mm": places}
         recording, truth = st.simulate(tiny(stage=stage), truth_views="all")
         done = st.export_data(recording, truth, tmp_path / f"{apart}", "npz")
-        source = st.export.Source(recording, truth)
+        source = ExportSource(recording, truth)
         pair = source.pair(left)
-        assert pair == st.export.Pair(left, right, apart)
+        assert pair == CameraPair(left, right, apart)
         assert np.unique(source.disparity(source.depth(0, 0), pair)).tolist() == pytest.approx([30 * apart / 100])
         assert done.files
 
@@ -149,8 +153,8 @@ def test_a_grid_of_rows_is_taken_row_by_row(tmp_path: Path) -> None:
     recording, truth = st.simulate(tiny(stage=stage), truth_views="all")
     with pytest.raises(st.ExportError, match=r"s_y: must be one row of cameras.*--row N.*got \[-1, 0, 1\]"):
         st.export_data(recording, truth, tmp_path / "x", "ply")
-    st.save(recording, tmp_path / "run" / "recording.zarr")
-    st.save(truth, tmp_path / "run" / "truth.zarr")
+    st.save_store(recording, tmp_path / "run" / "recording.zarr")
+    st.save_store(truth, tmp_path / "run" / "truth.zarr")
     done = st.export_run(tmp_path / "run", tmp_path / "y", "opencv_yaml", row=1)
     assert "data: [ -4.0, -5.0, 0.0 ]" in (done.folder / "s+1.yml").read_text()
     with pytest.raises(st.ExportError, match=r"row: must be one of the rows \[-1, 0, 1\] \(got 4\)"):
@@ -163,8 +167,10 @@ def test_a_truth_of_the_reference_belongs_to_its_own_row(tmp_path: Path) -> None
     assert st.export_data(recording.sel(s_y=0), truth.sel(s_y=0), tmp_path / "x", "ply").files
     with pytest.raises(st.ExportError, match=r"s_y: is that of other cameras than the truth's, which is of row 0"):
         st.export_data(recording.sel(s_y=1), truth.sel(s_y=1), tmp_path / "y", "ply")
-    st.save(recording, tmp_path / "run" / "recording.zarr")
-    st.save(st.make_estimate(depth=np.full((2, 16, 20), 90.0), like=recording), tmp_path / "run" / "estimate.zarr")
+    st.save_store(recording, tmp_path / "run" / "recording.zarr")
+    st.save_store(
+        st.make_estimate(depth=np.full((2, 16, 20), 90.0), like=recording), tmp_path / "run" / "estimate.zarr"
+    )
     assert st.export_run(tmp_path / "run", tmp_path / "z", "ply", row=0, method="structure_tensor").files
     with pytest.raises(st.ExportError, match=r"row: must be 0: the estimate is of that row"):
         st.export_run(tmp_path / "run", tmp_path / "z", "ply", row=1, method="structure_tensor")
@@ -225,7 +231,7 @@ def test_one_frame_has_no_flow(recording: xr.Dataset, truth: xr.Dataset, tmp_pat
 
 
 def test_a_run_without_truth_names_the_estimate(recording: xr.Dataset, tmp_path: Path) -> None:
-    st.save(recording, tmp_path / "run" / "recording.zarr")
+    st.save_store(recording, tmp_path / "run" / "recording.zarr")
     with pytest.raises(st.StoreError, match=r"truth.zarr: no such store.*--method NAME"):
         st.export_run(tmp_path / "run", tmp_path / "x", "npz")
     with pytest.raises(st.StoreError, match=r"recording\.zarr"):
@@ -264,12 +270,12 @@ def test_folders_of_others_are_never_replaced(export: Export, tmp_path: Path) ->
 
 
 def test_a_failed_export_leaves_nothing(export: Export, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from scenetruth.export.formats import flo
+    from scenetruth.exporters import image_formats
 
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(flo, "write_flo", full)
+    monkeypatch.setattr(image_formats, "write_flo", full)
     with pytest.raises(st.StoreError, match="the disk is full"):
         export("flo")
     assert not [path for path in tmp_path.iterdir() if not path.name.endswith(".lock")]

@@ -164,7 +164,7 @@ def _store_trial() -> Callable[[Path], str]:
 
     folder = Path(tempfile.mkdtemp(prefix="stores-"))
     whole_stores(folder)
-    others = {kind: st.load(folder / f"{kind}.zarr") for kind in KINDS}
+    others = {kind: st.load_store(folder / f"{kind}.zarr") for kind in KINDS}
 
     def trial(file: Path) -> str:
         damage = json.loads(file.read_text())

@@ -10,15 +10,15 @@ from typing import Any
 import yaml
 from hypothesis import strategies as some
 
-from scenetruth.camera.sensor.base import Effect
-from scenetruth.camera.sensor.presets import PRESETS
-from scenetruth.kinds import kinds_in
+from scenetruth.camera.sensor.effects import Effect
+from scenetruth.camera.sensor.sensor_types import PRESETS
+from scenetruth.discovery import kinds_in
 from scenetruth.scene.deformation import OwnFrameModel
-from scenetruth.scene.light import LightModel
+from scenetruth.scene.lighting import LightModel
 from scenetruth.scene.mesh import MeshModel
 from scenetruth.scene.motion import MotionModel
 from scenetruth.scene.plant import PlantModel
-from scenetruth.scene.suggestions import known_keys
+from scenetruth.scene.suggestions import collect_keys
 from scenetruth.scene.texture import TextureModel
 from tests.scenes import LIBRARY, cube, plaid
 
@@ -49,16 +49,16 @@ def all_kinds() -> list[str]:
     """Every kind of anything."""
     rooms: list[tuple[Any, tuple[str, ...]]] = [
         (MotionModel, ("motion",)),
-        (OwnFrameModel, ("deformation", "nodal")),
+        (OwnFrameModel, ("deformation", "vertex_animation")),
         (MeshModel, ("mesh", "leaf")),
         (TextureModel, ("texture", "leaf")),
-        (LightModel, ("light",)),
+        (LightModel, ("lighting",)),
         (PlantModel, ("plant",)),
     ]
     found = {kind for base, names in rooms for kind in kinds_in(base, *(f"scenetruth.scene.{name}" for name in names))}
     return sorted(
         found
-        | set(kinds_in(Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noises"))
+        | set(kinds_in(Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noise_sources"))
         | {"chain", "emva1288", "gaussian"}
     )
 
@@ -317,13 +317,13 @@ def _rename(draw: Any, place: Place, tree: Any) -> None:
     container, key = place
     if isinstance(container, dict):
         value = container.pop(key)
-        container[draw(some.sampled_from(sorted(known_keys())) | some.sampled_from(TEXTS) | some.just(3))] = value
+        container[draw(some.sampled_from(sorted(collect_keys())) | some.sampled_from(TEXTS) | some.just(3))] = value
 
 
 def _add(draw: Any, place: Place, tree: Any) -> None:
     container, _ = place
     if isinstance(container, dict):
-        container[draw(some.sampled_from(sorted(known_keys())))] = draw(some.sampled_from(NUMBERS) | junk)
+        container[draw(some.sampled_from(sorted(collect_keys())))] = draw(some.sampled_from(NUMBERS) | junk)
 
 
 def _retype(draw: Any, place: Place, tree: Any) -> None:

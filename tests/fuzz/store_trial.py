@@ -36,7 +36,7 @@ def try_store(store: Path, others: dict[str, Any]) -> str:
         warnings.simplefilter("ignore", st.EstimateWarning)
         verified = _is_refused(lambda: verify_store(store))
         found: dict[str, Any] = {}
-        if _is_refused(lambda: found.update(read=st.load(store))):
+        if _is_refused(lambda: found.update(read=st.load_store(store))):
             assert verified, "loading refuses what verifying takes"
             return "refused"
         dataset = found["read"]

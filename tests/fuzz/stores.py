@@ -11,7 +11,7 @@ from typing import Any
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.storage.integrity import seal
+from scenetruth.storage.store_files import write_checksums
 from tests.fuzz.scene_files import NUMBERS, TEXTS
 from tests.scenes import cube
 
@@ -91,7 +91,7 @@ def whole_stores(folder: Path) -> None:
     """Write the stores that are damaged: one of every kind, as a folder and as a zip file."""
     for kind, dataset in _data().items():
         for suffix in (".zarr", ".zarr.zip"):
-            st.save(dataset, folder / f"{kind}{suffix}", overwrite=True)
+            st.save_store(dataset, folder / f"{kind}{suffix}", overwrite=True)
 
 
 @cache
@@ -131,7 +131,7 @@ def damaged(whole: Path, damage: Damage, target: Path) -> None:
     root = target / "zarr.json"
     if damage["sealed"] and root.is_file():
         try:
-            seal(target)
+            write_checksums(target)
         except (ValueError, KeyError, TypeError, AttributeError):
             return  # it has no place for a seal any more
 

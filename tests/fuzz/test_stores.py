@@ -25,7 +25,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def others(whole: Path) -> dict[str, Any]:
-    return {kind: st.load(whole / f"{kind}.zarr") for kind in KINDS}
+    return {kind: st.load_store(whole / f"{kind}.zarr") for kind in KINDS}
 
 
 def test_whole_stores_are_used(whole: Path, others: dict[str, Any]) -> None:

@@ -13,12 +13,12 @@ import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.errors import SceneWarning
 from scenetruth.raycast import Topology
-from scenetruth.resources import Limits, bounded_parts, demand_of, foresee
-from scenetruth.resources.glimpse import glimpse_of
+from scenetruth.resources import Limits, compute_workload, estimate_cost, limited_objects
+from scenetruth.resources.quick_preview import make_quick_preview
 from scenetruth.scene import Scene
-from scenetruth.scene.check import check_scene, describe_scene
-from scenetruth.scene.leaf.form import LeafForm
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.leaf.leaf_model import LeafForm
+from scenetruth.scene.scene_report import check_scene, describe_scene
 from scenetruth.truth import GeometryPass, truth_maps
 
 __all__ = ["MOST_FACES", "MOST_PIXELS", "MOST_TEXELS", "MOST_VERTICES_IN_TIME", "OUTCOMES", "try_scene"]
@@ -56,16 +56,16 @@ def try_scene(file: Path, smaller: float = 1.0) -> str:
         repr(scene), scene._repr_html_(), hash(scene)
         assert st.scene_from_plain(scene.to_plain()) == scene
         try:
-            parts = bounded_parts(scene, Limits())
-            foresee(demand_of(scene, parts), ["render"], slower=1.0)
-            glimpse = glimpse_of(scene, parts)
+            parts = limited_objects(scene, Limits())
+            estimate_cost(compute_workload(scene, parts), ["render"], slower=1.0)
+            glimpse = make_quick_preview(scene, parts)
             describe_scene(scene, glimpse.world, glimpse.depth, glimpse.times)
         except st.SceneError as error:
             _is_told(error)
         if is_large(scene, smaller):
             return "large"
         try:
-            world = build_world(scene)
+            world = build_scene(scene)
             check_scene(scene, world)
             at = world.at(0)
             geometry = GeometryPass(world, Topology.of(at.vertices_mm, world.faces, world.crease_deg), 0.0)

@@ -9,37 +9,36 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.pages.rendering import page_of
-from scenetruth.pages.tables import Cell, Table, key_of, table_of
+from scenetruth.html import HtmlCell, HtmlTable, make_table, render_page, sort_key
 
 HOSTILE = "</script><b onclick='x'>"
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(["", " px", " to 7", ", more"]))
 def test_texts_sort_by_the_number_that_they_begin_with(value: float, rest: str) -> None:
-    assert key_of(f"{value!r}{rest}") == value
-    assert key_of(f"{value!r}{rest}".replace("-", "−")) == value
+    assert sort_key(f"{value!r}{rest}") == value
+    assert sort_key(f"{value!r}{rest}".replace("-", "−")) == value
 
 
 @pytest.mark.parametrize("text", ["", "–", "leaf", "3d", "5x9", "e5", "none"])
 def test_words_are_no_numbers(text: str) -> None:
-    assert key_of(text) is None
+    assert sort_key(text) is None
 
 
 @pytest.mark.parametrize(
     ("key", "told"), [(None, ""), (math.nan, ""), (3, "3.0"), (math.inf, "Infinity"), (-math.inf, "-Infinity")]
 )
 def test_keys_are_numbers_of_javascript(key: float | None, told: str) -> None:
-    assert Cell("x", key).sorts_by == told
+    assert HtmlCell("x", key).sorts_by == told
 
 
 def test_columns_of_words_are_told_from_numbers() -> None:
-    table = table_of("t", "A table", ["name", "number", "mixed"], [["a", 1.5, "–"], ["b", "∞", "2 px"]])
+    table = make_table("t", "A table", ["name", "number", "mixed"], [["a", 1.5, "–"], ["b", "∞", "2 px"]])
     assert table.numeric == [False, True, True]
     assert [cell.key for cell in table.lines[1]] == [None, math.inf, 2.0]
-    assert Table("t", "", ["a"], []).numeric == [False]
+    assert HtmlTable("t", "", ["a"], []).numeric == [False]
     # Where no number is known, dashes stand in the place of numbers.
-    assert table_of("t", "", ["a", "b"], [["–", "–"], ["–", "word"]]).numeric == [True, False]
+    assert make_table("t", "", ["a", "b"], [["–", "–"], ["–", "word"]]).numeric == [True, False]
 
 
 def test_a_page_is_one_file_in_which_no_word_acts() -> None:
@@ -49,7 +48,7 @@ def test_a_page_is_one_file_in_which_no_word_acts() -> None:
     told = {"seeds": 1, "values": [], "again": "", "best": [[HOSTILE, "2"]], "best_columns": ["a", HOSTILE]}
     told |= {"statistics": [], "statistic": "", "regions": [], "region": HOSTILE, "quantities": []}
     told |= {"columns": ["a"], "lines": [["3 px"]], "left_out": 0}
-    text = page_of("scenetruth.design.sweep.page", "sweep.html.j2", charts, found=found, **told)
+    text = render_page("scenetruth.design.sweeps", "sweep.html.j2", charts, found=found, **told)
     assert HOSTILE not in text
     assert text.count("</script>") == 2
     outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)

@@ -195,7 +195,7 @@ class Killer:
         """Everything under a final name is whole, and of one run."""
         if not target.exists():
             return "nothing"
-        assert [verdict for verdict in st.verify_folder(target) if verdict.problem] == []
+        assert [verdict for verdict in st.verify_run(target) if verdict.problem] == []
         here = digests(target)
         here.pop("thesis.txt", None)
         for expected in self.expected:

@@ -11,8 +11,8 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.errors import EstimateError
 from scenetruth.estimators import prepare
-from scenetruth.estimators.structure_tensor import run
-from scenetruth.pipeline.estimating import write_estimate
+from scenetruth.estimators.structure_tensor import execution
+from scenetruth.pipeline.runner import write_estimate
 from tests.estimators.structure_tensor.analytic import Plane
 
 
@@ -27,16 +27,16 @@ def test_groups_of_frames_leave_no_trace(
     recording: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
 ) -> None:
     whole = st.estimate(recording)
-    st.save(recording, tmp_path / "recording.zarr")
+    st.save_store(recording, tmp_path / "recording.zarr")
     # Two frames at a time, of five.
-    monkeypatch.setattr(run, "_MAP_BYTES", 2 * 84 * 60 * 56)
+    monkeypatch.setattr(execution, "_MAP_BYTES", 2 * 84 * 60 * 56)
     told: list[tuple[str, int, int]] = []
     work = prepare(
         st.open_store(tmp_path / "recording.zarr"), progress=lambda what, done, total: told.append((what, done, total))
     )
     target = tmp_path / f"estimate.zarr{form}"
     write_estimate(work, target, zipped=bool(form))
-    found = st.load(target, "estimate")
+    found = st.load_store(target, "estimate")
     xr.testing.assert_identical(found.drop_attrs(), whole.drop_attrs())
     assert {**found.attrs, "working_points_px": None} == {**whole.attrs, "working_points_px": None}
     assert np.array_equal(found.attrs["working_points_px"], whole.attrs["working_points_px"])
@@ -51,7 +51,7 @@ def test_methods_that_need_all_frames_are_written_too(recording: xr.Dataset, tmp
         return st.make_estimate(like=recording, depth=np.full(recording["image"].shape[1:], 700.0))
 
     write_estimate(prepare(recording, far), tmp_path / "estimate.zarr")
-    assert (st.load(tmp_path / "estimate.zarr").depth == 700).all()
+    assert (st.load_store(tmp_path / "estimate.zarr").depth == 700).all()
 
 
 def test_failures_of_methods_are_named(recording: xr.Dataset, tmp_path: Path) -> None:

@@ -8,37 +8,37 @@ from pathlib import Path
 import pytest
 
 import scenetruth as st
-from scenetruth.pipeline.folder import claim_of, claim_run
-from scenetruth.placing import Claimed
+from scenetruth.output import OwnershipResult
+from scenetruth.pipeline.run_directory import claim_entry, claim_run
 
 METHODS = ("structure_tensor", "opencv_flow", "mine:depth", "mine:flow")
 
 
 def test_files_of_several_methods_stand_side_by_side() -> None:
-    run = st.RunFolder("runs/one", "structure_tensor")
+    run = st.RunDirectory("runs/one", "structure_tensor")
     names = [path for method in METHODS for path in (run.of(method).estimate, *run.of(method).after_estimate)]
     assert len(set(names)) == len(names)
     assert {path.parent for path in names} == {Path("runs/one")}
 
 
 def test_the_scenes_own_method_has_plain_names() -> None:
-    run = st.RunFolder("runs/one", "opencv_flow")
+    run = st.RunDirectory("runs/one", "opencv_flow")
     assert run.of("opencv_flow").estimate.name == "estimate.zarr"
     assert run.of("structure_tensor").estimate.name == "estimate.structure_tensor.zarr"
 
 
 def test_an_empty_folder_has_no_estimates(tmp_path: Path) -> None:
     with pytest.raises(st.StoreError, match=r"estimate\.zarr: no such store; make it with `scenetruth estimate`"):
-        st.RunFolder(tmp_path).estimated()
+        st.RunDirectory(tmp_path).estimated()
 
 
 def test_only_our_own_files_of_a_run_are_claimed(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)
-    assert claim_run(run) == Claimed()
+    assert claim_run(run) == OwnershipResult()
     (run / "thesis.txt").write_text("all my work")
     (run / "estimates.zarr").mkdir()
-    assert claim_run(run) == Claimed(foreign=("estimates.zarr", "thesis.txt"))
+    assert claim_run(run) == OwnershipResult(foreign=("estimates.zarr", "thesis.txt"))
     (run / "figures" / "mine.png").write_bytes(b"\x89PNG drawn elsewhere")
     assert "did not write (figures)" in claim_run(run).refusal
     (run / "figures" / "mine.png").unlink()
@@ -52,8 +52,8 @@ def test_images_as_files_are_ours_by_their_names(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     for name in ("s+0_t-12.png", "r-1_s+0_t+3.tiff"):
         (tmp_path / "images" / name).touch()
-    assert claim_of(tmp_path / "images") == Claimed()
+    assert claim_entry(tmp_path / "images") == OwnershipResult()
     (tmp_path / "images" / "s0.png").touch()
-    claimed = claim_of(tmp_path / "images")
+    claimed = claim_entry(tmp_path / "images")
     assert claimed is not None
     assert claimed.refusal

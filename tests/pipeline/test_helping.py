@@ -8,7 +8,7 @@ import signal
 import time
 from pathlib import Path
 
-from scenetruth.pipeline import RunFolder, Runner, figure_help
+from scenetruth.pipeline import PipelineRunner, RunDirectory, open_figure_worker
 from tests.nightly import nightly
 
 
@@ -16,7 +16,7 @@ from tests.nightly import nightly
 def test_pictures_are_the_same_with_and_without_help(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)
-    with figure_help(1) as helper, Runner(RunFolder(run), overwrite=True, helper=helper) as runner:
+    with open_figure_worker(1) as helper, PipelineRunner(RunDirectory(run), overwrite=True, helper=helper) as runner:
         assert helper is not None
         drawn: list[str] = []
         original = helper.draw
@@ -38,7 +38,7 @@ def test_pictures_are_the_same_with_and_without_help(finished: Path, tmp_path: P
 def test_whatever_becomes_of_the_helper_all_pictures_are_drawn(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)
-    with figure_help(1) as helper, Runner(RunFolder(run), overwrite=True, helper=helper) as runner:
+    with open_figure_worker(1) as helper, PipelineRunner(RunDirectory(run), overwrite=True, helper=helper) as runner:
         assert helper is not None
         assert helper._process is not None
         os.kill(helper._process.pid, signal.SIGKILL)
@@ -47,7 +47,7 @@ def test_whatever_becomes_of_the_helper_all_pictures_are_drawn(finished: Path, t
 
 
 def test_the_helper_ends_with_its_block() -> None:
-    with figure_help(1) as helper:
+    with open_figure_worker(1) as helper:
         assert helper is not None
         assert helper._process is not None
         number = helper._process.pid
@@ -55,14 +55,14 @@ def test_the_helper_ends_with_its_block() -> None:
     while Path(f"/proc/{number}").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not Path(f"/proc/{number}").exists()
-    with figure_help(0) as none:
+    with open_figure_worker(0) as none:
         assert none is None
 
 
 def test_a_helper_that_runs_is_used_and_goes_on() -> None:
-    with figure_help(1) as first:
+    with open_figure_worker(1) as first:
         assert first is not None
-        with figure_help(first) as again:
+        with open_figure_worker(first) as again:
             assert again is first
         assert first._process is not None
         assert first._process.poll() is None

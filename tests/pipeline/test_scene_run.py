@@ -12,7 +12,7 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.estimators import Method, registry
-from scenetruth.pipeline import RunFolder, Runner, run_scene
+from scenetruth.pipeline import PipelineRunner, RunDirectory, run_scene
 from tests.pipeline.conftest import SMALL
 from tests.scenes import cube
 
@@ -31,7 +31,7 @@ def test_methods_stand_side_by_side(finished: Path) -> None:
         "figures.opencv_flow",
     }
     assert names(finished) == {"scene.yaml", "recording.zarr", "truth.zarr"} | plain | other
-    run = st.RunFolder(finished)
+    run = st.RunDirectory(finished)
     assert run.estimated() == ["structure_tensor", "opencv_flow"]
     score = st.Score.from_json(run.of("opencv_flow").score_json.read_text())
     assert {"flow_x", "flow_y"} <= set(score.regions["all"])
@@ -42,8 +42,8 @@ def test_stages_can_be_taken_up_later(finished: Path, tmp_path: Path) -> None:
     scene = cube(**SMALL)
     run_scene(scene, tmp_path / "x", stages=("render",))
     results = run_scene(scene, tmp_path / "x", stages=("estimate", "score"))
-    again = st.load(tmp_path / "x" / "estimate.zarr", "estimate")
-    xr.testing.assert_identical(again, st.load(finished / "estimate.zarr", "estimate"))
+    again = st.load_store(tmp_path / "x" / "estimate.zarr", "estimate")
+    xr.testing.assert_identical(again, st.load_store(finished / "estimate.zarr", "estimate"))
     assert results.scores["structure_tensor"].metadata["recording_hash"] == again.attrs["recording_hash"]
     with pytest.raises(st.MismatchError, match=r"recording\.zarr: was made from another scene"):
         run_scene(cube(**SMALL, seed=9), tmp_path / "x", stages=("estimate",), overwrite=True)
@@ -170,8 +170,8 @@ def test_a_score_of_another_estimate_is_not_reported(finished: Path, tmp_path: P
 
 def test_real_images_are_reported_without_a_truth(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (3, 5, 60, 80), dtype=np.uint8)
-    st.save(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
-    runner = Runner(st.RunFolder(tmp_path))
+    st.save_store(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
+    runner = PipelineRunner(st.RunDirectory(tmp_path))
     runner.estimate(runner.choice(None, ["estimate.working_point_px=0"]))
     runner.report("structure_tensor", ["image"])
     assert {"report.html", "figures"} <= names(tmp_path)
@@ -187,7 +187,7 @@ def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path) -
     def report(**options: Any) -> bool:
         """Report, and tell whether anything was drawn."""
         before = (run / "report.html").stat().st_mtime_ns
-        with Runner(RunFolder(run), options.pop("overwrite", False), notice=said.append) as runner:
+        with PipelineRunner(RunDirectory(run), options.pop("overwrite", False), notice=said.append) as runner:
             runner.report("structure_tensor", **options)
         return (run / "report.html").stat().st_mtime_ns != before
 

@@ -13,15 +13,15 @@ from tests.scenes import cube
 
 
 def problems(folder: Path) -> dict[str, str]:
-    return {verdict.path.name: verdict.problem for verdict in st.verify_folder(folder) if verdict.problem}
+    return {verdict.path.name: verdict.problem for verdict in st.verify_run(folder) if verdict.problem}
 
 
 def test_a_whole_run_is_whole(finished: Path) -> None:
     assert problems(finished) == {}
-    looked_at = {verdict.path.name for verdict in st.verify_folder(finished)}
+    looked_at = {verdict.path.name for verdict in st.verify_run(finished)}
     stores = {"recording.zarr", "truth.zarr", "estimate.zarr", "estimate.opencv_flow.zarr"}
     assert looked_at == stores | {"scene.yaml", "score.json", "score.opencv_flow.json"}
-    assert [verdict.path.name for verdict in st.verify_folder(finished / "truth.zarr")] == ["truth.zarr"]
+    assert [verdict.path.name for verdict in st.verify_run(finished / "truth.zarr")] == ["truth.zarr"]
 
 
 def test_damage_is_named(finished: Path, tmp_path: Path) -> None:
@@ -42,12 +42,12 @@ def test_parts_of_another_run_are_named(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)
     other = st.make_truth(cube(**SMALL, seed=99))
-    st.save(other, run / "truth.zarr", overwrite=True)
+    st.save_store(other, run / "truth.zarr", overwrite=True)
     assert "belongs to another scene than" in problems(run)["truth.zarr"]
 
 
 def test_nothing_to_verify(tmp_path: Path) -> None:
     with pytest.raises(st.StoreError, match="holds no results of scenetruth"):
-        st.verify_folder(tmp_path)
+        st.verify_run(tmp_path)
     with pytest.raises(st.StoreError, match="no such folder"):
-        st.verify_folder(tmp_path / "nothing")
+        st.verify_run(tmp_path / "nothing")

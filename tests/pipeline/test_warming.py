@@ -11,12 +11,12 @@ import pytest
 
 import scenetruth as st
 from scenetruth import pipeline
-from scenetruth.camera.sensor import chain_of
+from scenetruth.camera.sensor import build_sensor_chain
 from scenetruth.compilation import announced_compilation
 from scenetruth.estimators import MethodChoice
-from scenetruth.estimators.structure_tensor.kernels.tensor import estimate_tile
-from scenetruth.pipeline import FigureHelper, scene_run, warm_up
-from scenetruth.pipeline.warming import compile_last_of_truth, compile_method, small_recording
+from scenetruth.estimators.structure_tensor.tensor_kernels import estimate_tile
+from scenetruth.pipeline import FigureWorker, precompile, scene_pipeline
+from scenetruth.pipeline.precompilation import compile_late_truth_kernels, compile_method, small_recording
 from scenetruth.truth import visibility_kernels
 from tests.cli.calling import scenetruth
 from tests.nightly import nightly
@@ -43,7 +43,7 @@ SCENE = {
 @pytest.mark.filterwarnings("ignore::scenetruth.SceneWarning")
 def test_what_comes_after_is_compiled_already() -> None:
     told: list[tuple[str, int, int]] = []
-    done = warm_up(lambda what, at, of: told.append((what, at, of)))
+    done = precompile(lambda what, at, of: told.append((what, at, of)))
     assert {f"{scene}: {method}" for scene in ("cube", "leaf") for method in ("structure_tensor", "refined")} < {*done}
     assert [at for _, at, _ in told] == list(range(len(done) + 1))
     assert {of for _, _, of in told} == {len(done)}
@@ -56,7 +56,7 @@ def test_what_comes_after_is_compiled_already() -> None:
 
 
 def test_the_command_says_when_all_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline, "warm_up", lambda progress, beside: [])
+    monkeypatch.setattr(pipeline, "precompile", lambda progress, beside: [])
     done = scenetruth("warm-up")
     assert done.returncode == 0
     assert "everything is compiled" in done.stdout
@@ -67,13 +67,13 @@ def test_the_command_says_when_all_is_done(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_method_that_was_compiled_beforehand_compiles_no_more(sensor: object, tmp_path: Path) -> None:
     scene = st.scene_from_plain({**SCENE, "sensor": sensor})
     compile_method(
-        "structure_tensor", scene.estimate.settings.model_dump(mode="json"), chain_of(scene.sensor).dtype.name
+        "structure_tensor", scene.estimate.settings.model_dump(mode="json"), build_sensor_chain(scene.sensor).dtype.name
     )
     known = list(estimate_tile.signatures)
     recording, _ = st.simulate(scene)
     st.estimate(recording)
     # Images of a store cannot be written to, those in memory can.
-    st.save(recording, tmp_path / "recording.zarr")
+    st.save_store(recording, tmp_path / "recording.zarr")
     st.estimate(st.open_store(tmp_path / "recording.zarr"))
     assert estimate_tile.signatures == known
 
@@ -92,7 +92,7 @@ def test_of_its_images_methods_tell_all_they_can(method: str, dtype: str) -> Non
 
 @pytest.mark.filterwarnings("ignore::scenetruth.SceneWarning")
 def test_the_last_of_the_truth_was_compiled_beforehand() -> None:
-    compile_last_of_truth()
+    compile_late_truth_kernels()
     names = ["_place_points", "_look_at_points", "sort_into_cells", "_hide_points"]
     kernels = [getattr(visibility_kernels, name) for name in names]
     known = [list(kernel.signatures) for kernel in kernels]
@@ -104,7 +104,7 @@ def test_the_last_of_the_truth_was_compiled_beforehand() -> None:
 def test_the_second_process_compiles_beside_a_first_run_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, str]] = []
 
-    class Helper(FigureHelper):
+    class Helper(FigureWorker):
         def compile_method(self, choice: MethodChoice, dtype: str) -> None:
             asked.append((choice.method, dtype))
 
@@ -119,12 +119,12 @@ def test_the_second_process_compiles_beside_a_first_run_alone(monkeypatch: pytes
         told.append(announce)
         yield
 
-    monkeypatch.setattr(scene_run, "announced_compilation", announced)
-    with scene_run._compiling_beside(Helper(), scene, [scene.estimate]):
+    monkeypatch.setattr(scene_pipeline, "announced_compilation", announced)
+    with scene_pipeline._compiling_in_parallel(Helper(), scene, [scene.estimate]):
         assert asked == []
         for before in range(3):
             told[0]("kernel", before)
     assert asked == [("structure_tensor", "uint8"), ("", "")]
-    with scene_run._compiling_beside(None, scene, [scene.estimate]):
+    with scene_pipeline._compiling_in_parallel(None, scene, [scene.estimate]):
         pass
     assert len(told) == 1

@@ -16,9 +16,16 @@ from typing import Any
 import pytest
 
 import scenetruth as st
-from scenetruth.placing import Claimed, aside, check_output, hold, sweep_inside, write_aside
-from scenetruth.placing.exchange import exchange
-from scenetruth.placing.writers import Writer, this_writer, written_by
+from scenetruth.output import (
+    OwnershipResult,
+    atomic_write,
+    check_output,
+    lock_output,
+    remove_leftovers,
+    write_atomically,
+)
+from scenetruth.output.atomic_write import exchange
+from scenetruth.output.locks import Writer, this_writer, written_by
 
 DEAD = Writer(this_writer().host, 2**22 + 1, 1)
 ELSEWHERE = Writer("00000000", 1, 1)
@@ -28,11 +35,11 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def claim(path: Path) -> Claimed:
+def claim(path: Path) -> OwnershipResult:
     """Claim folders with a file `ours`; all else in them is foreign."""
     if not (path / "ours").exists():
-        return Claimed("is not ours")
-    return Claimed(foreign=tuple(name for name in names(path) if name != "ours"))
+        return OwnershipResult("is not ours")
+    return OwnershipResult(foreign=tuple(name for name in names(path) if name != "ours"))
 
 
 def make(folder: Path, ours: str, **foreign: str) -> Path:
@@ -43,7 +50,7 @@ def make(folder: Path, ours: str, **foreign: str) -> Path:
 
 
 def write(target: Path, text: str = "new") -> None:
-    with write_aside(target, overwrite=True, claim=claim) as place:
+    with write_atomically(target, overwrite=True, claim=claim) as place:
         make(place, text)
 
 
@@ -55,7 +62,7 @@ def test_a_writer_is_alive_until_it_ends() -> None:
     # Another process has got the number since.
     assert Writer(this_writer().host, os.getpid(), this_writer().start - 1).is_dead
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    from scenetruth.placing.writers import _start_of
+    from scenetruth.output.locks import _start_of
 
     writer = Writer(this_writer().host, child.pid, _start_of(child.pid))
     assert not writer.is_dead
@@ -83,12 +90,12 @@ def test_what_is_not_ours_is_refused_before_any_work(tmp_path: Path) -> None:
     (tmp_path / "x" / "thesis").write_text("all my work")
     with pytest.raises(st.OutputExistsError, match="is not ours; only results of scenetruth are replaced"):
         check_output(tmp_path / "x", overwrite=True, claim=claim)
-    with pytest.raises(st.OutputExistsError), write_aside(tmp_path / "x", overwrite=True, claim=claim):
+    with pytest.raises(st.OutputExistsError), write_atomically(tmp_path / "x", overwrite=True, claim=claim):
         pytest.fail("the work has begun")
     assert (tmp_path / "x" / "thesis").read_text() == "all my work"
     # An empty folder is nobody's.
     (tmp_path / "y").mkdir()
-    with write_aside(tmp_path / "y") as place:
+    with write_atomically(tmp_path / "y") as place:
         make(place, "new")
     assert names(tmp_path / "y") == ["ours"]
 
@@ -121,21 +128,21 @@ def test_failure_at_any_step_of_the_replacement_keeps_one_result_whole(
 
         with monkeypatch.context() as patch:
             if not can_exchange:
-                patch.setattr(aside, "exchange", lambda one, other: False)
+                patch.setattr(atomic_write, "exchange", lambda one, other: False)
             else:
-                patch.setattr(aside, "exchange", dying(exchange))
+                patch.setattr(atomic_write, "exchange", dying(exchange))
             for name in ("rename", "unlink", "rmdir", "mkdir"):
                 patch.setattr(Path, name, dying(getattr(Path, name)))
             patch.setattr(shutil, "rmtree", dying(shutil.rmtree))
-            patch.setattr(aside, "_clear_up", dying(aside._clear_up))
-            patch.setattr(aside, "this_writer", lambda: DEAD)
+            patch.setattr(atomic_write, "_clear_up", dying(atomic_write._clear_up))
+            patch.setattr(atomic_write, "this_writer", lambda: DEAD)
             try:
                 write(folder / "x")
                 survived = True
             except (KilledError, PermissionError):
                 pass
         # The next run finds an earlier or a new result, whole, and tidies up.
-        with hold(folder / "x", claim):
+        with lock_output(folder / "x", claim):
             pass
         assert names(folder) == ["x"], calls
         assert (folder / "x" / "ours").read_text() in ("old", "new")
@@ -157,7 +164,7 @@ def test_leftovers_of_dead_writers_are_swept_and_others_kept(tmp_path: Path) -> 
     write(tmp_path / "x")
     kept = {"x", f".x.partial-{ELSEWHERE}", f".y.partial-{DEAD}", ".x.partial-thoughts"}
     assert set(names(tmp_path)) == kept
-    sweep_inside(tmp_path, claim)
+    remove_leftovers(tmp_path, claim)
     assert set(names(tmp_path)) == kept - {f".y.partial-{DEAD}"}
 
 
@@ -175,13 +182,13 @@ def test_an_earlier_result_whose_removal_was_interrupted_is_removed(
         raise KilledError
 
     with monkeypatch.context() as patch:
-        patch.setattr(aside, "this_writer", lambda: DEAD)
+        patch.setattr(atomic_write, "this_writer", lambda: DEAD)
         patch.setattr(shutil, "rmtree", halfway)
-        patch.setattr(aside, "_clear_up", lambda path: None)
+        patch.setattr(atomic_write, "_clear_up", lambda path: None)
         with pytest.raises(KilledError):
             write(tmp_path / "x")
     assert len(names(tmp_path)) == 2
-    with hold(tmp_path / "x", claim):
+    with lock_output(tmp_path / "x", claim):
         pass
     assert names(tmp_path) == ["x"]
     assert (tmp_path / "x" / "ours").read_text() == "new"
@@ -189,7 +196,7 @@ def test_an_earlier_result_whose_removal_was_interrupted_is_removed(
 
 def test_an_earlier_result_is_restored(tmp_path: Path) -> None:
     make(tmp_path / f".x.replaced-{DEAD}", "old")
-    with pytest.raises(st.OutputExistsError, match="exists already"), write_aside(tmp_path / "x", claim=claim):
+    with pytest.raises(st.OutputExistsError, match="exists already"), write_atomically(tmp_path / "x", claim=claim):
         pytest.fail("the work has begun")
     assert (tmp_path / "x" / "ours").read_text() == "old"
 
@@ -197,7 +204,7 @@ def test_an_earlier_result_is_restored(tmp_path: Path) -> None:
 def test_files_that_cannot_go_to_the_new_result_stay_where_they_are(tmp_path: Path) -> None:
     make(tmp_path / "x", "new", thesis="version 2")
     make(tmp_path / f".x.replaced-{DEAD}", "old", thesis="version 1", notes="mine")
-    with hold(tmp_path / "x", claim):
+    with lock_output(tmp_path / "x", claim):
         pass
     assert (tmp_path / "x" / "thesis").read_text() == "version 2"
     assert (tmp_path / "x" / "notes").read_text() == "mine"
@@ -207,8 +214,8 @@ def test_files_that_cannot_go_to_the_new_result_stay_where_they_are(tmp_path: Pa
 HOLDER = """
 import sys
 from pathlib import Path
-from scenetruth.placing import write_aside
-with write_aside(Path(sys.argv[1])) as place:
+from scenetruth.output import write_atomically
+with write_atomically(Path(sys.argv[1])) as place:
     place.mkdir()
     print("writing", flush=True)
     input()
@@ -223,13 +230,13 @@ def test_the_second_writer_is_told_and_a_dead_one_does_not_matter(tmp_path: Path
     assert holder.stdout is not None
     assert holder.stdout.readline() == "writing\n"
     message = rf"is being written by another run \(process {holder.pid}\); wait until it has ended"
-    with pytest.raises(st.OutputExistsError, match=message), write_aside(target, overwrite=True):
+    with pytest.raises(st.OutputExistsError, match=message), write_atomically(target, overwrite=True):
         pytest.fail("the work has begun")
     assert any(name.startswith(".x.partial-") for name in names(target.parent))
     holder.kill()
     holder.communicate()
     assert ".x.lock" in names(target.parent)
-    with write_aside(target) as place:
+    with write_atomically(target) as place:
         make(place, "new")
     assert names(target.parent) == ["x"]
 
@@ -239,12 +246,12 @@ def test_threads_of_one_process_are_told_too(tmp_path: Path) -> None:
 
     def second() -> None:
         try:
-            with write_aside(tmp_path / "x"):
+            with write_atomically(tmp_path / "x"):
                 pass
         except st.OutputExistsError as error:
             told.append(error)
 
-    with hold(tmp_path / "x"), write_aside(tmp_path / "x") as place:
+    with lock_output(tmp_path / "x"), write_atomically(tmp_path / "x") as place:
         place.write_text("new")
         thread = threading.Thread(target=second)
         thread.start()
@@ -254,7 +261,7 @@ def test_threads_of_one_process_are_told_too(tmp_path: Path) -> None:
 
 
 def test_folders_that_were_made_for_nothing_go(tmp_path: Path) -> None:
-    with contextlib.suppress(RuntimeError), write_aside(tmp_path / "a" / "b" / "x"):
+    with contextlib.suppress(RuntimeError), write_atomically(tmp_path / "a" / "b" / "x"):
         raise RuntimeError
     assert names(tmp_path) == []
 
@@ -263,7 +270,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path) -> None:
     make(tmp_path / "x", "old")
 
     def fill() -> None:
-        with write_aside(tmp_path / "x", overwrite=True, claim=claim) as place:
+        with write_atomically(tmp_path / "x", overwrite=True, claim=claim) as place:
             make(place, "new")
             raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -276,7 +283,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_for_real(tmp_path: Path) -> None:
     def fill() -> None:
-        with write_aside(tmp_path / "score.json") as place:
+        with write_atomically(tmp_path / "score.json") as place:
             place.symlink_to("/dev/full")
             with place.open("w") as file:
                 file.write("x" * 100_000)
@@ -297,7 +304,7 @@ def test_writers_that_finish_late_leave_nothing_behind(tmp_path: Path) -> None:
                 place.mkdir(exist_ok=True)
                 (place / "chunk").write_bytes(b"0")
 
-    with contextlib.suppress(RuntimeError), write_aside(tmp_path / "x.zarr") as place:
+    with contextlib.suppress(RuntimeError), write_atomically(tmp_path / "x.zarr") as place:
         writers.append(threading.Thread(target=write_late, args=(place,)))
         writers[0].start()
         raise RuntimeError
@@ -320,13 +327,13 @@ def test_places_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest
         (Path("/"), "is where a file system begins"),
         (Path("/proc/x"), "cannot be (made|written)"),
     ):
-        with pytest.raises(st.StoreError, match=message), write_aside(target, overwrite=True):
+        with pytest.raises(st.StoreError, match=message), write_atomically(target, overwrite=True):
             pytest.fail(f"{target}: the work has begun")
     assert names(tmp_path) == ["dangling", "file", "here"]
 
 
 def test_the_root_can_be_looked_at() -> None:
-    with hold(Path("/")):
+    with lock_output(Path("/")):
         pass
 
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from scenetruth.raycast import Hits, RayCaster, Topology
-from scenetruth.raycast import caster as caster_module
-from scenetruth.scene.mesh.box import box
+from scenetruth.raycast import ray_caster as caster_module
+from scenetruth.scene.mesh.solids import make_box
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def grid(width: int, height: int, focal: float) -> Array:
 def boxes(generator: np.random.Generator, count: int, distance: float) -> tuple[Array, NDArray[np.int32]]:
     vertices, faces = [], []
     for n in range(count):
-        mesh = box(tuple(generator.uniform(5, 60, 3)))
+        mesh = make_box(tuple(generator.uniform(5, 60, 3)))
         turned = Rotation.random(None, generator).apply(mesh.vertices_mm)
         vertices.append(turned + [*generator.uniform(-40, 40, 2), distance])
         faces.append(mesh.faces + 8 * n)
@@ -111,7 +111,7 @@ def test_faces_around_and_behind_the_eye_against_brute_force(seed: int) -> None:
 
 
 def test_grids_that_look_all_around_are_traced() -> None:
-    mesh = box((40, 50, 60))
+    mesh = make_box((40, 50, 60))
     around = np.linspace(0, 2 * np.pi, 360, endpoint=False)
     directions = np.stack([np.sin(around), np.zeros(360), np.cos(around)], axis=-1)
     hits = RayCaster(mesh.vertices_mm, Topology.of(mesh.vertices_mm, mesh.faces)).cast(np.zeros(3), directions, 360)
@@ -120,7 +120,7 @@ def test_grids_that_look_all_around_are_traced() -> None:
 
 
 def test_rays_that_are_nan_meet_nothing_and_spoil_no_others() -> None:
-    mesh = box((40, 40, 40))
+    mesh = make_box((40, 40, 40))
     vertices = mesh.vertices_mm + [0, 0, 300]
     directions = grid(32, 32, 300)
     caster = RayCaster(vertices, Topology.of(vertices, mesh.faces))
@@ -176,7 +176,7 @@ def test_the_nearest_of_two_faces_that_cut_into_each_other_wins() -> None:
 
 @pytest.mark.parametrize("shift", [0.0, 1e5])
 def test_far_from_the_origin_of_the_world(shift: float) -> None:
-    mesh = box((40, 40, 40))
+    mesh = make_box((40, 40, 40))
     vertices = mesh.vertices_mm + [shift, 0, 300]
     caster = RayCaster(vertices, Topology.of(vertices, mesh.faces))
     hits = caster.cast(np.array([shift, 0.0, 0.0]), grid(64, 64, 300), grid_width=64)
@@ -187,7 +187,7 @@ def test_far_from_the_origin_of_the_world(shift: float) -> None:
 
 
 def test_topology_of_a_box() -> None:
-    mesh = box((1, 2, 3))
+    mesh = make_box((1, 2, 3))
     topology = Topology.of(mesh.vertices_mm, mesh.faces)
     assert len(topology.edges) == 18  # Euler: V - E + F = 2 with 8 vertices and 12 faces
     assert (topology.edge_faces >= 0).all()
@@ -200,7 +200,7 @@ def test_topology_of_a_box() -> None:
 
 
 def test_topology_welds_vertices_at_texture_seams() -> None:
-    mesh = box((1, 2, 3))
+    mesh = make_box((1, 2, 3))
     split = mesh.vertices_mm[mesh.faces].reshape(-1, 3)
     faces = np.arange(len(split), dtype=np.int32).reshape(-1, 3)
     welded, plain = Topology.of(split, faces), Topology.of(mesh.vertices_mm, mesh.faces)
@@ -209,7 +209,7 @@ def test_topology_welds_vertices_at_texture_seams() -> None:
 
 
 def test_boxes_are_wound_outwards() -> None:
-    mesh = box((1, 2, 3))
+    mesh = make_box((1, 2, 3))
     corners = mesh.vertices_mm[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1)) > 0).all()

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.raycast.edge_kernels import contour_edges, face_sides
-from scenetruth.scene.mesh.box import box
+from scenetruth.scene.mesh.solids import make_box
 from tests.raycast.test_edges import sampled_borders
 from tests.surfaces import ball, relief, scene_of, world_of
 
@@ -57,7 +57,7 @@ def test_a_fold_is_an_edge_if_it_exceeds_the_crease_angle(crease: float | list[A
 
 
 def test_boxes_have_a_crease_angle_of_one_degree() -> None:
-    mesh = box((1, 2, 3))
+    mesh = make_box((1, 2, 3))
     assert mesh.crease_deg == 1.0
     np.testing.assert_array_equal(
         Topology.of(mesh.vertices_mm, mesh.faces).edge_crease_cosine, np.cos(np.deg2rad(np.full(18, 1.0)))
@@ -65,7 +65,7 @@ def test_boxes_have_a_crease_angle_of_one_degree() -> None:
 
 
 def test_a_world_gives_every_face_the_angle_of_its_mesh() -> None:
-    leaf, cube = relief(1, 5), box((1, 2, 3))
+    leaf, cube = relief(1, 5), make_box((1, 2, 3))
     world = world_of(scene_of({}, {}), leaf, cube)
     np.testing.assert_array_equal(
         world.crease_deg, np.repeat([[60.0] * 3, [1.0] * 3], [len(leaf.faces), len(cube.faces)], axis=0)

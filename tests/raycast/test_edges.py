@@ -11,7 +11,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, truth_maps
 from tests.scenes import cube
 
@@ -43,7 +43,7 @@ def sampled_borders(caster: RayCaster, camera: Camera, x_mm: float, group: NDArr
 def test_against_dense_sampling_of_the_cube(x_mm: float, distortion: dict[str, float] | None) -> None:
     camera = {"width": 160, "height": 120, "focal_length_px": 1254, "principal_point_px": [79.3, 59.6]}
     scene = cube(camera=camera | {"distortion": distortion})
-    world = build_world(scene)
+    world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     geometry = GeometryPass(world, topology, 0.0)
     truth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(x_mm), 5.0)
@@ -59,7 +59,7 @@ def test_against_dense_sampling_of_the_cube(x_mm: float, distortion: dict[str, f
 
 def test_an_edge_along_the_border_of_two_columns_belongs_to_both() -> None:
     scene = cube()
-    world = build_world(scene)
+    world = build_scene(scene)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
     mixed = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), 5.0)["mixed"]
     # The cube's front edge projects to x = 79.5 from y = 38.0 downwards.
@@ -79,7 +79,7 @@ def test_hidden_edges_are_not_marked() -> None:
     from scenetruth.scene import scene_from_plain
 
     both = scene_from_plain({**plain, "objects": [*plain["objects"], screen]})
-    world = build_world(both)
+    world = build_scene(both)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
     truth = truth_maps(geometry, both.camera, Viewpoint.on_axis(0.0), 5.0)
     assert (truth["object_id"] == 1).all()
@@ -97,7 +97,7 @@ def test_bodies_that_cut_into_each_other_have_a_mixed_border() -> None:
         for name, angle in (("left", 20), ("right", -20))
     ]
     scene = cube(objects=walls)
-    world = build_world(scene)
+    world = build_scene(scene)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
     truth = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), 5.0)
     changes = np.diff(truth["object_id"], axis=1) != 0

@@ -6,8 +6,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from scenetruth.raycast import embree
-from scenetruth.raycast.embree import EmbreeMesh
+from scenetruth.raycast import ray_caster
+from scenetruth.raycast.ray_caster import EmbreeMesh
 
 # Two squares across Z, far from the origin: the near one covers a part of the far one.
 VERTICES = np.array(
@@ -31,5 +31,5 @@ def test_the_nearest_face_is_found_from_one_start_and_from_many() -> None:
 
 def test_pieces_give_what_all_rays_at_once_give() -> None:
     mesh = EmbreeMesh(VERTICES, FACES)
-    with patch.object(embree, "_PIECE", 3):
+    with patch.object(ray_caster, "_PIECE", 3):
         assert mesh.first_faces(START, DIRECTIONS).tolist() == [0, 1, 2, -1]

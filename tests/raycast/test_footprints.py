@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from scenetruth.raycast import ImageRays, RayCaster, TexturedMesh, Topology
-from scenetruth.raycast.kernels import footprint_forms
-from scenetruth.scene.mesh.box import box
+from scenetruth.raycast.hit_kernels import footprint_forms
+from scenetruth.scene.mesh.solids import make_box
 
 
 @pytest.mark.parametrize("per_pixel", [False, True])
 def test_forms_give_the_texture_coordinates_of_every_sample(per_pixel: bool) -> None:
-    mesh = box((40, 50, 60))
+    mesh = make_box((40, 50, 60))
     generator = np.random.default_rng(3)
     vertices = mesh.vertices_mm @ np.linalg.qr(generator.normal(size=(3, 3)))[0] + [2, -3, 200]
     uv = generator.uniform(-2, 3, (len(mesh.faces), 3, 2))

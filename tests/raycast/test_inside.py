@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from scenetruth.raycast import RayCaster, Topology
-from scenetruth.raycast import caster as caster_module
-from scenetruth.raycast.inside_kernels import (
+from scenetruth.raycast import ray_caster as caster_module
+from scenetruth.raycast.ray_triangle_kernels import (
     DISTANCE,
     FORMS,
     blurs,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scenetruth.raycast.projection_kernels import components
+from scenetruth.raycast.ray_triangle_kernels import components
 
 
 def test_components_are_those_along_the_rows_of_the_frame() -> None:

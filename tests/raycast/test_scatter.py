@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
 from scenetruth.raycast import Hits, RayCaster, Topology
-from scenetruth.raycast import caster as caster_module
+from scenetruth.raycast import ray_caster as caster_module
 from tests.raycast.test_caster import boxes, brute_force, grid
 from tests.surfaces import relief
 

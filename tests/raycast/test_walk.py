@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh, Topology, mixed_pixels
-from scenetruth.raycast.walk_kernels import walk_footprints
+from scenetruth.raycast.hit_kernels import walk_footprints
 from scenetruth.scene.mesh import TriangleMesh
 from tests.surfaces import ball, relief
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.render.average_kernels import average_samples
+from scenetruth.render.downsampling_kernels import average_samples
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])

@@ -19,18 +19,18 @@ from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import Renderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
-from scenetruth.scene.texture.plaid import PlaidTexture
-from scenetruth.scene.world import World, build_world
+from scenetruth.scene.built_scene import BuiltScene, build_scene
+from scenetruth.scene.texture.procedural_textures import PlaidTexture
 from tests.scenes import cube
 
-Opener = Callable[[World, Scene], Renderer]
+Opener = Callable[[BuiltScene, Scene], Renderer]
 
 
-def open_raycast(world: World, scene: Scene) -> Renderer:
+def open_raycast(world: BuiltScene, scene: Scene) -> Renderer:
     return RaycastRenderer(world, scene.camera, scene.background, scene.render.supersampling)
 
 
-def open_pyrender(world: World, scene: Scene) -> Renderer:
+def open_pyrender(world: BuiltScene, scene: Scene) -> Renderer:
     from scenetruth.render.pyrender_backend import PyrenderRenderer
 
     try:
@@ -82,7 +82,7 @@ def analytic_plaid(scene: Scene, t: float, x_mm: float, dx: float = 0.0, dy: flo
 @pytest.mark.parametrize(("t", "x_mm"), [(0.0, 0.0), (-3.0, 10.0), (1.5, -7.3)])
 def test_registration_against_the_analytic_image(opener: Opener, t: float, x_mm: float) -> None:
     scene = plaid_plane()
-    with opener(build_world(scene), scene) as renderer:
+    with opener(build_scene(scene), scene) as renderer:
         image = renderer.render(t, Viewpoint.on_axis(x_mm))
     assert image.dtype == np.float32
     expected = analytic_plaid(scene, t, x_mm)
@@ -107,7 +107,7 @@ def test_a_wall_is_not_clipped_where_a_turned_camera_is_nearer_to_it() -> None:
         "texture": {"kind": "plaid", "wavelength_mm": [47, 53], "amplitude": 0.4},
     }
     scene = plaid_plane(camera={"width": 160, "height": 120, "focal_length_px": 150}, objects=[item])
-    world = build_world(scene)
+    world = build_scene(scene)
     viewpoint = Viewpoint(np.zeros(3), Rotation.from_rotvec([0.0, 0.1, 0.0]).as_matrix())
     with open_raycast(world, scene) as one, open_pyrender(world, scene) as two:
         first, second = one.render(0.0, viewpoint), two.render(0.0, viewpoint)
@@ -118,7 +118,7 @@ def test_a_wall_is_not_clipped_where_a_turned_camera_is_nearer_to_it() -> None:
 
 def test_raycast_evaluates_the_texture_itself() -> None:
     scene = plaid_plane(render={"backend": "raycast", "supersampling": 1})
-    image = open_raycast(build_world(scene), scene).render(0.0, Viewpoint.on_axis(0.0))
+    image = open_raycast(build_scene(scene), scene).render(0.0, Viewpoint.on_axis(0.0))
     per_px = 660 / 1254 / np.array([4.7, 5.3])
     # One sample is the value at the pixel's centre: the footprint's mean without its attenuation.
     centre = 0.5 + (analytic_plaid(scene, 0.0, 0.0) - 0.5) / np.sinc(per_px).prod()
@@ -128,7 +128,7 @@ def test_raycast_evaluates_the_texture_itself() -> None:
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_raycast_keeps_to_the_remainder_of_gauss_rule(n: int) -> None:
     scene = plaid_plane(render={"backend": "raycast", "supersampling": n})
-    image = open_raycast(build_world(scene), scene).render(0.0, Viewpoint.on_axis(0.0))
+    image = open_raycast(build_scene(scene), scene).render(0.0, Viewpoint.on_axis(0.0))
     error = float(np.abs(image - analytic_plaid(scene, 0.0, 0.0)).max())
     # (n!)^4 / ((2n + 1) (2n)!^3) times the derivative of order 2n, along either axis; then float32 rounds.
     share = math.factorial(n) ** 4 / ((2 * n + 1) * math.factorial(2 * n) ** 3)
@@ -143,7 +143,7 @@ def test_pyrender_samples_converge_to_the_pixel_integral(n: int, order: int) -> 
     errors = []
     for count in (n // 2, n):
         scene = plaid_plane(render={"backend": "raycast", "supersampling": count})
-        with open_pyrender(build_world(scene), scene) as renderer:
+        with open_pyrender(build_scene(scene), scene) as renderer:
             image = renderer.render(0.0, Viewpoint.on_axis(0.0))
         errors.append(float(np.abs(image - analytic_plaid(scene, 0.0, 0.0)).max()))
     # From three samples on the weights are exact for cubic functions; from two to four the order rises on top.
@@ -152,7 +152,7 @@ def test_pyrender_samples_converge_to_the_pixel_integral(n: int, order: int) -> 
 
 def test_backends_agree_on_the_cube_away_from_edges() -> None:
     scene = cube(render={"backend": "raycast", "supersampling": 4}, background=0.2)
-    world = build_world(scene)
+    world = build_scene(scene)
     with open_raycast(world, scene) as one, open_pyrender(world, scene) as two:
         for t, x_mm in ((0.0, 0.0), (-4.0, 10.0)):
             first, second = one.render(t, Viewpoint.on_axis(x_mm)), two.render(t, Viewpoint.on_axis(x_mm))
@@ -180,7 +180,7 @@ def test_silhouette_pixels_hold_the_covered_share(opener: Opener) -> None:
         objects=[square],
         render={"backend": "raycast", "supersampling": 8},
     )
-    with opener(build_world(scene), scene) as renderer:
+    with opener(build_scene(scene), scene) as renderer:
         image = renderer.render(0.0, Viewpoint.on_axis(0.0))
     # 10.25 px: eleven pixels less 3/8 on either side; with 8 equal samples the shares are exact, with
     # `even_rule` wrong by the sum of its outer three weights less 3/8.
@@ -191,7 +191,7 @@ def test_silhouette_pixels_hold_the_covered_share(opener: Opener) -> None:
 @backends
 def test_repeated_renders_are_identical(opener: Opener) -> None:
     scene = cube()
-    world = build_world(scene)
+    world = build_scene(scene)
     with opener(world, scene) as renderer:
         first = renderer.render(1.0, Viewpoint.on_axis(5.0))
         renderer.render(-2.0, Viewpoint.on_axis(-5.0))
@@ -206,7 +206,7 @@ def resident_bytes() -> int:
 @backends
 def test_memory_is_flat_over_500_renders(opener: Opener) -> None:
     scene = cube(camera={"width": 64, "height": 48, "focal_length_px": 500})
-    world = build_world(scene)
+    world = build_scene(scene)
     sizes = []
     with opener(world, scene) as renderer:
         for n in range(600):
@@ -221,13 +221,15 @@ def test_memory_is_flat_over_500_renders(opener: Opener) -> None:
 @backends
 def test_closing_twice_is_harmless(opener: Opener) -> None:
     scene = cube()
-    renderer = opener(build_world(scene), scene)
+    renderer = opener(build_scene(scene), scene)
     renderer.close()
     renderer.close()
 
 
 @backends
-def test_images_in_a_row_are_those_that_are_asked_for_one_by_one(opener: Callable[[World, Scene], Renderer]) -> None:
+def test_images_in_a_row_are_those_that_are_asked_for_one_by_one(
+    opener: Callable[[BuiltScene, Scene], Renderer],
+) -> None:
     lamp = {"kind": "directional", "direction": [0.3, -0.2, 1.0], "irradiance": 0.7}
     front = {
         "name": "front",
@@ -238,7 +240,7 @@ def test_images_in_a_row_are_those_that_are_asked_for_one_by_one(opener: Callabl
     plain = plaid_plane().model_dump(mode="json", exclude_unset=True)
     for lighting in ({}, {"ambient": 0.2, "lights": [lamp]}):
         scene = plaid_plane(objects=[*plain["objects"], front], lighting=lighting)
-        world = build_world(scene)
+        world = build_scene(scene)
         moments = [(t, Viewpoint(np.array([x, 0.0, 0.0]))) for t in (0.0, 1.5, 0.0) for x in (0.0, 5.0)]
         with opener(world, scene) as renderer:
             one_by_one = [renderer.render(*moment) for moment in moments]

@@ -15,7 +15,7 @@ from scenetruth.camera import Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
-from scenetruth.scene.world import World
+from scenetruth.scene.built_scene import BuiltScene
 from tests.nightly import by_night
 from tests.surfaces import ball, relief, scene_of, world_of
 
@@ -45,7 +45,9 @@ LIGHTS: dict[str, dict[str, Any]] = {
 }
 
 
-def both_ways(world: World, scene: Scene, t: float = 0.0) -> tuple[NDArray[np.float32], NDArray[np.float32], int, int]:
+def both_ways(
+    world: BuiltScene, scene: Scene, t: float = 0.0
+) -> tuple[NDArray[np.float32], NDArray[np.float32], int, int]:
     """Return an image, the same with rays for all samples, and how many rays each took."""
 
     def given_up(_self: object, _view: object, pixels: NDArray[np.int64], *_rule: object) -> Any:
@@ -69,7 +71,7 @@ def both_ways(world: World, scene: Scene, t: float = 0.0) -> tuple[NDArray[np.fl
     return images[0], images[1], rays[0], rays[1]
 
 
-def poked_through(world: World, scene: Scene) -> NDArray[np.bool_]:
+def poked_through(world: BuiltScene, scene: Scene) -> NDArray[np.bool_]:
     """Tell in which pixels a body is seen that no ray meets through the centres of the pixel and its neighbours."""
     camera, n = scene.camera, 10
     caster = RayCaster(world.at(0.0).vertices_mm, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg))

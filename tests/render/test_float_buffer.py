@@ -16,7 +16,7 @@ from scenetruth.render import choose_renderer, float_buffer, pyrender_backend
 from scenetruth.render.pyrender_backend import PyrenderRenderer, _tile_size
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from tests.scenes import cube
 
 
@@ -39,7 +39,7 @@ def facing_plane(texture: dict[str, Any], **changes: Any) -> Scene:
 
 def rendered(scene: Scene, n: int, t: float = 0.0, x_mm: float = 0.0) -> NDArray[np.float32]:
     try:
-        renderer = PyrenderRenderer(build_world(scene), scene.camera, scene.background, n)
+        renderer = PyrenderRenderer(build_scene(scene), scene.camera, scene.background, n)
     except BackendUnavailableError as error:
         pytest.skip(str(error))
     with renderer:
@@ -47,7 +47,7 @@ def rendered(scene: Scene, n: int, t: float = 0.0, x_mm: float = 0.0) -> NDArray
 
 
 def raycast(scene: Scene, n: int, t: float = 0.0, x_mm: float = 0.0) -> NDArray[np.float32]:
-    return RaycastRenderer(build_world(scene), scene.camera, scene.background, n).render(t, Viewpoint.on_axis(x_mm))
+    return RaycastRenderer(build_scene(scene), scene.camera, scene.background, n).render(t, Viewpoint.on_axis(x_mm))
 
 
 @pytest.mark.parametrize("n", [1, 3, 4])
@@ -132,7 +132,7 @@ def test_a_shader_that_does_not_compile_is_named(tmp_path: Path, monkeypatch: py
         (tmp_path / file.name).write_text(file.read_text().replace("GL_ARB_texture_gather", "GL_ARB_nowhere"))
     monkeypatch.setattr(float_buffer, "_SHADERS", tmp_path)
     with pytest.raises(BackendUnavailableError, match="does not compile the shader"):
-        PyrenderRenderer(build_world(scene), scene.camera, scene.background, 1)
+        PyrenderRenderer(build_scene(scene), scene.camera, scene.background, 1)
 
 
 def test_a_texture_that_opengl_cannot_hold_is_named(tmp_path: Path) -> None:
@@ -140,8 +140,8 @@ def test_a_texture_that_opengl_cannot_hold_is_named(tmp_path: Path) -> None:
     scene = facing_plane({"kind": "image", "file": str(tmp_path / "wide.png")})
     rendered(facing_plane({"kind": "uniform"}), 1)  # skips where OpenGL does not run at all
     with pytest.raises(BackendUnavailableError, match=r"textures of up to \d+ x \d+ texels, this has 40000 x 2"):
-        choose_renderer(scene, build_world(scene))
+        choose_renderer(scene, build_scene(scene))
     automatic = facing_plane({"kind": "image", "file": str(tmp_path / "wide.png")}, render={"backend": "auto"})
-    choice = choose_renderer(automatic, build_world(automatic))
+    choice = choose_renderer(automatic, build_scene(automatic))
     assert choice.renderer.name == "raycast"
     assert "40000 x 2" in choice.fallback_reason

@@ -13,7 +13,7 @@ from scenetruth.camera import AiryPsf, GaussianPsf, Viewpoint
 from scenetruth.errors import BackendUnavailableError, SceneError
 from scenetruth.render import choose_renderer
 from scenetruth.scene import Scene, scene_from_plain
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 
 FOCAL, DEPTH = 500.0, 500.0
 
@@ -39,7 +39,7 @@ def edge(x_px: float, *, speed: float = 0.0, depth: float = DEPTH, **changes: An
 
 
 def image_of(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> NDArray[np.float32]:
-    choice = choose_renderer(scene, build_world(scene))
+    choice = choose_renderer(scene, build_scene(scene))
     with choice.renderer as renderer:
         return renderer.render(t, Viewpoint.on_axis(x_mm))
 
@@ -167,7 +167,7 @@ def test_a_rolling_shutter_leans_a_moving_edge(optics: dict[str, Any]) -> None:
 
 def test_what_opengl_cannot_render_is_ray_cast_or_refused() -> None:
     scene = edge(24.0, shutter={"readout_time_s": 0.05}, render={"backend": "auto"})
-    choice = choose_renderer(scene, build_world(scene))
+    choice = choose_renderer(scene, build_scene(scene))
     assert choice.renderer.name == "raycast"
     assert "rolling shutter" in choice.fallback_reason
     from scenetruth.simulation import simulate

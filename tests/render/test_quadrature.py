@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.render.quadrature import even_rule, gauss_rule
+from scenetruth.render.raycast_backend import even_rule, gauss_rule
 
 
 def exact_moment(degree: int) -> float:

@@ -13,7 +13,7 @@ import pytest
 
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import choose_renderer, opengl
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from tests.nightly import by_night
 from tests.scenes import SCENES, cube
 
@@ -28,7 +28,7 @@ def no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("no_opengl")
 def test_auto_falls_back_to_raycast_and_says_why() -> None:
     scene = cube(render={"backend": "auto"})
-    choice = choose_renderer(scene, build_world(scene))
+    choice = choose_renderer(scene, build_scene(scene))
     assert choice.renderer.name == "raycast"
     assert "osmesa: no osmesa here; egl: no egl here" in choice.fallback_reason
     assert "libosmesa6" in choice.fallback_reason
@@ -38,7 +38,7 @@ def test_auto_falls_back_to_raycast_and_says_why() -> None:
 def test_pyrender_by_name_is_an_error_that_names_the_remedy() -> None:
     scene = cube(render={"backend": "pyrender"})
     with pytest.raises(BackendUnavailableError, match="libosmesa6") as caught:
-        choose_renderer(scene, build_world(scene))
+        choose_renderer(scene, build_scene(scene))
     assert caught.value.backend == "pyrender (osmesa, egl)"
 
 
@@ -121,6 +121,6 @@ def test_packages_that_do_not_fit_together_are_no_backend(monkeypatch: pytest.Mo
     monkeypatch.setattr(opengl, "_why_not", lambda _: None)
     monkeypatch.setattr(pyrender_backend, "_Drawing", broken)
     scene = cube(render={"backend": "auto"})
-    choice = choose_renderer(scene, build_world(scene))
+    choice = choose_renderer(scene, build_scene(scene))
     assert choice.renderer.name == "raycast"
     assert "has no attribute 'infty'" in choice.fallback_reason

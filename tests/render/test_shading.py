@@ -16,7 +16,7 @@ from scenetruth.render import Renderer
 from scenetruth.render import shading as shading_module
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from tests.scenes import SCENES, cube
 
 Image = NDArray[np.float32]
@@ -29,7 +29,7 @@ DISTANCE = 660.0
 
 def render_raycast(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> Image:
     settings = scene.render.supersampling
-    with RaycastRenderer(build_world(scene), scene.camera, scene.background, settings, scene.lighting) as renderer:
+    with RaycastRenderer(build_scene(scene), scene.camera, scene.background, settings, scene.lighting) as renderer:
         return renderer.render(t, Viewpoint.on_axis(x_mm))
 
 
@@ -39,7 +39,7 @@ def render_pyrender(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> Image:
     settings = scene.render.supersampling
     try:
         renderer: Renderer = PyrenderRenderer(
-            build_world(scene), scene.camera, scene.background, settings, "auto", scene.lighting
+            build_scene(scene), scene.camera, scene.background, settings, "auto", scene.lighting
         )
     except BackendUnavailableError as error:
         pytest.skip(str(error))
@@ -235,7 +235,7 @@ def test_ambient_light_alone_is_the_unlit_image() -> None:
 @backends
 def test_an_unlit_scene_is_untouched(render: Callable[..., Image]) -> None:
     scene = cube(background=0.3)
-    with RaycastRenderer(build_world(scene), scene.camera, scene.background, scene.render.supersampling) as renderer:
+    with RaycastRenderer(build_scene(scene), scene.camera, scene.background, scene.render.supersampling) as renderer:
         bare = renderer.render(1.0, Viewpoint.on_axis(5.0))
     if render is render_raycast:
         assert (render(scene, 1.0, 5.0) == bare).all()

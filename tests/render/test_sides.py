@@ -14,13 +14,12 @@ from scipy.spatial.transform import Rotation
 from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render.pyrender_backend import PyrenderRenderer
-from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.render.sides import seen_uv
+from scenetruth.render.raycast_backend import RaycastRenderer, visible_uv
 from scenetruth.scene import Scene
+from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.box import box
-from scenetruth.scene.mesh.plane import plane
-from scenetruth.scene.world import World
+from scenetruth.scene.mesh.sheets import make_plane
+from scenetruth.scene.mesh.solids import make_box
 from tests.nightly import by_night
 from tests.surfaces import relief, scene_of, world_of
 
@@ -53,11 +52,11 @@ def scene_with(file: Path, angle_deg: float, axis: tuple[float, float, float] = 
     return scene_of({"texture": texture, "pose": pose}, camera=camera, **changes)
 
 
-def raycast(world: World, scene: Scene, viewpoint: Viewpoint) -> Image:
+def raycast(world: BuiltScene, scene: Scene, viewpoint: Viewpoint) -> Image:
     return RaycastRenderer(world, scene.camera, scene.background, 4, scene.lighting).render(0.0, viewpoint)
 
 
-def pyrender(world: World, scene: Scene, viewpoint: Viewpoint) -> Image:
+def pyrender(world: BuiltScene, scene: Scene, viewpoint: Viewpoint) -> Image:
     try:
         renderer = PyrenderRenderer(world, scene.camera, scene.background, 4, "auto", scene.lighting)
     except BackendUnavailableError as error:
@@ -75,7 +74,7 @@ def test_a_plane_shows_its_back_past_edge_on(
     render: object, halves: Path, axis: tuple[float, float, float], angle_deg: float, mean: float
 ) -> None:
     scene = scene_with(halves, angle_deg, axis)
-    world = world_of(scene, two_sided(plane((60, 40))))
+    world = world_of(scene, two_sided(make_plane((60, 40))))
     image = render(world, scene, Viewpoint.on_axis(0.0))  # type: ignore[operator]
     # Blocks of the image differ from the mean of their half by at most 0.2.
     assert (image > 0).sum() > 100
@@ -129,7 +128,7 @@ def test_every_path_of_the_ray_caster_tells_sides_apart(halves: Path) -> None:
 
 def test_a_closed_box_is_unchanged_by_its_back(halves: Path) -> None:
     scene = scene_with(halves, 35.0, (1, 1, 0))
-    plain = box((30, 30, 30))
+    plain = make_box((30, 30, 30))
     backed = replace(plain, uv_back=np.zeros_like(plain.uv))
     for render in (raycast, pyrender):
         one, two = (render(world_of(scene, mesh), scene, Viewpoint.on_axis(0.0)) for mesh in (plain, backed))
@@ -139,13 +138,13 @@ def test_a_closed_box_is_unchanged_by_its_back(halves: Path) -> None:
 
 def test_coordinates_are_chosen_by_the_order_of_corners() -> None:
     scene = scene_of({"texture": {"kind": "uniform"}}, {"texture": {"kind": "uniform"}})
-    world = world_of(scene, plane((10, 10)), plane((10, 10)))
+    world = world_of(scene, make_plane((10, 10)), make_plane((10, 10)))
     assert world.uv_back is world.uv
-    assert seen_uv(world, world.at(0).vertices_mm, np.zeros(3)) is world.uv
+    assert visible_uv(world, world.at(0).vertices_mm, np.zeros(3)) is world.uv
     other = np.ones_like(world.bodies[1].uv)
-    sided = World((world.bodies[0], replace(world.bodies[1], uv_back=other)))
+    sided = BuiltScene((world.bodies[0], replace(world.bodies[1], uv_back=other)))
     np.testing.assert_array_equal(sided.uv_back, np.concatenate([world.bodies[0].uv, other]))
     vertices = sided.at(0).vertices_mm
     # `plane` is wound so that its normal points to -Z.
-    np.testing.assert_array_equal(seen_uv(sided, vertices, np.zeros(3)), sided.uv)
-    np.testing.assert_array_equal(seen_uv(sided, vertices, np.array([0, 0, 2000.0])), sided.uv_back)
+    np.testing.assert_array_equal(visible_uv(sided, vertices, np.zeros(3)), sided.uv)
+    np.testing.assert_array_equal(visible_uv(sided, vertices, np.array([0, 0, 2000.0])), sided.uv_back)

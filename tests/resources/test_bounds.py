@@ -13,8 +13,8 @@ from hypothesis import strategies as some
 from PIL import Image
 
 import scenetruth as st
-from scenetruth.resources.bounds import Limits, limits_from
-from scenetruth.resources.refusal import refuse_beyond_bounds
+from scenetruth.resources.enforcement import refuse_beyond_limits
+from scenetruth.resources.limits import Limits, limits_from
 from tests.scenes import cube
 
 CUBE = cube(frames={"count": 3}).to_plain()
@@ -66,14 +66,14 @@ def test_every_bound_is_told_with_its_place_and_can_be_allowed_as_it_says(name: 
     limits = Limits(texels=3e7) if name == "texels" else Limits()
     started = time.process_time()
     with pytest.raises(st.SceneError) as caught:
-        refuse_beyond_bounds(beyond, limits)
+        refuse_beyond_limits(beyond, limits)
     assert time.process_time() - started < 1
     (problem,) = caught.value.problems
     assert problem.path == path
     assert value in problem.message
     words = re.search(rf"--limits ({name}=\d+)$", problem.message)
     assert words is not None
-    refuse_beyond_bounds(beyond, limits_from([words[1]]))
+    refuse_beyond_limits(beyond, limits_from([words[1]]))
 
 
 def test_all_bounds_are_told_at_once_and_the_calls_keep_them() -> None:
@@ -92,14 +92,14 @@ def test_a_large_picture_is_refused_before_it_is_decoded(tmp_path: Path) -> None
     with pytest.raises(st.SceneError, match=r"objects\.0\.texture\.file: makes 144,000,000 pixels, more than 64,0"):
         st.simulate(large)
     assert time.process_time() - started < 1
-    refuse_beyond_bounds(large, Limits(image_pixels=2e8))
+    refuse_beyond_limits(large, Limits(image_pixels=2e8))
 
 
 def test_what_is_wrong_with_textures_is_told_beside_bounds(tmp_path: Path) -> None:
     missing = item(name="other", texture={"kind": "image", "file": str(tmp_path / "none.png")})
     fine = item(mesh={"kind": "plane", "size_mm": [90, 90], "resolution_mm": 0.06})
     with pytest.raises(st.SceneError) as caught:
-        refuse_beyond_bounds(scene(objects=[fine, missing]))
+        refuse_beyond_limits(scene(objects=[fine, missing]))
     assert [problem.path for problem in caught.value.problems] == ["objects.1.texture.file", "objects.0.mesh"]
 
 

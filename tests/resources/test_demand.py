@@ -12,9 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.resources.demand import demand_of, parts_of, sharp_images
-from scenetruth.scene.texture.band_limited import band_limited_noise, holds_a_wave, noise_shape
-from scenetruth.scene.world import build_world
+from scenetruth.resources.workload import compute_workload, list_object_workloads, sharp_images
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.texture.band_limited_noise import (
+    compute_noise_shape,
+    contains_wavelength,
+    make_band_limited_noise,
+)
 from tests.scenes import LIBRARY, SCENES, cube, small
 
 MESHES: list[dict[str, Any]] = [
@@ -85,34 +89,34 @@ def test_files_are_counted_without_being_read_as_meshes(tmp_path: Path, suffix: 
 
 
 def test_lines_are_counted_over_the_borders_of_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from scenetruth.scene.mesh import input as reading
+    from scenetruth.scene.mesh import file_preflight as reading
 
     file = tmp_path / "grid.obj"
     file.write_text("".join(f"v {n} 0 0\n" for n in range(100)) + "f 1 2 3\nvn 0 0 1\nf 2 3 4\n")
     for size in (1, 2, 3, 7, 64):
         monkeypatch.setattr(reading, "_PIECE", size)
-        assert reading.counts_in_file(file) == (100, 2)
+        assert reading.count_elements(file) == (100, 2)
 
 
 @pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
 def test_rasters_have_the_shape_that_is_told(file: Path) -> None:
     scene = small(file)
-    parts, problems = parts_of(scene)
+    parts, problems = list_object_workloads(scene)
     assert problems == []
-    bodies = build_world(scene).bodies
+    bodies = build_scene(scene).bodies
     assert [part.texels for part in parts] == [body.texture.raster().size for body in bodies]
     faces = sum(len(body.faces) for body in bodies)
-    assert demand_of(scene, parts).faces == pytest.approx(faces, rel=0.1)
+    assert compute_workload(scene, parts).faces == pytest.approx(faces, rel=0.1)
 
 
 def test_textures_that_are_kept_are_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENETRUTH_CACHE", str(tmp_path))
     scene = cube()
-    assert not parts_of(scene)[0][0].painted
-    build_world(scene)
-    (part,) = parts_of(scene)[0]
+    assert not list_object_workloads(scene)[0][0].painted
+    build_scene(scene)
+    (part,) = list_object_workloads(scene)[0]
     assert part.painted
-    assert demand_of(scene, [part]).noise_texels_to_paint == 0
+    assert compute_workload(scene, [part]).noise_texels_to_paint == 0
 
 
 @given(some.floats(0.1, 5), some.floats(1.0001, 3), some.floats(0.5, 60), some.floats(0.5, 60))
@@ -121,9 +125,9 @@ def test_a_band_holds_a_wave_where_noise_can_be_made(
 ) -> None:
     band, size = (shortest, shortest * ratio), (min(width, 20 * shortest), min(height, 20 * shortest))
     with np.errstate(divide="ignore", invalid="ignore"):
-        noise = band_limited_noise(band, size, np.random.default_rng(1), peak=99.0)
-    assert holds_a_wave(band, size) == bool(np.isfinite(noise.coefficients[0, 0]))
-    assert noise.coefficients.shape == noise_shape(band, size)
+        noise = make_band_limited_noise(band, size, np.random.default_rng(1), peak=99.0)
+    assert contains_wavelength(band, size) == bool(np.isfinite(noise.coefficients[0, 0]))
+    assert noise.coefficients.shape == compute_noise_shape(band, size)
 
 
 def test_images_are_the_mean_of_as_many_as_aperture_and_exposure_ask_for() -> None:
@@ -134,12 +138,12 @@ def test_images_are_the_mean_of_as_many_as_aperture_and_exposure_ask_for() -> No
         update={"shutter": blurred.shutter.model_copy(update={"exposure_time_s": 0.1, "samples": 50})}
     )
     assert sharp_images(both) == 50
-    demand = demand_of(both, parts_of(both)[0])
+    demand = compute_workload(both, list_object_workloads(both)[0])
     assert (demand.images, demand.pixels, demand.fine_pixels, demand.sharp_images) == (45, 19200, 19200, 50)
 
 
 def test_the_library_asks_for_what_its_files_say() -> None:
     rosette = st.load_scene(SCENES / "rosette.yaml")
-    demand = demand_of(rosette, parts_of(rosette)[0], views=5, complete=True)
+    demand = compute_workload(rosette, list_object_workloads(rosette)[0], views=5, complete=True)
     assert (demand.positions, demand.frames, demand.views, demand.lamps, demand.lit) == (5, 9, 5, 1, True)
     assert demand.sample_bytes == 2

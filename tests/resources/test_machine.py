@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.resources import machine
-from scenetruth.resources.machine import free_disk_bytes, free_memory_bytes, machine_at, unwritable_folder, work_s
+from scenetruth.resources import system
+from scenetruth.resources.system import free_disk_bytes, free_memory_bytes, inspect_machine, unwritable_folder, work_s
 
 MB = 1 << 20
 
@@ -88,10 +88,10 @@ def test_folders_of_the_system_have_no_disk_and_take_nothing(tmp_path: Path) -> 
     """Also from root, who is told that it may write there."""
     if not Path("/proc/self").exists():
         pytest.skip("this system tells of itself in another way")
-    here = machine_at(Path("/proc/results/of/mine"))
+    here = inspect_machine(Path("/proc/results/of/mine"))
     assert here.unwritable == "/proc"
     assert here.disk_bytes is None
-    assert machine_at(tmp_path / "not" / "yet").unwritable == ""
+    assert inspect_machine(tmp_path / "not" / "yet").unwritable == ""
     assert list(tmp_path.iterdir()) == []
 
 
@@ -107,7 +107,7 @@ def test_where_one_may_not_write_is_told(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_this_machine_has_something(tmp_path: Path) -> None:
-    here = machine_at(tmp_path)
+    here = inspect_machine(tmp_path)
     assert here.processors >= 1
     assert here.memory_bytes is None or here.memory_bytes > 0
 
@@ -116,7 +116,7 @@ def test_the_speed_is_measured_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("SCENETRUTH_CACHE", str(tmp_path))
     first = work_s()
     assert 1e-5 < first < 1
-    monkeypatch.setattr(machine, "_best_s", lambda: 77.0)
+    monkeypatch.setattr(system, "_best_s", lambda: 77.0)
     assert work_s() == first
     monkeypatch.setenv("SCENETRUTH_CACHE", "off")
     assert work_s() == 77.0

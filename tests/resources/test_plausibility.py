@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import scenetruth as st
-from scenetruth.resources.plausibility import slips_of_units
+from scenetruth.resources.limits import find_unit_errors
 from tests.cli.calling import scenetruth
 from tests.scenes import LIBRARY
 
@@ -23,7 +23,7 @@ GROWTH = "objects.0.deformation=[{kind: growth, "
     ],
 )
 def test_values_in_another_unit_are_told_with_the_right_one(scene: str, override: str, told: str) -> None:
-    (message,) = slips_of_units(st.load_scene(scene, [override]))
+    (message,) = find_unit_errors(st.load_scene(scene, [override]))
     assert told in message
 
 
@@ -40,11 +40,11 @@ def test_values_in_another_unit_are_told_with_the_right_one(scene: str, override
     ],
 )
 def test_what_is_rare_but_right_is_not_warned_of(scene: str, overrides: list[str]) -> None:
-    assert slips_of_units(st.load_scene(scene, overrides)) == []
+    assert find_unit_errors(st.load_scene(scene, overrides)) == []
 
 
 def test_no_scene_of_the_library_is_warned_of() -> None:
-    assert [message for file in LIBRARY for message in slips_of_units(st.load_scene(file))] == []
+    assert [message for file in LIBRARY for message in find_unit_errors(st.load_scene(file))] == []
 
 
 def test_check_warns_and_goes_on() -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 import scenetruth as st
-from scenetruth.resources.bounds import Limits
-from scenetruth.resources.forecast import Forecast, StageForecast
-from scenetruth.resources.machine import Machine
-from scenetruth.resources.refusal import machine_problems, refuse_resources
+from scenetruth.resources.cost_estimate import Forecast, StageForecast
+from scenetruth.resources.enforcement import machine_problems, refuse_resources
+from scenetruth.resources.limits import Limits
+from scenetruth.resources.system import Machine
 from tests.scenes import cube
 
 FORECAST = Forecast({"render": StageForecast(3e9, 5e9, 7200, 8e9), "estimate": StageForecast(6e9, 1e9, 1800, 1e9)})

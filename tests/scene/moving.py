@@ -8,38 +8,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.scene.built_scene import SceneBody
 from scenetruth.scene.deformation import DeformationModel, Surroundings
-from scenetruth.scene.jets import Jet
 from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.motion import MotionModel, PointMap
-from scenetruth.scene.surface.start import SheetStart
+from scenetruth.scene.reference_configuration import SheetConfiguration
+from scenetruth.scene.taylor import Jet
 from scenetruth.scene.texture import SurfaceTexture
-from scenetruth.scene.world import Body
 
 LENGTH, WIDTH = 40.0, 24.0
 HOUR = Surroundings((0.0, LENGTH), 3600.0)
 """A leaf of 40 mm, one frame an hour."""
 
 
-def sheet(columns: int, rows: int, length: float = LENGTH, width: float = WIDTH) -> SheetStart:
+def sheet(columns: int, rows: int, length: float = LENGTH, width: float = WIDTH) -> SheetConfiguration:
     """A flat sheet from X = 0 to its length, Y to either side, whose faces point to -Z."""
     a, b = np.meshgrid(np.linspace(0, length, columns + 1), np.linspace(-width / 2, width / 2, rows + 1))
     number = np.arange(a.size).reshape(a.shape)
     corner, right, below, across = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
     faces = np.concatenate([np.stack(part, axis=-1).reshape(-1, 3) for part in _halves(corner, right, below, across)])
-    return SheetStart(np.stack([a.ravel(), b.ravel()], axis=1), faces.astype(np.int32))
+    return SheetConfiguration(np.stack([a.ravel(), b.ravel()], axis=1), faces.astype(np.int32))
 
 
 def _halves(corner: Any, right: Any, below: Any, across: Any) -> tuple[tuple[Any, ...], ...]:
     return (corner, below, right), (right, below, across)
 
 
-def body(start: SheetStart, maps: Sequence[PointMap]) -> Body:
+def body(start: SheetConfiguration, maps: Sequence[PointMap]) -> SceneBody:
     texture: SurfaceTexture = None  # type: ignore[assignment]
     flat = start.material_mm
     chart = flat[start.faces]
     mesh = TriangleMesh(np.column_stack([flat, np.zeros(len(flat))]), start.faces, chart, material_mm=flat)
-    return Body("leaf", mesh, start, chart, texture, maps)
+    return SceneBody("leaf", mesh, start, chart, texture, maps)
 
 
 def made(entry: Any, around: Surroundings = HOUR) -> PointMap:

@@ -13,9 +13,9 @@ from hypothesis import strategies as some
 
 import scenetruth as st
 from scenetruth.camera import Camera
-from scenetruth.model import LARGEST, SMALLEST
-from scenetruth.scene.check import check_scene
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.scene_report import check_scene
+from scenetruth.validated_model import LARGEST, SMALLEST
 from tests.scenes import cube
 
 PLAIN = cube(frames={"count": 3}, camera={"width": 40, "height": 30, "focal_length_px": 313}).to_plain()
@@ -44,7 +44,7 @@ def leaf(**fields: Any) -> dict[str, Any]:
 
 def made(plain: dict[str, Any]) -> None:
     scene = st.scene_from_plain(plain)
-    check_scene(scene, build_world(scene))
+    check_scene(scene, build_scene(scene))
 
 
 def refuse(plain: dict[str, Any], message: str) -> None:
@@ -140,7 +140,7 @@ def test_what_leads_to_no_scene_is_refused(plain: dict[str, Any], message: str) 
 @pytest.mark.parametrize("seed", [0, 1, 2**32, 2**63 - 1])
 def test_seeds_of_63_bits_are_taken(seed: int) -> None:
     scene = st.scene_from_plain(changed(seed=seed))
-    assert build_world(scene).bodies
+    assert build_scene(scene).bodies
 
 
 @given(some.floats(min_value=SMALLEST, max_value=LARGEST) | some.just(0.0) | some.floats(-LARGEST, -SMALLEST))

@@ -21,10 +21,10 @@ from hypothesis import strategies as some
 from PIL import Image
 
 import scenetruth as st
-from scenetruth.resources import refuse_beyond_bounds
-from scenetruth.scene.mesh.file import load
-from scenetruth.scene.texture.image import MOST_PIXELS, luminance
-from scenetruth.scene.world import build_world
+from scenetruth.resources import refuse_beyond_limits
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.mesh.mesh_file import load_mesh_file
+from scenetruth.scene.texture.image_textures import MAX_PIXELS, compute_luminance
 
 BOX = trimesh.creation.box((10, 10, 10))
 
@@ -47,14 +47,14 @@ def make(file: Path, what: str) -> None:
     """Build a world of a file used as a mesh, a picture, or an array."""
     plane = {"kind": "plane", "size_mm": [9, 9]}
     if what == "mesh":
-        build_world(scene_of({"kind": "file", "file": str(file)}, {"kind": "uniform"}))
+        build_scene(scene_of({"kind": "file", "file": str(file)}, {"kind": "uniform"}))
     elif what == "image":
-        build_world(scene_of(plane, {"kind": "image", "file": str(file)}))
+        build_scene(scene_of(plane, {"kind": "image", "file": str(file)}))
     else:
         mesh = file.parent / "good.ply"
         BOX.export(mesh)
         entry = {"kind": "nodal", "file": str(file)}
-        build_world(scene_of({"kind": "file", "file": str(mesh)}, {"kind": "uniform"}, [entry]))
+        build_scene(scene_of({"kind": "file", "file": str(mesh)}, {"kind": "uniform"}, [entry]))
 
 
 MESHES = [".obj", ".ply", ".glb", ".gltf", ".stl", ".off"]
@@ -129,7 +129,7 @@ def test_all_files_that_are_missing_are_told_together(tmp_path: Path) -> None:
     other |= {"name": "other", "mesh": {"kind": "file", "file": "one.ply"}, "texture": {"kind": "uniform"}}
     scene = st.scene_from_plain({**scene.to_plain(), "objects": [scene.to_plain()["objects"][0], other]})
     expected = ["0.mesh.file", "0.texture.file", "0.deformation.0.files.1", "1.deformation.0.files.1"]
-    for refuse in (build_world, lambda scene, folder: refuse_beyond_bounds(scene, folder=folder)):
+    for refuse in (build_scene, lambda scene, folder: refuse_beyond_limits(scene, folder=folder)):
         with pytest.raises(st.SceneError, match=r"0\.mesh\.file: no such mesh file") as caught:
             refuse(scene, tmp_path)
         paths = [problem.path for problem in caught.value.problems]
@@ -154,7 +154,7 @@ def test_pictures_are_refused_by_their_headers(tmp_path: Path, size: tuple[int, 
     file.write_bytes(png_of(*size) if size[0] == 13_100 else png_of(100, 100).replace(
         struct.pack(">II", 100, 100), struct.pack(">II", *size)))  # fmt: skip
     started = time.process_time()
-    with pytest.raises(st.SceneError, match=rf"pixels, more than {MOST_PIXELS:,}|cannot be read as an image"):
+    with pytest.raises(st.SceneError, match=rf"pixels, more than {MAX_PIXELS:,}|cannot be read as an image"):
         make(file, "image")
     assert time.process_time() - started < 1
 
@@ -173,8 +173,8 @@ def test_pictures_with_several_pages_or_odd_values_are_refused(tmp_path: Path) -
 @pytest.mark.parametrize("shape", [(1500, 900), (1500, 900, 3), (3, 5, 1), (3, 5, 4)])
 def test_luminance_is_the_same_in_parts(encoding: str, shape: tuple[int, ...]) -> None:
     image = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
-    rows = [luminance(row[None], encoding)[0] for row in image]
-    np.testing.assert_array_equal(luminance(image, encoding), np.stack(rows))
+    rows = [compute_luminance(row[None], encoding)[0] for row in image]
+    np.testing.assert_array_equal(compute_luminance(image, encoding), np.stack(rows))
 
 
 def test_meshes_are_refused_by_what_they_claim(tmp_path: Path) -> None:
@@ -182,20 +182,20 @@ def test_meshes_are_refused_by_what_they_claim(tmp_path: Path) -> None:
     head = "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n"
     file.write_text(head.format(10**12) + "property float z\nend_header\n")
     with pytest.raises(st.SceneError, match="claims 1,000,000,000,000 elements; it can have at most"):
-        load(file)
+        load_mesh_file(file)
     file = good_file(tmp_path, ".gltf")
     tree = json.loads(file.read_text())
     tree["accessors"][0] = {"componentType": 5126, "count": 10**9, "type": "VEC3"}
     file.write_text(json.dumps(tree))
     with pytest.raises(st.SceneError, match="claims 1,000,000,000 elements"):
-        load(file)
+        load_mesh_file(file)
 
 
 def test_formats_that_unpack_are_not_tried(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "it.zip", "w") as archive:
         archive.writestr("it.obj", "v 0 0 0\n")
     with pytest.raises(st.SceneError, match="is no format that is read"):
-        load(tmp_path / "it.zip")
+        load_mesh_file(tmp_path / "it.zip")
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,9 @@ from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.scene.check import check_scene
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.lighting_check import lighting_problems
-from scenetruth.scene.world import build_world
+from scenetruth.scene.scene_report import check_scene, find_lighting_problems
 from tests.scenes import SCENES, cube
 
 CENTRE = (0.0, 0.0, 692.56)
@@ -80,7 +79,7 @@ def test_brightness() -> None:
 def test_brightness_must_stay_positive() -> None:
     scene = lit(drift_per_frame=-0.25)
     with pytest.raises(st.SceneError, match=r"lighting\.drift_per_frame: makes the brightness 0 at frame 4"):
-        check_scene(scene, build_world(scene))
+        check_scene(scene, build_scene(scene))
 
 
 @settings(deadline=None)
@@ -116,14 +115,14 @@ def test_a_light_inside_an_object_is_refused(command: str) -> None:
     with pytest.raises(
         st.SceneError, match=r"lights\.1\.position_mm: the light is inside 'cube' at frame -4"
     ) as caught:
-        st.simulate(scene) if command == "simulate" else check_scene(scene, build_world(scene))
+        st.simulate(scene) if command == "simulate" else check_scene(scene, build_scene(scene))
     assert len(caught.value.problems) == 1
 
 
 def test_a_light_that_moves_into_an_object_is_refused() -> None:
     into = {"kind": "velocity", "velocity_mm_per_frame": [0, 0, 40]}
     scene = lit({**POINT, "position_mm": [0, 0, 550], "motion": [into]})
-    (problem,) = lighting_problems(scene, build_world(scene))
+    (problem,) = find_lighting_problems(scene, build_scene(scene))
     # The nearest edge is at 660 - t mm, the light at 550 + 40 t mm.
     assert problem.path == "lighting.lights.0.position_mm"
     assert "frame 3" in problem.message
@@ -138,7 +137,7 @@ def test_inside_a_box_is_inside(offset: tuple[float, float, float]) -> None:
     scene = cube(objects=[item], frames={"count": 1}, lighting={"lights": [light]})
     depth = 24.5 - np.abs(offset).max()
     if abs(depth) > 1e-6:
-        assert bool(lighting_problems(scene, build_world(scene))) == (depth > 0)
+        assert bool(find_lighting_problems(scene, build_scene(scene))) == (depth > 0)
 
 
 def test_meshes_whose_triangles_face_anywhere_have_an_inside_and_open_ones_none(tmp_path: Path) -> None:
@@ -154,5 +153,5 @@ def test_meshes_whose_triangles_face_anywhere_have_an_inside_and_open_ones_none(
         for x in (0.0, 18.0, 21.0):
             light = {**POINT, "position_mm": [x, 1.0, 693]}
             scene = cube(objects=[{**item, "mesh": mesh}], frames={"count": 1}, lighting={"lights": [light]})
-            found[name, x] = bool(lighting_problems(scene, build_world(scene)))
+            found[name, x] = bool(find_lighting_problems(scene, build_scene(scene)))
     assert [key for key, value in found.items() if value] == [("ball", 0.0), ("ball", 18.0)]

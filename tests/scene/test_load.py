@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.scene.load import apply_overrides
+from scenetruth.scene.scene_loader import apply_overrides
 from tests.scenes import SCENES, cube
 
 ALL_SCENES = sorted(SCENES.glob("*.yaml"))

@@ -12,11 +12,11 @@ from pydantic import TypeAdapter
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from scenetruth.scene.deformations import Deformation
+from scenetruth.scene.deformation import Deformation
 from scenetruth.scene.motion import compose
-from scenetruth.scene.motion import maps as motion_maps
-from scenetruth.scene.motions import Motion
-from scenetruth.scene.surface.start import SheetStart
+from scenetruth.scene.motion import point_maps as motion_maps
+from scenetruth.scene.motion.rigid_motions import Motion
+from scenetruth.scene.reference_configuration import SheetConfiguration
 from tests.scene.moving import body, differences, made, positions, sheet, surface
 
 
@@ -242,7 +242,7 @@ def test_the_star_has_the_stated_periods() -> None:
 
 def test_sheets_face_the_upper_side() -> None:
     start = sheet(3, 2)
-    assert isinstance(start, SheetStart)
+    assert isinstance(start, SheetConfiguration)
     corners = np.concatenate([start.material_mm, 0 * start.material_mm[:, :1]], 1)[start.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (normals[:, 2] < 0).all()

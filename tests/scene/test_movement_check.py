@@ -11,8 +11,8 @@ import trimesh
 
 import scenetruth as st
 from scenetruth.scene import scene_from_plain
-from scenetruth.scene.motion.presets import MOTION_PRESETS
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.motion.motion_presets import MOTION_PRESETS
 from tests.scene.moving import sheet
 from tests.scenes import cube
 
@@ -65,7 +65,7 @@ GROWTH = {"kind": "growth", "rate_per_hour": 0.03}
 )
 def test_deformations_that_cannot_be(leaf: Path, deformation: dict[str, Any], path: str, message: str) -> None:
     with pytest.raises(st.SceneError, match=message) as caught:
-        build_world(scene(leaf, deformation=[{"kind": "hinge", "angle_deg": 0.0}, deformation]))
+        build_scene(scene(leaf, deformation=[{"kind": "hinge", "angle_deg": 0.0}, deformation]))
     (problem,) = caught.value.problems
     assert problem.path == "objects.0.deformation.1" + (f".{path}" if path else "")
 
@@ -80,22 +80,22 @@ def test_sheets_too_far_from_their_plane_cannot_be_bent_or_rolled(leaf: Path) ->
         (roll, r"deformation\.1\.radius_mm: self-intersecting unrolling: the sheet reaches over 20\.78"),
     ):
         with pytest.raises(st.SceneError, match=message):
-            build_world(scene(leaf, deformation=[hinge, deformation]))
+            build_scene(scene(leaf, deformation=[hinge, deformation]))
 
 
 def test_growth_may_not_turn_triangles_inside_out(leaf: Path) -> None:
     """The edges of a strip grow apart from its middle, and turn round by 5.9 rad; two triangles cannot follow that."""
     steep = GROWTH | {"rate_per_hour": 1, "base_to_tip": [-4.9, 4.9]}
-    build_world(scene(leaf, deformation=[steep]))
+    build_scene(scene(leaf, deformation=[steep]))
     with pytest.raises(st.SceneError, match=r"deformation\.0: turns \d of 2 triangles inside out, or shrinks"):
-        build_world(scene(leaf, deformation=[steep], mesh={"kind": "plane", "size_mm": [40, 24]}))
+        build_scene(scene(leaf, deformation=[steep], mesh={"kind": "plane", "size_mm": [40, 24]}))
 
 
 def test_growth_may_not_outgrow_a_roll(leaf: Path) -> None:
     rolled = ROLL | {"front_mm": 20}
     with pytest.raises(st.SceneError, match=r"deformation\.1\.length_mm: is less than where the mesh ends, 40\.6"):
-        build_world(scene(leaf, deformation=[GROWTH, rolled]))
-    build_world(scene(leaf, deformation=[GROWTH, rolled | {"length_mm": 43}]))
+        build_scene(scene(leaf, deformation=[GROWTH, rolled]))
+    build_scene(scene(leaf, deformation=[GROWTH, rolled | {"length_mm": 43}]))
 
 
 def test_every_wrong_deformation_is_named_once(leaf: Path) -> None:
@@ -105,7 +105,7 @@ def test_every_wrong_deformation_is_named_once(leaf: Path) -> None:
         {"kind": "bending", "angle_deg": {"kind": "linear", "rate_per_frame": 200}, "length_mm": 30},
     ]
     with pytest.raises(st.SceneError) as caught:
-        build_world(scene(leaf, deformation=wrong))
+        build_scene(scene(leaf, deformation=wrong))
     assert [problem.path for problem in caught.value.problems] == [
         "objects.0.deformation.0.rate_per_hour",
         "objects.0.deformation.1.angle_deg",
@@ -113,7 +113,7 @@ def test_every_wrong_deformation_is_named_once(leaf: Path) -> None:
 
 
 def test_sound_movements_pass(leaf: Path) -> None:
-    build_world(
+    build_scene(
         scene(
             leaf,
             deformation=[
@@ -135,12 +135,12 @@ def test_presets_per_frame_ask_for_one_frame_a_minute(leaf: Path, interval: floa
     ]
     made = scene(leaf, {"count": 3, "frame_interval_s": interval}, motion=motion)
     if interval == 60:
-        build_world(made)
+        build_scene(made)
         return
     with pytest.raises(
         st.SceneError, match=r"is a rate at one frame a minute, but frames\.frame_interval_s is 30"
     ) as caught:
-        build_world(made)
+        build_scene(made)
     assert [problem.path for problem in caught.value.problems] == [
         "objects.0.motion.0.preset",
         "objects.0.motion.1.preset",

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.plain import DEEPEST, MOST_VALUES
-from scenetruth.scene.reading import MOST_BYTES, read_yaml
+from scenetruth.plain_data import MAX_DEPTH, MAX_VALUES
+from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, read_yaml
 from tests.scenes import LIBRARY, SCENES
 
 CUBE = (SCENES / "cube.yaml").read_text(encoding="utf-8")
@@ -92,11 +92,11 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
         ("<<: 3", "line 1: << merges mappings, and this is none"),
         ("a: &a [*a]", r"line 1: the alias \*a stands inside of what it names"),
         ("a: *b", r"line 1: the alias \*b names nothing"),
-        (BOMB, f"makes more than {MOST_VALUES:,} values, aliases counted"),
-        ("[" * 100_000, f"line 1: is nested more than {DEEPEST} deep"),
-        ("- " * 100_000, f"line 1: is nested more than {DEEPEST} deep"),
+        (BOMB, f"makes more than {MAX_VALUES:,} values, aliases counted"),
+        ("[" * 100_000, f"line 1: is nested more than {MAX_DEPTH} deep"),
+        ("- " * 100_000, f"line 1: is nested more than {MAX_DEPTH} deep"),
         ("a: &a " + "[" * 30 + "]" * 30 + "\nb: " + "[" * 30 + "*a" + "]" * 30, "nested more than"),
-        ("a: [" + "1," * 1_900_000 + "]", f"makes more than {MOST_VALUES:,} values"),
+        ("a: [" + "1," * 1_900_000 + "]", f"makes more than {MAX_VALUES:,} values"),
         ("a:\n\t- b", "line 2, column 1: is not valid YAML: .*cannot start any token; indent with spaces, not tabs$"),
         ("a:\n  b: 1\n\tc: 2", "line 3, column 1: .*; indent with spaces, not tabs$"),
         ("a: 1\r\nb:\r\n  \t- c: \u00e9", "line 3, column 3: .*; indent with spaces, not tabs$"),
@@ -152,7 +152,9 @@ def test_large_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
     file = tmp_path / "scene.yaml"
     with file.open("wb") as stream:
         stream.truncate(10**12)  # takes no room
-    with pytest.raises(st.SceneError, match=rf"has 1,000,000,000,000 bytes; a scene file has at most {MOST_BYTES:,}"):
+    with pytest.raises(
+        st.SceneError, match=rf"has 1,000,000,000,000 bytes; a scene file has at most {MAX_YAML_BYTES:,}"
+    ):
         st.load_scene(file)
 
 
@@ -183,10 +185,10 @@ def test_paths_that_are_none(path: object) -> None:
         ("camera={width: 1, width: 2}", r"--set camera\.width: value, line 1: the key stands here twice"),
         ("seed=\udc80", "--set seed: value, is not valid YAML"),
         ("\udc80=1", "a key holds half a character"),
-        ("camera." + "x." * 100_000 + "y=1", f"is nested more than {DEEPEST} deep"),
+        ("camera." + "x." * 100_000 + "y=1", f"is nested more than {MAX_DEPTH} deep"),
         ("seed=" + BOMB.replace("\n", ", ").join("{}"), "makes more than"),
         ("seed=" + "9" * 10**6, "seed: .*maximum size"),
-        ("seed=" + " " * (MOST_BYTES + 1), "a value has at most"),
+        ("seed=" + " " * (MAX_YAML_BYTES + 1), "a value has at most"),
     ],
     ids=lambda text: text[:20],
 )
@@ -233,7 +235,7 @@ def test_plain_values_that_never_end() -> None:
     deep: object = 1
     for _ in range(10_000):
         deep = [deep]
-    with pytest.raises(st.SceneError, match=f"is nested more than {DEEPEST} deep"):
+    with pytest.raises(st.SceneError, match=f"is nested more than {MAX_DEPTH} deep"):
         st.scene_from_plain({"camera": deep})
     wide: list[object] = ["x"]
     for _ in range(60):

@@ -13,10 +13,10 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.scene.check import check_scene, describe_scene
-from scenetruth.scene.mesh.box import box
-from scenetruth.scene.mesh.file import load
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.mesh.mesh_file import load_mesh_file
+from scenetruth.scene.mesh.solids import make_box
+from scenetruth.scene.scene_report import check_scene, describe_scene
 from tests.scenes import SCENES, cube
 
 
@@ -41,13 +41,13 @@ def test_mesh_files_give_the_same_depth(tmp_path: Path, form: str) -> None:
 
 
 def test_mesh_units() -> None:
-    one = box((1, 1, 1))
+    one = make_box((1, 1, 1))
     assert np.ptp(one.vertices_mm, axis=0).tolist() == [1, 1, 1]
 
 
 def test_mesh_unit_mm_scales(tmp_path: Path) -> None:
     file = ball(tmp_path / "ball.ply")
-    np.testing.assert_allclose(load(file, 2.0).vertices_mm, 2 * load(file).vertices_mm)
+    np.testing.assert_allclose(load_mesh_file(file, 2.0).vertices_mm, 2 * load_mesh_file(file).vertices_mm)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_bad_mesh_files(tmp_path: Path, content: str | None, message: str) -> No
         file.write_text(content)
     scene = with_object(mesh={"kind": "file", "file": str(file)})
     with pytest.raises(st.SceneError, match=r"objects\.0\.mesh\.file: ") as caught:
-        build_world(scene)
+        build_scene(scene)
     assert caught.match(message)
 
 
@@ -144,7 +144,7 @@ def test_srgb_is_decoded(tmp_path: Path) -> None:
     values = []
     for encoding in ("linear", "srgb"):
         scene = with_object(texture={"kind": "image", "file": str(tmp_path / "grey.png"), "encoding": encoding})
-        values.append(float(build_world(scene).bodies[0].texture.raster()[0, 0]))
+        values.append(float(build_scene(scene).bodies[0].texture.raster()[0, 0]))
     assert values[0] == pytest.approx(188 / 255)
     assert values[1] == pytest.approx(0.503, abs=1e-3)  # sRGB 188 is a linear half
 
@@ -162,7 +162,7 @@ def test_srgb_is_decoded(tmp_path: Path) -> None:
 )
 def test_bad_textures(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(st.SceneError, match=message):
-        build_world(with_object(**changes))
+        build_scene(with_object(**changes))
 
 
 def test_image_on_a_mesh_without_uv(tmp_path: Path) -> None:
@@ -172,7 +172,7 @@ def test_image_on_a_mesh_without_uv(tmp_path: Path) -> None:
         texture={"kind": "image", "file": str(tmp_path / "grey.png")},
     )
     with pytest.raises(st.SceneError, match=r"objects\.0\.texture\.kind: the mesh has no UV coordinates.*noise"):
-        build_world(scene)
+        build_scene(scene)
 
 
 def test_all_objects_that_cannot_be_made_are_named() -> None:
@@ -182,12 +182,12 @@ def test_all_objects_that_cannot_be_made_are_named() -> None:
         {**item, "name": "two", "texture": {"kind": "image", "file": "/no.png"}},
     ]
     with pytest.raises(st.SceneError) as caught:
-        build_world(cube(objects=broken))
+        build_scene(cube(objects=broken))
     assert [problem.path for problem in caught.value.problems] == ["objects.0.mesh.file", "objects.1.texture.file"]
 
 
 def test_charts_are_isometric_and_do_not_overlap() -> None:
-    mesh = box((10, 20, 30))
+    mesh = make_box((10, 20, 30))
     corners, chart = mesh.vertices_mm[mesh.faces], mesh.chart_mm
     for one, two in ((0, 1), (1, 2), (2, 0)):
         on_mesh = np.linalg.norm(corners[:, one] - corners[:, two], axis=1)
@@ -202,7 +202,7 @@ def test_charts_are_isometric_and_do_not_overlap() -> None:
 
 def test_box_projection_keeps_a_cubes_sides_isometric(tmp_path: Path) -> None:
     trimesh.creation.box((10, 20, 30)).export(tmp_path / "box.stl")
-    mesh = load(tmp_path / "box.stl")
+    mesh = load_mesh_file(tmp_path / "box.stl")
     corners = mesh.vertices_mm[mesh.faces]
     np.testing.assert_allclose(
         np.linalg.norm(mesh.chart_mm[:, 0] - mesh.chart_mm[:, 1], axis=1),
@@ -230,20 +230,20 @@ def test_textures_finer_than_two_pixels_are_warned_of() -> None:
     texture = {"kind": "noise", "wavelength_mm": [0.5, 4.0]}
     scene = with_object(texture=texture, mesh={"kind": "box", "size_mm": [12, 12, 12]})
     with pytest.warns(st.SceneWarning, match=r"'cube' has wavelengths down to 0\.8. px; finer than 2 px"):
-        check_scene(scene, build_world(scene))
+        check_scene(scene, build_scene(scene))
 
 
 def test_sound_scenes_are_not_warned_of() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         scene = cube()
-        check_scene(scene, build_world(scene))
+        check_scene(scene, build_scene(scene))
 
 
 def test_report_of_the_cube() -> None:
     scene = cube()
     depth = np.array([[660.0, 700.0], [np.nan, 680.0]])
-    report = describe_scene(scene, build_world(scene), depth)
+    report = describe_scene(scene, build_scene(scene), depth)
     disparity = 1254 * 5 / np.array([660, 700, 680])
     assert report.mean_disparity_px == pytest.approx(disparity.mean(), rel=1e-12)
     assert report.working_point_px == 9
@@ -251,16 +251,16 @@ def test_report_of_the_cube() -> None:
     assert report.recording_bytes == 5 * 9 * 160 * 120 * 4
     (item,) = report.objects
     turn = Rotation.from_euler("yx", [45, 20], degrees=True)
-    corners = turn.apply(box((49, 49, 49)).vertices_mm)[:, 2] + 692.56
+    corners = turn.apply(make_box((49, 49, 49)).vertices_mm)[:, 2] + 692.56
     assert item.depth_mm == pytest.approx((corners.min() - 4, corners.max() + 4))
     assert item.wavelength_px == pytest.approx((3.2 * 1254 / item.depth_mm[1], 12 * 1254 / item.depth_mm[0]))
 
 
 def test_the_last_snapshots_are_kept_and_are_those_of_their_times() -> None:
-    world = build_world(cube())
+    world = build_scene(cube())
     times = [0.0, 1.0, 0.0, 2.5, 1.0, 2.5]
     for t in times:
-        fresh = build_world(cube()).at(t)
+        fresh = build_scene(cube()).at(t)
         kept = world.at(t)
         assert kept.t == t
         assert kept is world.at(t)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.schema import check_dataset, intrinsics_of, object_names_of, scene_of
+from scenetruth.schema import check_dataset, read_intrinsics, read_object_names, read_scene
 
 RECORDING = st.make_recording(np.zeros((2, 3, 4, 5)), 100.0, 5.0, attrs={"scene": '{"description": "x"}', "seed": 3})
 
@@ -79,6 +79,6 @@ def test_any_attribute_is_read_or_refused(name: str, value: Any, spelled: bool) 
     changed = RECORDING.assign_attrs({name: json.dumps(value) if spelled else value})
     with contextlib.suppress(st.RecordingError):
         check_dataset(changed, "recording")
-        assert intrinsics_of(changed).focal_length_px > 0
-        assert isinstance(scene_of(changed), dict)
-        assert isinstance(object_names_of(changed), list)
+        assert read_intrinsics(changed).focal_length_px > 0
+        assert isinstance(read_scene(changed), dict)
+        assert isinstance(read_object_names(changed), list)

@@ -12,7 +12,7 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.schema import Filling, blank_estimate, depth_rate_of, put_estimate
+from scenetruth.schema import IncrementalDataset, blank_estimate, compute_depth_rate, put_estimate
 
 HEIGHT, WIDTH = 6, 9
 
@@ -40,10 +40,10 @@ def test_velocity_is_derived_from_neighbours_alone(frames: int, baseline_mm: flo
     disparity, flow = maps(frames, np.sign(baseline_mm))
     whole = st.make_estimate(like=like, disparity=disparity, flow=flow)
     assert np.isfinite(whole["velocity"].sel(component="Z")).any()
-    filling = Filling(blank_estimate(["flow", "disparity", "depth_rate"], like=like, t=like["t"].values))
+    filling = IncrementalDataset(blank_estimate(["flow", "disparity", "depth_rate"], like=like, t=like["t"].values))
     for n, t in enumerate(like["t"].values):
         near = {step: disparity[n + step] for step in (1, 0, -1) if 0 <= n + step < frames}
-        rate = depth_rate_of(near, flow[:, n], like=like)
+        rate = compute_depth_rate(near, flow[:, n], like=like)
         found = st.make_estimate(like=like, disparity=disparity[n], flow=flow[:, n], depth_rate=rate, t=t)
         put_estimate(found, n, filling.put)
     same_maps(filling.dataset(), whole)
@@ -58,7 +58,7 @@ def test_blanks_have_what_is_made(name: str) -> None:
         given_maps["depth"] = np.ones((2, HEIGHT, WIDTH))
     whole = st.make_estimate(like=like, t=[0, 1], **given_maps)
     blank = blank_estimate(given_maps, like=like, t=[0, 1])
-    filling = Filling(blank)
+    filling = IncrementalDataset(blank)
     put_estimate(whole, 0, filling.put)
     same_maps(filling.dataset(), whole)
     # Blank maps take no memory.

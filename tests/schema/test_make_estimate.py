@@ -91,8 +91,8 @@ def test_an_estimate_is_whole(recording: xr.Dataset, tmp_path: Path) -> None:
     found = st.make_estimate(like=recording, depth=TRUTH["depth"], kind=kind, method="mine")
     assert found.attrs["method"] == "mine"
     assert (found["kind"].values[0] == kind).all()
-    st.save(found, tmp_path / "estimate.zarr")
-    xr.testing.assert_identical(st.load(tmp_path / "estimate.zarr", "estimate"), found)
+    st.save_store(found, tmp_path / "estimate.zarr")
+    xr.testing.assert_identical(st.load_store(tmp_path / "estimate.zarr", "estimate"), found)
 
 
 @pytest.mark.parametrize(

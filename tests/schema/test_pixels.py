@@ -8,7 +8,7 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.errors import RecordingError
-from scenetruth.schema import Intrinsics, PixelGrid, check_dataset, label, pixel_grid_of
+from scenetruth.schema import Intrinsics, PixelGrid, check_dataset, compute_pixel_grid, label
 
 
 @pytest.fixture
@@ -17,20 +17,20 @@ def recording() -> xr.Dataset:
 
 
 def test_whole_images_start_at_zero(recording: xr.Dataset) -> None:
-    assert pixel_grid_of(recording) == PixelGrid(0.0, 0.0, 1.0)
-    assert pixel_grid_of(recording.drop_vars(["x", "y"])) == PixelGrid(0.0, 0.0, 1.0)
+    assert compute_pixel_grid(recording) == PixelGrid(0.0, 0.0, 1.0)
+    assert compute_pixel_grid(recording.drop_vars(["x", "y"])) == PixelGrid(0.0, 0.0, 1.0)
 
 
 def test_crops_and_strides_are_read_from_the_coordinates(recording: xr.Dataset) -> None:
     part = recording.isel(x=slice(20, 50, 3), y=slice(4, 40, 3))
-    assert pixel_grid_of(part) == PixelGrid(20.0, 4.0, 3.0)
+    assert compute_pixel_grid(part) == PixelGrid(20.0, 4.0, 3.0)
     check_dataset(part, "recording")
     binned = recording.coarsen(x=2, y=2).mean()
-    assert pixel_grid_of(binned) == PixelGrid(0.5, 0.5, 2.0)
+    assert compute_pixel_grid(binned) == PixelGrid(0.5, 0.5, 2.0)
 
 
 def test_one_column_has_the_step_of_the_rows(recording: xr.Dataset) -> None:
-    assert pixel_grid_of(recording.isel(x=[7], y=slice(None, None, 2))) == PixelGrid(7.0, 0.0, 2.0)
+    assert compute_pixel_grid(recording.isel(x=[7], y=slice(None, None, 2))) == PixelGrid(7.0, 0.0, 2.0)
 
 
 def test_intrinsics_in_columns_see_along_the_same_rays() -> None:
@@ -54,7 +54,7 @@ def test_uneven_pixels_are_refused_with_their_names(recording: xr.Dataset) -> No
         (recording.assign_coords(x=[str(n) for n in range(60)]), {"x"}),
     ):
         with pytest.raises(RecordingError) as caught:
-            pixel_grid_of(part)
+            compute_pixel_grid(part)
         assert {problem.path for problem in caught.value.problems} == names
         with pytest.raises(RecordingError):
             check_dataset(part, "recording")

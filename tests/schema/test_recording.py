@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.schema import VARIABLES, Intrinsics, check_dataset, image_to_grey, intrinsics_of, label
+from scenetruth.schema import VARIABLES, Intrinsics, check_dataset, image_to_grey, label, read_intrinsics
 
 
 def test_recording_has_coordinates_units_and_intrinsics() -> None:
@@ -17,7 +17,7 @@ def test_recording_has_coordinates_units_and_intrinsics() -> None:
     for variable in recording.variables.values():
         assert variable.attrs["units"]
         assert variable.attrs["long_name"]
-    intrinsics = intrinsics_of(recording)
+    intrinsics = read_intrinsics(recording)
     assert intrinsics.principal_point_px == (2.5, 1.5)
     assert (intrinsics.focal_length_px, intrinsics.baseline_mm, intrinsics.frame_interval_s) == (5016, 5, 60)
 

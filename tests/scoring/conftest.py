@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib
 import pytest
 
-from scenetruth.scoring import FigureInfo, draw_all, score
+from scenetruth.scoring import FigureInfo, plot_all, score
 from tests.scoring.synthetic import Case, make_case, with_error_bars
 
 
@@ -38,5 +38,5 @@ def drawn(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Drawn:
     calls: list[tuple[str, int, int]] = []
     before = dict(matplotlib.rcParams)
     case, result = full_case, score(full_case.estimate, full_case.truth)
-    figures = draw_all(case.recording, case.estimate, case.truth, result, folder, lambda *call: calls.append(call))
+    figures = plot_all(case.recording, case.estimate, case.truth, result, folder, lambda *call: calls.append(call))
     return Drawn(folder, figures, calls, dict(matplotlib.rcParams) == before)

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL, Intrinsics, intrinsics_of, label, make_recording
+from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL, Intrinsics, label, make_recording, read_intrinsics
 
 BASELINE_MM = 5.0
 
@@ -112,7 +112,7 @@ def with_error_bars(case: Case, seed: int = 2) -> Case:
     arrays["kind"] = np.minimum(kind, arrays["kind_disparity"])
     arrays["model_violation"] = truth["mixed"].values & (kind != KIND_NONE)
     arrays |= {name: case.estimate[name].values for name in ("flow", "confidence")}
-    estimate = label("estimate", arrays, intrinsics_of(case.estimate), t=case.estimate["t"].values)
+    estimate = label("estimate", arrays, read_intrinsics(case.estimate), t=case.estimate["t"].values)
     return Case(case.recording, estimate, truth)
 
 
@@ -140,7 +140,7 @@ def with_regions(case: Case) -> Case:
         "visible": visible,
         "view_count": np.where(x < 0.1 * width, 4, 5) * seen,
     }
-    intrinsics = intrinsics_of(truth)
+    intrinsics = read_intrinsics(truth)
     return Case(case.recording, case.estimate, label("truth", arrays, intrinsics, t=truth["t"].values))
 
 

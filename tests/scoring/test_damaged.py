@@ -14,7 +14,7 @@ from hypothesis import strategies as some
 
 from scenetruth.errors import ScoreError, StoreError
 from scenetruth.scoring import Score, score
-from scenetruth.scoring.report.content import content_of_score
+from scenetruth.scoring.report.report_content import build_score_content
 from tests.scoring.synthetic import make_case
 
 CASE = make_case()
@@ -94,4 +94,4 @@ def test_any_change_is_refused_or_can_be_shown(data: Any) -> None:
     here[data.draw(some.sampled_from([*here, "new"]))] = data.draw(values)
     with contextlib.suppress(ScoreError):
         found = Score.from_json(json.dumps(tree))
-        repr(found), found.to_csv(), found._repr_html_(), content_of_score(found)
+        repr(found), found.to_csv(), found._repr_html_(), build_score_content(found)

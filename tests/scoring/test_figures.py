@@ -16,16 +16,20 @@ from PIL import Image
 
 from scenetruth.errors import ScoreError
 from scenetruth.schema import KIND_FULL, KIND_NONE
-from scenetruth.scoring import draw_all, score
-from scenetruth.scoring.figures import _mesh
-from scenetruth.scoring.figures._views import views_of
-from scenetruth.scoring.figures.arrows import arrow_factor, draw_velocity_arrows
-from scenetruth.scoring.figures.confidence import draw_confidence
-from scenetruth.scoring.figures.error_bars import draw_error_bars
-from scenetruth.scoring.figures.growth import draw_growth, draw_growth_alone, growth_limits
-from scenetruth.scoring.figures.image import draw_image
-from scenetruth.scoring.figures.surface import draw_surface
-from scenetruth.scoring.figures.velocity import draw_velocity_z, pick_row
+from scenetruth.scoring import plot_all, score
+from scenetruth.scoring.figures import surface_figures
+from scenetruth.scoring.figures.error_figures import draw_error_bars
+from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
+from scenetruth.scoring.figures.map_figures import (
+    draw_confidence,
+    draw_estimated_growth,
+    draw_growth,
+    draw_image,
+    draw_velocity_z,
+    growth_limits,
+    pick_row,
+)
+from scenetruth.scoring.figures.surface_figures import arrow_factor, draw_surface, draw_velocity_arrows
 from tests.nightly import nightly
 from tests.scoring.conftest import Drawn
 from tests.scoring.synthetic import (
@@ -102,7 +106,7 @@ def test_figure_shows_something(drawn: Drawn, file: str) -> None:
 
 def test_tall_images_leave_room_for_the_labels(tmp_path: Path) -> None:
     case = with_error_bars(make_case(80, 160))
-    views = views_of(case.recording, case.estimate, case.truth)
+    views = collect_figure_arrays(case.recording, case.estimate, case.truth)
     for draw in (draw_velocity_z, draw_confidence):
         figure = draw(views, tmp_path)
         assert figure is not None
@@ -127,7 +131,7 @@ def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
         "one pixel": lambda: case.estimate.where((case.estimate.x == 20) & (case.estimate.y == 18)),
         "perfect": lambda: case.truth,
     }[what]()
-    figures = draw_all(case.recording, estimate, case.truth, score(estimate, case.truth), tmp_path)
+    figures = plot_all(case.recording, estimate, case.truth, score(estimate, case.truth), tmp_path)
     # The estimate of this case has no error bars, and the truth has neither confidence nor kind.
     left_out = {"nothing": (OF_DEPTH, OF_VELOCITY), "one pixel": (), "perfect": ({"confidence.png"},)}[what]
     assert [figure.file for figure in figures] == files_without(OF_ERROR_BARS, *left_out)
@@ -145,7 +149,7 @@ def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
 ) -> None:
     case = reduce(with_error_bars(make_case(48, 36, 380.0)))
     result = score(case.estimate, case.truth, margin_px=3)
-    figures = draw_all(case.recording, case.estimate, case.truth, result, tmp_path)
+    figures = plot_all(case.recording, case.estimate, case.truth, result, tmp_path)
     assert [figure.file for figure in figures] == expected
 
 
@@ -169,16 +173,16 @@ def test_what_the_estimate_does_not_hold_is_left_out(
 ) -> None:
     case, estimate = small_case, small_case.estimate[[*held]]
     result = score(estimate, case.truth, margin_px=3)
-    figures = draw_all(case.recording, estimate, case.truth, result, tmp_path / "with")
+    figures = plot_all(case.recording, estimate, case.truth, result, tmp_path / "with")
     assert [figure.file for figure in figures] == expected
     assert_legible(tmp_path / "with")
-    alone = draw_all(case.recording, estimate, folder=tmp_path / "without")
+    alone = plot_all(case.recording, estimate, folder=tmp_path / "without")
     assert [figure.file for figure in alone] == [file for file in expected if file != "error_histograms.png"]
     assert_legible(tmp_path / "without")
 
 
 def test_without_truth_the_estimate_is_drawn_alone(small_case: Case, tmp_path: Path) -> None:
-    figures = draw_all(small_case.recording, small_case.estimate, folder=tmp_path)
+    figures = plot_all(small_case.recording, small_case.estimate, folder=tmp_path)
     assert [figure.file for figure in figures] == files_without({"error_histograms.png"})
     assert_legible(tmp_path)
     for figure in figures:
@@ -190,25 +194,27 @@ def test_without_truth_the_estimate_is_drawn_alone(small_case: Case, tmp_path: P
 
 def test_growth_is_drawn_without_truth(tmp_path: Path) -> None:
     case = make_growing_case(80, 60, 620.0)
-    figure = draw_growth_alone(views_of(case.recording, case.estimate), case.estimate, tmp_path)
+    figure = draw_estimated_growth(collect_figure_arrays(case.recording, case.estimate), case.estimate, tmp_path)
     assert figure is not None
     assert "truth" not in f"{figure.title} {figure.caption}"
     assert_legible(tmp_path)
     nothing = case.estimate.assign(kind=0 * case.estimate["kind"])
-    assert draw_growth_alone(views_of(case.recording, nothing), nothing, tmp_path) is None
+    assert draw_estimated_growth(collect_figure_arrays(case.recording, nothing), nothing, tmp_path) is None
 
 
 def test_truth_and_score_belong_together(small_case: Case, tmp_path: Path) -> None:
     with pytest.raises(ScoreError, match="score: is missing; make it with"):
-        draw_all(small_case.recording, small_case.estimate, small_case.truth, None, tmp_path)
+        plot_all(small_case.recording, small_case.estimate, small_case.truth, None, tmp_path)
     result = score(small_case.estimate, small_case.truth)
     with pytest.raises(ScoreError, match="truth: is missing"):
-        draw_all(small_case.recording, small_case.estimate, None, result, tmp_path)
+        plot_all(small_case.recording, small_case.estimate, None, result, tmp_path)
 
 
 def test_maps_of_a_part_count_pixels_of_the_whole_image(full_case: Case) -> None:
     part = full_case.estimate.isel(x=slice(40, 100, 2), y=slice(20, 90, 2))
-    whole, views = (views_of(full_case.recording, estimate, full_case.truth) for estimate in (full_case.estimate, part))
+    whole, views = (
+        collect_figure_arrays(full_case.recording, estimate, full_case.truth) for estimate in (full_case.estimate, part)
+    )
     assert whole.grid.extent == (-0.5, 159.5, 119.5, -0.5)
     assert views.grid.extent == (39.0, 99.0, 89.0, 19.0)
     assert views.map_focal_length_px == whole.map_focal_length_px / 2
@@ -223,7 +229,7 @@ def test_sign_of_the_velocity_is_shown(small_case: Case, tmp_path: Path) -> None
     for name, factor in (("near", 1.0), ("far", -1.0)):
         estimate = small_case.estimate.assign(velocity=factor * small_case.estimate["velocity"])
         (tmp_path / name).mkdir()
-        draw_velocity_z(views_of(small_case.recording, estimate), tmp_path / name)
+        draw_velocity_z(collect_figure_arrays(small_case.recording, estimate), tmp_path / name)
         shown = pixels(tmp_path / name / "velocity_z.png").astype(int)
         right = shown[:, shown.shape[1] // 2 : int(0.9 * shown.shape[1])]
         strong = right[np.abs(right[..., 0] - right[..., 2]) > 60]
@@ -234,7 +240,9 @@ def test_sign_of_the_velocity_is_shown(small_case: Case, tmp_path: Path) -> None
 
 @pytest.mark.parametrize(("missing", "title"), [("kind", "Confidence of"), ("confidence", "Kind of")])
 def test_what_the_estimator_does_not_say_is_left_out(case: Case, missing: str, title: str, tmp_path: Path) -> None:
-    figure = draw_confidence(views_of(case.recording, case.estimate.drop_vars(missing), case.truth), tmp_path)
+    figure = draw_confidence(
+        collect_figure_arrays(case.recording, case.estimate.drop_vars(missing), case.truth), tmp_path
+    )
     assert figure is not None
     assert figure.title.startswith(title)
     assert f"The {missing}" not in figure.caption
@@ -252,7 +260,7 @@ def test_what_the_estimator_does_not_say_is_left_out(case: Case, missing: str, t
 def test_kinds_and_model_violation_are_shown(
     full_case: Case, missing: tuple[str, ...], title: str, tmp_path: Path
 ) -> None:
-    views = views_of(full_case.recording, full_case.estimate.drop_vars(missing), full_case.truth)
+    views = collect_figure_arrays(full_case.recording, full_case.estimate.drop_vars(missing), full_case.truth)
     figure = draw_confidence(views, tmp_path)
     assert figure is not None
     assert figure.title.startswith(title)
@@ -293,7 +301,7 @@ def test_odd_error_bars_are_drawn(full_case: Case, value: float, tmp_path: Path)
 
 
 def error_bars_title(case: Case, estimate: xr.Dataset, folder: Path) -> str | None:
-    views = views_of(case.recording, estimate, case.truth)
+    views = collect_figure_arrays(case.recording, estimate, case.truth)
     figure = draw_error_bars(views, estimate, case.truth, score(estimate, case.truth), folder)
     assert (folder / "error_bars.png").is_file() == (figure is not None)
     return None if figure is None else figure.title
@@ -304,7 +312,9 @@ def test_growth_is_drawn_where_the_truth_knows_it(known: bool, tmp_path: Path) -
     case = make_growing_case(80, 60, 620.0)
     truth = case.truth if known else case.truth.drop_vars("growth_rate")
     result = score(case.estimate, truth, growth_window_px=6)
-    figure = draw_growth(views_of(case.recording, case.estimate, truth), case.estimate, truth, result, tmp_path)
+    figure = draw_growth(
+        collect_figure_arrays(case.recording, case.estimate, truth), case.estimate, truth, result, tmp_path
+    )
     assert (figure is not None) == (tmp_path / "growth_rate.png").is_file() == known
     if figure is not None:
         assert "of 6 px" in figure.caption
@@ -319,23 +329,29 @@ def test_growth_of_windows_that_hold_nothing_is_not_drawn(tmp_path: Path) -> Non
     case = make_growing_case(80, 60, 620.0)
     result = score(case.estimate, case.truth, growth_window_px=200)
     assert (
-        draw_growth(views_of(case.recording, case.estimate, case.truth), case.estimate, case.truth, result, tmp_path)
+        draw_growth(
+            collect_figure_arrays(case.recording, case.estimate, case.truth),
+            case.estimate,
+            case.truth,
+            result,
+            tmp_path,
+        )
         is None
     )
 
 
 def test_frame_zero_is_shown_else_the_middle_one() -> None:
     case = make_case(32, 24, 250.0, frames=(-1, 0, 1))
-    assert views_of(case.recording, case.estimate, case.truth).frame == 0
-    views = views_of(case.recording, case.estimate.sel(t=[1]), case.truth)
+    assert collect_figure_arrays(case.recording, case.estimate, case.truth).frame == 0
+    views = collect_figure_arrays(case.recording, case.estimate.sel(t=[1]), case.truth)
     assert (views.frame, views.image_frame) == (1, 1)
     late = [dataset.assign_coords(t=dataset.t + 10) for dataset in (case.estimate, case.truth)]
-    views = views_of(case.recording, *late)
+    views = collect_figure_arrays(case.recording, *late)
     assert (views.frame, views.image_frame) == (10, 0)
 
 
 def test_marked_row_is_near_the_centre_and_full(case: Case) -> None:
-    views = views_of(case.recording, case.estimate, case.truth)
+    views = collect_figure_arrays(case.recording, case.estimate, case.truth)
     row = pick_row(views)
     counts = np.isfinite(views.estimate["velocity_z"]).sum(axis=1)
     assert counts[row] >= 0.95 * counts.max()
@@ -349,8 +365,8 @@ def step_points(jump_mm: float) -> NDArray[np.float64]:
 
 
 def test_surface_has_no_skin_across_jumps() -> None:
-    whole = _mesh.surface_of(step_points(0.0), focal_length_px=100.0)
-    torn = _mesh.surface_of(step_points(50.0), focal_length_px=100.0)
+    whole = surface_figures.build_surface(step_points(0.0), focal_length_px=100.0)
+    torn = surface_figures.build_surface(step_points(50.0), focal_length_px=100.0)
     assert len(whole.corners) == 5 * 7
     assert len(torn.corners) == 5 * 6
     assert np.ptp(torn.corners[..., 2], axis=1).max() == 0
@@ -359,19 +375,19 @@ def test_surface_has_no_skin_across_jumps() -> None:
 def test_surface_leaves_out_missing_points() -> None:
     points = step_points(0.0)
     points[2, 3] = np.nan
-    assert len(_mesh.surface_of(points, focal_length_px=100.0).corners) == 5 * 7 - 4
+    assert len(surface_figures.build_surface(points, focal_length_px=100.0).corners) == 5 * 7 - 4
 
 
 def test_large_surfaces_are_thinned_out() -> None:
     y, x = np.indices((60, 80), dtype=np.float64)
-    surface = _mesh.surface_of(np.stack([x, y, 0 * x + 80.0], axis=-1), 80.0, max_quads=300)
+    surface = surface_figures.build_surface(np.stack([x, y, 0 * x + 80.0], axis=-1), 80.0, max_quads=300)
     assert surface.step_px == 4
     assert len(surface.corners) == 14 * 19
     assert (surface.rows.max(), surface.columns.max()) == (54, 74)
 
 
 def test_view_is_a_right_handed_frame() -> None:
-    right, up, viewer = _mesh.View(30.0, -90.0).axes()
+    right, up, viewer = surface_figures.SurfaceView(30.0, -90.0).axes()
     np.testing.assert_allclose(right, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(viewer, [0, -0.5, -np.sqrt(0.75)], atol=1e-12)
     np.testing.assert_allclose(np.cross(right, up), viewer, atol=1e-12)
@@ -395,8 +411,8 @@ def test_a_single_wild_velocity_does_not_make_all_else_small(case: Case, tmp_pat
     height, width = velocity.sizes["y"], velocity.sizes["x"]
     away = (abs(velocity.x - width / 2) < 0.1 * width) & (abs(velocity.y - height / 2) < 0.1 * height)
     wild = velocity.where(~away | (velocity.component != "Z"), velocity + 1e4)
-    calm = draw_velocity_arrows(views_of(case.recording, case.estimate, case.truth), tmp_path)
-    views = views_of(case.recording, case.estimate.assign(velocity=wild), case.truth)
+    calm = draw_velocity_arrows(collect_figure_arrays(case.recording, case.estimate, case.truth), tmp_path)
+    views = collect_figure_arrays(case.recording, case.estimate.assign(velocity=wild), case.truth)
     cut = draw_velocity_arrows(views, tmp_path)
     assert "Orange arrows are longer than drawn" in cut.caption
     assert "Orange" not in calm.caption
@@ -414,7 +430,7 @@ def test_scale_of_growth_is_that_of_the_truth() -> None:
 
 def test_recording_of_floats_is_drawn(case: Case, tmp_path: Path) -> None:
     recording = case.recording.assign(image=case.recording["image"].astype(np.float32) / 255)
-    draw_image(views_of(recording, case.estimate, case.truth), tmp_path)
+    draw_image(collect_figure_arrays(recording, case.estimate, case.truth), tmp_path)
     assert (tmp_path / "image.png").is_file()
 
 
@@ -424,7 +440,7 @@ def test_recording_of_colours_is_drawn_in_grey(tmp_path: Path) -> None:
     colours = case.recording.assign(
         image=xr.concat([image, image // 2, image * 0], dim="channel").transpose(..., "x", "channel")
     )
-    views = views_of(colours, case.estimate, case.truth)
+    views = collect_figure_arrays(colours, case.estimate, case.truth)
     np.testing.assert_allclose(views.image, 0.5 * image.sel(s=0, t=0), atol=0.5)
     for draw in (draw_image, draw_surface, draw_velocity_arrows, draw_confidence):
         assert draw(views, tmp_path) is not None

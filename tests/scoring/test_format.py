@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.scoring._format import flatten, format_count, format_number, format_percent, humanise
+from scenetruth.scoring.number_format import flatten, format_count, format_number, format_percent, humanise
 
 
 @pytest.mark.parametrize(

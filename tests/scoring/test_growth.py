@@ -14,11 +14,9 @@ from scipy import ndimage
 
 from scenetruth.errors import ScoreError
 from scenetruth.schema import KIND_NORMAL, Intrinsics, label
-from scenetruth.scoring import score, surface_growth
-from scenetruth.scoring.growth import growth_maps
-from scenetruth.scoring.growth.patches import surface_patches
-from scenetruth.scoring.growth.window import windowed_growth
-from scenetruth.scoring.pixel_coordinates import surface_points
+from scenetruth.scoring import compute_growth_rate, score
+from scenetruth.scoring.error_pairs import compute_surface_points
+from scenetruth.scoring.growth_rate import compute_growth_maps, compute_windowed_growth, label_depth_segments
 from scenetruth.settings import ScoreSettings
 from tests.scoring.synthetic import make_growing_case
 
@@ -31,7 +29,7 @@ ROUNDING = 1e-11
 
 
 def rays() -> Map:
-    return surface_points(np.ones(SHAPE), INTRINSICS)
+    return compute_surface_points(np.ones(SHAPE), INTRINSICS)
 
 
 def plane(tilt_deg: float) -> Map:
@@ -55,7 +53,7 @@ def growth(depth: Map, velocity: Map, window_px: float = 5.0, **settings: float)
     chosen = ScoreSettings(growth_window_px=window_px, **settings)
     arrays = {"depth": depth, "velocity": velocity, "disparity": depth, "flow": velocity[:2]}
     arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
-    return np.asarray(surface_growth(label("estimate", arrays, INTRINSICS, t=[0]), chosen).values[0])
+    return np.asarray(compute_growth_rate(label("estimate", arrays, INTRINSICS, t=[0]), chosen).values[0])
 
 
 def turning(points: Map, omega: tuple[float, float, float]) -> Map:
@@ -64,7 +62,7 @@ def turning(points: Map, omega: tuple[float, float, float]) -> Map:
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 35.0, -65.0])
 def test_plane_that_grows_by_different_rates_along_two_directions(tilt_deg: float) -> None:
-    points = surface_points(plane(tilt_deg), INTRINSICS)
+    points = compute_surface_points(plane(tilt_deg), INTRINSICS)
     slope = math.tan(math.radians(tilt_deg))
     normal = np.array([0.8 * slope, 0.6 * slope, -1.0])
     first = np.cross(normal, [0.3, 1.0, 0.1])
@@ -80,7 +78,7 @@ def test_plane_that_grows_by_different_rates_along_two_directions(tilt_deg: floa
 
 
 def test_isotropic_growth_of_a_plane_is_twice_the_linear_rate() -> None:
-    points = surface_points(plane(40.0), INTRINSICS)
+    points = compute_surface_points(plane(40.0), INTRINSICS)
     found = growth(points[2], 2.5e-4 * points)
     np.testing.assert_allclose(found[np.isfinite(found)], 5e-4, rtol=0, atol=ROUNDING)
 
@@ -88,7 +86,7 @@ def test_isotropic_growth_of_a_plane_is_twice_the_linear_rate() -> None:
 @pytest.mark.parametrize("window_px", [1.5, 4.0, 9.0])
 def test_sphere_of_growing_radius_grows_by_twice_its_relative_rate(window_px: float) -> None:
     depth, centre = sphere()
-    points = surface_points(depth, INTRINSICS)
+    points = compute_surface_points(depth, INTRINSICS)
     radius_rate = 0.03
     velocity = radius_rate / 60.0 * (points - centre[:, None, None])
     found = growth(depth, velocity, window_px)
@@ -99,7 +97,7 @@ def test_sphere_of_growing_radius_grows_by_twice_its_relative_rate(window_px: fl
 @pytest.mark.parametrize("shape", ["plane", "sphere"])
 def test_rigid_motion_is_no_growth(shape: str) -> None:
     depth = plane(50.0) if shape == "plane" else sphere()[0]
-    points = surface_points(depth, INTRINSICS)
+    points = compute_surface_points(depth, INTRINSICS)
     found = growth(depth, turning(points, (0.01, -0.02, 0.03)) + np.array([1.0, -2.0, 3.0])[:, None, None])
     assert np.isfinite(found).any()
     # Velocities of 10 mm per frame instead of 1.
@@ -114,7 +112,7 @@ def test_growth_is_that_of_windows_fitted_one_by_one() -> None:
     patches = (rng.random((30, 40)) < 0.2).astype(np.int32) * -1
     patches[(patches == 0) & (x > 24)] = 1
     sigma = 3.0
-    found = windowed_growth(points, velocity, patches, sigma, min_coverage=0.3)
+    found = compute_windowed_growth(points, velocity, patches, sigma, min_coverage=0.3)
     checked = 0
     for row, column in np.argwhere(np.isfinite(found))[::7]:
         u, v = x - column, y - row
@@ -134,7 +132,7 @@ def test_growth_is_that_of_windows_fitted_one_by_one() -> None:
 def test_growth_that_varies_is_averaged_by_the_window() -> None:
     """A slope fitted with Gaussian weights is the mean of the derivative with the same weights."""
     sigma, per_mm2 = 4.0, 1e-6
-    points = surface_points(plane(0.0), INTRINSICS)
+    points = compute_surface_points(plane(0.0), INTRINSICS)
     velocity = np.stack([per_mm2 * points[0] ** 3 / 6, 0 * points[0], 0 * points[0]])
     found = growth(points[2], velocity, sigma)[30, 15:65]
     pixel_mm = 600.0 / INTRINSICS.focal_length_px
@@ -164,25 +162,27 @@ def test_windows_do_not_reach_across_jumps_of_depth() -> None:
     velocity = np.where(left, 1.0, -1.0) * np.ones((3, *SHAPE))
     found = growth(depth, velocity)
     np.testing.assert_allclose(found[10:-10], 0.0, atol=ROUNDING)
-    across = windowed_growth(surface_points(depth, INTRINSICS), velocity, np.zeros(SHAPE, dtype=np.int32), 5.0)
+    across = compute_windowed_growth(
+        compute_surface_points(depth, INTRINSICS), velocity, np.zeros(SHAPE, dtype=np.int32), 5.0
+    )
     assert np.abs(across[10:-10]).max() > 1e-3
 
 
 def test_patches_are_connected_and_gentle() -> None:
     depth = np.array([[100.0, 101.0, 140.0], [100.0, np.nan, 141.0], [np.nan, 100.0, 100.0]])
-    labels = surface_patches(depth, focal_length_px=100.0)
+    labels = label_depth_segments(depth, focal_length_px=100.0)
     assert labels[0, 0] == labels[0, 1] == labels[1, 0]
     assert labels[0, 2] == labels[1, 2] != labels[0, 0]
     assert labels[2, 1] == labels[2, 2]
     assert len(set(labels[labels >= 0].tolist())) == 3
     assert (labels == -1).tolist() == np.isnan(depth).tolist()
     # A step of 1 mm at 100 mm and f = 100 px is a slope of 45 degrees.
-    assert surface_patches(np.array([[100.0, 101.0]]), 100.0, 45.1).tolist() == [[0, 0]]
-    assert surface_patches(np.array([[100.0, 101.0]]), 100.0, 44.9).tolist() == [[0, 1]]
+    assert label_depth_segments(np.array([[100.0, 101.0]]), 100.0, 45.1).tolist() == [[0, 0]]
+    assert label_depth_segments(np.array([[100.0, 101.0]]), 100.0, 44.9).tolist() == [[0, 1]]
 
 
 def test_windows_that_hold_too_little_have_no_growth() -> None:
-    points = surface_points(plane(0.0), INTRINSICS)
+    points = compute_surface_points(plane(0.0), INTRINSICS)
     whole = growth(points[2], 1e-4 * points, growth_min_coverage=0.5)
     strict = growth(points[2], 1e-4 * points, growth_min_coverage=1.0 - 1e-9)
     # At a straight border more than half of the weight is inside, in a corner about a quarter.
@@ -198,7 +198,7 @@ def test_windows_that_hold_too_little_have_no_growth() -> None:
 def test_estimate_of_the_truth_has_the_bias_of_the_window_only() -> None:
     case = make_growing_case()
     settings = ScoreSettings(growth_window_px=8)
-    maps = growth_maps(case.estimate, case.truth, settings)
+    maps = compute_growth_maps(case.estimate, case.truth, settings)
     assert maps is not None
     np.testing.assert_array_equal(maps.estimate, maps.truth_windowed)
     known = np.isfinite(maps.estimate)
@@ -221,7 +221,7 @@ def test_growth_is_scored_in_percent_per_hour() -> None:
     factor = 100 * 3600 / 60
     faster = case.estimate.assign(velocity=1.5 * case.estimate["velocity"])
     result = score(faster, case.truth, growth_window_px=8)
-    expected = surface_growth(faster, ScoreSettings(growth_window_px=8)).values * factor
+    expected = compute_growth_rate(faster, ScoreSettings(growth_window_px=8)).values * factor
     error = expected - case.truth["growth_rate"].values * factor
     error = error[np.isfinite(error)]
     values = result.regions["all"]["growth_rate"]
@@ -243,7 +243,7 @@ def test_only_full_pixels_are_used() -> None:
     kind[:, 50:60, 70:80] = KIND_NORMAL
     velocity[:, :, 50:60, 70:80] = 1e3
     settings = ScoreSettings(growth_window_px=8)
-    maps = growth_maps(case.estimate.assign(kind=kind, velocity=velocity), case.truth, settings)
+    maps = compute_growth_maps(case.estimate.assign(kind=kind, velocity=velocity), case.truth, settings)
     assert maps is not None
     np.testing.assert_array_equal(maps.estimate, maps.truth_windowed)
     assert np.isnan(maps.estimate[:, 50:60, 70:80]).all()
@@ -266,7 +266,7 @@ def test_impossible_settings_are_refused(name: str, value: Any) -> None:
 def test_a_large_frame_takes_little_time() -> None:
     case = make_growing_case(640, 480, 5000.0)
     start = time.perf_counter()
-    values = surface_growth(case.estimate)
+    values = compute_growth_rate(case.estimate)
     # 0.5 s on an idle core; the bound leaves room for a busy machine.
     assert time.perf_counter() - start < 5.0
     assert isinstance(values, xr.DataArray)
@@ -284,8 +284,8 @@ def test_truth_is_connected_by_its_own_surfaces() -> None:
     truth = label("truth", arrays, INTRINSICS, t=[0])
     blurred = ndimage.gaussian_filter1d(depth, 6.0, axis=-1)
     settings = ScoreSettings(growth_window_px=5, growth_max_slope_deg=85)
-    assert len(np.unique(surface_patches(blurred, INTRINSICS.focal_length_px, 85))) == 1
-    maps = growth_maps(truth.assign(depth=(truth["depth"].dims, blurred[None])), truth, settings)
+    assert len(np.unique(label_depth_segments(blurred, INTRINSICS.focal_length_px, 85))) == 1
+    maps = compute_growth_maps(truth.assign(depth=(truth["depth"].dims, blurred[None])), truth, settings)
     assert maps is not None
     np.testing.assert_allclose(maps.truth_windowed[:, 10:-10], 0.0, atol=ROUNDING)
     assert np.nanmax(np.abs(maps.estimate)) > 1e-3
@@ -300,8 +300,8 @@ def test_windows_do_not_reach_from_object_to_object() -> None:
     arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
     truth = label("truth", {**arrays, "object_id": left[None].astype(np.int32)}, INTRINSICS, t=[0])
     settings = ScoreSettings(growth_window_px=5)
-    np.testing.assert_allclose(surface_growth(truth, settings).values[:, 10:-10], 0.0, atol=ROUNDING)
-    assert np.nanmax(np.abs(surface_growth(truth.drop_vars("object_id"), settings).values)) > 1e-3
+    np.testing.assert_allclose(compute_growth_rate(truth, settings).values[:, 10:-10], 0.0, atol=ROUNDING)
+    assert np.nanmax(np.abs(compute_growth_rate(truth.drop_vars("object_id"), settings).values)) > 1e-3
 
 
 def test_pixels_unknown_to_the_estimate_are_in_no_window_of_the_truth() -> None:
@@ -310,9 +310,9 @@ def test_pixels_unknown_to_the_estimate_are_in_no_window_of_the_truth() -> None:
     kind[:, 20:30, 30:40] = KIND_NORMAL
     settings = ScoreSettings(growth_window_px=5)
     estimate = case.estimate.assign(kind=kind)
-    expected = growth_maps(estimate, case.truth, settings)
+    expected = compute_growth_maps(estimate, case.truth, settings)
     velocity[:, :, 20:30, 30:40] = 1e3
-    found = growth_maps(estimate, case.truth.assign(velocity=velocity), settings)
+    found = compute_growth_maps(estimate, case.truth.assign(velocity=velocity), settings)
     assert expected is not None
     assert found is not None
     np.testing.assert_array_equal(found.truth_windowed, expected.truth_windowed)
@@ -320,23 +320,23 @@ def test_pixels_unknown_to_the_estimate_are_in_no_window_of_the_truth() -> None:
 
 def test_growth_of_a_part_is_that_of_the_whole() -> None:
     """Places in space follow from the coordinates of the pixels, and windows are as wide on every other pixel."""
-    points = surface_points(plane(40.0), INTRINSICS)
+    points = compute_surface_points(plane(40.0), INTRINSICS)
     arrays = {"depth": points[2], "velocity": 2.5e-4 * points, "disparity": points[2], "flow": points[:2]}
     arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
     whole = label("estimate", arrays, INTRINSICS, t=[0])
     settings = ScoreSettings(growth_window_px=4)
     for part in (whole.isel(x=slice(20, 70), y=slice(5, 50)), whole.isel(x=slice(None, None, 2), y=slice(1, None, 3))):
-        found = surface_growth(part, settings)
+        found = compute_growth_rate(part, settings)
         np.testing.assert_array_equal(found["x"], part["x"])
         assert np.isfinite(found.values).mean() > 0.8
         np.testing.assert_allclose(found.values[np.isfinite(found.values)], 5e-4, rtol=0, atol=ROUNDING)
-    wider = surface_patches(whole["depth"].values[0, :, ::8], INTRINSICS.focal_length_px, 43.0, step_px=(1.0, 8.0))
+    wider = label_depth_segments(whole["depth"].values[0, :, ::8], INTRINSICS.focal_length_px, 43.0, step_px=(1.0, 8.0))
     assert wider.max() == 0
-    assert surface_patches(whole["depth"].values[0, :, ::8], INTRINSICS.focal_length_px, 43.0).max() > 0
+    assert label_depth_segments(whole["depth"].values[0, :, ::8], INTRINSICS.focal_length_px, 43.0).max() > 0
 
 
 def test_growth_needs_depth_and_velocity() -> None:
     case = make_growing_case(16, 12, 150.0)
     with pytest.raises(ScoreError, match=r"velocity: is missing; growth follows from depth and velocity"):
-        surface_growth(case.estimate[["depth", "kind"]])
-    assert growth_maps(case.estimate[["depth", "kind"]], case.truth, ScoreSettings()) is None
+        compute_growth_rate(case.estimate[["depth", "kind"]])
+    assert compute_growth_maps(case.estimate[["depth", "kind"]], case.truth, ScoreSettings()) is None

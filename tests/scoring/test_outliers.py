@@ -6,19 +6,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.scoring.outliers import RATES, meaningful_rates, outlier_rates
-from scenetruth.scoring.reading import Pair
+from scenetruth.scoring.error_pairs import EstimateTruthPair
+from scenetruth.scoring.statistics import RATES, meaningful_rates, outlier_rates
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def pairs_of(disparity: tuple[Map, Map], flow: tuple[Map, Map], full: Mask | None = None) -> dict[str, Pair]:
+def pairs_of(
+    disparity: tuple[Map, Map], flow: tuple[Map, Map], full: Mask | None = None
+) -> dict[str, EstimateTruthPair]:
     """Return the pairs of estimates and truths of a disparity (n,) and a flow (2, n)."""
     return {
-        "disparity": Pair(*disparity, full),
-        "flow_x": Pair(flow[0][0], flow[1][0], full),
-        "flow_y": Pair(flow[0][1], flow[1][1], full),
+        "disparity": EstimateTruthPair(*disparity, full),
+        "flow_x": EstimateTruthPair(flow[0][0], flow[1][0], full),
+        "flow_y": EstimateTruthPair(flow[0][1], flow[1][1], full),
     }
 
 
@@ -124,5 +126,5 @@ def test_rates_say_something_where_the_estimate_has_outliers() -> None:
 
 
 def test_estimates_without_disparity_and_flow_have_no_rates() -> None:
-    assert meaningful_rates({"depth": Pair(ALIKE, APART)}, EVERYWHERE) == ()
+    assert meaningful_rates({"depth": EstimateTruthPair(ALIKE, APART)}, EVERYWHERE) == ()
     assert meaningful_rates(pairs_of((APART * np.nan, APART), NO_FLOW), EVERYWHERE) == ()

@@ -10,9 +10,9 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.scoring import parts
-from scenetruth.scoring.figures.histograms import _samples
-from scenetruth.scoring.report.maps import describe_maps
+from scenetruth.scoring import alignment
+from scenetruth.scoring.figures.error_figures import _samples
+from scenetruth.scoring.report.report_content import describe_maps
 from tests.scoring.synthetic import Case, make_case
 
 FRAMES = (-1, 0, 1)
@@ -31,14 +31,14 @@ def case() -> Case:
 
 
 def in_parts(monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
-    monkeypatch.setattr(parts, "_PIXELS", frames * SIZE[0] * SIZE[1])
+    monkeypatch.setattr(alignment, "_PIXELS", frames * SIZE[0] * SIZE[1])
 
 
 @pytest.mark.parametrize("frames", [1, 2])
 def test_scores_are_those_of_all_frames_at_once(case: Case, monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
     whole = st.score(case.estimate, case.truth, case.recording, margin_px=3)
     in_parts(monkeypatch, frames)
-    assert parts.part_count(case.estimate) == -(-len(FRAMES) // frames)
+    assert alignment.count_blocks(case.estimate) == -(-len(FRAMES) // frames)
     found = st.score(case.estimate, case.truth, case.recording, margin_px=3)
     assert list(found.regions) == list(whole.regions)
     assert "object_two" in whole.regions
@@ -85,7 +85,7 @@ def test_maps_are_described_alike(case: Case, monkeypatch: pytest.MonkeyPatch) -
 
 def test_stores_are_scored_without_being_loaded(case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, dataset in (("recording", case.recording), ("truth", case.truth), ("estimate", case.estimate)):
-        st.save(dataset, tmp_path / f"{name}.zarr")
+        st.save_store(dataset, tmp_path / f"{name}.zarr")
     opened = {name: st.open_store(tmp_path / f"{name}.zarr") for name in ("recording", "truth", "estimate")}
     in_parts(monkeypatch, 2)
     whole = st.score(case.estimate, case.truth, case.recording, margin_px=3)

@@ -9,7 +9,7 @@ from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
-from scenetruth.scoring.quantiles import Quantiles
+from scenetruth.scoring.statistics import StreamingQuantiles
 
 PERCENT = (0, 1, 5, 50, 95, 99, 100)
 # Outside of 2^-48 to 2^48 there are no bins.
@@ -22,7 +22,7 @@ values = some.one_of(
 @example(np.array([-1.0, -1.0, 2.0]), 2)
 @example(np.array([0.0, 0.0]), 1)
 def test_parts_are_right_to_a_bin(whole: NDArray[np.float64], count: int) -> None:
-    found = Quantiles(single=False)
+    found = StreamingQuantiles(single=False)
     for part in np.array_split(whole, count):
         found.add(part)
     # Between two values, a histogram knows nothing: the quantile lies between the neighbouring ones, or in their bins.
@@ -36,7 +36,7 @@ def test_parts_are_right_to_a_bin(whole: NDArray[np.float64], count: int) -> Non
 def test_many_values_are_right_to_the_stated_bound() -> None:
     rng = np.random.default_rng(3)
     whole = rng.normal(0.2, 1.0, 200_000)
-    found = Quantiles(single=False)
+    found = StreamingQuantiles(single=False)
     for part in np.array_split(whole, 7):
         found.add(part)
     np.testing.assert_allclose(found.at(PERCENT), np.percentile(whole, PERCENT), rtol=2e-3)
@@ -44,20 +44,20 @@ def test_many_values_are_right_to_the_stated_bound() -> None:
 
 def test_one_part_is_exact() -> None:
     whole = np.random.default_rng(4).normal(size=1001)
-    found = Quantiles(single=True)
+    found = StreamingQuantiles(single=True)
     found.add(whole)
     assert found.at(PERCENT) == np.percentile(whole, PERCENT).tolist()
 
 
 @pytest.mark.parametrize("single", [True, False])
 def test_of_nothing_there_are_none(single: bool) -> None:
-    found = Quantiles(single=single)
+    found = StreamingQuantiles(single=single)
     found.add(np.empty(0))
     assert np.isnan(found.at([50])).all()
 
 
 def test_what_has_no_end_is_told_so() -> None:
-    found = Quantiles(single=False)
+    found = StreamingQuantiles(single=False)
     found.add(np.array([1.0, np.inf, np.inf]))
     low, middle, high = found.at([0, 50, 100])
     assert low == pytest.approx(1.0, rel=2e-3)

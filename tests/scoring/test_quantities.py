@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 from scenetruth.schema import KIND_FULL
+from scenetruth.scoring.error_pairs import find_valid_pixels, read_quantity, read_std
 from scenetruth.scoring.quantities import QUANTITIES
-from scenetruth.scoring.reading import full_pixels, read_quantity, read_std
 from tests.scoring.synthetic import Case
 
 
@@ -64,7 +64,7 @@ def test_kind_stands_in_for_those_that_are_missing(
         "velocity": by_disparity & by_motion,
     }
     for variable, mask in expected.items():
-        np.testing.assert_array_equal(full_pixels(estimate, variable), mask)
+        np.testing.assert_array_equal(find_valid_pixels(estimate, variable), mask)
 
 
 def _full(estimate: xr.Dataset, name: str | None) -> xr.DataArray:

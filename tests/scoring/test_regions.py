@@ -13,15 +13,15 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from scenetruth.errors import ScoreError
-from scenetruth.scoring.contrast import local_contrast, reference_images
 from scenetruth.scoring.regions import (
     REGIONS,
     edge_distance,
     further_regions,
     is_further_region,
     region_masks,
-    seen_throughout,
+    visible_throughout,
 )
+from scenetruth.scoring.scorer import local_contrast, reference_images
 from scenetruth.settings import ScoreSettings
 from tests.scoring.synthetic import Case, make_growing_case, with_regions
 
@@ -90,7 +90,7 @@ def regions_of(case: Case, margin_px: float = 6.0, **settings: Any) -> dict[str,
     chosen = ScoreSettings(**settings)
     contrast = local_contrast(reference_images(case.recording, truth["t"].values), chosen.contrast_window_px)
     return masks | further_regions(
-        truth, masks["interior"], chosen, throughout=seen_throughout(truth), contrast=contrast
+        truth, masks["interior"], chosen, throughout=visible_throughout(truth), contrast=contrast
     )
 
 
@@ -103,9 +103,9 @@ def test_visible_pixels_are_seen_in_every_way(told: Case) -> None:
     # What is not seen throughout is told of t = 0 only.
     late = Case(told.recording, told.estimate, truth.assign_coords(t=truth.t + 1))
     masks = region_masks(truth["depth"].values, truth["mixed"].values)
-    later = further_regions(late.truth, masks["interior"], ScoreSettings(), throughout=seen_throughout(late.truth))
+    later = further_regions(late.truth, masks["interior"], ScoreSettings(), throughout=visible_throughout(late.truth))
     np.testing.assert_array_equal(later["visible"], seen & (x >= 8) & (y >= 6))
-    assert seen_throughout(truth.drop_vars("visible")) is None
+    assert visible_throughout(truth.drop_vars("visible")) is None
 
 
 def test_visibility_of_a_grid_of_cameras_and_of_frames_counts(told: Case) -> None:
@@ -114,7 +114,7 @@ def test_visibility_of_a_grid_of_cameras_and_of_frames_counts(told: Case) -> Non
     grid["visible"][2, 0, 0, 20] = False
     expected = np.asarray(visible.values.all(axis=(0, 1)))
     expected[20] = False
-    np.testing.assert_array_equal(seen_throughout(grid), expected)
+    np.testing.assert_array_equal(visible_throughout(grid), expected)
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,8 @@ from PIL import Image
 
 from scenetruth.schema import KIND_FULL
 from scenetruth.scoring import FIGURES, QUANTITIES, score, write_report
-from scenetruth.scoring._format import format_number, format_percent
-from scenetruth.scoring.report.content import content_of_score
-from scenetruth.scoring.report.maps import describe_maps
+from scenetruth.scoring.number_format import format_number, format_percent
+from scenetruth.scoring.report.report_content import build_score_content, describe_maps
 from tests.scoring.conftest import Drawn
 from tests.scoring.synthetic import HELD, OF_ERRORS, Case, make_case, make_growing_case, with_outliers
 
@@ -170,7 +169,7 @@ def test_page_tells_what_the_estimate_holds(
     full_case: Case, held: tuple[str, ...], titles: tuple[str, ...], cards: tuple[str, ...], tmp_path: Path
 ) -> None:
     result = score(full_case.estimate[[*held]], full_case.truth)
-    content = content_of_score(result)
+    content = build_score_content(result)
     assert set(cards) <= {card["title"] for card in content["headlines"]}
     page = write_report(
         full_case.recording, full_case.estimate[[*held]], full_case.truth, result, tmp_path, figures=ONE
@@ -184,10 +183,10 @@ def test_page_tells_what_the_estimate_holds(
 
 
 def test_outliers_are_shown_where_they_say_something(full_case: Case) -> None:
-    telling = content_of_score(score(with_outliers(full_case.estimate), full_case.truth))
+    telling = build_score_content(score(with_outliers(full_case.estimate), full_case.truth))
     assert telling["outliers"]["headings"] == ["disparity", "optical flow", "scene flow"]
     assert "Scene flow outliers" in {card["title"] for card in telling["headlines"]}
-    silent = content_of_score(score(full_case.estimate, full_case.truth))
+    silent = build_score_content(score(full_case.estimate, full_case.truth))
     assert silent["outliers"] == {"headings": [], "rows": []}
     assert "Scene flow outliers" not in {card["title"] for card in silent["headlines"]}
 

@@ -18,9 +18,8 @@ import pytest
 from scenetruth.errors import ScoreError
 from scenetruth.schema import KIND_FULL
 from scenetruth.scoring import Score, score
-from scenetruth.scoring._format import format_number
-from scenetruth.scoring.outliers import RATES
-from scenetruth.scoring.statistics import STATISTICS
+from scenetruth.scoring.number_format import format_number
+from scenetruth.scoring.statistics import RATES, STATISTICS
 from scenetruth.settings import ScoreSettings
 from tests.scoring.synthetic import (
     HELD,

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_NORMAL, VARIABLES, intrinsics_of, label
-from scenetruth.scoring import QUANTITIES, Score, draw_one, score
-from scenetruth.scoring.differences import angle_deg
-from scenetruth.scoring.figures._views import views_of
-from scenetruth.scoring.figures.growth import draw_growth, draw_growth_alone
-from scenetruth.scoring.report.maps import describe_maps
+from scenetruth.schema import KIND_NORMAL, VARIABLES, label, read_intrinsics
+from scenetruth.scoring import QUANTITIES, Score, plot_one, score
+from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
+from scenetruth.scoring.figures.map_figures import draw_estimated_growth, draw_growth
+from scenetruth.scoring.report.report_content import describe_maps
+from scenetruth.scoring.statistics import angle_deg
 from tests.nightly import by_night
 from tests.scoring.synthetic import Case, make_growing_case
 
@@ -51,7 +51,7 @@ def make_full_case() -> Case:
         "growth_rate": rate,
     }
     names = ("depth", "velocity", "disparity", "flow", "mixed")
-    whole = label("truth", {name: truth[name].values for name in names} | exact, intrinsics_of(truth), t=[0])
+    whole = label("truth", {name: truth[name].values for name in names} | exact, read_intrinsics(truth), t=[0])
     right = {
         "slope": everywhere(np.tan(np.pi / 6), 0.0),
         "mean_curvature": everywhere(0.0075)[0],
@@ -71,7 +71,7 @@ def make_full_case() -> Case:
     )
     found["growth_direction_std"] = np.full(known.shape, TURN)
     kept = {name: case.estimate[name].values for name in ("depth", "velocity", "kind")}
-    return Case(case.recording, label("estimate", kept | found, intrinsics_of(truth), t=[0]), whole)
+    return Case(case.recording, label("estimate", kept | found, read_intrinsics(truth), t=[0]), whole)
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +128,7 @@ def test_what_the_truth_does_not_tell_is_not_scored(full: Case) -> None:
     told = {QUANTITIES[name].variable for name in score(full.estimate, few).regions["all"]}
     # Windows have no variable.
     assert told == {"depth", "velocity", "growth_rate", ""}
-    views = views_of(full.recording, full.estimate, few)
+    views = collect_figure_arrays(full.recording, full.estimate, few)
     assert "slope_x" in views.estimate
     assert "slope_x" not in views.truth
 
@@ -168,12 +168,12 @@ def test_estimates_alone_are_described_with_their_own_growth(full: Case) -> None
 def test_the_figure_shows_the_estimates_own_growth(full: Case, stated: bool, tmp_path: Path) -> None:
     estimate = full.estimate if stated else full.estimate.drop_vars("growth_rate_std")
     result = score(estimate, full.truth)
-    figure = draw_one("growth_rate", full.recording, estimate, full.truth, result, tmp_path)
+    figure = plot_one("growth_rate", full.recording, estimate, full.truth, result, tmp_path)
     assert figure is not None
     assert "what the estimate itself tells" in figure.caption
-    views = views_of(full.recording, estimate, full.truth)
+    views = collect_figure_arrays(full.recording, estimate, full.truth)
     assert draw_growth(views, estimate, full.truth, result, tmp_path) == figure
-    alone = draw_growth_alone(views, estimate, tmp_path)
+    alone = draw_estimated_growth(views, estimate, tmp_path)
     assert alone is not None
     assert "as the estimate itself tells it" in alone.caption
 

@@ -19,8 +19,8 @@ def test_all_stores_of_a_run_are_zip_files(tmp_path: Path) -> None:
     results = st.run_scene(cube(**SMALL, **PACKED), tmp_path / "x", stages=("render", "estimate", "score"))
     names = {"scene.yaml", "recording.zarr.zip", "truth.zarr.zip", "estimate.zarr.zip", "score.csv", "score.json"}
     assert {path.name for path in (tmp_path / "x").iterdir()} == names
-    assert {verdict.problem for verdict in st.verify_folder(tmp_path / "x")} == {""}
-    assert st.RunFolder(tmp_path / "x").estimated() == ["structure_tensor"]
+    assert {verdict.problem for verdict in st.verify_run(tmp_path / "x")} == {""}
+    assert st.RunDirectory(tmp_path / "x").estimated() == ["structure_tensor"]
     assert not results.failures
     with pytest.raises(st.OutputExistsError):
         st.run_scene(cube(**SMALL, **PACKED), tmp_path / "x", stages=("render",))

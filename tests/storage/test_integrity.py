@@ -20,7 +20,7 @@ def stores(data: dict[str, xr.Dataset], tmp_path_factory: pytest.TempPathFactory
     folder = tmp_path_factory.mktemp("stores")
     for kind, dataset in data.items():
         for suffix in (".zarr", ".zarr.zip"):
-            st.save(dataset, folder / f"{kind}{suffix}")
+            st.save_store(dataset, folder / f"{kind}{suffix}")
     return folder
 
 
@@ -96,7 +96,7 @@ def test_damaged_chunks_are_found_where_they_are_read(stores: Path, tmp_path: Pa
     with pytest.raises(st.StoreError, match=r"x\.zarr: is damaged: 'depth' cannot be read"):
         opened["depth"].sel(t=opened["t"]).load()
     with pytest.raises(st.StoreError, match="'depth' cannot be read"):
-        st.load(tmp_path / "x.zarr")
+        st.load_store(tmp_path / "x.zarr")
 
 
 def test_changed_metadata_is_found(stores: Path, tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_changed_metadata_is_found(stores: Path, tmp_path: Path) -> None:
     attrs = zarr.open_group(tmp_path / "x.zarr", mode="r+").attrs
     attrs["focal_length_px"] = 2 * attrs["focal_length_px"]
     with pytest.raises(st.StoreError, match="its metadata, or the names or sizes of its files, have changed"):
-        st.load(tmp_path / "x.zarr")
+        st.load_store(tmp_path / "x.zarr")
 
 
 @pytest.mark.parametrize("damage", ["lost", "cut", "metadata", "empty"])
@@ -121,7 +121,7 @@ def test_a_store_that_is_cut_short(stores: Path, tmp_path: Path, damage: str) ->
     else:
         (store / "zarr.json").write_text((store / "zarr.json").read_text()[:-40])
     with pytest.raises(st.StoreError, match="damaged"):
-        st.load(store)
+        st.load_store(store)
 
 
 def test_other_versions_of_the_format(stores: Path, tmp_path: Path) -> None:
@@ -129,20 +129,20 @@ def test_other_versions_of_the_format(stores: Path, tmp_path: Path) -> None:
     attrs = zarr.open_group(tmp_path / "x.zarr", mode="r+").attrs
     attrs["format_version"] = 99
     with pytest.raises(st.StoreError, match=r"format version 99; .* update it"):
-        st.load(tmp_path / "x.zarr")
+        st.load_store(tmp_path / "x.zarr")
     attrs["format_version"] = 1
     with pytest.raises(st.StoreError, match=r"format version 1, without checksums; .* make it again"):
-        st.load(tmp_path / "x.zarr")
+        st.load_store(tmp_path / "x.zarr")
 
 
 def test_what_is_no_store_of_ours(stores: Path, tmp_path: Path) -> None:
     with pytest.raises(st.StoreError, match="no such store"):
-        st.load(tmp_path / "nothing.zarr")
+        st.load_store(tmp_path / "nothing.zarr")
     with pytest.raises(st.StoreError, match="holds a truth, but a recording is needed"):
-        st.load(stores / "truth.zarr", "recording")
+        st.load_store(stores / "truth.zarr", "recording")
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("hello")
     zarr.open_group(tmp_path / "other.zarr", mode="w", zarr_format=3)
     for name in ("folder", "file", "other.zarr"):
         with pytest.raises(st.StoreError, match="is not a store of scenetruth"):
-            st.load(tmp_path / name)
+            st.load_store(tmp_path / name)

@@ -8,7 +8,7 @@ import warnings
 import pytest
 import zarr.errors
 
-from scenetruth.storage.quiet import without_warnings
+from scenetruth.storage.zarr_layout import without_warnings
 
 
 def _warn() -> None:

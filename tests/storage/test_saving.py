@@ -17,17 +17,17 @@ import scenetruth as st
 from scenetruth.schema import blank_map, label
 from scenetruth.schema.attributes import Intrinsics
 from scenetruth.storage import open_store
-from scenetruth.storage.store_writer import StoreWriter
+from scenetruth.storage.writer import StoreWriter
 
 KINDS: tuple[Literal["recording", "truth", "estimate"], ...] = ("recording", "truth", "estimate")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("read", [st.load, st.open_store])
+@pytest.mark.parametrize("read", [st.load_store, st.open_store])
 @pytest.mark.parametrize("file", ["x.zarr", "x.zarr.zip"])
 def test_round_trip(data: dict[str, xr.Dataset], kind: str, read: Any, file: str, tmp_path: Path) -> None:
     dataset = data[kind]
-    st.save(dataset, tmp_path / file)
+    st.save_store(dataset, tmp_path / file)
     again = read(tmp_path / file)
     xr.testing.assert_identical(again, dataset)
     for name in dataset.variables:
@@ -40,13 +40,13 @@ def test_round_trip(data: dict[str, xr.Dataset], kind: str, read: Any, file: str
 def test_colours_and_rows_of_cameras_come_back(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (3, 2, 2, 7, 9, 3), dtype=np.uint8)
     recording = st.make_recording(images, 500.0, 5.0, stage_y_mm=[-5.0, 0.0, 5.0])
-    st.save(recording, tmp_path / "x.zarr")
-    xr.testing.assert_identical(st.load(tmp_path / "x.zarr"), recording)
+    st.save_store(recording, tmp_path / "x.zarr")
+    xr.testing.assert_identical(st.load_store(tmp_path / "x.zarr"), recording)
     assert zarr.open_group(tmp_path / "x.zarr", mode="r")["image"].chunks == (1, 1, 1, 7, 9, 3)
 
 
 def test_a_chunk_is_an_image_and_a_variable_a_file(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
-    st.save(data["recording"], tmp_path / "x.zarr")
+    st.save_store(data["recording"], tmp_path / "x.zarr")
     image = zarr.open_group(tmp_path / "x.zarr", mode="r")["image"]
     assert (image.chunks, image.shards) == ((1, 1, 40, 48), (5, 9, 40, 48))
     assert len([file for file in (tmp_path / "x.zarr" / "image").rglob("*") if file.is_file()]) == 2
@@ -55,7 +55,7 @@ def test_a_chunk_is_an_image_and_a_variable_a_file(data: dict[str, xr.Dataset], 
 def test_opened_stores_read_what_is_selected(
     data: dict[str, xr.Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    st.save(data["recording"], tmp_path / "x.zarr")
+    st.save_store(data["recording"], tmp_path / "x.zarr")
     opened = st.open_store(tmp_path / "x.zarr")
     read: list[int] = []
     original = zarr.Array.oindex.fget
@@ -83,7 +83,7 @@ def test_the_scene_travels_with_the_data(data: dict[str, xr.Dataset]) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_xarray_alone_opens_a_store(data: dict[str, xr.Dataset], kind: str, tmp_path: Path) -> None:
-    st.save(data[kind], tmp_path / "x.zarr")
+    st.save_store(data[kind], tmp_path / "x.zarr")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         # It tells that not every program reads pcodec; nothing else.
@@ -99,40 +99,40 @@ def test_what_lost_its_stamp_is_stamped_again(
 ) -> None:
     bare = data[kind].copy()
     del bare.attrs["scenetruth"], bare.attrs["format_version"]
-    st.save(bare, tmp_path / "x.zarr")
-    assert st.load(tmp_path / "x.zarr", kind).attrs["scenetruth"] == kind
+    st.save_store(bare, tmp_path / "x.zarr")
+    assert st.load_store(tmp_path / "x.zarr", kind).attrs["scenetruth"] == kind
 
 
 def test_what_could_not_be_loaded_is_not_saved(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
     without = data["estimate"].copy()
     without.attrs = {}
     with pytest.raises(st.RecordingError, match=r"attrs\.focal_length_px: must be a finite number"):
-        st.save(without, tmp_path / "x.zarr")
+        st.save_store(without, tmp_path / "x.zarr")
     with pytest.raises(st.RecordingError, match=r"attrs\.scenetruth: must be one of"):
-        st.save(data["recording"].assign_attrs(scenetruth="picture"), tmp_path / "x.zarr")
+        st.save_store(data["recording"].assign_attrs(scenetruth="picture"), tmp_path / "x.zarr")
     with pytest.raises(st.RecordingError, match="image: is missing"):
-        st.save(data["truth"].assign_attrs(scenetruth="recording"), tmp_path / "x.zarr")
+        st.save_store(data["truth"].assign_attrs(scenetruth="recording"), tmp_path / "x.zarr")
     odd = data["recording"].assign_attrs(note=object(), gain=float("nan"))
     odd["names"] = ("t", np.array([None] * 9, dtype=object))
     with pytest.raises(st.RecordingError) as caught:
-        st.save(odd, tmp_path / "x.zarr")
+        st.save_store(odd, tmp_path / "x.zarr")
     assert [problem.path for problem in caught.value.problems] == ["attrs.note", "attrs.gain", "names"]
     assert list(tmp_path.iterdir()) == []
 
 
 def test_numbers_of_numpy_among_attributes_come_back_plain(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
     noted = data["recording"].assign_attrs(gain=np.float64(0.5), taps=np.array([1, 2]), pair=(3, "four"), nothing=None)
-    st.save(noted, tmp_path / "x.zarr")
-    attrs = st.load(tmp_path / "x.zarr").attrs
+    st.save_store(noted, tmp_path / "x.zarr")
+    attrs = st.load_store(tmp_path / "x.zarr").attrs
     assert [attrs[name] for name in ("gain", "taps", "pair", "nothing")] == [0.5, [1, 2], [3, "four"], None]
 
 
 def test_existing_stores_are_refused_or_replaced(data: dict[str, xr.Dataset], tmp_path: Path) -> None:
-    st.save(data["recording"], tmp_path / "x.zarr")
+    st.save_store(data["recording"], tmp_path / "x.zarr")
     with pytest.raises(st.OutputExistsError, match="exists already"):
-        st.save(data["truth"], tmp_path / "x.zarr")
-    st.save(data["truth"], tmp_path / "x.zarr", overwrite=True)
-    assert st.load(tmp_path / "x.zarr").attrs["scenetruth"] == "truth"
+        st.save_store(data["truth"], tmp_path / "x.zarr")
+    st.save_store(data["truth"], tmp_path / "x.zarr", overwrite=True)
+    assert st.load_store(tmp_path / "x.zarr").attrs["scenetruth"] == "truth"
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 
 
@@ -145,15 +145,15 @@ def test_only_stores_of_ours_are_replaced(data: dict[str, xr.Dataset], tmp_path:
         archive.writestr("chapter.txt", "all my work")
     for name in ("thesis", "notes.txt", "other.zarr", "work.zip"):
         with pytest.raises(st.OutputExistsError, match="scenetruth"):
-            st.save(data["recording"], tmp_path / name, overwrite=True)
-    st.save(data["recording"], tmp_path / "x.zarr")
+            st.save_store(data["recording"], tmp_path / name, overwrite=True)
+    st.save_store(data["recording"], tmp_path / "x.zarr")
     (tmp_path / "x.zarr" / "image" / "notes.txt").write_text("mine")
     with pytest.raises(st.OutputExistsError, match=r"did not write \(image/notes\.txt\)"):
-        st.save(data["truth"], tmp_path / "x.zarr", overwrite=True)
+        st.save_store(data["truth"], tmp_path / "x.zarr", overwrite=True)
     assert (tmp_path / "x.zarr" / "image" / "notes.txt").read_text() == "mine"
     assert (tmp_path / "thesis" / "chapter.txt").read_text() == "all my work"
     # A foreign file is no damage.
-    assert st.load(tmp_path / "x.zarr").identical(data["recording"])
+    assert st.load_store(tmp_path / "x.zarr").identical(data["recording"])
 
 
 def test_what_has_no_pixels_is_written_part_by_part(tmp_path: Path) -> None:

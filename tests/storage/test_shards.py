@@ -11,9 +11,14 @@ import zarr
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.storage.layout import chunk_shape, codecs_of, encoder_of
-from scenetruth.storage.quiet import without_warnings
-from scenetruth.storage.shards import ShardFile, with_checksum
+from scenetruth.storage.zarr_layout import (
+    ShardFile,
+    chunk_shape,
+    select_codecs,
+    select_encoder,
+    with_checksum,
+    without_warnings,
+)
 
 DTYPES = ["uint8", "uint16", "int16", "int32", "float32", "float64", "bool"]
 
@@ -32,12 +37,12 @@ def test_zarr_reads_what_is_put_in_any_order(
     chunks = chunk_shape(("s", "t", "y", "x"), shape)
     with without_warnings():
         array = zarr.create_array(
-            folder, shape=shape, dtype=dtype, chunks=chunks, shards=shape, **codecs_of("depth", np.dtype(dtype))
+            folder, shape=shape, dtype=dtype, chunks=chunks, shards=shape, **select_codecs("depth", np.dtype(dtype))
         )
     places = list(product(range(shape[0]), range(shape[1])))
     order.shuffle(places)  # type: ignore[attr-defined]
     file = ShardFile(folder.joinpath("c", *("0" * len(shape))), shape[:2] + (1, 1))
-    encoder = encoder_of("depth", np.dtype(dtype))
+    encoder = select_encoder("depth", np.dtype(dtype))
     for s, t in places:
         file.put((s, t, 0, 0), with_checksum(bytes(encoder.encode(np.ascontiguousarray(values[s, t])))))
     assert file.missing == 0

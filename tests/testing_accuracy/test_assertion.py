@@ -16,9 +16,9 @@ from PIL import Image
 
 import scenetruth as st
 from scenetruth.scoring import QUANTITIES, STATISTICS
-from scenetruth.testing.accuracy import LimitError, assert_accuracy
-from scenetruth.testing.accuracy.limits import KEYS
-from scenetruth.testing.surroundings import Row, surrounded
+from scenetruth.testing.accuracy import assert_accuracy
+from scenetruth.testing.assertion_context import OutcomeRow, use_context
+from scenetruth.testing.tolerances import KEYS, LimitError
 from tests.scoring.synthetic import Case, make_case, make_growing_case, with_error_bars, with_regions
 
 MARGIN_PX = 4.0
@@ -26,7 +26,7 @@ MARGIN_PX = 4.0
 
 def alone(*args: Any, **given: Any) -> st.Score:
     """Assert accuracy as outside of a test run: nobody wants pictures."""
-    with surrounded():
+    with use_context():
         return assert_accuracy(*args, **given)
 
 
@@ -235,11 +235,11 @@ def test_the_bound_of_truth_and_recording_is_taken_by_default(
 ) -> None:
     asked: list[tuple[xr.Dataset, xr.Dataset]] = []
 
-    def cramer_rao(truth: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
+    def cramer_rao_bound(truth: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
         asked.append((truth, recording))
         return bound
 
-    monkeypatch.setitem(sys.modules, "scenetruth.bound", SimpleNamespace(cramer_rao=cramer_rao))
+    monkeypatch.setitem(sys.modules, "scenetruth.bound", SimpleNamespace(cramer_rao_bound=cramer_rao_bound))
     check(depth_mm="100 x bound")
     assert len(asked) == 1
     assert asked[0][0] is case.truth
@@ -279,7 +279,9 @@ def test_slips_are_looked_for_where_something_is_broken(
         asked.append(estimate)
         return [SimpleNamespace(message="disparity has the other sign")]
 
-    monkeypatch.setitem(sys.modules, "scenetruth.scoring.slips", SimpleNamespace(find_slips=find_slips))
+    monkeypatch.setitem(
+        sys.modules, "scenetruth.scoring.convention_check", SimpleNamespace(detect_convention_mismatches=find_slips)
+    )
     check(slips=True, depth_mm=1e3)
     broken(check, slips=False, depth_mm=1e-9)
     assert asked == []
@@ -289,7 +291,9 @@ def test_slips_are_looked_for_where_something_is_broken(
     def fail(estimate: xr.Dataset, truth: xr.Dataset) -> None:
         raise RuntimeError("deeper trouble")
 
-    monkeypatch.setitem(sys.modules, "scenetruth.scoring.slips", SimpleNamespace(find_slips=fail))
+    monkeypatch.setitem(
+        sys.modules, "scenetruth.scoring.convention_check", SimpleNamespace(detect_convention_mismatches=fail)
+    )
     assert "RuntimeError: deeper trouble" in broken(check, slips=True, depth_mm=1e-9)
 
 
@@ -302,16 +306,16 @@ def test_what_is_around_takes_note_and_offers_a_folder(
         drawn.append(given[-1])
         return []
 
-    monkeypatch.setattr("scenetruth.testing.accuracy.assertion.draw_differences", draw)
+    monkeypatch.setattr("scenetruth.testing.accuracy.draw_differences", draw)
     check = partial(assert_accuracy, case.estimate, case.truth, margin_px=MARGIN_PX, slips=False)
-    notes: list[Row] = []
+    notes: list[OutcomeRow] = []
     asked: list[Path] = []
 
     def pictures() -> Path:
         asked.append(tmp_path)
         return tmp_path
 
-    with surrounded(pictures=pictures, note=notes.extend):
+    with use_context(pictures=pictures, note=notes.extend):
         check(depth_mm=1e3)
         assert asked == []
         broken(check, depth_mm=1e-9, flow_x_px=1e3)
@@ -326,7 +330,7 @@ def test_what_is_around_takes_note_and_offers_a_folder(
     ]
     assert asked == [tmp_path]
     assert drawn == [tmp_path, tmp_path / "own"]
-    with surrounded():
+    with use_context():
         broken(check, depth_mm=1e-9)
     assert len(notes) == 4
 

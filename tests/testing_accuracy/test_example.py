@@ -74,7 +74,7 @@ def test_the_example_passes_its_own_tests_once_installed(tmp_path: Path) -> None
     path = os.pathsep.join(filter(None, [str(target), os.environ.get("PYTHONPATH", "")]))
     # Of the plug-ins that are installed here, users have ours.
     env = {**os.environ, "PYTHONPATH": path, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "scenetruth.testing.plugin", "--scenetruth-report"]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "scenetruth.testing.pytest_plugin", "--scenetruth-report"]
     done = subprocess.run(command, cwd=project, env=env, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "test_own_estimator.py::test_accuracy" in done.stdout.partition("accuracy of estimates")[2]

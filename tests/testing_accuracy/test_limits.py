@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from scenetruth.scoring import QUANTITIES, STATISTICS
-from scenetruth.testing.accuracy.limits import KEYS, Limit, read_limits
-from scenetruth.testing.accuracy.outcomes import judge
+from scenetruth.testing.tolerances import KEYS, Limit, evaluate_limit, read_limits
 
 
 def test_every_quantity_that_is_scored_can_be_limited_in_its_unit() -> None:
@@ -98,7 +97,7 @@ def test_times_is_above_one_just_where_a_limit_is_broken(
     for least, most in ((low, high), (-math.inf, abs(high)), (abs(low), math.inf)):
         # Errors are not negative but for their mean, which always has two bounds.
         value = found if least == low else abs(found)
-        outcome = judge(Limit("depth", statistic, least, most), {statistic: value, "density": 0.5, "count": 3})
+        outcome = evaluate_limit(Limit("depth", statistic, least, most), {statistic: value, "density": 0.5, "count": 3})
         times = outcome.times
         assert times is not None
         # At the limit itself, rounding decides.
@@ -117,14 +116,14 @@ def test_times_is_above_one_just_where_a_limit_is_broken(
     ],
 )
 def test_what_is_undefined_is_never_kept(values: dict[str, Any] | None, note: str) -> None:
-    outcome = judge(Limit("depth", "rms"), values)
+    outcome = evaluate_limit(Limit("depth", "rms"), values)
     assert (outcome.kept, outcome.times, outcome.shown_found) == (False, None, note)
 
 
 def test_a_multiple_of_a_bound_that_nobody_knows_is_never_kept() -> None:
     values = {"rms": 0.0, "density": 1.0, "count": 5}
     limit = Limit("depth", "rms", of_bound=2.0, units="mm")
-    assert not judge(limit, values).kept
-    outcome = judge(limit, values, bound=0.25)
+    assert not evaluate_limit(limit, values).kept
+    outcome = evaluate_limit(limit, values, bound=0.25)
     assert outcome.kept
     assert outcome.shown_limit == "<= 0.5 mm (2 x bound)"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.testing.recordings import Recordings
+from scenetruth.testing.recording_cache import RecordingCache
 from tests.scoring.synthetic import make_case
 from tests.testing_accuracy.test_recordings import SMALL
 
@@ -15,7 +15,7 @@ pytest_plugins = ["pytester"]
 
 # Where scenetruth was installed before it had the entry point, pytest does not find the plug-in by itself.
 LOADED = bool(metadata.entry_points(group="pytest11", name="scenetruth"))
-PLUGIN = [] if LOADED else ["-p", "scenetruth.testing.plugin"]
+PLUGIN = [] if LOADED else ["-p", "scenetruth.testing.pytest_plugin"]
 
 ASSERTIONS = """
 import numpy as np
@@ -60,10 +60,10 @@ def test_recording(scenetruth_recording, number):
 @pytest.fixture(scope="module", autouse=True)
 def ready(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Import what runs inside of this process need: libraries cannot be imported twice, and pytester forgets them."""
-    from scenetruth.testing.accuracy.pictures import draw_differences
+    from scenetruth.testing.accuracy import draw_differences
 
     folder = tmp_path_factory.mktemp("ready")
-    Recordings(folder, folder)(SMALL)
+    RecordingCache(folder, folder)(SMALL)
     case = make_case(40, 30, 300.0)
     assert draw_differences(case.estimate, case.truth, None, ["depth"], folder)
 
@@ -84,11 +84,11 @@ def test_pictures_of_what_fails_go_to_the_folder_of_the_test(pytester: pytest.Py
 def test_the_folder_is_that_of_the_fixture(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """
-from scenetruth.testing.surroundings import around
+from scenetruth.testing.assertion_context import get_context
 
 
 def test_folder(scenetruth_pictures, tmp_path):
-    assert around().pictures() == scenetruth_pictures
+    assert get_context().pictures() == scenetruth_pictures
     assert tmp_path in scenetruth_pictures.parents
 
 
@@ -156,15 +156,15 @@ def test_workers_hand_on_what_they_found(pytester: pytest.Pytester, monkeypatch:
     # Taken down as assertions do, without the seconds that importing them takes in other processes.
     pytester.makepyfile(
         test_own="""
-from scenetruth.testing.surroundings import around
+from scenetruth.testing.assertion_context import get_context
 
 
 def test_noted():
     row = {"quantity": "depth", "statistic": "rms", "region": "all", "found": "1 mm", "limit": "<= 2 mm"}
-    around().note([{**row, "times": 0.5, "kept": True}, {**row, "times": float("inf"), "kept": False}])
+    get_context().note([{**row, "times": 0.5, "kept": True}, {**row, "times": float("inf"), "kept": False}])
 """
     )
-    plugins = ("-p", "scenetruth.testing.plugin", "-p", "xdist")
+    plugins = ("-p", "scenetruth.testing.pytest_plugin", "-p", "xdist")
     result = pytester.runpytest_subprocess(*plugins, "-n", "1", "--scenetruth-report")
     result.assert_outcomes(passed=1)
     result.stdout.fnmatch_lines(

@@ -17,8 +17,8 @@ from PIL import Image
 
 import scenetruth as st
 from scenetruth.errors import SceneWarning
-from scenetruth.testing import recordings
-from scenetruth.testing.recordings import Recordings, remove_entries
+from scenetruth.testing import recording_cache
+from scenetruth.testing.recording_cache import RecordingCache, remove_entries
 from tests.dataset.conftest import SCENE
 
 SMALL = {**SCENE, "camera": {"width": 32, "height": 24, "focal_length_px": 60}}
@@ -32,24 +32,24 @@ class Kitchen:
         self.root = folder
         shutil.copytree(before, self.folder)
         self.made: list[str] = []
-        make = recordings._make
+        make = recording_cache._make
 
         def counted(entry: Path, *args: Any) -> None:
             make(entry, *args)
             self.made.append(entry.name)
 
-        monkeypatch.setattr(recordings, "_make", counted)
+        monkeypatch.setattr(recording_cache, "_make", counted)
 
-    def open(self) -> Recordings:
+    def open(self) -> RecordingCache:
         """Return recordings as another run would have them."""
-        return Recordings(self.folder, self.root)
+        return RecordingCache(self.folder, self.root)
 
 
 @pytest.fixture(scope="module")
 def before(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder where ``SMALL`` is made."""
     folder = tmp_path_factory.mktemp("before")
-    Recordings(folder, folder)(SMALL)
+    RecordingCache(folder, folder)(SMALL)
     return folder
 
 
@@ -77,7 +77,7 @@ def test_what_images_depend_on_has_an_entry_of_its_own(kitchen: Kitchen, monkeyp
     def tell(entry: Path, *args: Any) -> None:
         raise AskedForError(entry.name)
 
-    monkeypatch.setattr(recordings, "_make", tell)
+    monkeypatch.setattr(recording_cache, "_make", tell)
 
     def entry_of(*overrides: str, **options: Any) -> str:
         with pytest.raises(AskedForError) as caught:
@@ -97,7 +97,7 @@ def test_what_images_depend_on_has_an_entry_of_its_own(kitchen: Kitchen, monkeyp
     # A file counts by its content, and so does the source of what makes the images.
     Image.fromarray(np.ones((8, 8), dtype=np.uint8)).save(image)
     names.append(entry_of(textured))
-    monkeypatch.setattr(recordings, "_source", lambda: "another version")
+    monkeypatch.setattr(recording_cache, "_source", lambda: "another version")
     names.append(entry_of())
     assert len(set(names)) == len(names)
     # What they do not depend on has not.
@@ -189,7 +189,7 @@ def test_scenes_are_found_by_path_and_by_name(kitchen: Kitchen, monkeypatch: pyt
     assert kitchen.open()._file("cube").name == "cube.yaml"
     with pytest.raises(st.SceneError, match="did you mean 'tiny'"):
         kitchen.open()("tinny")
-    monkeypatch.setattr(recordings, "_checkout", list)
+    monkeypatch.setattr(recording_cache, "_checkout", list)
     with pytest.raises(st.SceneError, match="in a checkout of it only"):
         kitchen.open()("cube")
     with pytest.raises(st.SceneError, match=r"nowhere\.yaml"):
@@ -215,7 +215,7 @@ def test_only_entries_are_removed(kitchen: Kitchen) -> None:
 
 
 def test_a_plug_in_that_is_not_used_costs_nothing() -> None:
-    code = "import sys; import scenetruth.testing.plugin; print(*sorted(sys.modules))"
+    code = "import sys; import scenetruth.testing.pytest_plugin; print(*sorted(sys.modules))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     own = {name for name in found if name.startswith("scenetruth")}
     assert own == {
@@ -223,7 +223,7 @@ def test_a_plug_in_that_is_not_used_costs_nothing() -> None:
         "scenetruth.compilation",
         "scenetruth.errors",
         "scenetruth.testing",
-        "scenetruth.testing.plugin",
-        "scenetruth.testing.surroundings",
+        "scenetruth.testing.pytest_plugin",
+        "scenetruth.testing.assertion_context",
     }
     assert not {"numpy", "xarray", "numba", "scipy", "pandas", "matplotlib"} & set(found)

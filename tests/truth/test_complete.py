@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.scene import Scene
-from scenetruth.scene.world import World, build_world
+from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.schema import VARIABLES
 from scenetruth.truth import make_truth
 from tests.truth.test_visibility import gate
 
 
 @cache
-def example() -> tuple[Scene, World, xr.Dataset]:
+def example() -> tuple[Scene, BuiltScene, xr.Dataset]:
     scene = gate()
-    world = build_world(scene)
+    world = build_scene(scene)
     return scene, world, make_truth(scene, truth_views="all", truth_content="complete")
 
 
-def points_at(world: World, truth: xr.Dataset, time: float) -> NDArray[np.float64]:
+def points_at(world: BuiltScene, truth: xr.Dataset, time: float) -> NDArray[np.float64]:
     """Return where the surface points of one image's pixels are at some time, shape (n, 3)."""
     here = truth["object_id"].values >= 0
     face = world.face_offsets[truth["object_id"].values[here]] + truth["face_id"].values[here]

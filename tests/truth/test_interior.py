@@ -10,7 +10,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.errors import SceneWarning
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import interior_warnings
 from tests.scene.mesh.test_file import ball
 from tests.scenes import cube
@@ -44,7 +44,7 @@ def test_the_warning_names_the_objects_and_the_remedy(tmp_path: Path) -> None:
 
 
 def test_pixels_at_the_margin_are_interior_and_objects_that_are_not_seen_are_not_named() -> None:
-    world = build_world(scene_of(thing("one", WALL["mesh"]), thing("two", WALL["mesh"]), WALL, margin_px=2))
+    world = build_scene(scene_of(thing("one", WALL["mesh"]), thing("two", WALL["mesh"]), WALL, margin_px=2))
     bodies = np.array([[0, 0, 0, 1, 1, 1, -1]])
     distance = np.array([[2.0, 1.0, 0.0, 0.0, 1.0, 1.9, 9.0]])
     (message,) = interior_warnings(world, bodies, distance, 2.0)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Camera, Distortion, Viewpoint
 from scenetruth.raycast import Topology
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, truth_maps
 from tests.scenes import cube
 
@@ -57,7 +57,7 @@ def test_maps_are_those_of_plain_numpy(distortion: Distortion | None, turn: tupl
     from scenetruth.scene import scene_from_plain
 
     plain = scene.to_plain()
-    world = build_world(scene_from_plain({**plain, "objects": [*plain["objects"], screen]}))
+    world = build_scene(scene_from_plain({**plain, "objects": [*plain["objects"], screen]}))
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 1.5)
     camera = scene.camera.model_copy(update={"distortion": distortion})
     viewpoint = Viewpoint(np.array([3.0, -1.0, 2.0]), Rotation.from_rotvec(turn).as_matrix())

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import Scene, load_scene
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, make_truth, truth_maps
-from scenetruth.truth.maps import boundary_distance
+from scenetruth.truth.geometry_maps import boundary_distance
 from tests.nightly import NIGHTLY, nightly
 from tests.scenes import LIBRARY, SCENES, cube, small
 
@@ -59,7 +59,7 @@ def analytic_box_depth(scene: Scene, x_mm: float, t: float) -> Array:
 )
 def test_cube_against_the_analytic_box_for_every_camera_and_frame(size: list[str]) -> None:
     scene = load_scene(SCENES / "cube.yaml", [*size, "sensor=ideal", PLAIN])
-    world = build_world(scene)
+    world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
     unsure = worst = 0.0
     for t in scene.frames.t:
@@ -85,7 +85,7 @@ def identities(scene: Scene, *, every: bool = True) -> dict[str, float]:
 
     They are those of ``every`` camera and frame, or of the first, the middle and the last of both.
     """
-    world = build_world(scene)
+    world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
     camera, baseline = scene.camera, scene.stage.baseline_mm
     worst = {"reprojection": 0.0, "disparity": 0.0, "flow": 0.0}
@@ -160,7 +160,7 @@ def test_every_scene_of_the_library_agrees_with_itself(file: Path) -> None:
 
 def test_velocity_of_a_turning_plane_moves_the_surface_points() -> None:
     scene = load_scene(SCENES / "plane.yaml", [*SMALL, "camera.focal_length_px=1254"])
-    world = build_world(scene)
+    world = build_scene(scene)
     before, now, after = (world.at(t) for t in (-1e-4, 0.0, 1e-4))
     difference = (after.vertices_mm - before.vertices_mm) / 2e-4
     np.testing.assert_allclose(now.velocities, difference, atol=1e-8)

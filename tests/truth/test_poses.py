@@ -184,8 +184,8 @@ def test_a_truth_of_a_grid_can_be_scored(tmp_path: Any) -> None:
     scene = scene_of(stage, frames={"count": 2})
     recording, truth = st.simulate(scene, truth_views="all")
     for dataset, name in ((recording, "recording"), (truth, "truth")):
-        st.save(dataset, tmp_path / name)
-        xr.testing.assert_identical(st.load(tmp_path / name, name), dataset)  # type: ignore[arg-type]
+        st.save_store(dataset, tmp_path / name)
+        xr.testing.assert_identical(st.load_store(tmp_path / name, name), dataset)  # type: ignore[arg-type]
     with pytest.raises(
         st.EstimateError, match=r"stage\.rows: a grid cannot be estimated as a whole .* recording\.sel\(s_y=0\)"
     ):

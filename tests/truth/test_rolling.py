@@ -6,14 +6,14 @@ import numpy as np
 
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, truth_by_rows, truth_maps
 from tests.scenes import cube
 
 
 def test_each_row_is_that_of_an_image_at_its_time() -> None:
     scene = cube(camera={"width": 80, "height": 24, "focal_length_px": 600, "distortion": {"k1": -2.0}})
-    world = build_world(scene)
+    world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     times = np.linspace(-0.4, 0.4, 24)
     places = [Viewpoint.on_axis(float(3 * t)) for t in times]
@@ -31,7 +31,7 @@ def test_each_row_is_that_of_an_image_at_its_time() -> None:
 
 def test_rows_of_one_time_are_the_ordinary_truth() -> None:
     scene = cube(camera={"width": 80, "height": 24, "focal_length_px": 600})
-    world = build_world(scene)
+    world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     place = Viewpoint.on_axis(5.0)
     found = truth_by_rows(world, topology, scene.camera, np.zeros(24), [place] * 24, 5.0)

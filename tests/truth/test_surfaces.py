@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import Scene, scene_from_plain
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, truth_maps
 
 Array = NDArray[np.float64]
@@ -156,7 +156,7 @@ def errors(name: str, resolution_mm: float) -> tuple[float, float, float]:
     """Return rms and largest error of depth in mm, and largest error of velocity in mm per frame."""
     mesh, meet = CASES[name]
     scene = scene_of({**mesh, "resolution_mm": resolution_mm})
-    world = build_world(scene)
+    world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     depths, speeds = [], []
     for x_mm, t in ((0.0, 0.0), (5.0, 1.0)):
@@ -209,7 +209,7 @@ def test_stairs_are_exact(risers: bool) -> None:
     scene = scene_of(mesh, width=96, height=64)
     item = scene.objects[0].model_copy(update={"pose": {"position_mm": (0.0, 0.0, 660.0)}, "motion": ()})
     scene = scene_from_plain({**scene.to_plain(), "objects": [item.model_dump(warnings=False)]})
-    world = build_world(scene)
+    world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     # Treads at 0, 30, -30, 10 mm: the middle between the nearest and the farthest is the origin.
     treads = [660, 690, 630, 670]
@@ -232,7 +232,7 @@ def test_a_plane_with_more_triangles_is_the_same_plane() -> None:
     maps = []
     for resolution in (None, 3.0):
         scene = scene_of({"kind": "plane", "size_mm": [50, 40], "resolution_mm": resolution})
-        world = build_world(scene)
+        world = build_scene(scene)
         topology = Topology.of(world.at(0).vertices_mm, world.faces)
         maps.append(truth_maps(GeometryPass(world, topology, 1.0), scene.camera, Viewpoint.on_axis(0.0), 5.0))
     for name in ("depth", "velocity", "flow", "normal"):

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from scenetruth.scene import Scene, scene_from_plain
-from scenetruth.scene.world import build_world
-from scenetruth.truth import TruthChoice, make_truth, truth_of_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.truth import TruthOptions, make_truth, truth_from_world
 from tests.nightly import nightly
 from tests.scenes import cube
 
@@ -82,9 +82,9 @@ def seen_by_force(points: Array, own: NDArray[np.int64], sides: Array, corners: 
 
 def check_against_force(scene: Scene) -> dict[str, int]:
     """Compare `visible` and the occlusion masks of a scene, on an ideal stage, with brute force; return counts."""
-    world = build_world(scene)
+    world = build_scene(scene)
     # One world for both: plants take seconds to build.
-    truth = truth_of_world(scene, world, TruthChoice(), {})
+    truth = truth_from_world(scene, world, TruthOptions(), {})
     size = (scene.camera.height, scene.camera.width)
     counts = {"points": 0, "hidden": 0, "different": 0, "unsure": 0}
     vertices = {int(t): world.at(float(t)).vertices_mm for t in scene.frames.t}

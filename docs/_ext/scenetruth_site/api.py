@@ -20,18 +20,18 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "track_points",
             "two_point_correction",
             "run_scene",
-            "RunFolder",
-            "verify_folder",
+            "RunDirectory",
+            "verify_run",
         )
     },
-    "data": {"scenetruth": ("make_recording", "make_estimate", "save", "load", "open_store")},
+    "data": {"scenetruth": ("make_recording", "make_estimate", "save_store", "load_store", "open_store")},
     "estimation": {
         "scenetruth": ("estimate",),
         "scenetruth.estimators": (
             "Estimator",
             "Method",
             "StreamingMethod",
-            "Estimation",
+            "EstimationTask",
             "MethodSettings",
             "Needs",
             "MethodEntry",
@@ -48,26 +48,26 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "recording_key",
         ),
     },
-    "scoring": {"scenetruth": ("score", "Score", "surface_growth", "write_report")},
+    "scoring": {"scenetruth": ("score", "Score", "compute_growth_rate", "write_report")},
     "comparison": {
-        "scenetruth": ("compare", "Comparison"),
-        "scenetruth.bound": ("cramer_rao", "envelope_of", "Envelope", "gradient_of_texture"),
+        "scenetruth": ("compare", "BenchmarkResult"),
+        "scenetruth.bound": ("cramer_rao_bound", "closed_form_bound", "ClosedFormBound", "texture_gradient"),
     },
     "datasets": {"scenetruth": ("load_recipe", "recipe_from_plain", "run_dataset", "open_dataset")},
     "design": {
-        "scenetruth": ("predict", "Prediction", "sweep", "Sweep", "Budget", "Design"),
-        "scenetruth.design.predict": ("Figure", "Causes", "advise"),
-        "scenetruth.design.budget": ("budget", "Calibration"),
-        "scenetruth.design.optimise": ("optimise", "load_goal", "goal_from_plain", "Goal"),
-        "scenetruth.design.page.write": ("write_design_page",),
-        "scenetruth.design.pattern": (
-            "make_pattern",
-            "write_pattern",
-            "pattern_worth",
-            "rig_of",
+        "scenetruth": ("predict", "Prediction", "sweep", "Sweep", "Budget", "DesignResult"),
+        "scenetruth.design.prediction": ("PredictedValue", "PredictionInputs", "recommend"),
+        "scenetruth.design.uncertainty": ("budget", "Calibration"),
+        "scenetruth.design.optimisation": ("optimise", "load_design_spec", "design_spec_from_dict", "DesignSpec"),
+        "scenetruth.design.optimisation.report.design_report": ("write_design_page",),
+        "scenetruth.design.patterns": (
+            "generate_pattern",
+            "export_pattern",
+            "assess_pattern",
+            "pattern_rig_from_scene",
             "Pattern",
-            "Rig",
-            "Worth",
+            "PatternRig",
+            "PatternAssessment",
         ),
     },
     "export": {"scenetruth": ("export_run", "export_data", "export_formats")},
@@ -106,7 +106,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
 """Pages, each with modules and the names that are imported from them."""
 
 
-_FILES = {"Scene": "scene_file/scene", "Goal": "goal_file"}
+_FILES = {"Scene": "scene_file/scene", "DesignSpec": "goal_file"}
 """Models that are files, and the pages that describe their fields."""
 
 

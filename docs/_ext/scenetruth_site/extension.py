@@ -15,7 +15,7 @@ from sphinx.environment import BuildEnvironment
 from sphinx.transforms import SphinxTransform
 from sphinx.util.osutil import relative_uri
 
-from scenetruth.pages.plotly_script import plotly_script
+from scenetruth.html import plotly_script
 from scenetruth_site.api import documented_names
 from scenetruth_site.generated import fill_in, generated_parts
 from scenetruth_site.site_text import site_text

@@ -42,15 +42,15 @@ def _scene() -> Schema:
 
 
 def _recipe() -> Schema:
-    from scenetruth.dataset.recipe.spec import Recipe
+    from scenetruth.dataset.recipe_model import Recipe
 
     return Recipe.model_json_schema()
 
 
 def _goal() -> Schema:
-    from scenetruth.design.optimise import Goal
+    from scenetruth.design.optimisation import DesignSpec
 
-    return Goal.model_json_schema()
+    return DesignSpec.model_json_schema()
 
 
 DESCRIBED = {

@@ -1,6 +1,6 @@
-"""What precision the images of a scene allow: the Cramér-Rao bound of every pixel, and closed forms of it."""
+"""The precision that the images of a scene allow: the Cramér-Rao bound of every pixel, and its closed form."""
 
-from scenetruth.bound.envelope import Envelope, envelope_of, gradient_of_texture
-from scenetruth.bound.evaluate import cramer_rao
+from scenetruth.bound.closed_form import ClosedFormBound, closed_form_bound, texture_gradient
+from scenetruth.bound.cramer_rao import cramer_rao_bound
 
-__all__ = ["Envelope", "cramer_rao", "envelope_of", "gradient_of_texture"]
+__all__ = ["ClosedFormBound", "closed_form_bound", "cramer_rao_bound", "texture_gradient"]

@@ -1,10 +1,8 @@
-"""The measuring camera: a pinhole on a linear stage, and the sensor behind it."""
+"""The measuring camera: a pinhole camera with a lens on a linear stage, and its sensor."""
 
-from scenetruth.camera.distortion import Distortion
-from scenetruth.camera.optics import AiryPsf, Defocus, GaussianPsf, Optics, Vignetting
-from scenetruth.camera.pinhole import Camera
-from scenetruth.camera.rays import PixelRays, pixel_rays
-from scenetruth.camera.schedule import Moment, Schedule
+from scenetruth.camera.acquisition_schedule import ImageAcquisition, Schedule, Shutter, Viewpoint
+from scenetruth.camera.lens import AiryPsf, Defocus, GaussianPsf, Optics, Vignetting
+from scenetruth.camera.pinhole import Camera, Distortion, PixelRays, pixel_rays
 from scenetruth.camera.sensor import (
     PRESETS,
     AnySensor,
@@ -13,14 +11,11 @@ from scenetruth.camera.sensor import (
     LinearImage,
     PhotonTransfer,
     SensorChain,
-    chain_of,
+    build_sensor_chain,
     photon_transfer,
     two_point_correction,
 )
-from scenetruth.camera.shutter import Shutter
-from scenetruth.camera.stage import Frames, Stage
-from scenetruth.camera.stage_errors import StageErrors
-from scenetruth.camera.viewpoint import Viewpoint
+from scenetruth.camera.stage import Frames, Stage, StageErrors
 
 __all__ = [
     "PRESETS",
@@ -33,8 +28,8 @@ __all__ = [
     "Frames",
     "GaussianPsf",
     "GaussianSensor",
+    "ImageAcquisition",
     "LinearImage",
-    "Moment",
     "Optics",
     "PhotonTransfer",
     "PixelRays",
@@ -45,7 +40,7 @@ __all__ = [
     "StageErrors",
     "Viewpoint",
     "Vignetting",
-    "chain_of",
+    "build_sensor_chain",
     "photon_transfer",
     "pixel_rays",
     "two_point_correction",

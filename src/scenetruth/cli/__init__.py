@@ -1,4 +1,4 @@
-"""The command line: thin, and quick to answer."""
+"""The command-line interface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands of ``scenetruth``."""
+"""The command-line application, to which every module adds its commands."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from scenetruth.cli import comparing, datasets, design, experiments, exporting, running, scenes
-from scenetruth.cli.starter import command as starting
+from scenetruth.cli import commands, data_sets, design_synthesis, scene_templates, studies
 
 __all__ = ["app", "run_app"]
 
@@ -56,5 +55,14 @@ def _main(
     pass
 
 
-for room in (running, scenes, starting, datasets, exporting, comparing, design, experiments):
-    room.register(app)
+for register in (
+    commands.register_runs,
+    commands.register_info,
+    scene_templates.register,
+    data_sets.register,
+    commands.register_export,
+    studies.register_compare,
+    design_synthesis.register,
+    studies.register_validation,
+):
+    register(app)

@@ -1,16 +1,18 @@
-"""What the commands print: progress, warnings, errors."""
+"""Output on the terminal: progress, warnings, errors and interruption; tables of methods, formats, files and scores."""
 
 from __future__ import annotations
 
 import io
+import os
 import signal
 import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -27,19 +29,35 @@ from rich.progress import (
 from scenetruth.compilation import announced_compilation, check_environment
 from scenetruth.errors import EstimateWarning, ScenetruthError, SceneWarning, visible
 
-__all__ = ["Reporter", "guard", "print_warning", "reporting"]
+if TYPE_CHECKING:
+    from scenetruth.estimators import Estimator
+    from scenetruth.scoring import Score
+
+__all__ = [
+    "ProgressReporter",
+    "guard",
+    "make_console",
+    "print_bundled",
+    "print_formats",
+    "print_main_figures",
+    "print_methods",
+    "print_score",
+    "print_warning",
+    "reporting",
+]
+
 
 _EXIT_ERROR = 2
 _EXIT_INTERRUPTED = 130
 _AGAIN_S = 0.05
 _SILENT_S = 3.0
 _SILENT_PART = 0.1
-_LOOKED_S = 0.25
+_POLL_INTERVAL_S = 0.25
 _START, _COMPILE = "start", "compile"
 
 
 @dataclass
-class Reporter:
+class ProgressReporter:
     """Shows progress, and measures how long each kind of work takes.
 
     Parameters
@@ -107,7 +125,7 @@ class Reporter:
         passed = now - self._begun_s
         # Whoever waits for it to end the first time has not seen yet that it does.
         patience = 0.0 if self._state.startswith(_COMPILE) else _SILENT_PART * passed
-        if now - self._told_s >= max(_SILENT_S - _LOOKED_S, patience):
+        if now - self._told_s >= max(_SILENT_S - _POLL_INTERVAL_S, patience):
             self.say(f"after {passed:.0f} s, {self._state}")
 
     def finish(self) -> None:
@@ -124,7 +142,7 @@ class Reporter:
 
 
 @contextmanager
-def reporting() -> Iterator[Reporter]:
+def reporting() -> Iterator[ProgressReporter]:
     """Show progress bars on standard error while the block runs; where that is no terminal, a line now and then."""
     columns = (
         TextColumn("{task.description:>10}"),
@@ -134,7 +152,7 @@ def reporting() -> Iterator[Reporter]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True)) as progress:
-        reporter = Reporter(progress)
+        reporter = ProgressReporter(progress)
         reporter.begin_start()
         with _no_silence(reporter):
             try:
@@ -145,7 +163,7 @@ def reporting() -> Iterator[Reporter]:
 
 
 @contextmanager
-def _no_silence(reporter: Reporter) -> Iterator[None]:
+def _no_silence(reporter: ProgressReporter) -> Iterator[None]:
     """Let a reporter say how far the work is while the block runs, where no bars move because there is no terminal."""
     if reporter.progress.console.is_terminal:
         yield
@@ -153,7 +171,7 @@ def _no_silence(reporter: Reporter) -> Iterator[None]:
     ended = threading.Event()
 
     def watch() -> None:
-        while not ended.wait(_LOOKED_S):
+        while not ended.wait(_POLL_INTERVAL_S):
             reporter.break_silence()
 
     watcher = threading.Thread(target=watch, name="no silence", daemon=True)
@@ -193,7 +211,7 @@ def guard(run: Callable[[], None]) -> None:
                 "interrupted; nothing half-written was kept, only finished results; the command can be repeated"
             )
             sys.exit(_EXIT_INTERRUPTED)
-        told = _told(error)
+        told = _error_message(error)
         if told is None:
             raise
         _print_error(told)
@@ -212,7 +230,7 @@ def _flush() -> None:
             raise
 
 
-def _told(error: BaseException) -> str | None:
+def _error_message(error: BaseException) -> str | None:
     """Return what to tell a user of an error; None for one that only who mends the program can understand."""
     if isinstance(error, ScenetruthError):
         return str(error)
@@ -274,3 +292,216 @@ def _show_warning(
 def print_warning(text: str) -> None:
     """Print a warning on standard error."""
     _print_plainly(f"warning: {text}", "yellow")
+
+
+def print_methods() -> None:
+    """Print all methods that are installed: what they give, what they need, who brings them, what is wrong."""
+    from rich.table import Table
+
+    from scenetruth.errors import EstimateError, visible
+    from scenetruth.estimators import find_method, method_entries
+
+    table = Table(title="methods of estimation", title_justify="left")
+    for heading in ("name", "gives", "needs", "from"):
+        table.add_column(heading, overflow="fold")
+    for entry in method_entries():
+        try:
+            if entry.problem:
+                raise ValueError(entry.problem)
+            method = find_method(entry.name)
+        except (EstimateError, ValueError) as error:
+            problems = getattr(error, "problems", ())
+            told = "; ".join(problem.message for problem in problems) or str(error)
+            table.add_row(*map(visible, (entry.name, "–", f"cannot be used: {told}", entry.origin)))
+            continue
+        gives = ", ".join(sorted(method.gives)) or "shows in its estimates"
+        needs = "; ".join([str(method.needs), *_cannot_be_used(method)])
+        table.add_row(*map(visible, (entry.name, gives, needs, entry.origin)))
+    make_console().print(table)
+
+
+def _cannot_be_used(method: Estimator) -> list[str]:
+    """Return what a method lacks whatever the recording: it is asked of one that has all that it needs."""
+    import numpy as np
+
+    from scenetruth.schema import make_recording
+
+    needs = method.needs
+    try:
+        images = np.zeros((max(needs.cameras, 3), max(needs.frames, 3), 64, 64), dtype=np.uint8)
+        problems = method.requirements(make_recording(images, 100.0, 5.0), method.settings())
+    except Exception:  # of settings that must be given, or a plug-in at fault, its estimates will tell
+        return []
+    return [f"cannot be used: {problem.message}" for problem in problems if problem.path == "method"]
+
+
+def print_formats() -> None:
+    """Print all formats of export: what they write, their options with defaults, which package they need."""
+    from rich.table import Table
+
+    from scenetruth.exporters import load_formats
+
+    table = Table(title="formats of export", title_justify="left")
+    for heading in ("name", "writes", "options", "needs"):
+        table.add_column(heading, overflow="fold")
+    for kind, model in load_formats().items():
+        fields = [f"{name}={field.default}" for name, field in model.model_fields.items() if name != "kind"]
+        table.add_row(kind, model.summary, ", ".join(fields) or "–", ", ".join(model.packages) or "–")
+    make_console().print(table)
+
+
+def print_bundled() -> None:
+    """Print the scenes, recipes and goals that are shipped, how they are called, and where their files are."""
+    import yaml
+    from rich.table import Table
+
+    from scenetruth.cli.options import GOALS, RECIPES, SCENES
+    from scenetruth.errors import StoreError, visible
+    from scenetruth.input_files import bundled_folder
+
+    if bundled_folder() is None:
+        raise StoreError("scenes", "are not there; install scenetruth again")
+    for shelf in (SCENES, RECIPES, GOALS):
+        table = Table(title=f"{shelf.noun}s: {shelf.call('NAME')}", title_justify="left")
+        for heading in ("name", "description", "size"):
+            table.add_column(heading, overflow="fold")
+        for name, file in shelf.files().items():
+            plain = yaml.load(file.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            described = " ".join(str(plain.get("description") or plain.get("title", "")).split())
+            table.add_row(*map(visible, (name, described, _size_in(plain))))
+        make_console().print(table)
+    print(f"files to copy: {visible(str(bundled_folder()))}", "what a scene takes: scenetruth check NAME", sep="\n")
+
+
+def _size_in(plain: Mapping[str, Any]) -> str:
+    """Return what a scene, a recipe or a goal says of its size; empty if nothing."""
+    if "camera" in plain:
+        camera, stage = plain["camera"], plain["stage"]
+        across = stage.get("positions") or len(stage.get("positions_mm") or [0])
+        images = across * stage.get("rows", 1) * plain["frames"]["count"]
+        return f"{images} images of {camera['width']} x {camera['height']} px"
+    if "samples" in plain:
+        # As `Recipe.count`, of every draw itself and all steps of its ladders.
+        steps = 1 + sum(len(values) for values in (plain.get("paired") or {}).values())
+        return f"{plain['samples'] * steps:,} scenes"
+    return f"{len(plain['free'])} to choose" if "free" in plain else ""
+
+
+def make_console() -> Console:
+    """Return a console on standard output; brackets are no markup.
+
+    Where it is no terminal, and ``COLUMNS`` says no width, it is wide enough for tables.
+    """
+    from rich.console import Console
+
+    console = Console(markup=False, emoji=False, highlight=False)
+    if console.is_terminal or "COLUMNS" in os.environ:
+        return console
+    return Console(width=120, markup=False, emoji=False, highlight=False)
+
+
+def print_score(scored: Score, method: str = "") -> None:
+    """Print the figures of merit of an estimate: the interior, then the rms errors of all regions."""
+    from rich.table import Table
+
+    from scenetruth.errors import visible
+    from scenetruth.scoring import get_units
+    from scenetruth.scoring.score_result import select_summary_quantities
+
+    headings = {
+        "bias": "bias",
+        "rms": "rms",
+        "median_abs": "median",
+        "p95_abs": "95 %",
+        "relative_rms": "rms,\nrel.",
+        "calibration": "err/\nstd",
+        "within_2_std": "in 2\nstd",
+        "density": "density",
+    }
+    title = visible(f"{method}, region interior" if method else "region interior")
+    table = Table(title=title, title_justify="left")
+    table.add_column("quantity", overflow="fold")
+    table.add_column("unit")
+    for name in headings.values():
+        table.add_column(name, justify="right")
+    for quantity in select_summary_quantities(scored.regions, grows=scored.grows):
+        cells = [scored.regions["interior"][quantity].get(name) for name in headings]
+        table.add_row(quantity, get_units(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
+    make_console().print(table)
+    _print_regions(scored)
+
+
+_MAIN = (
+    ("depth", "disparity"),
+    ("velocity_x", "flow_x"),
+    ("velocity_y", "flow_y"),
+    ("velocity_z",),
+    ("growth_rate_windowed", "growth_rate"),
+)
+"""Of each of these, the first that a score has is a main figure."""
+
+
+_ALL_FIGURES = 72
+"""So many letters of a line have room for all columns."""
+
+
+def print_main_figures(scored: Score, method: str) -> None:
+    """Print how large the errors of depth, motion and growth are in the interior; all else is in the page and files."""
+    from rich.table import Table
+
+    from scenetruth.errors import visible
+    from scenetruth.scoring.quantities import get_title, get_units
+    from scenetruth.scoring.score_result import select_summary_quantities
+
+    shown, interior = select_summary_quantities(scored.regions, grows=scored.grows), scored.regions["interior"]
+    table = Table(title=visible(f"errors of {method}, region interior", lines=False), title_justify="left")
+    table.add_column("quantity", min_width=13)
+    # What finds no room is left out: no figure loses digits.
+    headings = ("rms", "median", "unit", "rms, rel.", "density")[: 5 if make_console().width >= _ALL_FIGURES else 3]
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading == "unit" else "right", no_wrap=True)
+    for name in (next((one for one in several if one in shown), None) for several in _MAIN):
+        if name is None:
+            continue
+        rms, median, relative, density = (
+            interior[name].get(key) for key in ("rms", "median_abs", "relative_rms", "density")
+        )
+        shares = ("–" if value is None else f"{100 * value:.3g} %" for value in (relative, density))
+        values = ("–" if value is None else f"{value:.3g}" for value in (rms, median))
+        table.add_row(get_title(name), *[*values, get_units(name), *shares][: len(headings)])
+    make_console().print(table)
+
+
+_GROWTH = ("growth_rate", "growth_rate_windowed")
+
+
+def _print_regions(scored: Score) -> None:
+    """Print the rms errors of some quantities in every region that has any pixel scored."""
+    from rich.table import Table
+
+    from scenetruth.errors import visible
+    from scenetruth.scoring import get_units
+    from scenetruth.scoring.score_result import select_summary_quantities
+
+    shown = select_summary_quantities(scored.regions, grows=scored.grows)
+    names = [
+        name
+        for name in ("depth", "normal", "flow_x", "velocity_z", "velocity_endpoint", *_GROWTH)
+        if name in shown
+        # Flow stands for motion where there is nothing better.
+        and (name != "flow_x" or "velocity_z" not in scored.regions["all"])
+    ]
+    table = Table(title="all regions, rms errors", title_justify="left")
+    table.add_column("region", overflow="fold")
+    for name in ("pixels", "density", *(f"{name}\n{get_units(name)}" for name in names)):
+        table.add_column(name, justify="right")
+    first = names[0] if names else next(iter(scored.regions["all"]))
+    for region, quantities in scored.regions.items():
+        count, density = (quantities[first][key] for key in ("count", "density"))
+        if not count:
+            continue
+        cells = [density, *(quantities[name]["rms"] for name in names)]
+        table.add_row(
+            visible(region, lines=False), f"{count:,}", *("–" if value is None else f"{value:.3g}" for value in cells)
+        )
+    make_console().print(table)

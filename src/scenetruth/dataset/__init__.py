@@ -1,1 +1,1 @@
-"""Many scenes from one recipe: drawn, made, catalogued and read."""
+"""Data sets: many scenes from one recipe, drawn, simulated, catalogued and read."""

@@ -1,4 +1,4 @@
-"""Arithmetic that a recipe may write: parsed, and walked through node by node; nothing is ever executed."""
+"""Expressions of formula distributions: parsed once, evaluated without running code."""
 
 from __future__ import annotations
 

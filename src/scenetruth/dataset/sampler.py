@@ -1,4 +1,4 @@
-"""From a recipe to its samples: what is drawn for each, and the scene that it makes."""
+"""Sampling: the sampling plan, and the draw of each sample by its index alone."""
 
 from __future__ import annotations
 
@@ -6,25 +6,108 @@ import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
-from scenetruth.dataset.distributions.base import ByNumber, Derived, Distribution, Random
-from scenetruth.dataset.plans import Uniforms
-from scenetruth.dataset.recipe.paths import PathError, assign, expand
-from scenetruth.dataset.recipe.spec import Recipe
-from scenetruth.errors import Problem, RecipeError, SceneError
-from scenetruth.randomness import generator_for
-from scenetruth.scene import Scene, scene_from_plain
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["HELD_OUT", "Draw", "Sampler", "Varied"]
+from scenetruth.dataset.distributions import (
+    DerivedDistribution,
+    Distribution,
+    IndexedDistribution,
+    RandomDistribution,
+    SamplingPlan,
+)
+from scenetruth.dataset.recipe_model import Recipe
+from scenetruth.errors import Problem, RecipeError, SceneError
+from scenetruth.random_streams import generator_for
+from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene.field_paths import PathError, assign, expand
+
+__all__ = ["HELD_OUT", "Draw", "Sampler", "UniformDraws", "VariedField"]
+
+
+# More are a sequence that SciPy cannot go forward in.
+_BITS = 32
+# Points of Sobol's sequence that are made, and kept, together.
+_BLOCK = 4096
+
+
+class UniformDraws:
+    """Uniform numbers between 0 and 1 for the random values of a recipe.
+
+    Each number depends on the seed, the value's key, the sample and the draw alone. A plan adds that those of the
+    first draws of all samples lie evenly; what is drawn again lies in the same stratum of a Latin hypercube, and
+    anywhere in place of a point of Sobol's sequence.
+
+    Parameters
+    ----------
+    seed
+        Seed of the recipe.
+    samples
+        How many samples a Latin hypercube has to fill.
+    fields
+        The random values by key, in the order of the recipe: the order of the dimensions of Sobol's sequence.
+    """
+
+    def __init__(self, seed: int, samples: int, fields: Mapping[str, RandomDistribution]) -> None:
+        self._seed, self._samples = seed, samples
+        self._sobol: dict[str, int] = {}
+        dimensions = 0
+        for key, value in fields.items():
+            if value.plan == "sobol":
+                self._sobol[key] = dimensions
+                dimensions += value.uniforms
+
+    def of(self, key: str, field: RandomDistribution, sample: int, attempt: int) -> list[float]:
+        """Return the numbers of one value of one draw of a sample, each above 0 and below 1."""
+        own = generator_for(self._seed, "value", sample, attempt, key).random(field.uniforms)
+        plan: SamplingPlan = field.plan
+        if plan == "sobol" and attempt == 0:
+            return [self._shifted(key, number, sample) for number in range(field.uniforms)]
+        if plan == "latin_hypercube":
+            strata = [_strata(self._seed, key, number, self._samples)[sample] for number in range(field.uniforms)]
+            return _open([(stratum + u) / self._samples for stratum, u in zip(strata, own.tolist(), strict=True)])
+        return _open(own.tolist())
+
+    def _shifted(self, key: str, number: int, sample: int) -> float:
+        """Return a point of Sobol's sequence with a random digital shift of its own, which keeps it even."""
+        block, place = divmod(sample, _BLOCK)
+        point = int(_sobol_block(self._sobol[key] + number, block)[place] * 2**_BITS)
+        shift = int(generator_for(self._seed, "sobol", key, number).integers(2**_BITS))
+        return ((point ^ shift) + 0.5) / float(1 << _BITS)
+
+
+def _open(numbers: Sequence[float]) -> list[float]:
+    """Keep numbers off both ends, where some distributions are infinite."""
+    return [min(max(number, 2.0**-60), 1 - 2.0**-53) for number in numbers]
+
+
+@lru_cache(maxsize=256)
+def _sobol_block(dimension: int, block: int) -> NDArray[np.float64]:
+    """Return some points along one dimension of Sobol's sequence; they depend on no other dimension."""
+    from scipy.stats import qmc
+
+    engine = qmc.Sobol(dimension + 1, scramble=False, bits=_BITS)
+    if block:
+        engine.fast_forward(block * _BLOCK)
+    found: NDArray[np.float64] = engine.random(_BLOCK)[:, dimension]
+    return found
+
+
+@lru_cache(maxsize=64)
+def _strata(seed: int, key: str, number: int, samples: int) -> NDArray[np.int64]:
+    """Return which of as many strata as samples each sample lies in."""
+    return generator_for(seed, "latin_hypercube", key, number).permutation(samples)
+
 
 HELD_OUT = "held_out"
 """Split of the samples whose values are held out."""
 
 
 @dataclass(frozen=True)
-class Varied:
+class VariedField:
     """A value that varies, and where it goes.
 
     Parameters
@@ -124,8 +207,10 @@ class Sampler:
         self._order = self._sorted(problems)
         if problems:
             raise RecipeError(problems)
-        random = {item.key: item.distribution for item in self.varied if isinstance(item.distribution, Random)}
-        self._uniforms = Uniforms(recipe.seed, recipe.samples, random)
+        random = {
+            item.key: item.distribution for item in self.varied if isinstance(item.distribution, RandomDistribution)
+        }
+        self._uniforms = UniformDraws(recipe.seed, recipe.samples, random)
         self._by_key = {item.key: item for item in self.varied}
 
     def __len__(self) -> int:
@@ -212,10 +297,10 @@ class Sampler:
 
     def refusal(self, found: Draw) -> str:
         """Return why the geometry of a draw is not accepted; an empty text if it is."""
-        from scenetruth.dataset.acceptance.look import Look
+        from scenetruth.dataset.acceptance import GeometryPreview
 
         try:
-            look = Look(found.scene())
+            look = GeometryPreview(found.scene())
             for bound in self.recipe.accept:
                 if reason := bound.refusal(look):
                     return reason
@@ -255,34 +340,34 @@ class Sampler:
                 return place
         return len(weights) - 1
 
-    def _value_of(self, item: Varied, draw: int, attempt: int, named: Mapping[str, Any]) -> Any:
+    def _value_of(self, item: VariedField, draw: int, attempt: int, named: Mapping[str, Any]) -> Any:
         distribution = item.distribution
-        if isinstance(distribution, Random):
+        if isinstance(distribution, RandomDistribution):
             return distribution.value(self._uniforms.of(item.key, distribution, draw, attempt))
-        if isinstance(distribution, ByNumber):
+        if isinstance(distribution, IndexedDistribution):
             return distribution.value(self._place_of(item, draw) % len(distribution))
-        assert isinstance(distribution, Derived)
+        assert isinstance(distribution, DerivedDistribution)
         try:
             return distribution.value(named)
         except ValueError as error:
             raise SceneError([Problem(item.where, str(error))]) from error
 
-    def _middle_of(self, item: Varied, named: Mapping[str, Any]) -> Any:
+    def _middle_of(self, item: VariedField, named: Mapping[str, Any]) -> Any:
         distribution = item.distribution
-        if isinstance(distribution, Random):
+        if isinstance(distribution, RandomDistribution):
             return distribution.middle
         return self._value_of(item, 0, 0, named)
 
-    def _place_of(self, item: Varied, draw: int) -> int:
+    def _place_of(self, item: VariedField, draw: int) -> int:
         """Return how far a field that goes by the sample's number has gone."""
         own = item.distribution
-        assert isinstance(own, ByNumber)
+        assert isinstance(own, IndexedDistribution)
         if not own.period:
             return draw
         for other in self.varied:
             if other is item:
                 return draw
-            if isinstance(other.distribution, ByNumber) and other.distribution.period:
+            if isinstance(other.distribution, IndexedDistribution) and other.distribution.period:
                 draw //= len(other.distribution)
         return draw
 
@@ -300,20 +385,20 @@ class Sampler:
                 return name
         return next(reversed(recipe.splits))
 
-    def _varied(self, problems: list[Problem]) -> Iterator[Varied]:
+    def _varied(self, problems: list[Problem]) -> Iterator[VariedField]:
         for name, distribution in self.recipe.values.items():
-            yield Varied(name, distribution, (), name, f"values.{name}")
+            yield VariedField(name, distribution, (), name, f"values.{name}")
         for path, distribution in self.recipe.vary.items():
             where = f"vary.{path}"
             places = self._places(path, where, problems)
             name = distribution.name or ""
             if not places or distribution.together or places == [path]:
-                yield Varied(path, distribution, tuple(places), name, where)
+                yield VariedField(path, distribution, tuple(places), name, where)
                 continue
             if name:
                 message = f"'{path}' stands for {len(places)} places with a value each; add together: true, or no name"
                 problems.append(Problem(f"{where}.name", message, name))
-            yield from (Varied(place, distribution, (place,), "", where) for place in places)
+            yield from (VariedField(place, distribution, (place,), "", where) for place in places)
 
     def _ladders(self, problems: list[Problem]) -> Iterator[tuple[str, tuple[str, ...], Any]]:
         for path, values in self.recipe.paired.items():
@@ -342,12 +427,12 @@ class Sampler:
                 message = f"is neither the path nor the name of a value that varies; these vary: {', '.join(keys)}"
                 problems.append(Problem(f"hold_out.{key}", message))
 
-    def _sorted(self, problems: list[Problem]) -> list[Varied]:
+    def _sorted(self, problems: list[Problem]) -> list[VariedField]:
         """Return all values so that each comes after those that it needs."""
         known = {item.key for item in self.varied} | {item.name for item in self.varied if item.name}
-        left, done, order = list(self.varied), set[str](), list[Varied]()
+        left, done, order = list(self.varied), set[str](), list[VariedField]()
         for item in left:
-            if isinstance(item.distribution, Derived):
+            if isinstance(item.distribution, DerivedDistribution):
                 unknown = sorted(item.distribution.needs() - known)
                 if unknown:
                     message = f"uses what is no value: {', '.join(unknown)}; values with names: "
@@ -356,7 +441,9 @@ class Sampler:
                     return []
         while left:
             ready = [
-                item for item in left if not isinstance(item.distribution, Derived) or item.distribution.needs() <= done
+                item
+                for item in left
+                if not isinstance(item.distribution, DerivedDistribution) or item.distribution.needs() <= done
             ]
             if not ready:
                 circle = ", ".join(item.key for item in left)

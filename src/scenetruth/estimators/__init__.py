@@ -1,13 +1,21 @@
-"""From a recording to depth and motion, by any method; knows nothing of the scene or the truth."""
+"""Estimation of depth and scene flow from a recording by any method; independent of the scene and the ground truth."""
 
-from scenetruth.estimators.choice import MethodChoice, choose, validate_settings
-from scenetruth.estimators.estimation import Estimation, estimate, prepare, requirements
+from scenetruth.estimators.estimation import EstimationTask, estimate, prepare, requirements
 from scenetruth.estimators.protocol import Estimator, Method, MethodSettings, Needs, StreamingMethod
-from scenetruth.estimators.registry import DEFAULT_METHOD, MethodEntry, find_method, method_entries, offered
+from scenetruth.estimators.registry import (
+    DEFAULT_METHOD,
+    MethodChoice,
+    MethodEntry,
+    choose,
+    find_method,
+    method_entries,
+    offered,
+    validate_settings,
+)
 
 __all__ = [
     "DEFAULT_METHOD",
-    "Estimation",
+    "EstimationTask",
     "Estimator",
     "Method",
     "MethodChoice",

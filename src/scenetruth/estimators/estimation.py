@@ -1,25 +1,123 @@
-"""The one way to an estimate: the recording is checked, the method is called, what it returns is checked."""
+"""Estimation: the recording is checked, the method is called, and its output is validated."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from scenetruth.errors import EstimateError, Problem, ScenetruthError, StoreError
-from scenetruth.estimators.choice import validate_settings
-from scenetruth.estimators.own_code import place_of
+from scenetruth.errors import EstimateError, Problem, RecordingError, ScenetruthError, StoreError
 from scenetruth.estimators.protocol import Estimator, StreamingMethod
-from scenetruth.estimators.registry import DEFAULT_METHOD, find_method
-from scenetruth.estimators.returned import own_arrays, read_only, returned_problems
-from scenetruth.model import FrozenModel
-from scenetruth.plain import argument_problems
+from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate_settings
+from scenetruth.estimators.user_code import locate_exception
+from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
-from scenetruth.schema import Put, check_dataset, estimate_hash
+from scenetruth.schema import VARIABLES, Put, check_dataset, estimate_hash
+from scenetruth.validated_model import FrozenModel
 
-__all__ = ["Estimation", "estimate", "prepare", "requirements"]
+__all__ = [
+    "EstimationTask",
+    "copy_shared_arrays",
+    "estimate",
+    "is_in_memory",
+    "output_problems",
+    "prepare",
+    "read_only",
+    "requirements",
+]
+
+
+def read_only(recording: xr.Dataset) -> xr.Dataset:
+    """Return the same recording, with arrays that cannot be written to and containers of its own.
+
+    What was opened and not loaded stays so: whoever reads it gets arrays of its own.
+    """
+    guarded = recording.copy(deep=False)
+    indexes = {}
+    for name, variable in guarded.variables.items():
+        if not is_in_memory(variable):
+            continue
+        values = variable.values.view()
+        values.flags.writeable = False
+        if name not in guarded.xindexes:
+            variable.data = values
+        elif variable.dims == (name,) and variable.values.flags.writeable:
+            # pandas before 3 hands out the values of an index as they are.
+            indexes[name] = (variable.dims, values, variable.attrs, variable.encoding)
+    return guarded.assign_coords(indexes)
+
+
+def copy_shared_arrays(found: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
+    """Return a data set that shares no memory with a recording, and whose arrays can be written to."""
+    own = found.copy()
+    others = [other.values for other in recording.variables.values() if is_in_memory(other)]
+    for name, variable in own.variables.items():
+        if name in own.xindexes:
+            continue
+        values = variable.values
+        shared = any(np.may_share_memory(values, other) for other in others)
+        if shared or not values.flags.writeable:
+            variable.data = values.copy()
+    return own
+
+
+def is_in_memory(variable: xr.Variable) -> bool:
+    """Return whether a variable's values are in memory, and need not be read from a store."""
+    return bool(variable._in_memory)  # xarray has no public word for it
+
+
+def output_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str]) -> list[Problem]:
+    """Return what is wrong with what a method returned.
+
+    Parameters
+    ----------
+    found
+        What it returned.
+    recording
+        What it was given.
+    gives
+        What it promised to give.
+    """
+    if not isinstance(found, xr.Dataset):
+        remedy = "is not an xarray.Dataset; make one with scenetruth.make_estimate(like=recording, ...)"
+        return [Problem("", remedy, type(found).__name__)]
+    problems = [
+        Problem(name, "is promised by the method, but missing", sorted(map(str, found.data_vars)))
+        for name in sorted(gives)
+        if name not in found
+    ]
+    try:
+        check_dataset(found, "estimate")
+    except RecordingError as error:
+        problems += error.problems
+    for name, entry in VARIABLES["estimate"].items():
+        if name not in found:
+            continue
+        variable = found.variables[name]
+        units = variable.attrs.get("units")
+        if units != entry.units:
+            problems.append(Problem(f"{name}.units", f"must be '{entry.units}'", units))
+        if name in _REAL and variable.dtype.kind != "f":
+            problems.append(Problem(name, "must hold floats, NaN where nothing is known", str(variable.dtype)))
+    for dim in ("t", "y", "x"):
+        if dim not in found.coords or dim not in recording.coords:
+            if dim not in found.coords:
+                problems.append(Problem(dim, "is missing; an estimate has the coordinates of its recording"))
+            continue
+        extra = sorted(set(found.variables[dim].values.tolist()) - set(recording.variables[dim].values.tolist()))
+        if extra:
+            message = f"has {len(extra)} values that the recording has not"
+            problems.append(Problem(dim, message, extra[:3]))
+        elif dim != "t" and found.sizes[dim] != recording.sizes[dim]:
+            problems.append(Problem(dim, f"must have the recording's {recording.sizes[dim]} pixels", found.sizes[dim]))
+    return problems
+
+
+_REAL = ("depth", "disparity", "flow", "velocity", "divergence", "depth_std", "disparity_std", "velocity_std")
 
 
 def estimate(
@@ -92,7 +190,7 @@ def estimate(
     return prepare(recording, method, settings, progress, **overrides).estimate()
 
 
-class Estimation:
+class EstimationTask:
     """A recording, a method and its settings, all checked: an estimate that can be made.
 
     Parameters
@@ -149,7 +247,7 @@ class Estimation:
             guarded = read_only(self._recording.copy(deep=False).load())
         with self._telling():
             found = self._method.estimate(guarded, self._settings, self._progress)
-        return own_arrays(self._checked(found), self._recording)
+        return copy_shared_arrays(self._checked(found), self._recording)
 
     def blank(self) -> xr.Dataset | None:
         """Return the estimate with blank maps, to be filled; None if the method estimates in memory only."""
@@ -179,7 +277,7 @@ class Estimation:
     def _checked(self, found: Any) -> xr.Dataset:
         """Return what the method made, with its origin, if it is an estimate of this recording."""
         method, recording = self._method, self._recording
-        problems = returned_problems(found, recording, method.gives)
+        problems = output_problems(found, recording, method.gives)
         if problems:
             raise EstimateError(problems, source=f"what the method '{method.name}' returned")
         stamped: xr.Dataset = found.copy()
@@ -198,7 +296,7 @@ class Estimation:
             raise
         except ScenetruthError as error:
             told = getattr(error, "problems", (Problem("", str(error)),))
-            place = place_of(error)
+            place = locate_exception(error)
             raise EstimateError(told, source=f"method '{name}'" + (f" ({place})" if place else "")) from error
         except (Warning, OSError) as error:
             # A warning that the caller has turned into an error; a disk that is full.
@@ -214,7 +312,7 @@ class Estimation:
             message = f"changes the recording that it was given: {error}; let it work on a copy"
         elif isinstance(error, SystemExit):
             message = f"failed: it called sys.exit({'' if error.code is None else repr(error.code)})"
-        place = place_of(error)
+        place = locate_exception(error)
         message += f" ({place})" if place else ""
         return EstimateError([Problem(f"method '{self._method.name}'", message)])
 
@@ -225,7 +323,7 @@ def prepare(
     settings: FrozenModel | Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     **overrides: Any,
-) -> Estimation:
+) -> EstimationTask:
     """Check everything that an estimate needs, before it is made; see `estimate`."""
     chosen = find_method(method)
     wrong = argument_problems(progress)
@@ -239,7 +337,7 @@ def prepare(
     problems = requirements(recording, chosen, checked)
     if problems:
         raise EstimateError(problems)
-    return Estimation(recording, chosen, checked, progress)
+    return EstimationTask(recording, chosen, checked, progress)
 
 
 _TRAVELLING = ("scene", "scene_hash", "recording_hash")

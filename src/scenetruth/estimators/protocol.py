@@ -1,4 +1,8 @@
-"""What a method of estimation must be: its name, its settings, what it needs, what it gives, and how it is called."""
+"""What a method must be.
+
+Its name, settings, requirements and outputs, and how it is called; and how streaming methods read the images of a
+recording.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +10,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
-from scenetruth.model import FrozenModel
 from scenetruth.progress import Progress
-from scenetruth.schema import Filling, Put
+from scenetruth.schema import IncrementalDataset, Put
+from scenetruth.validated_model import FrozenModel
 
-__all__ = ["RESERVED_SETTINGS", "Estimator", "Method", "MethodSettings", "Needs", "StreamingMethod"]
+__all__ = ["RESERVED_SETTINGS", "Estimator", "FrameReader", "Method", "MethodSettings", "Needs", "StreamingMethod"]
+
 
 RESERVED_SETTINGS = frozenset({"method", "recording", "settings", "progress", "overrides", "kind"})
 """Names that settings of a method must not have: calls and scene files use them for something else."""
@@ -254,12 +261,12 @@ class StreamingMethod(Method):
     """A start for methods that estimate some frames at a time, so that long recordings need no more memory than short.
 
     Derive from it, and write `blank` and `fill`. The recording that they get may be opened and not loaded: its images
-    are read when they are selected (`scenetruth.estimators.frame_reader` reads windows of frames).
+    are read when they are selected (`scenetruth.estimators.protocol` reads windows of frames).
 
     See Also
     --------
     scenetruth.estimators.Method : A start for methods that take the whole recording at once.
-    scenetruth.estimators.Estimation : Fills an estimate frame by frame.
+    scenetruth.estimators.EstimationTask : Fills an estimate frame by frame.
 
     Examples
     --------
@@ -318,6 +325,82 @@ class StreamingMethod(Method):
 
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
         """Estimate all frames, in memory."""
-        filling = Filling(self.blank(recording, settings))
+        filling = IncrementalDataset(self.blank(recording, settings))
         told = self.fill(recording, settings, filling.put, progress)
         return filling.dataset().assign_attrs(told)
+
+
+class FrameReader:
+    """Reads windows of frames from a recording; what two windows in a row have in common is read once.
+
+    Parameters
+    ----------
+    recording
+        A checked recording, in memory or opened from a store.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 9, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> reader = FrameReader(recording)
+    >>> reader.shape, reader.frames(2, 5).shape, reader.missing()
+    ((1, 2, 9, 30, 40), (1, 2, 3, 30, 40), 0)
+    """
+
+    def __init__(self, recording: xr.Dataset) -> None:
+        self._image = image = recording["image"]
+        sizes = image.sizes
+        native = image.dtype.newbyteorder("=")
+        self.dtype = native if native in (np.uint8, np.uint16) else np.dtype(np.float32)
+        """Type in which images are given: uint8 and uint16 as recorded, all other types as float32."""
+        cameras = sizes.get("s_y", 1) * sizes["s"]
+        self.shape = (sizes.get("channel", 1), cameras, sizes["t"], sizes["y"], sizes["x"])
+        """Numbers of channels, cameras (of a grid row by row), frames, rows and columns."""
+        self._first = 0
+        self._held: NDArray[Any] = np.empty((*self.shape[:2], 0, *self.shape[3:]), dtype=self.dtype)
+
+    def frames(self, first: int, last: int) -> NDArray[Any]:
+        """Return the images of successive frames.
+
+        Parameters
+        ----------
+        first, last
+            The first frame, and the one behind the last, as places along t.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (channel, s, t, y, x), contiguous; it may be the recording's own memory.
+        """
+        held = self._first, self._first + self._held.shape[2]
+        if held == (first, last):
+            return self._held
+        if first >= held[0] and first < held[1] < last:
+            # Old images first, so that the new ones need not wait for memory of theirs.
+            window = np.empty((*self.shape[:2], last - first, *self.shape[3:]), dtype=self.dtype)
+            window[:, :, : held[1] - first] = self._held[:, :, first - held[0] :]
+            window[:, :, held[1] - first :] = self._read(held[1], last)
+        else:
+            window = np.ascontiguousarray(self._read(first, last))
+        self._first, self._held = first, window
+        return window
+
+    def missing(self) -> int:
+        """Return how many values are not finite in the type in which images are given."""
+        if self._image.dtype.kind != "f":
+            return 0
+        count = 0
+        for frame in range(self.shape[2]):
+            image = self._read(frame, frame + 1)
+            # The sum is quick: it is finite only if all values are. If it overflows, the exact count decides.
+            with np.errstate(over="ignore", invalid="ignore"):
+                if not np.isfinite(image.sum()):
+                    count += int((~np.isfinite(image)).sum())
+        return count
+
+    def _read(self, first: int, last: int) -> NDArray[Any]:
+        values = self._image.isel(t=slice(first, last)).values
+        values = np.moveaxis(values, -1, 0) if "channel" in self._image.dims else values[None]
+        values = values.reshape(self.shape[0], self.shape[1], last - first, *self.shape[3:])
+        with np.errstate(over="ignore"):
+            return values.astype(self.dtype, copy=False)

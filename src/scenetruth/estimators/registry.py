@@ -1,4 +1,7 @@
-"""All methods by name: those in ``estimators/methods``, those of installed plug-ins, and plain functions."""
+"""All methods by name.
+
+Built-in methods, those of installed plugins and plain functions; and the choice of a method with its settings.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +10,44 @@ import os
 import pkgutil
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetJsonSchemaHandler,
+    SerializationInfo,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import CoreSchema
 
 from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimators.own_code import place_of
+from scenetruth.estimators.protocol import Estimator
+from scenetruth.estimators.user_code import locate_exception
+from scenetruth.plain_data import plain_problems
+from scenetruth.validated_model import FrozenModel
 
-if TYPE_CHECKING:
-    from scenetruth.estimators.protocol import Estimator
+__all__ = [
+    "DEFAULT_METHOD",
+    "ENTRY_POINTS",
+    "MethodChoice",
+    "MethodEntry",
+    "choose",
+    "find_method",
+    "method_entries",
+    "name_problems",
+    "offered",
+    "validate_settings",
+]
 
-__all__ = ["DEFAULT_METHOD", "ENTRY_POINTS", "MethodEntry", "find_method", "method_entries", "offered"]
 
 DEFAULT_METHOD = "structure_tensor"
 """The method where none is named."""
@@ -225,12 +251,12 @@ def _attribute_of(path: str) -> Any:
         with _searched(os.getcwd()):
             return getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # whatever a user's module raises
-        told = f"it called sys.exit({error.code!r})" if isinstance(error, SystemExit) else _told(error)
+        told = f"it called sys.exit({error.code!r})" if isinstance(error, SystemExit) else _describe_exception(error)
         raise _refused(f"cannot be imported as module:function: {told}", path) from error
 
 
-def _told(error: BaseException) -> str:
-    place = place_of(error)
+def _describe_exception(error: BaseException) -> str:
+    place = locate_exception(error)
     return f"{type(error).__name__}: {error}" + (f" ({place})" if place else "")
 
 
@@ -263,9 +289,9 @@ def _searched(folder: str) -> Iterator[None]:
 
 def _made(found: Any, name: str) -> Estimator:
     """Return what was found as a method: as it is, made by its class, or a function in a method's clothes."""
-    from scenetruth.estimators.function import FunctionMethod
     from scenetruth.estimators.protocol import RESERVED_SETTINGS, Estimator
-    from scenetruth.model import FrozenModel
+    from scenetruth.estimators.user_code import FunctionMethod
+    from scenetruth.validated_model import FrozenModel
 
     try:
         if isinstance(found, type):
@@ -294,3 +320,205 @@ def _made(found: Any, name: str) -> Estimator:
 
 def _refused(message: str, name: str) -> EstimateError:
     return EstimateError([Problem("method", message, name)])
+
+
+def name_problems(name: object) -> list[Problem]:
+    """Return what is wrong with the name of a method: estimates and their files are called after it.
+
+    Examples
+    --------
+    >>> print(*name_problems("My program"))
+    name: must be lower-case letters, digits and underscores, beginning with a letter (got 'My program')
+    """
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        message = "must be lower-case letters, digits and underscores, beginning with a letter"
+        return [Problem("name", message, name)]
+    if name in {entry.name for entry in method_entries()}:
+        return [Problem("name", "is that of a method that is installed; choose another", name)]
+    return []
+
+
+class MethodChoice(BaseModel):
+    """Which method estimates, and with which settings; in a file, both stand side by side.
+
+    ``module:function`` is refused here: a file that is read imports no code but that of installed methods.
+
+    Examples
+    --------
+    >>> choice = MethodChoice.model_validate({"method": "structure_tensor", "window_sigma_px": 4})
+    >>> choice.settings.window_sigma_px, choice.model_dump()["window_taps_px"]
+    (4.0, 25)
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    method: str
+    """Name of the method: see `scenetruth methods`."""
+    settings: FrozenModel
+    """Its settings."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _apart(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and isinstance(given.get("settings"), FrozenModel):
+            return given
+        try:
+            chosen = choose(given, from_file=True)
+        except EstimateError as error:
+            raise ValueError("; ".join(map(str, error.problems))) from error
+        return {"method": chosen.method, "settings": chosen.settings}
+
+    @model_serializer(mode="plain")
+    def _side_by_side(self, info: SerializationInfo) -> dict[str, Any]:
+        return {"method": self.method, **self.settings.model_dump(mode=info.mode)}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return one object for every method that can be loaded; broken ones are left out."""
+        variants = []
+        for entry in method_entries():
+            try:
+                method = find_method(entry.name)
+            except EstimateError:
+                continue
+            variant = _in_place(method.settings.model_json_schema())
+            named = {"const": entry.name, "description": "The method.", "title": "Method", "type": "string"}
+            if entry.name == DEFAULT_METHOD:
+                named["default"] = entry.name
+            else:
+                variant["required"] = ["method", *variant.get("required", ())]
+            variant["properties"] = {"method": named, **variant.get("properties", {})}
+            variants.append(variant)
+        return {"oneOf": variants}
+
+
+def _in_place(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a JSON Schema in which models within models stand where they are used: its own $defs cannot be kept."""
+    definitions = schema.pop("$defs", {})
+
+    def spelled(part: Any, within: tuple[str, ...] = ()) -> Any:
+        if isinstance(part, list):
+            return [spelled(each, within) for each in part]
+        if not isinstance(part, dict):
+            return part
+        name = str(part.get("$ref", "")).removeprefix("#/$defs/")
+        rest = {key: spelled(each, within) for key, each in part.items() if key != "$ref"}
+        if name not in definitions:
+            return rest
+        # A model that holds itself is told once.
+        return {**({"type": "object"} if name in within else spelled(definitions[name], (*within, name))), **rest}
+
+    return dict(spelled(schema))
+
+
+def choose(given: Any, *, from_file: bool = False) -> MethodChoice:
+    """Return a validated choice from what a scene file says.
+
+    Parameters
+    ----------
+    given
+        A mapping with ``method`` (the paper's if not given) and the method's settings, or a choice as it is.
+    from_file
+        Whether a file says so: it may name no ``module:function``, as importing runs code.
+
+    Raises
+    ------
+    EstimateError
+        With everything that is wrong with it.
+    """
+    if isinstance(given, MethodChoice):
+        return given
+    if not isinstance(given, Mapping):
+        raise EstimateError([Problem("", "must be a mapping of method and its settings", given)])
+    fields = dict(given)
+    method = fields.pop("method", DEFAULT_METHOD)
+    if not isinstance(method, str):
+        raise EstimateError([Problem("method", "must be the name of a method", method)])
+    if from_file and ":" in method:
+        message = f"is code, which no file may name; give it to the call (--method {method}) or install it as a plug-in"
+        raise EstimateError([Problem("method", message, method)])
+    settings = validate_settings(find_method(method), fields)
+    return MethodChoice.model_construct(method=method, settings=settings)
+
+
+def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenModel:
+    """Return the settings of a method.
+
+    Parameters
+    ----------
+    method
+        The method.
+    fields
+        Its settings by name, as plain values; those that are not given have their defaults.
+
+    Returns
+    -------
+    MethodSettings
+        The settings, of the type ``method.settings``.
+
+    Raises
+    ------
+    EstimateError
+        With every setting that is unknown or impossible.
+
+    See Also
+    --------
+    scenetruth.estimators.find_method : A method by its name.
+    scenetruth.estimators.MethodSettings : What models of settings derive from.
+
+    Examples
+    --------
+    What is not given has its default; all that is wrong is told at once:
+
+    >>> import scenetruth as st
+    >>> from scenetruth.estimators import find_method
+    >>> method = find_method("plane_sweep")
+    >>> settings = validate_settings(method, {"distinctness": 1.5})
+    >>> settings.distinctness, settings.disparity_px
+    (1.5, 'auto')
+    >>> try:
+    ...     validate_settings(method, {"distinctness": -1, "disparity": 20})
+    ... except st.EstimateError as error:
+    ...     print(error)
+    2 problems with the estimate in settings of 'plane_sweep':
+      - disparity: unknown setting of 'plane_sweep'; did you mean 'disparity_px'? (got 20)
+      - distinctness: input should be greater than or equal to 1 (got -1)
+    """
+    problems = plain_problems(fields)
+    if problems:
+        raise EstimateError(problems, source=f"settings of '{method.name}'")
+    try:
+        return method.settings.model_validate(dict(fields))
+    except ValidationError as error:
+        told: dict[str, list[Problem]] = {}
+        for problem in (_problem_of(entry, method) for entry in error.errors(include_url=False)[:_MAX_PROBLEMS]):
+            told.setdefault(problem.path, []).append(problem)
+        # Of a setting that may be a number or a word, pydantic reports each on its own.
+        problems = [
+            Problem(path, ", or ".join(dict.fromkeys(problem.message for problem in found)), found[0].value)
+            for path, found in sorted(told.items())
+        ]
+        raise EstimateError(problems, source=f"settings of '{method.name}'") from error
+
+
+_MAX_PROBLEMS = 100
+"""More wrong settings are not told: to find what each was meant to be takes time."""
+
+
+def _problem_of(entry: Any, method: Estimator) -> Problem:
+    keys = [str(key) for key in entry["loc"]]
+    path = ".".join(key for key in keys if not key.startswith(_UNION_TYPES) and key not in _UNION_MEMBERS)
+    message, value = entry["msg"].removeprefix("Value error, "), entry.get("input")
+    if entry["type"] == "extra_forbidden":
+        import difflib
+
+        known = sorted(method.settings.model_fields)
+        near = difflib.get_close_matches(keys[-1], known, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(known) or 'none'}"
+        message = f"unknown setting of '{method.name}'{hint}"
+    return Problem(path, message[:1].lower() + message[1:], value)
+
+
+# What pydantic calls the members of a union, in the places of what is wrong.
+_UNION_TYPES = ("literal[", "function-", "tuple[", "list[", "nullable[")
+_UNION_MEMBERS = ("int", "float", "str", "constrained-int", "constrained-float", "constrained-str")

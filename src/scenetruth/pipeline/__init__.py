@@ -1,4 +1,4 @@
-"""From a scene to a folder of results, stage by stage."""
+"""From a scene to a run directory, stage by stage."""
 
 from __future__ import annotations
 
@@ -6,49 +6,48 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scenetruth.pipeline.exporting import export_run
-    from scenetruth.pipeline.folder import MethodFiles, RunFolder
-    from scenetruth.pipeline.helping import FigureHelper, figure_help
-    from scenetruth.pipeline.requirements import effort_of, method_choices, run_problems
-    from scenetruth.pipeline.runner import Runner, RunResults
-    from scenetruth.pipeline.scene_run import STAGES, Stage, run_scene
-    from scenetruth.pipeline.verifying import Verdict, verify_folder
-    from scenetruth.pipeline.warming import warm_up
+    from scenetruth.pipeline.figure_worker import FigureWorker, open_figure_worker
+    from scenetruth.pipeline.finished_runs import VerificationResult, export_run, verify_run
+    from scenetruth.pipeline.precompilation import precompile
+    from scenetruth.pipeline.preflight import compute_method_workload, method_choices, run_problems
+    from scenetruth.pipeline.run_directory import MethodPaths, RunDirectory
+    from scenetruth.pipeline.runner import PipelineRunner, RunResult
+    from scenetruth.pipeline.scene_pipeline import STAGES, RunStage, run_scene
 
 __all__ = [
     "STAGES",
-    "FigureHelper",
-    "MethodFiles",
-    "RunFolder",
-    "RunResults",
-    "Runner",
-    "Stage",
-    "Verdict",
-    "effort_of",
+    "FigureWorker",
+    "MethodPaths",
+    "PipelineRunner",
+    "RunDirectory",
+    "RunResult",
+    "RunStage",
+    "VerificationResult",
+    "compute_method_workload",
     "export_run",
-    "figure_help",
     "method_choices",
+    "open_figure_worker",
+    "precompile",
     "run_problems",
     "run_scene",
-    "verify_folder",
-    "warm_up",
+    "verify_run",
 ]
 
 # The second process starts while the libraries that the stages need are loaded.
 _HOMES = {
-    "FigureHelper": "helping",
-    "MethodFiles": "folder",
-    "RunFolder": "folder",
-    "RunResults": "runner",
-    "Runner": "runner",
-    "Verdict": "verifying",
-    "effort_of": "requirements",
-    "export_run": "exporting",
-    "figure_help": "helping",
-    "method_choices": "requirements",
-    "run_problems": "requirements",
-    "verify_folder": "verifying",
-    "warm_up": "warming",
+    "FigureWorker": "figure_worker",
+    "MethodPaths": "run_directory",
+    "RunDirectory": "run_directory",
+    "RunResult": "runner",
+    "PipelineRunner": "runner",
+    "VerificationResult": "finished_runs",
+    "compute_method_workload": "preflight",
+    "export_run": "finished_runs",
+    "open_figure_worker": "figure_worker",
+    "method_choices": "preflight",
+    "run_problems": "preflight",
+    "verify_run": "finished_runs",
+    "precompile": "precompilation",
 }
 
 
@@ -56,7 +55,7 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         msg = f"module 'scenetruth.pipeline' has no attribute '{name}'"
         raise AttributeError(msg)
-    value = getattr(import_module(f"scenetruth.pipeline.{_HOMES.get(name, 'scene_run')}"), name)
+    value = getattr(import_module(f"scenetruth.pipeline.{_HOMES.get(name, 'scene_pipeline')}"), name)
     globals()[name] = value
     return value
 

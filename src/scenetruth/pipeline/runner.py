@@ -1,4 +1,4 @@
-"""The stages of a run, one by one, in a folder: what a stage has finished stays."""
+"""The stages of a run, one by one, in a run directory; results of finished stages are reused."""
 
 from __future__ import annotations
 
@@ -15,34 +15,69 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 import xarray as xr
 
 from scenetruth.errors import MismatchError, Problem, SceneError, ScenetruthError, StoreError
-from scenetruth.estimators import MethodChoice, choose, prepare
-from scenetruth.pipeline.estimating import write_estimate
-from scenetruth.pipeline.folder import MethodFiles, RunFolder, claim_of, claim_run
-from scenetruth.pipeline.requirements import effort_of, recorded_of
-from scenetruth.placing import Claimed, check_output, claim_pictures, hold, sweep_inside, write_aside
+from scenetruth.estimators import EstimationTask, MethodChoice, choose, prepare
+from scenetruth.output import (
+    OwnershipResult,
+    check_output,
+    claim_pictures,
+    lock_output,
+    remove_leftovers,
+    write_atomically,
+)
+from scenetruth.pipeline.preflight import compute_method_workload, compute_recording_workload
+from scenetruth.pipeline.run_directory import MethodPaths, RunDirectory, claim_entry, claim_run
 from scenetruth.progress import Progress
 from scenetruth.provenance import own_release, scene_hash
-from scenetruth.resources import Effort, Limits, foresee, machine_at, refuse_resources
+from scenetruth.resources import Limits, MethodWorkload, estimate_cost, inspect_machine, refuse_resources
 from scenetruth.scene import Scene
-from scenetruth.scene.load import apply_overrides
-from scenetruth.schema import check_same_run, digest, identity_of, scene_of
-from scenetruth.storage import claim_store, files_of, is_zip_name, open_store, write_images
+from scenetruth.scene.scene_loader import apply_overrides
+from scenetruth.schema import check_same_run, digest, read_lineage, read_scene
+from scenetruth.storage import (
+    StoreWriter,
+    claim_store,
+    is_zip_name,
+    open_store,
+    open_store_files,
+    write_images,
+    write_store,
+)
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from scenetruth.pipeline.helping import FigureHelper
+    from scenetruth.pipeline.figure_worker import FigureWorker
     from scenetruth.scoring import FigureInfo, Score
     from scenetruth.settings import ScoreSettings
-    from scenetruth.truth import TruthChoice
+    from scenetruth.truth import TruthOptions
 
-__all__ = ["RunResults", "Runner"]
+__all__ = ["PipelineRunner", "RunResult", "write_estimate"]
+
+
+def write_estimate(work: EstimationTask, path: Path, *, zipped: bool = False) -> None:
+    """Make an estimate, and write it to a store that does not exist yet.
+
+    Parameters
+    ----------
+    work
+        What is to be estimated.
+    path
+        The store; `write_atomically` gives such paths.
+    zipped
+        Whether it is one zip file.
+    """
+    blank = work.blank()
+    if blank is None:
+        write_store(work.estimate(), path, zipped=zipped)
+        return
+    with StoreWriter(path, blank, zipped=zipped) as writer:
+        writer.describe(work.fill(writer.put))
+
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class RunResults:
+class RunResult:
     """What a run has made.
 
     Parameters
@@ -57,13 +92,13 @@ class RunResults:
         Seconds spent on each kind of work.
     """
 
-    folder: RunFolder
+    folder: RunDirectory
     scores: Mapping[str, Score] = field(default_factory=dict)
     failures: Mapping[str, ScenetruthError] = field(default_factory=dict)
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
 
-class Runner:
+class PipelineRunner:
     """Runs stages in a folder, and keeps in memory what the next stage needs.
 
     Parameters
@@ -89,12 +124,12 @@ class Runner:
 
     def __init__(
         self,
-        folder: RunFolder,
+        folder: RunDirectory,
         overwrite: bool = False,
         check: bool = True,
         progress: Progress | None = None,
         notice: Callable[[str], None] | None = None,
-        helper: FigureHelper | None = None,
+        helper: FigureWorker | None = None,
         limits: Limits | None = None,
         asked: str | None = None,
     ) -> None:
@@ -110,9 +145,9 @@ class Runner:
     def __enter__(self) -> Self:
         """Keep other runs away from the folder, and put away what dead ones have left; until the block ends."""
         self._held = ExitStack()
-        self._held.enter_context(hold(self.folder.path, claim_run))
+        self._held.enter_context(lock_output(self.folder.path, claim_run))
         if self.folder.path.is_dir():
-            sweep_inside(self.folder.path, _claim)
+            remove_leftovers(self.folder.path, _claim)
             if self.asked is None:
                 # What single stages make belongs to no run.
                 self.folder.unfinished.unlink(missing_ok=True)
@@ -133,9 +168,9 @@ class Runner:
         """The truth; None if there is none."""
         return open_store(self.folder.truth, "truth") if self.folder.truth.exists() else None
 
-    def results(self) -> RunResults:
+    def results(self) -> RunResult:
         """Return what has been made."""
-        return RunResults(self.folder, self.scores, self.failures, self.timings_s)
+        return RunResult(self.folder, self.scores, self.failures, self.timings_s)
 
     @contextmanager
     def keeping_failures(self, method: str) -> Iterator[None]:
@@ -148,7 +183,7 @@ class Runner:
     def render(
         self,
         scene: Scene,
-        truth: TruthChoice,
+        truth: TruthOptions,
         *,
         ideal: bool = False,
         images: Literal["png", "tiff"] | None = None,
@@ -160,12 +195,12 @@ class Runner:
             self._goes_on = True
             self._say("goes on with the run that was interrupted: images and truth are there")
             return
-        with write_aside(self.folder.path, overwrite=self.overwrite, claim=claim_run) as aside:
+        with write_atomically(self.folder.path, overwrite=self.overwrite, claim=claim_run) as aside:
             aside.mkdir()
             with self._timed("simulate"):
                 backend, reason = simulate_into(aside, scene, truth, ideal=ideal, progress=self.progress)
             self._say(f"rendered with {backend}" + (f": {reason}" if reason else ""))
-            files = RunFolder(aside)
+            files = RunDirectory(aside)
             if images is not None:
                 with self._timed("images"):
                     write_images(open_store(files.recording, "recording"), files.images, images)
@@ -210,23 +245,23 @@ class Runner:
         SceneError
             If an override does not fit.
         """
-        section = dict((scene_of(self.recording) or {}).get("estimate") or {})
+        section = dict((read_scene(self.recording) or {}).get("estimate") or {})
         if method is not None and section.get("method", self.folder.own_method) != method:
             section = {"method": method}
         alone = {"estimate": section}
         _refuse_fixed(overrides, "estimate")
         apply_overrides(alone, overrides)
         # Who calls may name code; a store may come from a stranger.
-        return _section_of(alone, "estimate", partial(choose, from_file=method is None))
+        return _read_section(alone, "estimate", partial(choose, from_file=method is None))
 
     def score_settings(self, overrides: Sequence[str] = ()) -> ScoreSettings:
         """Return the score settings of the recorded scene with overrides ``score.FIELD=VALUE``."""
         from scenetruth.scoring import score_settings
 
-        alone = {"score": dict((scene_of(self.recording) or {}).get("score") or {})}
+        alone = {"score": dict((read_scene(self.recording) or {}).get("score") or {})}
         _refuse_fixed(overrides, "score")
         apply_overrides(alone, overrides)
-        return _section_of(alone, "score", lambda given: score_settings(**given))
+        return _read_section(alone, "score", lambda given: score_settings(**given))
 
     def estimate(self, choice: MethodChoice) -> None:
         """Estimate with a method."""
@@ -234,10 +269,10 @@ class Runner:
         if self._has(choice.method, target):
             return
         self._refuse_existing(target)
-        self._refuse_resources("estimate", effort_of([choice]))
+        self._refuse_resources("estimate", compute_method_workload([choice]))
         with self._timed("estimate" if choice.method == self.folder.own_method else f"estimate {choice.method}"):
             try:
-                with write_aside(target, overwrite=self._replaces, claim=claim_store) as aside:
+                with write_atomically(target, overwrite=self._replaces, claim=claim_store) as aside:
                     work = prepare(self.recording, choice.method, choice.settings, self.progress)
                     write_estimate(work, aside, zipped=is_zip_name(target))
             except BaseException as error:
@@ -248,7 +283,7 @@ class Runner:
 
     def score(self, method: str, settings: ScoreSettings) -> None:
         """Score the estimate of a method."""
-        from scenetruth.scoring import find_slips, score
+        from scenetruth.scoring import detect_convention_mismatches, score
 
         files = self.folder.of(method)
         if self._has(method, files.estimate, files.score_json, files.score_csv):
@@ -270,8 +305,8 @@ class Runner:
         attrs = self.recording.attrs
         metadata = {
             "versions": json.loads(attrs.get("versions", "{}")),
-            **identity_of(self.recording),
-            **identity_of(estimated),
+            **read_lineage(self.recording),
+            **read_lineage(estimated),
             "seed": attrs.get("seed"),
             "method": method,
             "render_backend": attrs.get("render_backend"),
@@ -282,10 +317,10 @@ class Runner:
         }
         scored = score(estimated, truth, self.recording, metadata=metadata, check=False, **settings.model_dump())
         for target, text in ((files.score_json, scored.to_json()), (files.score_csv, scored.to_csv())):
-            with write_aside(target, overwrite=self._replaces) as aside:
+            with write_atomically(target, overwrite=self._replaces) as aside:
                 aside.write_text(text, encoding="utf-8")
         self.scores[method] = scored
-        for slip in find_slips(estimated, truth):
+        for slip in detect_convention_mismatches(estimated, truth):
             self._say(f"likely slip in the estimate of '{method}': {slip.message}")
         unseen = _unseen_growth(scored, method)
         if unseen:
@@ -296,11 +331,11 @@ class Runner:
 
         ``figures_also`` names further formats of the pictures, beside PNG: ``"pdf"``.
         """
-        from scenetruth.scoring import is_made_of, write_report
+        from scenetruth.scoring import matches_fingerprint, write_report
 
         files = self.folder.of(method)
         made_of = self._made_of(files, figures, figures_also)
-        if not self.overwrite and files.figures.is_dir() and is_made_of(files.report, made_of):
+        if not self.overwrite and files.figures.is_dir() and matches_fingerprint(files.report, made_of):
             self._say(f"{files.report} is as new")
             return
         self._refuse_existing(files.report, files.figures)
@@ -318,8 +353,8 @@ class Runner:
                 message = f"belongs to another estimate than {files.estimate}: {scored_hash}, not {now}; score again"
                 raise MismatchError([Problem(str(files.score_json), message)])
         with (
-            write_aside(files.report, overwrite=self._replaces) as page,
-            write_aside(files.figures, overwrite=self._replaces, claim=claim_pictures) as made,
+            write_atomically(files.report, overwrite=self._replaces) as page,
+            write_atomically(files.figures, overwrite=self._replaces, claim=claim_pictures) as made,
         ):
             # In the one folder that is swept if this process dies.
             made.mkdir()
@@ -341,15 +376,15 @@ class Runner:
                 picture.rename(made / picture.name)
             (made / "figures").rmdir()
 
-    def _made_of(self, files: MethodFiles, figures: Collection[str] | None, also: Collection[str]) -> str:
+    def _made_of(self, files: MethodPaths, figures: Collection[str] | None, also: Collection[str]) -> str:
         """Return a hash of everything that a report shows."""
         stores = [store for store in (self.folder.recording, self.folder.truth, files.estimate) if store.exists()]
-        seals = [files_of(store).read("zarr.json").decode(errors="replace") for store in stores]
+        seals = [open_store_files(store).read("zarr.json").decode(errors="replace") for store in stores]
         scored = files.score_json.read_bytes().hex() if files.score_json.exists() else None
         chosen = None if figures is None else sorted(figures)
         return digest([own_release(), seals, scored, chosen, sorted(also)])
 
-    def _elsewhere(self, files: MethodFiles, folder: Path) -> Callable[[str], Future[FigureInfo | None]] | None:
+    def _elsewhere(self, files: MethodPaths, folder: Path) -> Callable[[str], Future[FigureInfo | None]] | None:
         helper = self.helper
         if helper is None:
             return None
@@ -382,10 +417,10 @@ class Runner:
         for target in targets:
             check_output(target, overwrite=self._replaces, claim=_claim)
 
-    def _refuse_resources(self, stage: str, effort: Effort | None = None) -> None:
+    def _refuse_resources(self, stage: str, effort: MethodWorkload | None = None) -> None:
         """Refuse a stage that is foreseen to take more than the machine has."""
-        forecast = foresee(recorded_of(self.recording, effort), [stage])
-        refuse_resources(forecast, machine_at(self.folder.path), self.limits)
+        forecast = estimate_cost(compute_recording_workload(self.recording, effort), [stage])
+        refuse_resources(forecast, inspect_machine(self.folder.path), self.limits)
 
     def _forget(self) -> None:
         """Forget what was read from the folder before."""
@@ -416,8 +451,8 @@ def _unseen_growth(scored: Score, method: str) -> str:
     return f"growth is not seen by '{method}': {told}; {better} sees more"
 
 
-def _claim(path: Path) -> Claimed:
-    return claim_of(path) or Claimed("has no name that scenetruth gives")
+def _claim(path: Path) -> OwnershipResult:
+    return claim_entry(path) or OwnershipResult("has no name that scenetruth gives")
 
 
 def _refuse_fixed(overrides: Sequence[str], section: str) -> None:
@@ -427,7 +462,7 @@ def _refuse_fixed(overrides: Sequence[str], section: str) -> None:
         raise SceneError([Problem("--set", message, text) for text in fixed])
 
 
-def _section_of(alone: Mapping[str, Any], section: str, validate: Callable[[Any], T]) -> T:
+def _read_section(alone: Mapping[str, Any], section: str, validate: Callable[[Any], T]) -> T:
     """Validate a section of a scene on its own; problems have its path."""
     try:
         return validate(alone[section])

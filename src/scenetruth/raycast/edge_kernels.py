@@ -1,4 +1,4 @@
-"""Kernels that find the silhouette edges and sharp edges of a mesh, and cut them into pieces in the image."""
+"""Kernels that find the silhouette edges and creases of a mesh, and cut them into pieces in the image."""
 
 from __future__ import annotations
 

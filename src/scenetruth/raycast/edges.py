@@ -1,4 +1,4 @@
-"""Pixels whose footprint crosses a silhouette or a sharp edge."""
+"""Mixed pixels, whose footprint crosses a silhouette or a crease."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint
-from scenetruth.raycast.caster import RayCaster
+from scenetruth.raycast.ray_caster import RayCaster
 
 __all__ = ["mixed_pixels"]
 

@@ -1,4 +1,4 @@
-"""Kernels that find what a grid of rays from one point meets first, face by face in float64."""
+"""Kernels that find the first face on each ray of a grid of rays from one point, face by face in float64."""
 
 from __future__ import annotations
 
@@ -8,22 +8,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import (
+from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
     BLUR_Z,
     FORMS,
-    W0_X,
-    W1_X,
-    W2_X,
-    depth_on,
-    edge_functions,
-    inside,
-    rounding,
-    weigh,
-    write_forms,
-)
-from scenetruth.raycast.projection_kernels import (
     HIGH_U,
     HIGH_V,
     LEAST_COSINE,
@@ -31,7 +20,16 @@ from scenetruth.raycast.projection_kernels import (
     LOW_V,
     PLANE_MARGIN,
     RANGES,
+    W0_X,
+    W1_X,
+    W2_X,
     components,
+    depth_on,
+    edge_functions,
+    inside,
+    rounding,
+    weigh,
+    write_forms,
 )
 from scenetruth.threads import in_bands
 

@@ -1,8 +1,11 @@
-"""Kernels that decide in float64 whether a face lies between a light and a point."""
+"""Kernels that decide in float64 whether a face lies between a light and a point.
+
+For one face, and for all faces in parallel light.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -10,7 +13,17 @@ from numpy.typing import NDArray
 
 from scenetruth.threads import in_bands
 
-__all__ = ["confirm_blocked", "meets"]
+__all__ = [
+    "BLOCKED",
+    "LIT",
+    "UNSURE",
+    "FacesInLight",
+    "confirm_blocked",
+    "flatten_faces",
+    "meets",
+    "parallel_shadows",
+    "sort_faces",
+]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -108,3 +121,355 @@ def _confirm_blocked(
                 if not blocked and beside >= 0 and beside != own[n]:
                     blocked = meets(vertices, faces, beside, starts[n], ways[n], farthest)
         out[n] = blocked
+
+
+LIT, BLOCKED, UNSURE = range(3)
+"""What is known of a point."""
+
+# Places of the numbers that are kept of a face, seen along the light: its lowest corner; of three edges, u, v and 1
+# times the coefficients give the distance inside; of its plane, the height h; and how fast that changes.
+_LOWEST, _EDGES, _PLANE, _STEEP = 0, 1, 10, 13
+NUMBERS = 16
+# Faces that are steeper have no height of their own, only that of their corners.
+_STEEPEST = 1e3
+# More faces on one ray than these are not kept apart.
+_MOST = 24
+# Points that are worth a thread of their own.
+_LEAST = 256
+# Faces that touch more cells than these are tried for every point.
+LARGE = 1 << 14
+# Faces that touch more cells than these are asked for every cell of their box whether they touch it.
+_FEW = 4
+# Cells count as wider by this share, for rounding.
+_CELL_MARGIN = 1e-6
+
+
+class FacesInLight(NamedTuple):
+    """The faces of a mesh, as parallel light sees them, sorted into cells.
+
+    Heights count along the light: what is lower is nearer to the lamp.
+    """
+
+    frame: NDArray[np.float64]
+    """Two unit vectors across the light, and the one along it, as the rows of a rotation."""
+    numbers: NDArray[np.float64]
+    """Of all faces, as `flatten_faces` returns them."""
+    low: NDArray[np.float64]
+    """Lowest u and v of the cells, shape (2,)."""
+    per_cell: float
+    """Cells per mm."""
+    columns: int
+    """Cells along u."""
+    rows: int
+    """Cells along v."""
+    starts: NDArray[np.int64]
+    """Where the list of each cell begins, and the total."""
+    listed: NDArray[np.int32]
+    """The faces that may touch each cell, cell by cell, in the order of their lowest corners."""
+    large: NDArray[np.int32]
+    """The faces that touch so many cells that they stand in no list."""
+    tolerance: float
+    """Distance in mm by which Embree's float32 may err."""
+
+
+def flatten_faces(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], frame: NDArray[np.float64], tolerance: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what is kept of every face, shape (m, `NUMBERS`), and its lowest and highest u and v, shape (m, 4).
+
+    The ranges hold all rays that pass the edges within the tolerance; those of faces that are seen edge-on have no end.
+    The other arguments are as of `FacesInLight`.
+    """
+    count = faces.shape[0]
+    numbers = np.empty((count, NUMBERS), dtype=np.float64)
+    boxes = np.empty((count, 4), dtype=np.float64)
+    in_bands(_flatten_faces, count, vertices, faces, frame, tolerance, numbers, boxes)
+    return numbers, boxes
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _flatten_faces(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], frame: NDArray[np.float64],
+    tolerance: float, numbers: NDArray[np.float64], boxes: NDArray[np.float64],
+) -> None:  # fmt: skip
+    place = np.empty((3, 3), dtype=np.float64)
+    for face in range(low, high):
+        for corner in range(3):
+            vertex = faces[face, corner]
+            for k in range(3):
+                place[corner, k] = (
+                    vertices[vertex, 0] * frame[k, 0]
+                    + vertices[vertex, 1] * frame[k, 1]
+                    + vertices[vertex, 2] * frame[k, 2]
+                )
+        a, b, c = place[0], place[1], place[2]
+        around, longest, from_corner = 0.0, 0.0, 0
+        for k in range(3):
+            p, q = place[k], place[(k + 1) % 3]
+            length = np.sqrt((q[0] - p[0]) ** 2 + (q[1] - p[1]) ** 2)
+            around += length
+            if length > longest:
+                longest, from_corner = length, k
+        out = numbers[face]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        out[_LOWEST] = min(a[2], b[2], c[2])
+        steep = np.sqrt(nx * nx + ny * ny)
+        if abs(nz) * _STEEPEST <= steep or nz == 0.0:
+            # Seen edge-on: it blocks nothing for certain, and float32 may take it for nearer than everything else.
+            out[_LOWEST] = -np.inf
+            out[_EDGES:_PLANE] = 0.0
+            out[_PLANE : _PLANE + 3] = 0.0
+            out[_STEEP] = np.inf
+            boxes[face, ::2], boxes[face, 1::2] = -np.inf, np.inf
+            if longest > 0.0:
+                # Rounding may take any ray for a hit that passes through the strip along its longest edge, wherever.
+                p, q, r = place[from_corner], place[(from_corner + 1) % 3], place[(from_corner + 2) % 3]
+                across, down = (p[1] - q[1]) / longest, (q[0] - p[0]) / longest
+                width = across * (r[0] - p[0]) + down * (r[1] - p[1])
+                there = across * p[0] + down * p[1]
+                out[_EDGES], out[_EDGES + 1], out[_EDGES + 2] = across, down, -there - min(width, 0.0)
+                for at in (_EDGES + 3, _EDGES + 6):
+                    out[at], out[at + 1], out[at + 2] = -across, -down, there + max(width, 0.0)
+            continue
+        # All edges moved outwards by the tolerance give a triangle that is larger, as seen from the incentre, by that
+        # over the inradius |nz| / around: at sharp corners much more than the tolerance.
+        margin = tolerance * (1.0 + longest * around / abs(nz))
+        boxes[face, 0], boxes[face, 1] = min(a[0], b[0], c[0]) - margin, max(a[0], b[0], c[0]) + margin
+        boxes[face, 2], boxes[face, 3] = min(a[1], b[1], c[1]) - margin, max(a[1], b[1], c[1]) + margin
+        side = 1.0 if nz > 0.0 else -1.0
+        for k in range(3):
+            p, q = place[k], place[(k + 1) % 3]
+            ex, ey = q[0] - p[0], q[1] - p[1]
+            length = side * np.sqrt(ex * ex + ey * ey)
+            at = _EDGES + 3 * k
+            out[at], out[at + 1] = -ey / length, ex / length
+            out[at + 2] = -(out[at] * p[0] + out[at + 1] * p[1])
+        out[_PLANE], out[_PLANE + 1] = -nx / nz, -ny / nz
+        out[_PLANE + 2] = a[2] - out[_PLANE] * a[0] - out[_PLANE + 1] * a[1]
+        out[_STEEP] = steep / abs(nz)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _cell(value: float, low: float, per_cell: float, last: int) -> Any:
+    """Return the cell of a coordinate, from 0 to ``last``; a larger coordinate never has a lower cell."""
+    return int(min(max((value - low) * per_cell, 0.0), last + 0.0))
+
+
+@numba.njit(cache=True, nogil=True)
+def _touches(numbers: NDArray[np.float64], face: int, u: float, v: float, edge: float, tolerance: float) -> Any:
+    """Tell whether a face may touch the cell whose lowest corner is (u, v)."""
+    for first in range(_EDGES, _PLANE, 3):
+        across, down = numbers[face, first], numbers[face, first + 1]
+        highest = across * u + down * v + numbers[face, first + 2] + edge * (max(across, 0.0) + max(down, 0.0))
+        if highest < -tolerance:
+            return False
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def sort_faces(
+    numbers: NDArray[np.float64],
+    boxes: NDArray[np.float64],
+    low: NDArray[np.float64],
+    per_cell: float,
+    columns: int,
+    rows: int,
+    tolerance: float,
+) -> Any:
+    """Sort faces into cells.
+
+    Parameters
+    ----------
+    numbers, boxes
+        The faces, as `flatten_faces` returns them.
+    low, per_cell, columns, rows, tolerance
+        As of `FacesInLight`.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        ``starts``, ``listed`` and ``large``, as of `FacesInLight`.
+    """
+    starts = np.zeros(rows * columns + 1, dtype=np.int64)
+    large = np.empty(boxes.shape[0], dtype=np.int32)
+    listed, place = np.empty(0, dtype=np.int32), starts
+    # What comes first in a list is nearest to the lamp.
+    order = np.argsort(numbers[:, _LOWEST])
+    used, edge = 0, (1.0 + _CELL_MARGIN) / per_cell
+    # Once to count, once to fill.
+    for fill in (False, True):
+        for face in order:
+            left = _cell(boxes[face, 0], low[0], per_cell, columns - 1)
+            right = _cell(boxes[face, 1], low[0], per_cell, columns - 1)
+            top = _cell(boxes[face, 2], low[1], per_cell, rows - 1)
+            bottom = _cell(boxes[face, 3], low[1], per_cell, rows - 1)
+            number = (right - left + 1) * (bottom - top + 1)
+            if number > LARGE:
+                if not fill:
+                    large[used] = face
+                    used += 1
+                continue
+            for row in range(top, bottom + 1):
+                for column in range(left, right + 1):
+                    if number > _FEW:
+                        u = low[0] + (column - 0.5 * _CELL_MARGIN) / per_cell
+                        v = low[1] + (row - 0.5 * _CELL_MARGIN) / per_cell
+                        if not _touches(numbers, face, u, v, edge, tolerance):
+                            continue
+                    cell = row * columns + column
+                    if fill:
+                        listed[place[cell]] = face
+                        place[cell] += 1
+                    else:
+                        starts[cell + 1] += 1
+        if not fill:
+            for cell in range(rows * columns):
+                starts[cell + 1] += starts[cell]
+            listed, place = np.empty(starts[-1], dtype=np.int32), starts[:-1].copy()
+    return starts, listed, large[:used].copy()
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _inside(numbers: NDArray[np.float64], face: int, u: float, v: float) -> Any:
+    """Return how far inside a face's edges a ray passes, negative outside; of those seen edge-on, their strip."""
+    return min(
+        numbers[face, _EDGES] * u + numbers[face, _EDGES + 1] * v + numbers[face, _EDGES + 2],
+        numbers[face, _EDGES + 3] * u + numbers[face, _EDGES + 4] * v + numbers[face, _EDGES + 5],
+        numbers[face, _EDGES + 6] * u + numbers[face, _EDGES + 7] * v + numbers[face, _EDGES + 8],
+    )
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _lowest(numbers: NDArray[np.float64], face: int, u: float, v: float, tolerance: float) -> Any:
+    """Return how low a face may be where a ray passes, within the tolerance of both."""
+    lowest = numbers[face, _LOWEST] - tolerance
+    if numbers[face, _STEEP] < np.inf:
+        height = numbers[face, _PLANE] * u + numbers[face, _PLANE + 1] * v + numbers[face, _PLANE + 2]
+        lowest = max(lowest, height - tolerance * (1.0 + numbers[face, _STEEP]))
+    return lowest
+
+
+@numba.njit(cache=True, nogil=True)
+def _decide(
+    numbers: NDArray[np.float64], tolerance: float, u: float, v: float, height_of_point: float, own: int,
+    touched: NDArray[np.int32], met: NDArray[np.bool_], used: int, neighbours: NDArray[np.int32],
+) -> Any:  # fmt: skip
+    """Tell whether Embree's guess can only be a face that is met, or beside one, whatever its rounding."""
+    certain = np.inf
+    for k in range(used):
+        face = touched[k]
+        if met[k] and _inside(numbers, face, u, v) >= tolerance:
+            height = numbers[face, _PLANE] * u + numbers[face, _PLANE + 1] * v + numbers[face, _PLANE + 2]
+            certain = min(certain, height + tolerance * (1.0 + numbers[face, _STEEP]))
+    # What is behind the point was not looked at.
+    if not certain < height_of_point:
+        return UNSURE
+    # Embree meets something up to there for certain. All that it may meet first must be confirmed.
+    for k in range(used):
+        face = touched[k]
+        if met[k] or _lowest(numbers, face, u, v, tolerance) > certain:
+            continue
+        beside = False
+        for side in range(3):
+            for other in range(used):
+                beside = beside or (met[other] and touched[other] == neighbours[face, side])
+        if face == own or not beside:
+            return UNSURE
+    return BLOCKED
+
+
+def parallel_shadows(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+    light: FacesInLight,
+    points: NDArray[np.float64],
+    own: NDArray[np.int32],
+    wanted: NDArray[np.bool_],
+    to_light: NDArray[np.float64],
+    reach: float,
+    farthest: float,
+) -> NDArray[np.uint8]:
+    """Tell which points parallel light does not reach.
+
+    The answer is that of `shadow_kernels.confirm_blocked` after a guess by Embree, whatever that would be: nothing is
+    in the way of a point if no face but its own is met in float64. Something is if a face is met well inside its edges,
+    and if everything that Embree could take for the first face within its rounding is a face that is met, or beside
+    one.
+
+    Parameters
+    ----------
+    vertices, faces, neighbours
+        The mesh, as of `confirm_blocked`.
+    light
+        Its faces as the light sees them.
+    points
+        The points in mm, shape (n, 3).
+    own
+        The face on which each lies, shape (n,).
+    wanted
+        Which points are asked for, shape (n,).
+    to_light
+        Unit vector towards the light, shape (3,).
+    reach
+        Length of the rays in mm.
+    farthest
+        As of `confirm_blocked`.
+
+    Returns
+    -------
+    numpy.ndarray
+        `LIT`, `BLOCKED` or `UNSURE`, shape (n,), uint8.
+    """
+    count = points.shape[0]
+    out = np.zeros(count, dtype=np.uint8)
+    mesh, asked = (vertices, faces, neighbours), (points, own, wanted)
+    in_bands(_parallel_shadows, count, *mesh, light, *asked, to_light * -reach, farthest, out, least=_LEAST)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _parallel_shadows(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
+    light: FacesInLight, points: NDArray[np.float64], own: NDArray[np.int32], wanted: NDArray[np.bool_],
+    way: NDArray[np.float64], farthest: float, out: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    frame, tolerance, numbers = light.frame, light.tolerance, light.numbers
+    low_u, low_v, per_cell = light.low[0], light.low[1], light.per_cell
+    columns, rows, starts, listed, large = light.columns, light.rows, light.starts, light.listed, light.large
+    start = np.empty(3)
+    touched, met = np.empty(_MOST, dtype=np.int32), np.empty(_MOST, dtype=np.bool_)
+    for n in range(low, high):
+        if not wanted[n]:
+            continue
+        u = points[n, 0] * frame[0, 0] + points[n, 1] * frame[0, 1] + points[n, 2] * frame[0, 2]
+        v = points[n, 0] * frame[1, 0] + points[n, 1] * frame[1, 1] + points[n, 2] * frame[1, 2]
+        h = points[n, 0] * frame[2, 0] + points[n, 1] * frame[2, 1] + points[n, 2] * frame[2, 2]
+        cell = _cell(v, low_v, per_cell, rows - 1) * columns + _cell(u, low_u, per_cell, columns - 1)
+        first = starts[cell]
+        entries = starts[cell + 1] - first
+        # With the same operations as the rays that Embree is asked for.
+        for k in range(3):
+            start[k] = points[n, k] - way[k]
+        found, used = 0, 0
+        entry = -1
+        while entry + 1 < entries + large.shape[0]:
+            entry += 1
+            face = listed[first + entry] if entry < entries else large[entry - entries]
+            if numbers[face, _LOWEST] - tolerance > h:
+                # All that follow are behind the point, too.
+                entry = max(entry, entries - 1)
+                continue
+            if not _inside(numbers, face, u, v) >= -tolerance or _lowest(numbers, face, u, v, tolerance) > h:
+                continue
+            hit = face != own[n] and meets(vertices, faces, face, start, way, farthest)
+            found += hit
+            if used < _MOST:
+                touched[used], met[used] = face, hit
+            used += 1
+        if found > 0:
+            out[n] = (
+                UNSURE if used > _MOST else _decide(numbers, tolerance, u, v, h, own[n], touched, met, used, neighbours)
+            )

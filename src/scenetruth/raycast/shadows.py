@@ -1,4 +1,4 @@
-"""Shadows: which points of a mesh a light does not reach, decided in float64."""
+"""Shadows: the points of a mesh that a light does not reach, decided in float64."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.embree import EmbreeMesh
-from scenetruth.raycast.topology import Topology
+from scenetruth.raycast.mesh_topology import Topology
+from scenetruth.raycast.ray_caster import EmbreeMesh
 
 __all__ = ["ShadowCaster"]
 
@@ -67,7 +67,7 @@ class ShadowCaster:
         numpy.ndarray
             bool, shape (n,); False for points that are not asked for.
         """
-        from scenetruth.raycast.parallel_shadow_kernels import BLOCKED, UNSURE, parallel_shadows
+        from scenetruth.raycast.shadow_kernels import BLOCKED, UNSURE, parallel_shadows
 
         state = parallel_shadows(
             self.vertices_mm,
@@ -91,7 +91,7 @@ class ShadowCaster:
 
     def _faces_in_light(self, to_light: NDArray[np.float64]) -> Any:
         """Return the faces as parallel light sees them; they are kept for the lights of this time."""
-        from scenetruth.raycast.parallel_shadow_kernels import FacesInLight, flatten_faces, sort_faces
+        from scenetruth.raycast.shadow_kernels import FacesInLight, flatten_faces, sort_faces
 
         key = to_light.tobytes()
         if key not in self._in_light:

@@ -1,6 +1,6 @@
-"""Images of the world: one protocol, several backends that return linear float images."""
+"""Images of a scene: one protocol, several backends that return linear float images."""
 
-from scenetruth.render.protocol import Renderer
-from scenetruth.render.select import Choice, choose_renderer
+from scenetruth.render.backend_selection import BackendChoice, choose_renderer
+from scenetruth.render.renderer import Renderer
 
-__all__ = ["Choice", "Renderer", "choose_renderer"]
+__all__ = ["BackendChoice", "Renderer", "choose_renderer"]

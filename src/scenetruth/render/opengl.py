@@ -1,4 +1,4 @@
-"""Finding an OpenGL platform that runs without a display."""
+"""Selection of an OpenGL platform that runs without a display."""
 
 from __future__ import annotations
 

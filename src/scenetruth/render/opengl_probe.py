@@ -1,6 +1,8 @@
-"""Asks a system library for an OpenGL context, and says whether it got one; run by `opengl` in a process of its own.
+"""Requests an OpenGL context from a system library and reports the result.
 
-A library that cannot start may abort the whole process. Nothing but ctypes is imported: a twentieth of a second.
+`opengl` runs it as a script in a separate process.
+
+A library that cannot start may abort the process. Nothing but ctypes is imported: a twentieth of a second.
 """
 
 from __future__ import annotations

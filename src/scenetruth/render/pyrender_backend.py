@@ -1,4 +1,7 @@
-"""The OpenGL backend: pyrender on OSMesa or EGL, supersampled, in 32-bit floats; the ray caster puts light on it."""
+"""The OpenGL backend.
+
+Pyrender on OSMesa or EGL, supersampled, in 32-bit floats; illumination comes from the ray caster.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,10 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render.opengl import REMEDIES, use_platform
-from scenetruth.render.protocol import Renderer
-from scenetruth.render.quadrature import even_rule
-from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.render.raycast_backend import RaycastRenderer, even_rule
+from scenetruth.render.renderer import Renderer
+from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.world import World
 
 __all__ = ["PyrenderRenderer"]
 
@@ -59,7 +61,7 @@ class PyrenderRenderer(Renderer):
 
     def __init__(
         self,
-        world: World,
+        world: BuiltScene,
         camera: Camera,
         background: float = 0.0,
         supersampling: int = 4,
@@ -142,7 +144,7 @@ class PyrenderRenderer(Renderer):
         return unlit() * np.float32(self._lighting.brightness(t))
 
     def _average(self, parts: Iterator[_Part]) -> NDArray[np.float32]:
-        from scenetruth.render.average_kernels import average_samples
+        from scenetruth.render.downsampling_kernels import average_samples
 
         assert self._drawing is not None
         (width, height), (across, down), n = self._size, self._drawing.tile, self._n
@@ -180,7 +182,7 @@ class _Drawing:
         If OpenGL draws no 32-bit floats here, or cannot hold a texture.
     """
 
-    def __init__(self, world: World, camera: Camera, background: float, supersampling: int) -> None:
+    def __init__(self, world: BuiltScene, camera: Camera, background: float, supersampling: int) -> None:
         import pyrender
 
         from scenetruth.render.float_buffer import FloatBuffer, float_material, largest_side

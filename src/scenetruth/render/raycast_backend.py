@@ -1,4 +1,8 @@
-"""The ray-casting backend, which is the reference: rays find the surface in float64, the texture is evaluated there."""
+"""The ray-casting backend, which is the reference.
+
+Surface points in float64, the texture averaged over each pixel's footprint by quadrature, on the visible side of the
+surface.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +14,89 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh, Topology, mixed_pixels
-from scenetruth.render.protocol import Renderer
-from scenetruth.render.quadrature import gauss_rule
+from scenetruth.render.renderer import Renderer
 from scenetruth.render.shading import Shader
-from scenetruth.render.sides import seen_uv
+from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.world import World
 
-__all__ = ["RaycastRenderer"]
+__all__ = ["RaycastRenderer", "even_rule", "gauss_rule", "visible_uv"]
+
+
+Rule = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def even_rule(count: int) -> Rule:
+    """Return evenly spaced samples along one axis of a footprint, with weights for the highest order.
+
+    Equal weights (the midpoint rule) are exact for linear functions only, and amplify a wave of f cycles per pixel by
+    1 + (πf / n)² / 6. From three samples on, there are weights that are exact for cubic functions; those nearest to
+    equal are taken: 1/n + a (x² - mean of x²).
+
+    Parameters
+    ----------
+    count
+        Number of samples n.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Positions in [-1/2, 1/2] px and weights that sum to 1, shape (n,), float64.
+    """
+    positions = (np.arange(count) + 0.5) / count - 0.5
+    weights = np.full(count, 1 / count)
+    if count > 2:
+        squares = positions**2 - np.mean(positions**2)
+        # The second moment of a unit interval is 1/12; equal weights give (1 - 1/n²) / 12.
+        weights += squares * (1 / 12 - np.mean(positions**2)) / np.sum(squares**2)
+    return positions, weights
+
+
+def gauss_rule(count: int) -> Rule:
+    """Return Gauss and Legendre's samples along one axis of a footprint, exact for polynomials of degree 2n - 1.
+
+    Parameters
+    ----------
+    count
+        Number of samples n.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Positions in [-1/2, 1/2] px and weights that sum to 1, shape (n,), float64.
+    """
+    positions, weights = np.polynomial.legendre.leggauss(count)
+    return positions / 2, weights / 2
+
+
+def visible_uv(
+    world: BuiltScene, vertices_mm: NDArray[np.float64], origin_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the texture coordinates at the corners of all faces, on the side that is seen from a point.
+
+    The front of a face is the side to which its normal (p1 - p0) x (p2 - p0) points: seen from there, its corners run
+    counter-clockwise.
+
+    Parameters
+    ----------
+    world
+        The scene's objects.
+    vertices_mm
+        World positions of the vertices, shape (n, 3).
+    origin_mm
+        Position of the camera, shape (3,).
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (m, 3, 2): `BuiltScene.uv` of faces seen from the front, `BuiltScene.uv_back` of those seen from the back.
+    """
+    if world.uv_back is world.uv:
+        return world.uv
+    from scenetruth.raycast.edge_kernels import face_sides
+
+    _normals, front = face_sides(vertices_mm, world.faces, np.asarray(origin_mm, dtype=np.float64))
+    return np.where(front[:, None, None], world.uv, world.uv_back)
+
 
 _PIXELS_PER_PIECE = 1 << 16
 _RAYS_PER_PIECE = 1 << 19
@@ -62,7 +141,7 @@ class RaycastRenderer(Renderer):
 
     def __init__(
         self,
-        world: World,
+        world: BuiltScene,
         camera: Camera,
         background: float = 0.0,
         supersampling: int = 4,
@@ -120,7 +199,7 @@ class RaycastRenderer(Renderer):
     def _render(
         self, t: float, viewpoint: Viewpoint, albedo: Callable[[], NDArray[np.float32]] | None
     ) -> NDArray[np.float32]:
-        from scenetruth.raycast.kernels import footprint_forms
+        from scenetruth.raycast.hit_kernels import footprint_forms
 
         camera, world, caster = self._camera, self._world, self._caster_at(t)
         origin = viewpoint.position_mm
@@ -138,7 +217,7 @@ class RaycastRenderer(Renderer):
             world.faces,
             caster.topology.face_neighbours,
             world.face_body,
-            seen_uv(world, caster.vertices_mm, origin),
+            visible_uv(world, caster.vertices_mm, origin),
         )
         rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
         view = _View(caster, t, mesh, rays, body)
@@ -181,7 +260,7 @@ class RaycastRenderer(Renderer):
         self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Return which walks reached all samples, and the means over footprints, without rays for the samples."""
-        from scenetruth.raycast.walk_kernels import walk_footprints
+        from scenetruth.raycast.hit_kernels import walk_footprints
 
         world = self._world
         arrived, face, depth, barycentric, uv = walk_footprints(view.mesh, view.rays, pixels, offsets)

@@ -1,4 +1,4 @@
-"""Lambertian shading for all renderers: the light on points of surfaces, and on the pixels of an image."""
+"""Lambertian shading for all backends: irradiance at surface points and at the pixels of an image."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast import Hits, RayCaster, ShadowCaster
-from scenetruth.scene.light import Lamp
-from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.world import World
+from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.lighting import Lamp, Lighting
 
 __all__ = ["PixelLight", "Shader"]
 
@@ -83,7 +82,7 @@ class Shader:
         Its objects.
     """
 
-    def __init__(self, lighting: Lighting, world: World) -> None:
+    def __init__(self, lighting: Lighting, world: BuiltScene) -> None:
         self._lighting = lighting
         self._world = world
         self._corner_normals: tuple[float, NDArray[np.float64]] | None = None

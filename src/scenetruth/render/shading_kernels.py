@@ -1,4 +1,4 @@
-"""Kernels that compute the light on points of surfaces, and that shade images pixel by pixel."""
+"""Kernels that compute the irradiance at surface points, and that shade images pixel by pixel."""
 
 from __future__ import annotations
 

@@ -1,26 +1,26 @@
-"""What a scene asks for, what the work on it will take, what the machine has, and what is refused."""
+"""The workload of a scene, its cost, the resources of the machine, and what is refused."""
 
-from scenetruth.resources.bounds import Limits, limits_from
-from scenetruth.resources.demand import Demand, Effort, Part, Recorded, demand_of
-from scenetruth.resources.forecast import Forecast, StageForecast, foresee
-from scenetruth.resources.machine import Machine, machine_at
-from scenetruth.resources.refusal import bounded_parts, machine_problems, refuse_beyond_bounds, refuse_resources
+from scenetruth.resources.cost_estimate import Forecast, StageForecast, estimate_cost
+from scenetruth.resources.enforcement import limited_objects, machine_problems, refuse_beyond_limits, refuse_resources
+from scenetruth.resources.limits import Limits, limits_from
+from scenetruth.resources.system import Machine, inspect_machine
+from scenetruth.resources.workload import MethodWorkload, ObjectWorkload, RecordingWorkload, Workload, compute_workload
 
 __all__ = [
-    "Demand",
-    "Effort",
     "Forecast",
     "Limits",
     "Machine",
-    "Part",
-    "Recorded",
+    "MethodWorkload",
+    "ObjectWorkload",
+    "RecordingWorkload",
     "StageForecast",
-    "bounded_parts",
-    "demand_of",
-    "foresee",
+    "Workload",
+    "compute_workload",
+    "estimate_cost",
+    "inspect_machine",
+    "limited_objects",
     "limits_from",
-    "machine_at",
     "machine_problems",
-    "refuse_beyond_bounds",
+    "refuse_beyond_limits",
     "refuse_resources",
 ]

@@ -1,22 +1,198 @@
-"""The light on a scene: ambient, lamps that may move, shadows, and how brightness changes in time."""
+"""The light on a scene: ambient light, lamps that may move, shadows, and brightness that changes with time."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from numpy.typing import NDArray
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from scenetruth.kinds import one_of
-from scenetruth.model import Finite, FrozenModel, NonNegative, Positive
-from scenetruth.scene.light import Lamp, LightModel
+from scenetruth.discovery import discriminated_union
+from scenetruth.scene.motion import MotionModel, Points
+from scenetruth.scene.motion.rigid_motions import Motion
+from scenetruth.validated_model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
 
-__all__ = ["Flicker", "Light", "Lighting"]
+__all__ = [
+    "EVERYWHERE",
+    "DirectionalLight",
+    "Flicker",
+    "Lamp",
+    "Light",
+    "LightModel",
+    "Lighting",
+    "PointLight",
+    "SpotLight",
+    "moved_axis",
+]
+
+
+EVERYWHERE = -1.0
+"""Cosine of the angle of a border that a lamp which shines everywhere does not have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """One light at one time.
+
+    Parameters
+    ----------
+    position_mm
+        World position, shape (3,); None if it is infinitely far away.
+    axis
+        Unit vector along which it shines, shape (3,); zeros for a point light.
+    irradiance
+        E of a surface that faces it, at the reference distance.
+    reference_distance_mm
+        That distance; 0 for a directional light.
+    cos_inner, cos_outer
+        Cosines of the angles from the axis where the border of a spot begins and ends; -1 and -1 for others, which
+        shine everywhere.
+    """
+
+    position_mm: NDArray[np.float64] | None
+    axis: NDArray[np.float64]
+    irradiance: float
+    reference_distance_mm: float
+    cos_inner: float
+    cos_outer: float
+
+
+class LightModel(FrozenModel):
+    """What all lights share."""
+
+    kind: str
+    """Name of the light."""
+
+    @abstractmethod
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t (in frames)."""
+
+
+def moved_axis(
+    motions: tuple[MotionModel, ...], at: Vector3, ahead: Vector3, t: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Move a lamp and a point on its axis as one rigid body.
+
+    Parameters
+    ----------
+    motions
+        Its motions; rotations without a point turn about the lamp.
+    at, ahead
+        The lamp and the point at t = 0, mm.
+    t
+        Time in frames.
+
+    Returns
+    -------
+    tuple
+        Position, mm, and unit vector along the axis, shape (3,) each; the vector is zero where both points are one.
+    """
+    position: Any = tuple(float(value) for value in at)
+    time = np.array([float(t)])
+    both = np.array([at, ahead], dtype=np.float64)
+    points: Points = (both[:, 0], both[:, 1], both[:, 2])
+    for motion in motions:
+        points = motion.point_map(position)(points, time)
+    here, there = np.column_stack([np.broadcast_to(field, (2,)) for field in points])
+    axis = there - here
+    return here, axis / max(float(np.linalg.norm(axis)), 1e-300)
+
+
+class DirectionalLight(LightModel):
+    """Parallel light from infinitely far away."""
+
+    kind: Literal["directional"]
+    """``directional``."""
+    direction: Direction
+    """Direction in which the light travels at t = 0, of any length."""
+    irradiance: NonNegative
+    """Irradiance E of a surface that faces the light; 1 makes a surface as bright as its texture says."""
+    motion: tuple[Motion, ...] = ()
+    """How it moves; only rotations change it."""
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t; see `LightModel`."""
+        _, axis = moved_axis(self.motion, (0.0, 0.0, 0.0), self.direction, t)
+        return Lamp(None, axis, self.irradiance, 0.0, EVERYWHERE, EVERYWHERE)
+
+
+class PointLight(LightModel):
+    """A lamp that shines alike in all directions; irradiance falls with the square of the distance."""
+
+    kind: Literal["point"]
+    """``point``."""
+    position_mm: Vector3
+    """World position at t = 0 in mm."""
+    irradiance: NonNegative
+    """Irradiance E of a surface that faces the lamp at ``reference_distance_mm``."""
+    reference_distance_mm: Positive
+    """Distance from the lamp where ``irradiance`` holds."""
+    motion: tuple[Motion, ...] = ()
+    """How it moves; rotations without a point of their own turn about its position."""
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t; see `LightModel`."""
+        at, _ = moved_axis(self.motion, self.position_mm, self.position_mm, t)
+        return Lamp(at, np.zeros(3), self.irradiance, self.reference_distance_mm, EVERYWHERE, EVERYWHERE)
+
+
+class SpotLight(LightModel):
+    """A lamp that shines into a cone with a soft border; inside, as a point light."""
+
+    kind: Literal["spot"]
+    """``spot``."""
+    position_mm: Vector3
+    """World position at t = 0 in mm."""
+    direction: Direction | None = None
+    """Direction of the cone's axis at t = 0, of any length; give this or ``target_mm``."""
+    target_mm: Vector3 | None = None
+    """World point on the cone's axis at t = 0; it moves along with the lamp, as one rigid body."""
+    inner_angle_deg: Annotated[float, Field(ge=0, le=180, allow_inf_nan=False)]
+    """Angle from the axis up to which the lamp shines in full."""
+    outer_angle_deg: Annotated[float, Field(gt=0, le=180, allow_inf_nan=False)]
+    """Angle from the axis beyond which it is dark; in between, a smoothstep of the angle's cosine."""
+    irradiance: NonNegative
+    """Irradiance E of a surface that faces the lamp, in the full cone, at ``reference_distance_mm``."""
+    reference_distance_mm: Positive
+    """Distance from the lamp where ``irradiance`` holds."""
+    motion: tuple[Motion, ...] = ()
+    """How position and axis move; rotations without a point of their own turn about its position."""
+
+    @field_validator("outer_angle_deg")
+    @classmethod
+    def _outside(cls, value: float, info: ValidationInfo) -> float:
+        inner = info.data.get("inner_angle_deg")
+        if inner is not None and value < inner:
+            msg = f"must not be less than inner_angle_deg, {inner:g}"
+            raise ValueError(msg)
+        return value
+
+    @model_validator(mode="after")
+    def _one_axis(self) -> SpotLight:
+        if (self.direction is None) == (self.target_mm is None):
+            msg = "give either direction or target_mm"
+            raise ValueError(msg)
+        if self.target_mm == self.position_mm:
+            msg = "target_mm must not be the lamp's own position: the cone would have no axis"
+            raise ValueError(msg)
+        return self
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t; see `LightModel`."""
+        at = np.asarray(self.position_mm)
+        ahead = at + np.asarray(self.direction) if self.target_mm is None else np.asarray(self.target_mm)
+        at, axis = moved_axis(self.motion, self.position_mm, (ahead[0], ahead[1], ahead[2]), t)
+        inner, outer = np.cos(np.deg2rad([self.inner_angle_deg, self.outer_angle_deg]))
+        return Lamp(at, axis, self.irradiance, self.reference_distance_mm, float(inner), float(outer))
+
 
 if TYPE_CHECKING:
     Light = LightModel
 else:
-    Light = one_of(LightModel, "scenetruth.scene.light")
+    Light = discriminated_union(LightModel, "scenetruth.scene.lighting")
 
 
 class Flicker(FrozenModel):

@@ -1,4 +1,4 @@
-"""What a wrong key or word of a scene was meant to be: the nearest one there, or where else it belongs."""
+"""Suggestions for a wrong key or word of a scene file: the nearest valid one, or where the key belongs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 
 from scenetruth.estimators import MethodChoice, choose
-from scenetruth.scene.spec import Scene
+from scenetruth.scene.scene_models import Scene
 
-__all__ = ["kinds_at", "known_keys", "suggest_key", "suggest_setting", "suggest_word"]
+__all__ = ["collect_keys", "list_kinds", "suggest_key", "suggest_setting", "suggest_word"]
 
 _HERE, _ELSEWHERE = 0.6, 0.75
 """Least likeness of a word that is suggested; other places have many keys, of which some are alike by chance."""
@@ -35,9 +35,9 @@ class _Place:
     """Kind of the innermost thing around it that has several; empty if it is a part of every kind of it."""
 
 
-def known_keys() -> frozenset[str]:
+def collect_keys() -> frozenset[str]:
     """Return every key that a scene file may have anywhere, but for settings of methods."""
-    return _known_keys()
+    return _collect_keys()
 
 
 def suggest_key(location: Sequence[str | int]) -> str:
@@ -57,14 +57,14 @@ def suggest_key(location: Sequence[str | int]) -> str:
         {place.kind for place in _places() if place.path == _pattern(path) and key in _fields_of(place.model)}
     )
     if others:
-        return f"; it belongs to kind {_listed(others)}" + (_question(guesses) or _known(here))
+        return f"; it belongs to kind {_listed(others)}" + (_question(guesses) or _list_keys(here))
     elsewhere = _where(key, path)
     if not guesses and not elsewhere:
-        elsewhere = [text for name in _nearest(key, known_keys(), _ELSEWHERE) for text in _where(name, path)]
-    return _question(guesses + elsewhere[:_MOST]) or _known(here)
+        elsewhere = [text for name in _nearest(key, collect_keys(), _ELSEWHERE) for text in _where(name, path)]
+    return _question(guesses + elsewhere[:_MOST]) or _list_keys(here)
 
 
-def kinds_at(location: Sequence[str | int]) -> list[str]:
+def list_kinds(location: Sequence[str | int]) -> list[str]:
     """Return the kinds of what may stand at a location, in order."""
     return sorted(filter(None, {_kind_of(model) for model in _place_at(location)[1]}))
 
@@ -88,7 +88,7 @@ def _nearest(word: str, words: Iterable[str], least: float) -> list[str]:
     return sorted(known for known, ratio in likeness.items() if ratio == best)[:_MOST] if best >= least else []
 
 
-def _known(here: Sequence[str]) -> str:
+def _list_keys(here: Sequence[str]) -> str:
     return f"; known here: {', '.join(here)}" if here else "; see `scenetruth schema` for the known ones"
 
 
@@ -160,7 +160,7 @@ def _place_at(location: Sequence[str | int]) -> tuple[list[str], list[type[BaseM
 
 
 @cache
-def _known_keys() -> frozenset[str]:
+def _collect_keys() -> frozenset[str]:
     return frozenset(name for place in _places() if place.path != ("estimate",) for name in _fields_of(place.model))
 
 

@@ -1,14 +1,31 @@
-"""The three data sets that every room exchanges, recording, truth and estimate: names, dimensions, units, checks."""
+"""The three data sets that all packages exchange, recording, truth and estimate.
 
-from scenetruth.schema.attributes import Intrinsics, intrinsics_of, object_names_of, scene_of
-from scenetruth.schema.checking import check_dataset
-from scenetruth.schema.estimate import make_estimate
-from scenetruth.schema.filling import Filling, Put, blank_map
-from scenetruth.schema.frame_by_frame import blank_estimate, depth_rate_of, put_each, put_estimate
-from scenetruth.schema.identity import check_same_run, digest, estimate_hash, identity_of
-from scenetruth.schema.labelling import label
-from scenetruth.schema.pixels import PixelGrid, pixel_grid_of
-from scenetruth.schema.recording import image_to_grey, make_recording
+Names, dimensions, units, validation.
+"""
+
+from scenetruth.schema.attributes import (
+    Intrinsics,
+    check_same_run,
+    digest,
+    estimate_hash,
+    read_intrinsics,
+    read_lineage,
+    read_object_names,
+    read_scene,
+)
+from scenetruth.schema.estimates import make_estimate
+from scenetruth.schema.frame_assembly import (
+    IncrementalDataset,
+    Put,
+    blank_estimate,
+    blank_map,
+    compute_depth_rate,
+    put_each,
+    put_estimate,
+)
+from scenetruth.schema.pixel_grid import PixelGrid, compute_pixel_grid
+from scenetruth.schema.recordings import image_to_grey, make_recording
+from scenetruth.schema.validation import check_dataset
 from scenetruth.schema.variables import (
     COMPONENTS,
     FORMAT_VERSION,
@@ -18,6 +35,7 @@ from scenetruth.schema.variables import (
     NO_SURFACE,
     VARIABLES,
     Variable,
+    label,
 )
 
 __all__ = [
@@ -28,7 +46,7 @@ __all__ = [
     "KIND_NORMAL",
     "NO_SURFACE",
     "VARIABLES",
-    "Filling",
+    "IncrementalDataset",
     "Intrinsics",
     "PixelGrid",
     "Put",
@@ -37,18 +55,18 @@ __all__ = [
     "blank_map",
     "check_dataset",
     "check_same_run",
-    "depth_rate_of",
+    "compute_depth_rate",
+    "compute_pixel_grid",
     "digest",
     "estimate_hash",
-    "identity_of",
     "image_to_grey",
-    "intrinsics_of",
     "label",
     "make_estimate",
     "make_recording",
-    "object_names_of",
-    "pixel_grid_of",
     "put_each",
     "put_estimate",
-    "scene_of",
+    "read_intrinsics",
+    "read_lineage",
+    "read_object_names",
+    "read_scene",
 ]

@@ -1,13 +1,14 @@
-"""Estimates against the truth: figures of merit, pictures and a report; pictures and a report without truth too."""
+"""Estimates compared with the truth: statistics, figures and a report; figures and a report without a truth too."""
 
-from scenetruth.scoring.evaluate import score, score_settings
-from scenetruth.scoring.figures import FIGURES, FigureInfo, draw_all, draw_one
-from scenetruth.scoring.growth import surface_growth
-from scenetruth.scoring.quantities import QUANTITIES, Quantity, units_of
+from scenetruth.scoring.convention_check import detect_convention_mismatches, detect_mismatches_in_arrays
+from scenetruth.scoring.convention_hypotheses import ConventionMismatch
+from scenetruth.scoring.figures import FIGURES, FigureInfo, plot_all, plot_one
+from scenetruth.scoring.growth_rate import compute_growth_rate
+from scenetruth.scoring.quantities import QUANTITIES, Quantity, get_units
 from scenetruth.scoring.regions import REGIONS, region_masks
-from scenetruth.scoring.report import is_made_of, write_report
-from scenetruth.scoring.score import Score
-from scenetruth.scoring.slips import Slip, find_slips, slips_of_arrays
+from scenetruth.scoring.report import matches_fingerprint, write_report
+from scenetruth.scoring.score_result import Score
+from scenetruth.scoring.scorer import score, score_settings
 from scenetruth.scoring.statistics import STATISTICS
 
 __all__ = [
@@ -15,19 +16,19 @@ __all__ = [
     "QUANTITIES",
     "REGIONS",
     "STATISTICS",
+    "ConventionMismatch",
     "FigureInfo",
     "Quantity",
     "Score",
-    "Slip",
-    "draw_all",
-    "draw_one",
-    "find_slips",
-    "is_made_of",
+    "compute_growth_rate",
+    "detect_convention_mismatches",
+    "detect_mismatches_in_arrays",
+    "get_units",
+    "matches_fingerprint",
+    "plot_all",
+    "plot_one",
     "region_masks",
     "score",
     "score_settings",
-    "slips_of_arrays",
-    "surface_growth",
-    "units_of",
     "write_report",
 ]

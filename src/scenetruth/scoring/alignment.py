@@ -1,4 +1,4 @@
-"""Bringing an estimate and a truth to the same camera, frames and pixels before they are compared."""
+"""Alignment of an estimate and a truth to the same camera, frames and pixels, in blocks of frames."""
 
 from __future__ import annotations
 
@@ -8,10 +8,20 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError, ScoreError
-from scenetruth.schema import check_dataset, intrinsics_of
+from scenetruth.schema import check_dataset, read_intrinsics
 from scenetruth.scoring.regions import edge_distance
 
-__all__ = ["align", "check_alignable", "check_estimate", "check_recording", "select_pixels"]
+__all__ = [
+    "align",
+    "check_alignable",
+    "check_estimate",
+    "check_recording",
+    "count_blocks",
+    "iterate_aligned_blocks",
+    "iterate_blocks",
+    "select_pixels",
+]
+
 
 _RELATIVE_TOLERANCE = 1e-6
 """How far intrinsics may differ; enough for numbers that once were float32."""
@@ -155,7 +165,44 @@ def _pixel_problems(estimate: xr.Dataset, other: xr.Dataset, kind: str) -> Itera
 
 
 def _intrinsics_problems(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[Problem]:
-    here, there = intrinsics_of(estimate).to_attrs(), intrinsics_of(truth).to_attrs()
+    here, there = read_intrinsics(estimate).to_attrs(), read_intrinsics(truth).to_attrs()
     for name, value in here.items():
         if not np.allclose(value, there[name], rtol=_RELATIVE_TOLERANCE, atol=_RELATIVE_TOLERANCE):
             yield Problem(f"attrs.{name}", f"the estimate's {value} differs from the truth's {there[name]}")
+
+
+_PIXELS = 1_500_000
+"""How many pixels of all frames of a part together; a frame is never parted."""
+
+
+def count_blocks(estimate: xr.Dataset) -> int:
+    """Return in how many parts `iterate_aligned_blocks` gives an estimate."""
+    return -(-estimate.sizes["t"] // _frames(estimate))
+
+
+def iterate_aligned_blocks(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[tuple[xr.Dataset, xr.Dataset]]:
+    """Give successive frames of an estimate, each time with the part of the truth that they can be compared with.
+
+    Parameters
+    ----------
+    estimate, truth
+        As of `align`; they may have been opened and not loaded.
+
+    Raises
+    ------
+    ScoreError
+        If they cannot be compared; as by `align`.
+    """
+    for part in iterate_blocks(estimate):
+        yield align(part, truth)
+
+
+def iterate_blocks(estimate: xr.Dataset) -> Iterator[xr.Dataset]:
+    """Give successive frames of an estimate."""
+    count = _frames(estimate)
+    for first in range(0, estimate.sizes["t"], count):
+        yield estimate.isel(t=slice(first, first + count))
+
+
+def _frames(estimate: xr.Dataset) -> int:
+    return max(1, _PIXELS // max(1, estimate.sizes["y"] * estimate.sizes["x"]))

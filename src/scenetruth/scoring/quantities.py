@@ -1,4 +1,4 @@
-"""The quantities that are scored: their names, units, symbols, how errors are taken, and which variable holds them."""
+"""The quantities that are scored: names, units, symbols, type of error, and the variable that holds each."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ __all__ = [
     "QUANTITY_GROUPS",
     "ErrorKind",
     "Quantity",
-    "title_of",
-    "units_of",
+    "get_title",
+    "get_units",
 ]
 
 ENDPOINT = "velocity_endpoint"
@@ -110,11 +110,11 @@ QUANTITY_GROUPS: Mapping[str, tuple[str, ...]] = {
 """What is scored, and the names under which a score has its errors: all of them or none."""
 
 
-def title_of(name: str) -> str:
+def get_title(name: str) -> str:
     """Return what a scored quantity is, in words."""
     return "Outliers" if name == OUTLIERS else QUANTITIES[name].title
 
 
-def units_of(name: str) -> str:
+def get_units(name: str) -> str:
     """Return the units of a scored quantity's errors, in plain text; ``"1"`` for rates of outliers."""
     return QUANTITIES[name].units if name in QUANTITIES else "1"

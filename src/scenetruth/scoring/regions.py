@@ -1,4 +1,4 @@
-"""The regions of the image over which errors are gathered."""
+"""The regions of the image over which errors are evaluated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from scenetruth.errors import Problem, ScoreError
-from scenetruth.schema import object_names_of
+from scenetruth.schema import read_object_names
 from scenetruth.settings import ScoreSettings
 
 __all__ = [
@@ -23,7 +23,7 @@ __all__ = [
     "is_further_region",
     "main_regions",
     "region_masks",
-    "seen_throughout",
+    "visible_throughout",
 ]
 
 Mask = NDArray[np.bool_]
@@ -117,7 +117,7 @@ def is_further_region(name: str) -> bool:
     return _FURTHER.fullmatch(name) is not None
 
 
-def seen_throughout(truth: xr.Dataset) -> Mask | None:
+def visible_throughout(truth: xr.Dataset) -> Mask | None:
     """Return which reference pixels see a point at t = 0 that all cameras see at all frames.
 
     Parameters
@@ -173,7 +173,7 @@ def further_regions(
     settings
         The bounds of the classes.
     throughout
-        What `seen_throughout` returns.
+        What `visible_throughout` returns.
     contrast
         Contrast of the reference images as a fraction of full scale, shape (t, y, x); without it there are no classes
         of it.
@@ -214,7 +214,7 @@ def further_regions(
 
 
 def _objects(truth: xr.Dataset, among: Mask) -> dict[str, Mask]:
-    names = object_names_of(truth)
+    names = read_object_names(truth)
     if "object_id" not in truth or len(names) < 2:
         return {}
     # Numbers that have been read as floats are NaN where there is no object.

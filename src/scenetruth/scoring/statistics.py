@@ -1,29 +1,175 @@
-"""The statistics of errors in one region."""
+"""The statistics of errors in one region.
+
+Differences that do not overflow, streaming quantiles, moments, and outlier rates after the KITTI scene-flow
+benchmark.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scoring.differences import angle_deg, difference, diverged, length
-from scenetruth.scoring.quantiles import Quantiles
+from scenetruth.scoring.error_pairs import EstimateTruthPair, stacked
 from scenetruth.scoring.quantities import ErrorKind
-from scenetruth.scoring.reading import Pair
 
 __all__ = [
+    "OUTLIER_FRACTION",
+    "OUTLIER_PX",
+    "RATES",
     "STATISTICS",
-    "Scored",
+    "ErrorSamples",
+    "OutlierAccumulator",
+    "Outliers",
     "Statistics",
-    "Tally",
+    "StatisticsAccumulator",
+    "StreamingQuantiles",
+    "angle_deg",
+    "difference",
+    "diverged",
     "endpoint_statistics",
     "error_statistics",
+    "length",
+    "meaningful_rates",
+    "outlier_rates",
+    "select_meaningful_rates",
     "standardised",
 ]
 
+
 Map = NDArray[np.float64]
+
+diverged = np.errstate(over="ignore", invalid="ignore")
+"""Context and decorator for estimates that diverge up to the largest floats; what overflows becomes None later."""
+
+
+@diverged
+def difference(estimate: Map, truth: Map) -> Map:
+    """Return estimate - truth in float64, whatever the types of both."""
+    return np.asarray(np.subtract(estimate, truth, dtype=np.float64))
+
+
+@diverged
+def length(vectors: Map) -> Map:
+    """Return the Euclidean lengths of vectors, shape (component, ...)."""
+    found: Map = np.hypot.reduce(vectors, axis=0)
+    return found
+
+
+@diverged
+def angle_deg(one: Map, other: Map, *, lines: bool = False) -> Map:
+    """Return the angles in degrees between vectors of three components, shape (3, ...), or between lines along them.
+
+    Examples
+    --------
+    >>> angle_deg(np.array([1.0, 1.0, 0.0]), np.array([-2.0, 0.0, 0.0])).round(6)
+    np.float64(135.0)
+    >>> angle_deg(np.array([1.0, 1.0, 0.0]), np.array([-2.0, 0.0, 0.0]), lines=True).round(6)
+    np.float64(45.0)
+    """
+    along = np.einsum("k...,k...->...", one, other, dtype=np.float64)
+    # Right for the smallest angles too, of which the cosine is 1.
+    across = length(np.cross(one, other, axis=0))
+    found: Map = np.degrees(np.arctan2(across, np.abs(along) if lines else along))
+    return found
+
+
+Values = NDArray[np.float64]
+
+# Bins per octave as a power of two, and the octaves that have bins, 2^-48 to 2^48: errors in mm or px beyond these are
+# rounding, or have diverged.
+_BITS, _LOWEST, _OCTAVES = 9, -48, 96
+_SHIFT = 52 - _BITS
+_FIRST = (1023 + _LOWEST) << _BITS
+_BINS = _OCTAVES << _BITS
+
+
+class StreamingQuantiles:
+    """Gathers values, and tells their quantiles.
+
+    Of a single part, quantiles are exact, interpolated linearly between two values as by `numpy.percentile`. Several
+    parts are counted in bins whose width is 2⁻⁹ of their octave's lower end, with linear interpolation inside a bin:
+    quantiles are then right to better than 0.2 %.
+
+    Parameters
+    ----------
+    single
+        Whether all values come in one part.
+
+    Examples
+    --------
+    >>> found = StreamingQuantiles(single=False)
+    >>> for part in np.split(np.linspace(-1.0, 3.0, 4000), 8):
+    ...     found.add(part)
+    >>> [f"{value:.2f}" for value in found.at([0, 25, 75, 100])]
+    ['-1.00', '-0.00', '2.00', '3.00']
+    """
+
+    def __init__(self, *, single: bool) -> None:
+        self._single = single
+        self._values: Values = np.empty(0)
+        self._low, self._high = np.inf, -np.inf
+        self._counts: dict[bool, NDArray[np.int64]] = {}
+
+    def add(self, values: Values) -> None:
+        """Take a part; no value may be NaN."""
+        if values.size == 0:
+            return
+        if self._single:
+            self._values = values
+            return
+        self._low, self._high = min(self._low, float(values.min())), max(self._high, float(values.max()))
+        negative = values < 0
+        for below, some in ((True, -values[negative]), (False, values[~negative])):
+            if some.size:
+                # Floats of one sign are ordered as their bits are; these begin with the octave.
+                places = (some.view(np.int64) >> _SHIFT) - _FIRST
+                counts = np.bincount(np.clip(places, 0, _BINS - 1), minlength=_BINS)
+                self._counts[below] = self._counts[below] + counts if below in self._counts else counts
+
+    def at(self, percent: Sequence[float]) -> list[float]:
+        """Return quantiles; of no values at all, NaN.
+
+        Parameters
+        ----------
+        percent
+            Which, 0 to 100.
+        """
+        if self._single:
+            values = self._values if self._values.size else np.array([np.nan])
+            return [float(value) for value in np.percentile(values, percent)]
+        total = sum(int(counts.sum()) for counts in self._counts.values())
+        return [self._quantile((total - 1) * share / 100) if total else float("nan") for share in percent]
+
+    def _quantile(self, rank: float) -> float:
+        """Return the value of a rank, counted from 0."""
+        edges, before = _edges(), 0
+        for below in (True, False):
+            if below not in self._counts:
+                continue
+            counts = self._counts[below][:: -1 if below else 1]
+            upto = before + np.cumsum(counts)
+            place = int(np.searchsorted(upto, rank, side="right"))
+            if place < len(counts):
+                part = (rank - (upto[place] - counts[place]) + 0.5) / counts[place]
+                near, far = (_BINS - place, _BINS - place - 1) if below else (place, place + 1)
+                start, end = (-edges[near], -edges[far]) if below else (edges[near], edges[far])
+                value = start + part * (end - start) if np.isfinite(end - start) else (start if below else end)
+                return float(min(max(value, self._low), self._high))
+            before = int(upto[-1])
+        return self._high
+
+
+def _edges() -> Values:
+    """Return the edges of the bins of positive values: the first reaches down to zero, the last without end."""
+    edges = ((np.arange(_BINS + 1, dtype=np.int64) + _FIRST) << _SHIFT).view(np.float64).copy()
+    edges[0], edges[-1] = 0.0, np.inf
+    return edges
+
+
 Mask = NDArray[np.bool_]
 Statistics = dict[str, float | int | None]
 """Values by name, ready for JSON: floats, the integer ``count``, and None where there is nothing to tell."""
@@ -84,7 +230,7 @@ def error_statistics(
     >>> error_statistics(np.array([1.5, 2.5, np.nan]), np.array([1.0, 2.0, 3.0]), everywhere)["bias"]
     0.5
     """
-    return _statistics(Scored.of(Pair(estimate, truth, full, std)), region)
+    return _statistics(ErrorSamples.of(EstimateTruthPair(estimate, truth, full, std)), region)
 
 
 def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None = None) -> Statistics:
@@ -106,7 +252,7 @@ def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | No
     dict
         By the names of `STATISTICS`.
     """
-    return _statistics(Scored.of(Pair(estimate, truth, full), "distance"), region)
+    return _statistics(ErrorSamples.of(EstimateTruthPair(estimate, truth, full), "distance"), region)
 
 
 @diverged
@@ -134,7 +280,7 @@ def standardised(error: Map, std: Map) -> Map:
 
 
 @dataclass(frozen=True)
-class Scored:
+class ErrorSamples:
     """The errors of one quantity, at the pixels that are scored.
 
     Parameters
@@ -156,7 +302,7 @@ class Scored:
     std: Map | None
 
     @classmethod
-    def of(cls, pair: Pair, error: ErrorKind = "difference") -> Scored:
+    def of(cls, pair: EstimateTruthPair, error: ErrorKind = "difference") -> ErrorSamples:
         """Return the errors of a quantity: vectors, of which distances and angles are taken, have components first."""
         known: Mask = np.isfinite(pair.truth)
         finite: Mask = np.isfinite(pair.estimate)
@@ -174,23 +320,23 @@ class Scored:
         return cls(known, scored, angle_deg(found, expected, lines=error == "axis_angle"), np.zeros(scored.sum()), std)
 
 
-class Tally:
+class StatisticsAccumulator:
     """Gathers the statistics of one quantity in one region, part by part.
 
     Parameters
     ----------
     single
-        Whether there is one part only: medians and percentiles are exact then (see `Quantiles`).
+        Whether there is one part only: medians and percentiles are exact then (see `StreamingQuantiles`).
     """
 
     def __init__(self, *, single: bool) -> None:
         self._known = self._count = self._within = 0
         self._total = 0.0
         self._errors, self._truths, self._ratios = _Squares(), _Squares(), _Squares()
-        self._sizes = Quantiles(single=single)
+        self._sizes = StreamingQuantiles(single=single)
 
     @diverged
-    def add(self, scored: Scored, region: Mask) -> None:
+    def add(self, scored: ErrorSamples, region: Mask) -> None:
         """Count the pixels of a region."""
         self._known += int((region & scored.known).sum())
         here = region[scored.scored]
@@ -250,11 +396,191 @@ class _Squares:
         return self._peak * math.sqrt(self._sum / self.count)
 
 
-def _statistics(scored: Scored, region: Mask) -> Statistics:
-    tally = Tally(single=True)
+def _statistics(scored: ErrorSamples, region: Mask) -> Statistics:
+    tally = StatisticsAccumulator(single=True)
     tally.add(scored, region)
     return tally.statistics()
 
 
 def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+RATES = ("disparity_rate", "flow_rate", "scene_flow_rate", "count")
+"""The statistics of outliers, in the order in which they are reported."""
+
+OUTLIER_PX = 3.0
+"""An outlier's error is above this many pixels ..."""
+
+OUTLIER_FRACTION = 0.05
+"""... and above this fraction of the true value's magnitude."""
+
+_PARTS: Mapping[str, tuple[str, ...]] = {"disparity_rate": ("disparity",), "flow_rate": ("flow_x", "flow_y")}
+"""The quantities that each rate is made of; that of scene flow takes all."""
+
+
+def outlier_rates(
+    pairs: Mapping[str, EstimateTruthPair], rates: Sequence[str] = RATES[:-1]
+) -> dict[str, float | int | None]:
+    """Return the shares of outliers, as the KITTI scene flow benchmark defines them (Menze and Geiger, CVPR 2015).
+
+    A disparity is an outlier if its error is above 3 px and above 5 % of the true disparity's magnitude. A flow is one
+    if its endpoint error is above 3 px and above 5 % of the true flow's length. A pixel is an outlier of scene flow if
+    either is. All rates are shares of the same pixels: those where all quantities are scored that the rates need.
+
+    Parameters
+    ----------
+    pairs
+        By name: ``disparity`` in px per step of s, ``flow_x`` and ``flow_y`` in px per frame, any shape. Others are
+        not looked at.
+    rates
+        The rates to return, names of `RATES`.
+
+    Returns
+    -------
+    dict
+        The rates, shares between 0 and 1 or None with no scored pixel, and the ``count`` of scored pixels.
+
+    Examples
+    --------
+    >>> disparity = EstimateTruthPair(np.array([10.0, 14.0]), np.array([10.0, 10.0]))
+    >>> outlier_rates({"disparity": disparity}, ["disparity_rate"])
+    {'disparity_rate': 0.5, 'count': 2}
+    """
+    tally = OutlierAccumulator(rates)
+    found = Outliers.of(pairs, rates)
+    tally.add(found, np.ones_like(found.scored))
+    return tally.rates()
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Which pixels are outliers.
+
+    Parameters
+    ----------
+    scored
+        Where all quantities are scored that the rates need, a map.
+    flags
+        By rate, whether a pixel is an outlier, at the scored pixels in their order.
+    """
+
+    scored: Mask
+    flags: Mapping[str, Mask]
+
+    @classmethod
+    def of(cls, pairs: Mapping[str, EstimateTruthPair], rates: Sequence[str]) -> Outliers:
+        """Find them; parameters as of `outlier_rates`."""
+        parts = [part for part in _PARTS if part in rates or "scene_flow_rate" in rates]
+        vectors = {part: stacked(pairs, _PARTS[part]) for part in parts}
+        scored = np.logical_and.reduce([_scored(vector) for vector in vectors.values()])
+        found = {
+            part: _is_outlier(vector.estimate[:, scored], vector.truth[:, scored]) for part, vector in vectors.items()
+        }
+        found["scene_flow_rate"] = np.logical_or.reduce(list(found.values()))
+        return cls(scored, {name: found[name] for name in RATES[:-1] if name in rates})
+
+
+class OutlierAccumulator:
+    """Counts outliers in one region, part by part.
+
+    Parameters
+    ----------
+    rates
+        The rates to tell, names of `RATES`.
+    """
+
+    def __init__(self, rates: Sequence[str]) -> None:
+        self._found = {name: 0 for name in RATES[:-1] if name in rates}
+        self._count = 0
+
+    def add(self, outliers: Outliers, region: Mask) -> None:
+        """Count those of a region."""
+        here = region[outliers.scored]
+        self._count += int(here.sum())
+        for name in self._found:
+            self._found[name] += int((outliers.flags[name] & here).sum())
+
+    def rates(self) -> dict[str, float | int | None]:
+        """Return the rates and the count; see `outlier_rates`."""
+        count = self._count
+        return {**{name: found / count if count else None for name, found in self._found.items()}, "count": count}
+
+
+def meaningful_rates(pairs: Mapping[str, EstimateTruthPair], region: Mask) -> tuple[str, ...]:
+    """Return the rates of outliers that can tell a good estimate from a poor one.
+
+    Where all true disparities are alike, even a guess keeps within the thresholds, so that a rate of zero says nothing.
+    A rate is meaningful if the estimate has an outlier, or if a guess would have one: the median of the truth, the same
+    at every pixel. The rate of scene flow is meaningful if that of disparity or that of flow is.
+
+    Parameters
+    ----------
+    pairs
+        What `read_pairs` returns, shape (t, y, x).
+    region
+        Where to look, same shape.
+
+    Returns
+    -------
+    tuple of str
+        Names of `RATES` without ``count``; empty if none is meaningful, or the estimate has neither disparity nor flow.
+
+    Examples
+    --------
+    >>> truth, everywhere = np.array([38.0, 38.1, 38.4]), np.ones(3, dtype=bool)
+    >>> meaningful_rates({"disparity": EstimateTruthPair(truth + 0.01, truth)}, everywhere)
+    ()
+    >>> meaningful_rates({"disparity": EstimateTruthPair(truth + [0.0, 0.0, 9.0], truth)}, everywhere)
+    ('disparity_rate',)
+    """
+    return select_meaningful_rates(lambda: [(pairs, region)], 1)
+
+
+def select_meaningful_rates(
+    parts: Callable[[], Iterable[tuple[Mapping[str, EstimateTruthPair], Mask]]], count: int
+) -> tuple[str, ...]:
+    """Return the rates that say anything about what comes part by part; see `meaningful_rates`.
+
+    Parameters
+    ----------
+    parts
+        Gives pairs and region of every part, each time that it is called.
+    count
+        How many parts there are. Of several, every ``count``-th pixel is taken for the median that a guess would be.
+    """
+    truths: dict[str, list[Map]] = {}
+    fails: dict[str, bool] = {}
+    for pairs, region in parts():
+        for part, vectors, scored in _vectors(pairs, region):
+            truth = vectors.truth[:, scored]
+            truths.setdefault(part, []).append(truth[:, ::count].copy())
+            fails[part] = fails.get(part, False) or bool(_is_outlier(vectors.estimate[:, scored], truth).any())
+    whole = {part: np.concatenate(values, axis=1) for part, values in truths.items()}
+    guesses = {part: np.median(values, axis=1, keepdims=True) for part, values in whole.items() if values.size}
+    for pairs, region in parts() if not all(fails.values()) else ():
+        for part, vectors, scored in _vectors(pairs, region):
+            if not fails[part] and part in guesses:
+                truth = vectors.truth[:, scored]
+                fails[part] = bool(_is_outlier(np.broadcast_to(guesses[part], truth.shape), truth).any())
+    rates = [part for part in _PARTS if fails.get(part)]
+    both = len(fails) == len(_PARTS)
+    return (*rates, "scene_flow_rate") if rates and both else tuple(rates)
+
+
+def _vectors(pairs: Mapping[str, EstimateTruthPair], region: Mask) -> Iterator[tuple[str, EstimateTruthPair, Mask]]:
+    """Give the rates' quantities that are there, by rate, and where they are scored."""
+    for part, names in _PARTS.items():
+        if all(name in pairs for name in names):
+            vectors = stacked(pairs, names)
+            yield part, vectors, region & _scored(vectors)
+
+
+def _scored(vectors: EstimateTruthPair) -> Mask:
+    finite = np.isfinite(vectors.estimate).all(axis=0) & np.isfinite(vectors.truth).all(axis=0)
+    return np.asarray(finite if vectors.full is None else finite & vectors.full)
+
+
+def _is_outlier(estimate: Map, truth: Map) -> Mask:
+    error = length(difference(estimate, truth))
+    return np.asarray((error > OUTLIER_PX) & (error > OUTLIER_FRACTION * length(truth)))

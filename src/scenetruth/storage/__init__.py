@@ -1,28 +1,33 @@
-"""Data sets on disk: stores with checksums, written and read image by image, and images as files."""
+"""Data sets on disk: stores with checksums, read and written image by image, and image files."""
 
-from scenetruth.storage.images import is_image_name, write_images
-from scenetruth.storage.names import RECORDING, SCENE, TRUTH, store_name
-from scenetruth.storage.reading import Kind, load, open_store
-from scenetruth.storage.saving import save, write_store
-from scenetruth.storage.store_claim import claim_store, is_store
-from scenetruth.storage.store_files import files_of, is_zip_name
-from scenetruth.storage.store_writer import StoreWriter
-from scenetruth.storage.verifying import verify_store
+from scenetruth.storage.image_series import is_image_name, write_images
+from scenetruth.storage.reader import StoreKind, load_store, open_store, verify_store
+from scenetruth.storage.store_files import (
+    RECORDING,
+    SCENE,
+    TRUTH,
+    claim_store,
+    is_store,
+    is_zip_name,
+    open_store_files,
+    store_name,
+)
+from scenetruth.storage.writer import StoreWriter, save_store, write_store
 
 __all__ = [
     "RECORDING",
     "SCENE",
     "TRUTH",
-    "Kind",
+    "StoreKind",
     "StoreWriter",
     "claim_store",
-    "files_of",
     "is_image_name",
     "is_store",
     "is_zip_name",
-    "load",
+    "load_store",
     "open_store",
-    "save",
+    "open_store_files",
+    "save_store",
     "store_name",
     "verify_store",
     "write_images",

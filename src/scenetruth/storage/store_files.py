@@ -1,7 +1,12 @@
-"""The files of a store: in a folder, or in one zip file."""
+"""The files of a store, in a directory or in one zip file.
+
+Names, checksums of metadata and files, and which store may be replaced.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import shutil
 import struct
 import zipfile
@@ -10,7 +15,49 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, Protocol, cast
 
-__all__ = ["ROOT", "StoreFiles", "differs_from_packed", "files_of", "is_part", "is_zip_name", "pack"]
+from scenetruth.errors import StoreError
+from scenetruth.output import OwnershipResult, describe_foreign_files
+
+__all__ = [
+    "CHECKSUM_ATTRIBUTE",
+    "RECORDING",
+    "ROOT",
+    "SCENE",
+    "TRUTH",
+    "StoreFiles",
+    "check_checksums",
+    "claim_store",
+    "differs_from_packed",
+    "is_part",
+    "is_store",
+    "is_zip_name",
+    "open_store_files",
+    "pack",
+    "store_name",
+    "write_checksums",
+]
+
+
+SCENE = "scene.yaml"
+"""The scene with all defaults and overrides."""
+
+RECORDING = "recording"
+"""The images; a store."""
+
+TRUTH = "truth"
+"""The exact maps; a store."""
+
+
+def store_name(stem: str, *, zipped: bool) -> str:
+    """Return the name of a store: of a folder, or of a zip file.
+
+    Examples
+    --------
+    >>> store_name(TRUTH, zipped=False), store_name("estimate", zipped=True)
+    ('truth.zarr', 'estimate.zarr.zip')
+    """
+    return f"{stem}.zarr" + (".zip" if zipped else "")
+
 
 ROOT = "zarr.json"
 """The file with the metadata of a store."""
@@ -63,7 +110,7 @@ class StoreFiles(Protocol):
         ...
 
 
-def files_of(path: Path) -> StoreFiles:
+def open_store_files(path: Path) -> StoreFiles:
     """Return the files of the store at a path."""
     return _Zip(path) if is_zip_name(path) else _Folder(path)
 
@@ -171,3 +218,91 @@ class _Comparison:
     def write(self, data: bytes) -> int:
         self.differs |= self._there.read(len(data)) != bytes(data)
         return len(data)
+
+
+CHECKSUM_ATTRIBUTE = "content"
+"""Attribute of a store that holds its seal."""
+
+_BLANK = "0" * 64
+
+
+def write_checksums(path: Path) -> None:
+    """Put a seal on a store: the number of its files, the bytes of its chunks, and a digest.
+
+    The digest covers every byte of metadata, and the name and size of every other file; these carry checksums of their
+    own. Of the file that holds the digest itself, it takes the digest as zeros.
+    """
+    files = open_store_files(path)
+    sizes = files.sizes()
+    metadata = json.loads(files.read(ROOT))
+    metadata["attributes"][CHECKSUM_ATTRIBUTE] = {**_count(sizes), "sha256": _BLANK}
+    blank = json.dumps(metadata, indent=2, ensure_ascii=True).encode()
+    (path / ROOT).write_bytes(blank.replace(_BLANK.encode(), _digest(files, sizes, blank).encode(), 1))
+
+
+def check_checksums(path: Path, attributes: dict[str, Any]) -> None:
+    """Refuse a store whose metadata or whose files have changed since it was sealed.
+
+    Parameters
+    ----------
+    path
+        The store.
+    attributes
+        Its attributes.
+
+    Raises
+    ------
+    StoreError
+        If it has; says what.
+    """
+    sealed = attributes.get(CHECKSUM_ATTRIBUTE)
+    if not isinstance(sealed, dict):
+        raise StoreError(path, "carries no seal, so that nobody can tell whether it is whole; make it again")
+    counted = {name: sealed.get(name) for name in ("files", "bytes")}
+    files = open_store_files(path)
+    sizes = files.sizes()
+    found = _count(sizes)
+    if counted != found:
+        held = f"sealed with {_format_count(counted)}, but it holds {_format_count(found)}"
+        message = f"is damaged or cut short: {held}; make it again"
+        raise StoreError(path, message)
+    root, digest = files.read(ROOT), str(sealed.get("sha256"))
+    if digest != _digest(files, sizes, root.replace(digest.encode(), _BLANK.encode(), 1)):
+        message = "is damaged: its metadata, or the names or sizes of its files, have changed; make it again"
+        raise StoreError(path, message)
+
+
+def _format_count(count: dict[str, Any]) -> str:
+    return f"{count['files']} files and {count['bytes']} bytes of chunks"
+
+
+def _count(sizes: Mapping[str, int]) -> dict[str, int]:
+    return {
+        "files": len(sizes) - 1,
+        "bytes": sum(size for name, size in sizes.items() if PurePosixPath(name).name != ROOT),
+    }
+
+
+def _digest(files: StoreFiles, sizes: Mapping[str, int], root: bytes) -> str:
+    found = hashlib.sha256(root)
+    for name, size in sizes.items():
+        if name != ROOT:
+            found.update(name.encode() + b"\0")
+            found.update(files.read(name) if PurePosixPath(name).name == ROOT else str(size).encode())
+    return found.hexdigest()
+
+
+def claim_store(path: Path) -> OwnershipResult:
+    """Claim a store: a folder or a zip file with a data set of ours and nothing else."""
+    if is_zip_name(path) == path.is_dir() or not is_store(path):
+        return OwnershipResult("is not a store that scenetruth wrote")
+    foreign = open_store_files(path).foreign()
+    return OwnershipResult(describe_foreign_files(foreign)) if foreign else OwnershipResult()
+
+
+def is_store(path: Path) -> bool:
+    """Tell whether a folder or a zip file looks like a store that scenetruth wrote, perhaps damaged since."""
+    try:
+        return b'"scenetruth"' in open_store_files(path).read(ROOT)
+    except OSError:
+        return False

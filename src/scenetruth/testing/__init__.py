@@ -1,4 +1,4 @@
-"""Help for tests of estimators of one's own: whether they keep to the contract, and whether they are accurate."""
+"""Tests of estimators: conformance with the contract of methods, and assertions on accuracy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scenetruth.testing.accuracy import LimitError, assert_accuracy
+    from scenetruth.testing.accuracy import assert_accuracy
     from scenetruth.testing.conformance import (
         ConformanceError,
         ConformanceReport,
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         check_estimator,
         estimator_checks,
     )
+    from scenetruth.testing.tolerances import LimitError
 
 __all__ = [
     "ConformanceError",
@@ -25,7 +26,7 @@ __all__ = [
     "estimator_checks",
 ]
 
-_HOMES = {"LimitError": "accuracy", "assert_accuracy": "accuracy"}
+_HOMES = {"LimitError": "tolerances", "assert_accuracy": "accuracy"}
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Kernels that tell which points on a mesh are hidden by one of its faces, in float64."""
+"""Kernels that decide in float64 which points on a mesh are hidden by one of its faces."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.inside_kernels import blurs, inside
-from scenetruth.raycast.projection_kernels import PLANE_MARGIN, within
+from scenetruth.raycast.ray_triangle_kernels import PLANE_MARGIN, blurs, inside, within
 from scenetruth.threads import in_bands
 
 __all__ = ["Cells", "hide_points", "look_at_points", "place_points", "sort_into_cells"]
@@ -228,8 +227,8 @@ def hide_points(
 ) -> NDArray[np.bool_]:
     """Tell which points are hidden from the camera by a face.
 
-    A face hides a point if the ray to the point meets the face (`scenetruth.raycast.inside_kernels.inside`) before the
-    point. A point's own face does not hide it.
+    A face hides a point if the ray to the point meets the face (`scenetruth.raycast.ray_triangle_kernels.inside`)
+    before the point. A point's own face does not hide it.
 
     Parameters
     ----------

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.camera import EmvaSensor, LinearImage, SensorChain, chain_of
+from scenetruth.camera import EmvaSensor, LinearImage, SensorChain, build_sensor_chain
 from scenetruth.camera.sensor import Effect, OpenSensor
-from scenetruth.kinds import kinds_in
-from scenetruth.randomness import generator_for
+from scenetruth.discovery import kinds_in
+from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 from tests.scenes import cube
 
@@ -96,7 +96,7 @@ def test_the_empty_chain_is_the_identity(data: some.DataObject) -> None:
 
 
 def test_ideal_is_the_empty_chain() -> None:
-    assert chain_of(cube(sensor="ideal").sensor) == SensorChain()
+    assert build_sensor_chain(cube(sensor="ideal").sensor) == SensorChain()
     named, _ = st.simulate(cube(sensor="Ideal", frames={"count": 1}))
     empty, _ = st.simulate(cube(sensor={"kind": "chain"}, frames={"count": 1}))
     np.testing.assert_array_equal(named["image"], empty["image"])
@@ -118,7 +118,7 @@ def test_images_may_be_read_in_any_order_and_again() -> None:
 def test_an_explicit_chain_is_the_sensor_that_stands_for_it() -> None:
     emva = {"kind": "emva1288", "preset": "industrial_cmos", "gamma": 0.8, "bayer": "rggb", "prnu": 0.01}
     short = cube(sensor=emva, frames={"count": 1})
-    effects = chain_of(short.sensor).model_dump(mode="json")
+    effects = build_sensor_chain(short.sensor).model_dump(mode="json")
     long = cube(sensor=effects, frames={"count": 1})
     assert isinstance(long.sensor, SensorChain)
     first, second = (st.simulate(scene)[0] for scene in (short, long))
@@ -184,7 +184,7 @@ def test_chains_that_do_not_fit_are_refused_effect_by_effect(
 
 
 def all_kinds() -> dict[str, type[Effect]]:
-    found = kinds_in(Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noises")
+    found = kinds_in(Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noise_sources")
     return {kind: model for kind, model in found.items() if issubclass(model, Effect)}
 
 
@@ -206,4 +206,4 @@ def test_sensors_on_the_page_can_be_made() -> None:
     blocks = [yaml.safe_load(block.split("```")[0]) for block in page.split("```yaml\n")[1:]]
     scenes = [cube(sensor=block["sensor"]) for block in blocks]
     assert {type(scene.sensor).__name__ for scene in scenes} == {"SensorChain", "EmvaSensor"}
-    assert [chain_of(scene.sensor).unit for scene in scenes].count("electrons") == 1
+    assert [build_sensor_chain(scene.sensor).unit for scene in scenes].count("electrons") == 1

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor, LinearImage
-from scenetruth.randomness import generator_for
+from scenetruth.random_streams import generator_for
 from scenetruth.scene import scene_from_plain
 from tests.nightly import nightly
 from tests.scenes import cube

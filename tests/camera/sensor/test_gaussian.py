@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scenetruth.camera import GaussianSensor, LinearImage
-from scenetruth.randomness import generator_for
+from scenetruth.random_streams import generator_for
 
 
 def sensed(sensor: GaussianSensor, radiance: NDArray[np.float32], **index: int) -> NDArray[Any]:

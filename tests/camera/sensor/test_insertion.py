@@ -10,7 +10,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.camera import EmvaSensor, LinearImage
-from scenetruth.randomness import generator_for
+from scenetruth.random_streams import generator_for
 from scenetruth.scene import scene_from_plain
 from tests.scenes import cube
 

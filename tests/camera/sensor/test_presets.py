@@ -11,7 +11,7 @@ import yaml
 
 import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor
-from scenetruth.camera.sensor.presets import PresetName
+from scenetruth.camera.sensor.sensor_types import PresetName
 from scenetruth.scene import Scene, load_scene, scene_from_plain
 from tests.scenes import SCENES, cube
 

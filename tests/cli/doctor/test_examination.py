@@ -12,18 +12,25 @@ from unittest import mock
 
 import pytest
 
-from scenetruth.cli.doctor import Finding, is_fit
-from scenetruth.cli.doctor import rendering as renderers
-from scenetruth.cli.doctor.caches import look_at_caches
-from scenetruth.cli.doctor.machine import look_at_machine, look_at_terminal
-from scenetruth.cli.doctor.packages import EXTRAS, look_at_extras, look_at_packages
-from scenetruth.cli.doctor.rendering import look_at_rendering, render_alone
+from scenetruth.cli import diagnostics as renderers
+from scenetruth.cli.diagnostics import (
+    EXTRAS,
+    DoctorCheck,
+    check_caches,
+    check_extras,
+    check_machine,
+    check_packages,
+    check_rendering,
+    check_terminal,
+    is_fit,
+    render_alone,
+)
 from tests.cli.calling import scenetruth
 
 WORKS = dict.fromkeys(renderers.RENDERERS, (True, "drawn"))
 
 
-def states(findings: list[Finding]) -> dict[str, str]:
+def states(findings: list[DoctorCheck]) -> dict[str, str]:
     return {one.name: one.state for one in findings}
 
 
@@ -47,23 +54,23 @@ def test_missing_packages_and_processes_that_die_are_told(tmp_path: Path, monkey
 
 
 def test_only_ray_casting_is_needed() -> None:
-    findings = look_at_rendering(WORKS)
+    findings = check_rendering(WORKS)
     assert set(states(findings).values()) == {"ok"}
-    one_less = look_at_rendering({**WORKS, "egl": (False, "no driver")})
+    one_less = check_rendering({**WORKS, "egl": (False, "no driver")})
     assert states(one_less)["pyrender (egl)"] == "missing"
     assert [one.remedy for one in one_less] == ["", "", ""]
     none = {"osmesa": (False, "no library"), "egl": (False, "No module named 'pyrender'")}
-    findings = look_at_rendering({**WORKS, **none})
+    findings = check_rendering({**WORKS, **none})
     assert is_fit(findings)
     assert "libosmesa6" in findings[1].remedy
     assert findings[2].remedy == "pip install 'scenetruth[opengl]'"
-    findings = look_at_rendering({**WORKS, "raycast": (False, "No module named 'embreex'")})
+    findings = check_rendering({**WORKS, "raycast": (False, "No module named 'embreex'")})
     assert not is_fit(findings)
     assert findings[0].remedy
 
 
 def test_packages_that_are_missing_or_old_are_named_with_the_command_that_installs_them() -> None:
-    assert set(states(look_at_packages()).values()) == {"ok"}
+    assert set(states(check_packages()).values()) == {"ok"}
     installed = importlib.metadata.version
     told = {"typer": "0.1", "h5py": "0.1"}
 
@@ -73,7 +80,7 @@ def test_packages_that_are_missing_or_old_are_named_with_the_command_that_instal
         return told.get(name) or installed(name)
 
     with mock.patch.object(importlib.metadata, "version", version):
-        packages, extras = look_at_packages(), {one.name: one for one in look_at_extras()}
+        packages, extras = check_packages(), {one.name: one for one in check_extras()}
     assert not is_fit(packages)
     assert states(packages) == {"needed": "broken", "scipy": "broken", "typer": "broken"}
     assert packages[1].told == "scipy is not installed"
@@ -96,7 +103,7 @@ def test_caches_are_told_with_what_is_in_them(tmp_path: Path, monkeypatch: pytes
     code, textures = tmp_path / "room" / "__pycache__", tmp_path / "textures"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("SCENETRUTH_CACHE", str(textures))
-    empty = look_at_caches()
+    empty = check_caches()
     assert states(empty) == {"compiled code": "missing", "textures": "ok"}
     assert "warm-up" in empty[0].remedy
     for folder in (code, textures):
@@ -108,21 +115,21 @@ def test_caches_are_told_with_what_is_in_them(tmp_path: Path, monkeypatch: pytes
     # A module that was changed since it was compiled.
     (tmp_path / "room" / "later.py").touch()
     os.utime(code / f"later.second-1.{tag}.nbi", (0, 0))
-    found = look_at_caches()
+    found = check_caches()
     assert found[0].told == f"{tmp_path}: 1 kernels, 2 MB"
     assert found[1].told == f"{textures}: 1 entries, 3 MB"
     monkeypatch.setenv("SCENETRUTH_CACHE", "off")
-    assert "off" in look_at_caches()[1].told
+    assert "off" in check_caches()[1].told
     monkeypatch.setenv("SCENETRUTH_CACHE", "/proc/nothing")
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/nothing")
-    assert states(look_at_caches()) == {"compiled code": "broken", "textures": "broken"}
+    assert states(check_caches()) == {"compiled code": "broken", "textures": "broken"}
 
 
 def test_a_machine_with_little_left_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENETRUTH_CACHE", "off")
-    assert states(look_at_machine())["processors"] == "ok"
-    with mock.patch("scenetruth.resources.machine.free_disk_bytes", return_value=10_000_000):
-        disk = next(one for one in look_at_machine() if one.name == "disk")
+    assert states(check_machine())["processors"] == "ok"
+    with mock.patch("scenetruth.resources.system.free_disk_bytes", return_value=10_000_000):
+        disk = next(one for one in check_machine() if one.name == "disk")
     assert disk.state == "missing"
     assert disk.told.startswith("0.0 GB free at ")
     assert disk.remedy
@@ -131,7 +138,7 @@ def test_a_machine_with_little_left_is_told(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize(("encoding", "state"), [("utf-8", "ok"), ("ascii", "missing")])
 def test_terminals_without_all_characters_are_told(encoding: str, state: str) -> None:
     with mock.patch.object(sys, "stdout", io.TextIOWrapper(io.BytesIO(), encoding=encoding)):
-        found = look_at_terminal()
+        found = check_terminal()
     assert found.state == state
     assert encoding in found.told
 
@@ -140,7 +147,7 @@ def test_everything_in_json_and_as_a_table(monkeypatch: pytest.MonkeyPatch) -> N
     def rendered(name: str) -> tuple[bool, str]:
         return name == "raycast", "of [this] test"
 
-    monkeypatch.setattr("scenetruth.cli.doctor.examination.render_alone", rendered)
+    monkeypatch.setattr("scenetruth.cli.diagnostics.render_alone", rendered)
     done = scenetruth("doctor", "--json")
     assert done.returncode == 0, done.stderr
     content = json.loads(done.stdout)
@@ -152,7 +159,7 @@ def test_everything_in_json_and_as_a_table(monkeypatch: pytest.MonkeyPatch) -> N
     table = scenetruth("doctor")
     assert "scenes can be run here" in table.stdout
     assert "of [this] test; not needed" in table.stdout
-    monkeypatch.setattr("scenetruth.cli.doctor.examination.render_alone", lambda name: (False, "broken"))
+    monkeypatch.setattr("scenetruth.cli.diagnostics.render_alone", lambda name: (False, "broken"))
     done = scenetruth("doctor")
     assert done.returncode == 2
     assert "scenes cannot be run here" in done.stdout

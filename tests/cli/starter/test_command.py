@@ -13,8 +13,7 @@ from hypothesis import strategies as any_
 from PIL import Image
 
 import scenetruth as st
-from scenetruth.cli.starter.mesh import mesh_start, place_mesh
-from scenetruth.cli.starter.text import scene_text
+from scenetruth.cli.scene_templates import mesh_template, place_mesh, scene_text
 from tests.cli.calling import scenetruth
 
 # Two rectangles, one behind the other, at a slant: corners in units of half sizes.
@@ -95,7 +94,7 @@ def test_all_images_show_all_of_a_mesh(
     distance_mm = None if far is None else far * max(size) * unit_mm
     found = place_mesh(file, unit_mm, distance_mm)
     np.testing.assert_allclose(found.size_mm, np.array(size) * unit_mm, rtol=1e-6, atol=1e-9 * max(map(abs, middle)))
-    text = scene_text(mesh_start(found, file.name, unit_mm), "scene.yaml")
+    text = scene_text(mesh_template(found, file.name, unit_mm), "scene.yaml")
     scene = st.scene_from_plain(yaml.safe_load(text), folder=folder)
     corners = (np.array(middle) + CORNERS * np.array(size) / 2) * unit_mm + scene.objects[0].pose.position_mm
     # Positions are written to 1e-5 of the size, or to nine digits.

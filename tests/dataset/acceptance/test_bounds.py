@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.dataset.acceptance.base import Bound
-from scenetruth.dataset.acceptance.depth import DepthRange
-from scenetruth.dataset.acceptance.image_motion import ImageMotion
-from scenetruth.dataset.acceptance.look import Look
-from scenetruth.dataset.acceptance.occluded_share import OccludedShare
-from scenetruth.dataset.acceptance.residual_disparity import ResidualDisparity
-from scenetruth.dataset.acceptance.visible_share import VisibleShare
-from scenetruth.dataset.acceptance.wavelength import Wavelength
+from scenetruth.dataset.acceptance import (
+    AcceptanceCriterion,
+    DepthRangeCriterion,
+    GeometryPreview,
+    ImageMotionCriterion,
+    OccludedFractionCriterion,
+    ResidualDisparityCriterion,
+    TextureWavelengthCriterion,
+    VisibleFractionCriterion,
+)
 from scenetruth.scene import Scene, scene_from_plain
 from tests.dataset.conftest import SCENE
 
@@ -30,7 +32,7 @@ def scene_at(x_mm: float = 0.0, **camera: float) -> Scene:
     return scene_from_plain(plain)
 
 
-def values(bound: Bound, look: Look) -> list[float]:
+def values(bound: AcceptanceCriterion, look: GeometryPreview) -> list[float]:
     return [value for _, value in bound.measured(look)]
 
 
@@ -39,14 +41,14 @@ def values(bound: Bound, look: Look) -> list[float]:
 )
 def test_the_visible_share_of_a_tile_that_leaves_the_image(x_mm: float, share: float) -> None:
     """The image ends at 240 / 800 x 100 mm = 30 mm; one small pixel is 3 of the tile's 160."""
-    bound = VisibleShare(object="tile", at_least=0.5)
+    bound = VisibleFractionCriterion(object="tile", at_least=0.5)
     if share == 0:
         with pytest.raises(st.SceneError, match="outside every image"):
-            Look(scene_at(x_mm))
+            GeometryPreview(scene_at(x_mm))
         return
-    (found,) = values(bound, Look(scene_at(x_mm)))
+    (found,) = values(bound, GeometryPreview(scene_at(x_mm)))
     assert found == pytest.approx(share, abs=3 / TILE_PX)
-    assert bool(bound.refusal(Look(scene_at(x_mm)))) == (found < 0.5)
+    assert bool(bound.refusal(GeometryPreview(scene_at(x_mm)))) == (found < 0.5)
 
 
 def test_what_hides_an_object_counts() -> None:
@@ -54,37 +56,37 @@ def test_what_hides_an_object_counts() -> None:
     # Half as far away as the tile, and over its left half as the camera sees it.
     cover = {"name": "cover", "mesh": {"kind": "plane", "size_mm": [20, 40]}, "texture": {"kind": "uniform"}}
     plain["objects"].append({**cover, "pose": {"position_mm": [-10, 0, 50]}})
-    (found,) = values(VisibleShare(object="tile", at_least=0), Look(scene_from_plain(plain)))
+    (found,) = values(VisibleFractionCriterion(object="tile", at_least=0), GeometryPreview(scene_from_plain(plain)))
     assert found == pytest.approx(0.5, abs=3 / TILE_PX)
 
 
 @pytest.fixture(scope="module")
-def whole() -> tuple[Look, dict[str, np.ndarray]]:
+def whole() -> tuple[GeometryPreview, dict[str, np.ndarray]]:
     scene = scene_at(3.0)
     truth = st.make_truth(scene).sel(t=0)
-    return Look(scene), {str(name): truth[name].values for name in truth}
+    return GeometryPreview(scene), {str(name): truth[name].values for name in truth}
 
 
 @pytest.mark.parametrize(
     ("bound", "of_truth", "tolerance"),
     [
-        (DepthRange(object="tile", at_most=1), lambda t: [100, 100], 1e-9),
-        (DepthRange(object="wall", at_most=1), lambda t: [120, 120], 1e-9),
+        (DepthRangeCriterion(object="tile", at_most=1), lambda t: [100, 100], 1e-9),
+        (DepthRangeCriterion(object="wall", at_most=1), lambda t: [120, 120], 1e-9),
         (
-            ResidualDisparity(at_most=1),
+            ResidualDisparityCriterion(at_most=1),
             lambda t: [np.abs(t["disparity"] - np.round(t["disparity"].mean())).max()],
             0.05,
         ),
         # The fastest pixel is a corner of the tile, half a small pixel, 1.5 px, farther out: 1 % per frame of that.
-        (ImageMotion(object="tile", at_most=1), lambda t: [np.hypot(*t["flow"]).max()], 0.03),
-        (OccludedShare(at_most=1), lambda t: [t["occluded_in_s"].mean()], 3 / TILE_PX),
-        (Wavelength(object="tile", at_most=1), lambda t: [6 * 8, 20 * 8], 1e-9),
+        (ImageMotionCriterion(object="tile", at_most=1), lambda t: [np.hypot(*t["flow"]).max()], 0.03),
+        (OccludedFractionCriterion(at_most=1), lambda t: [t["occluded_in_s"].mean()], 3 / TILE_PX),
+        (TextureWavelengthCriterion(object="tile", at_most=1), lambda t: [6 * 8, 20 * 8], 1e-9),
     ],
     ids=lambda one: getattr(one, "kind", ""),
 )
 def test_few_pixels_tell_what_all_tell(
-    whole: tuple[Look, dict[str, np.ndarray]],
-    bound: Bound,
+    whole: tuple[GeometryPreview, dict[str, np.ndarray]],
+    bound: AcceptanceCriterion,
     of_truth: Callable[[dict[str, np.ndarray]], list[float]],
     tolerance: float,
 ) -> None:
@@ -93,7 +95,7 @@ def test_few_pixels_tell_what_all_tell(
 
 
 def test_a_refusal_names_the_object_and_the_bound() -> None:
-    look = Look(scene_at())
-    assert DepthRange(object="t*", at_least=101).refusal(look) == "depth of tile under 101 mm"
-    assert DepthRange(object="t*", at_most=110).refusal(look) == ""
-    assert DepthRange(at_most=110).refusal(look) == "depth of wall over 110 mm"
+    look = GeometryPreview(scene_at())
+    assert DepthRangeCriterion(object="t*", at_least=101).refusal(look) == "depth of tile under 101 mm"
+    assert DepthRangeCriterion(object="t*", at_most=110).refusal(look) == ""
+    assert DepthRangeCriterion(at_most=110).refusal(look) == "depth of wall over 110 mm"

@@ -14,13 +14,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from scenetruth.dataset.card.columns import describe_column
-from scenetruth.dataset.card.publication import Publication
-from scenetruth.dataset.card.write import write_card
-from scenetruth.dataset.folder import DatasetFolder
-from scenetruth.dataset.identity import open_sampler
-from scenetruth.dataset.recipe.load import recipe_from_plain
-from scenetruth.dataset.run import run_dataset
+from scenetruth.dataset.fingerprint import open_sampler
+from scenetruth.dataset.generation import run_dataset
+from scenetruth.dataset.layout import DatasetFolder
+from scenetruth.dataset.pages.card import write_card
+from scenetruth.dataset.pages.croissant import Publication, describe_column
+from scenetruth.dataset.recipe_loader import recipe_from_plain
 from scenetruth.errors import OutputExistsError, RecipeError, StoreError
 from tests.cli.calling import scenetruth
 from tests.dataset.conftest import RECIPE
@@ -195,7 +194,7 @@ def test_nothing_half_written_stays(dataset: Path, monkeypatch: pytest.MonkeyPat
     def failing(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("scenetruth.dataset.card.write.croissant_of", failing)
+    monkeypatch.setattr("scenetruth.dataset.pages.card.build_croissant", failing)
     before = {path.name for path in dataset.iterdir()}
     with pytest.raises(StoreError, match="disk is full"):
         write_card(dataset)

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.dataset.catalogue.statistics import statistics_of
+from scenetruth.dataset.samples import compute_truth_statistics
 
 RATE_PER_HOUR, RISE = 0.03, -0.4
 
@@ -37,7 +37,7 @@ def truth(**changes: Any) -> xr.Dataset:
 
 
 def test_growth_and_motion_are_those_of_what_grows_and_moves() -> None:
-    found = statistics_of(truth())
+    found = compute_truth_statistics(truth())
     patch, wall = found["objects"]
     assert patch["image_share"] < 0.2 < 0.5 < wall["image_share"]
     assert found["growth_median_per_hour"] == pytest.approx(RATE_PER_HOUR, rel=1e-6)
@@ -48,10 +48,10 @@ def test_growth_and_motion_are_those_of_what_grows_and_moves() -> None:
 
 def test_what_rests_does_neither_and_of_nothing_nothing_is_told() -> None:
     still = truth(deformation=[], motion=[])
-    found = statistics_of(still)
+    found = compute_truth_statistics(still)
     assert (found["growth_median_per_hour"], found["velocity_z_median_mm_per_frame"]) == (0, 0)
     unseen = still.assign(object_id=xr.full_like(still["object_id"], -1))
-    told = statistics_of(unseen)
+    told = compute_truth_statistics(unseen)
     assert math.isnan(told["growth_median_per_hour"])
     assert math.isnan(told["depth_min_mm"])
     assert told["seen_share"] == 0 < found["seen_share"]

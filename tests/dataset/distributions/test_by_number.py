@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.dataset.distributions.grid import Grid
-from scenetruth.dataset.recipe.load import recipe_from_plain
+from scenetruth.dataset.distributions import GridDistribution
+from scenetruth.dataset.recipe_loader import recipe_from_plain
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import RecipeError
 
@@ -70,4 +70,4 @@ def test_tables_that_cannot_be_used_are_told_before_any_draw(
 @pytest.mark.parametrize("fields", [{}, {"values": []}, {"low": 1, "high": 2}, {"values": [1], "low": 1}])
 def test_a_grid_is_given_in_one_way(fields: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"needs either|has no values"):
-        Grid.model_validate(fields)
+        GridDistribution.model_validate(fields)

@@ -12,21 +12,23 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from scenetruth.dataset.distributions.base import Random
-from scenetruth.dataset.distributions.choice import Choice
-from scenetruth.dataset.distributions.cone import Cone
-from scenetruth.dataset.distributions.integers import Integers
-from scenetruth.dataset.distributions.log_uniform import LogUniform
-from scenetruth.dataset.distributions.normal import Normal
-from scenetruth.dataset.distributions.rotation import RandomRotation
-from scenetruth.dataset.distributions.uniform import Uniform
+from scenetruth.dataset.distributions import (
+    ChoiceDistribution,
+    ConeDistribution,
+    IntegersDistribution,
+    LogUniformDistribution,
+    NormalDistribution,
+    RandomDistribution,
+    RotationDistribution,
+    UniformDistribution,
+)
 
 COUNT = 4000
 # Of tests that hold, one of a thousand fails by chance; the numbers are always the same.
 RARE = 1e-3
 
 
-def drawn(distribution: Random) -> list[Any]:
+def drawn(distribution: RandomDistribution) -> list[Any]:
     numbers = np.random.default_rng(5).random((COUNT, distribution.uniforms))
     return [distribution.value(row) for row in numbers.tolist()]
 
@@ -34,30 +36,34 @@ def drawn(distribution: Random) -> list[Any]:
 @pytest.mark.parametrize(
     ("distribution", "expected"),
     [
-        (Uniform(low=-2, high=3), stats.uniform(-2, 5)),
-        (LogUniform(low=0.01, high=5), stats.loguniform(0.01, 5)),
-        (Normal(mean=3, std=2), stats.norm(3, 2)),
-        (Normal(mean=3, std=2, low=2, high=8), stats.truncnorm(-0.5, 2.5, 3, 2)),
-        (Normal(mean=0, std=1, low=4), stats.truncnorm(4, np.inf, 0, 1)),
+        (UniformDistribution(low=-2, high=3), stats.uniform(-2, 5)),
+        (LogUniformDistribution(low=0.01, high=5), stats.loguniform(0.01, 5)),
+        (NormalDistribution(mean=3, std=2), stats.norm(3, 2)),
+        (NormalDistribution(mean=3, std=2, low=2, high=8), stats.truncnorm(-0.5, 2.5, 3, 2)),
+        (NormalDistribution(mean=0, std=1, low=4), stats.truncnorm(4, np.inf, 0, 1)),
     ],
     ids=lambda one: getattr(one, "kind", ""),
 )
-def test_numbers_are_distributed_as_scipy_says(distribution: Random, expected: Any) -> None:
+def test_numbers_are_distributed_as_scipy_says(distribution: RandomDistribution, expected: Any) -> None:
     assert stats.kstest(drawn(distribution), expected.cdf).pvalue > RARE
 
 
 @given(st.floats(2.0**-60, 1 - 2.0**-53))
 def test_no_number_is_outside_its_ends(u: float) -> None:
-    for one in (Uniform(low=-2, high=3), LogUniform(low=0.01, high=5), Normal(mean=0, std=1, low=-1, high=9)):
+    for one in (
+        UniformDistribution(low=-2, high=3),
+        LogUniformDistribution(low=0.01, high=5),
+        NormalDistribution(mean=0, std=1, low=-1, high=9),
+    ):
         low, high = (end for _, end in one.trials())
         assert low <= one.value([u]) <= high
-    assert Integers(low=3, high=7).value([u]) in range(3, 8)
+    assert IntegersDistribution(low=3, high=7).value([u]) in range(3, 8)
 
 
 def test_whole_numbers_and_choices_are_as_likely_as_they_should_be() -> None:
-    counts = np.bincount(drawn(Integers(low=0, high=4)), minlength=5)
+    counts = np.bincount(drawn(IntegersDistribution(low=0, high=4)), minlength=5)
     assert stats.chisquare(counts).pvalue > RARE
-    found = drawn(Choice(values=["a", "b", "never", "c"], weights=[1, 2, 0, 5]))
+    found = drawn(ChoiceDistribution(values=["a", "b", "never", "c"], weights=[1, 2, 0, 5]))
     counts = np.array([found.count(word) for word in "abc"])
     assert found.count("never") == 0
     assert stats.chisquare(counts, COUNT * np.array([1, 2, 5]) / 8).pvalue > RARE
@@ -65,7 +71,7 @@ def test_whole_numbers_and_choices_are_as_likely_as_they_should_be() -> None:
 
 def test_directions_fill_their_cap_evenly() -> None:
     axis = np.array([1.0, -2.0, 2.0]) / 3
-    found = np.array(drawn(Cone(axis=(1, -2, 2), half_angle_deg=50)))
+    found = np.array(drawn(ConeDistribution(axis=(1, -2, 2), half_angle_deg=50)))
     assert np.linalg.norm(found, axis=1) == pytest.approx(1, abs=1e-12)
     # Archimedes: equal steps along the axis cut equal areas of the sphere.
     least = np.cos(np.deg2rad(50))
@@ -80,7 +86,7 @@ def matrices(found: list[Any]) -> NDArray[np.float64]:
 
 
 def test_rotations_are_equally_likely() -> None:
-    turned = matrices(drawn(RandomRotation()))
+    turned = matrices(drawn(RotationDistribution()))
     # Whatever direction is turned, each of its components is uniform; the angle has density (1 - cos) / pi.
     for component in range(3):
         assert stats.kstest(turned[:, component, 0], stats.uniform(-1, 2).cdf).pvalue > RARE
@@ -91,17 +97,19 @@ def test_rotations_are_equally_likely() -> None:
 @pytest.mark.parametrize(
     ("kind", "fields", "message"),
     [
-        (Uniform, {"low": 3, "high": 3}, "has no values"),
-        (LogUniform, {"low": 0, "high": 3}, "greater than 0"),
-        (Normal, {"mean": 0, "std": 1, "low": 9}, "hardly any values"),
-        (Normal, {"mean": 0, "std": 1, "low": 2, "high": 1}, "has no values"),
-        (Integers, {"low": 3, "high": 2}, "has no values"),
-        (Choice, {"values": []}, "at least 1"),
-        (Choice, {"values": [1, 2], "weights": [1]}, "2 values and 1 weights"),
-        (Choice, {"values": [1, 2], "weights": [0, 0]}, "all weights are zero"),
-        (Cone, {"axis": [0, 0, 0], "half_angle_deg": 3}, "zero vector"),
+        (UniformDistribution, {"low": 3, "high": 3}, "has no values"),
+        (LogUniformDistribution, {"low": 0, "high": 3}, "greater than 0"),
+        (NormalDistribution, {"mean": 0, "std": 1, "low": 9}, "hardly any values"),
+        (NormalDistribution, {"mean": 0, "std": 1, "low": 2, "high": 1}, "has no values"),
+        (IntegersDistribution, {"low": 3, "high": 2}, "has no values"),
+        (ChoiceDistribution, {"values": []}, "at least 1"),
+        (ChoiceDistribution, {"values": [1, 2], "weights": [1]}, "2 values and 1 weights"),
+        (ChoiceDistribution, {"values": [1, 2], "weights": [0, 0]}, "all weights are zero"),
+        (ConeDistribution, {"axis": [0, 0, 0], "half_angle_deg": 3}, "zero vector"),
     ],
 )
-def test_distributions_without_support_are_refused(kind: type[Random], fields: dict[str, Any], message: str) -> None:
+def test_distributions_without_support_are_refused(
+    kind: type[RandomDistribution], fields: dict[str, Any], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         kind.model_validate(fields)

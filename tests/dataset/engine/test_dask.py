@@ -17,10 +17,10 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.dataset.engine.workers import DaskWorkers
-from scenetruth.dataset.folder import DatasetFolder
-from scenetruth.dataset.recipe.load import recipe_from_plain
-from scenetruth.dataset.run import run_dataset, status_of
+from scenetruth.dataset.executors import DaskExecutor
+from scenetruth.dataset.generation import read_status, run_dataset
+from scenetruth.dataset.layout import DatasetFolder
+from scenetruth.dataset.recipe_loader import recipe_from_plain
 from scenetruth.errors import MachineError
 from tests.dataset.conftest import RECIPE
 from tests.nightly import nightly
@@ -56,7 +56,7 @@ def test_a_cluster_makes_the_same_samples_though_a_worker_is_killed(cluster: Any
     assert killed
     run_dataset(sampler, tmp_path / "here", workers=0)
     assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
-    assert status_of(tmp_path / "cluster").missing == 0
+    assert read_status(tmp_path / "cluster").missing == 0
     assert DatasetFolder(tmp_path / "cluster").catalogue.exists()
 
 
@@ -89,7 +89,7 @@ def test_without_its_scheduler_a_run_ends_and_goes_on_with_another(tmp_path: Pat
                 hands.terminate()
         assert run.returncode == (2 if killed else 0), errors
         assert ("the scheduler does not answer any more" in " ".join(errors.split())) == killed
-    status = status_of(folder)
+    status = read_status(folder)
     assert (status.done, status.failed) == (30, {})
     assert list(folder.rglob(".*")) == []
     run_dataset(recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 30}), tmp_path / "here", workers=0)
@@ -99,21 +99,21 @@ def test_without_its_scheduler_a_run_ends_and_goes_on_with_another(tmp_path: Pat
 @pytest.mark.filterwarnings("ignore")
 def test_where_no_scheduler_answers_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("scenetruth.dataset.engine.workers._PATIENCE_S", 1)
+    monkeypatch.setattr("scenetruth.dataset.executors._PATIENCE_S", 1)
     with pytest.raises(MachineError, match="no scheduler answers there"):
-        DaskWorkers("tcp://127.0.0.1:9")
+        DaskExecutor("tcp://127.0.0.1:9")
 
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_work_of_a_foreign_process_keeps_to_its_threads(threads: int) -> None:
     code = (
         "import sys\n"
-        "from scenetruth.dataset.engine.worker import within_threads\n"
+        "from scenetruth.dataset.worker_setup import run_with_threads\n"
         "from scenetruth.compilation import thread_count\n"
         "threads = int(sys.argv[1])\n"
-        "found = within_threads(threads, thread_count)\n"
+        "found = run_with_threads(threads, thread_count)\n"
         "import numba\n"
-        "print(found, within_threads(threads, numba.get_num_threads), within_threads(1, thread_count))\n"
+        "print(found, run_with_threads(threads, numba.get_num_threads), run_with_threads(1, thread_count))\n"
     )
     done = subprocess.run([sys.executable, "-c", code, str(threads)], capture_output=True, text=True, check=True)
     assert done.stdout.split() == [str(threads), str(threads), "1"]

@@ -14,40 +14,42 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.engine.drive import Drive
-from scenetruth.dataset.engine.workers import LocalWorkers
-from scenetruth.dataset.sample import Made
+from scenetruth.dataset.executors import ProcessExecutor
+from scenetruth.dataset.samples import SampleResult
+from scenetruth.dataset.scheduler import SampleScheduler
 from tests.nightly import nightly
 
 
-def work(folder: str, number: int) -> Made:
+def work(folder: str, number: int) -> SampleResult:
     """Leave a mark; some numbers fail, or kill their process, the first time or always."""
     marks = Path(folder)
     (marks / f"{number}-{time.monotonic_ns()}").touch()
     tries = len(list(marks.glob(f"{number}-*")))
     if number == 5 or (number == 6 and tries == 1):
-        return Made(number, failure={"message": "bad"})
+        return SampleResult(number, failure={"message": "bad"})
     if number == 7 or (number == 8 and tries == 1):
         os.kill(os.getpid(), signal.SIGKILL)
-    return Made(number, {"threads": os.environ.get("NUMBA_NUM_THREADS"), "process": os.getpid()})
+    return SampleResult(number, {"threads": os.environ.get("NUMBA_NUM_THREADS"), "process": os.getpid()})
 
 
 class Notes:
     def __init__(self) -> None:
-        self.made: list[Made] = []
+        self.made: list[SampleResult] = []
         self.failed: dict[int, tuple[dict[str, Any], int]] = {}
         self.said: list[str] = []
 
-    def drive(self, workers: Any, folder: Path, work: Callable[..., Made] = work, **options: Any) -> Drive:
-        def failed(found: Made, attempts: int) -> None:
+    def drive(
+        self, workers: Any, folder: Path, work: Callable[..., SampleResult] = work, **options: Any
+    ) -> SampleScheduler:
+        def failed(found: SampleResult, attempts: int) -> None:
             self.failed[found.number] = (found.failure, attempts)
 
-        return Drive(workers, work, (str(folder),), self.made.append, failed, self.said.append, **options)
+        return SampleScheduler(workers, work, (str(folder),), self.made.append, failed, self.said.append, **options)
 
 
 @nightly
 def test_every_sample_is_made_once_and_the_guilty_ones_alone_are_set_aside(tmp_path: Path) -> None:
-    notes, workers = Notes(), LocalWorkers(2)
+    notes, workers = Notes(), ProcessExecutor(2)
     try:
         notes.drive(workers, tmp_path, retries=1).run(range(10))
         workers.renew()
@@ -88,8 +90,8 @@ class InThisProcess:
         pass
 
 
-def fine(folder: str, number: int) -> Made:
-    return Made(number, {"number": number})
+def fine(folder: str, number: int) -> SampleResult:
+    return SampleResult(number, {"number": number})
 
 
 def test_processes_are_started_anew_after_so_many_samples(tmp_path: Path) -> None:
@@ -101,7 +103,7 @@ def test_processes_are_started_anew_after_so_many_samples(tmp_path: Path) -> Non
 
 
 def test_it_pauses_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenetruth.dataset.engine.drive._LOOK_S", 0.0)
+    monkeypatch.setattr("scenetruth.dataset.scheduler._POLL_S", 0.0)
     reasons = iter(["", "", "disk full", "disk full", "", "", "", "", "", "", "", "", ""])
     notes = Notes()
     notes.drive(InThisProcess(), tmp_path, fine, pause=lambda: next(reasons)).run(range(5))
@@ -111,14 +113,14 @@ def test_it_pauses_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 @nightly
 def test_a_full_disk_is_no_fault_of_a_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenetruth.dataset.engine.drive._LOOK_S", 0.01)
-    monkeypatch.setattr("scenetruth.dataset.engine.room.FULL_S", 0.02)
+    monkeypatch.setattr("scenetruth.dataset.scheduler._POLL_S", 0.01)
+    monkeypatch.setattr("scenetruth.dataset.scheduler.FULL_S", 0.02)
 
-    def writing(folder: str, number: int) -> Made:
+    def writing(folder: str, number: int) -> SampleResult:
         (Path(folder) / f"{number}-{time.monotonic_ns()}").touch()
         tries = len(list(Path(folder).glob(f"{number}-*")))
         full = number in (1, 3) and tries < 5
-        return Made(number, failure={"message": "no space"} if full else {}, disk_full=full)
+        return SampleResult(number, failure={"message": "no space"} if full else {}, disk_full=full)
 
     notes = Notes()
     notes.drive(InThisProcess(), tmp_path, writing, retries=1).run(range(6))

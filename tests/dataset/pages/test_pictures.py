@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenetruth.dataset.pages.charts import draw_histograms, draw_pairs, paired_of
-from scenetruth.dataset.pages.contact_sheet import draw_contact_sheet, shown_grey
-from scenetruth.dataset.pages.quantities import Quantity
+from scenetruth.dataset.pages.figures import (
+    PlotQuantity,
+    draw_contact_sheet,
+    draw_histograms,
+    draw_pairs,
+    select_paired,
+    to_display_grey,
+)
 
 NUMBERS = tuple(float(number) for number in np.random.default_rng(1).random(40))
 SQUARED = tuple(number**2 for number in NUMBERS)
@@ -18,13 +23,13 @@ SQUARED = tuple(number**2 for number in NUMBERS)
 
 def test_charts_of_all_sorts(tmp_path: Path) -> None:
     sorts = [
-        Quantity("even", "mm", NUMBERS),
-        Quantity("logarithmic", "", SQUARED, log=True),
-        Quantity("alike", "", (2.0,) * 9),
-        Quantity("one", "", (1.5,)),
-        Quantity("whole", "", (1.0, 2.0) * 6),
-        Quantity("measured", "", (1 / 3, 2 / 3) * 6),
-        Quantity("$x_{1}$ \x00 words " * 9, "", counts=(("$\\alpha$", 3), ("b" * 90, 1))),
+        PlotQuantity("even", "mm", NUMBERS),
+        PlotQuantity("logarithmic", "", SQUARED, log=True),
+        PlotQuantity("alike", "", (2.0,) * 9),
+        PlotQuantity("one", "", (1.5,)),
+        PlotQuantity("whole", "", (1.0, 2.0) * 6),
+        PlotQuantity("measured", "", (1 / 3, 2 / 3) * 6),
+        PlotQuantity("$x_{1}$ \x00 words " * 9, "", counts=(("$\\alpha$", 3), ("b" * 90, 1))),
     ]
     for path in (tmp_path / "one.png", tmp_path / "two.png"):
         draw_histograms(sorts, path)
@@ -35,20 +40,20 @@ def test_charts_of_all_sorts(tmp_path: Path) -> None:
 
 
 def test_pairs_are_of_numbers_that_say_something() -> None:
-    twice = Quantity("twice", "", tuple(2 * number for number in NUMBERS))
-    against = Quantity("against", "", tuple(-number for number in NUMBERS))
-    few = Quantity("few", "", (1.0, 2.0) * 20)
-    free = Quantity("free", "", NUMBERS[::-1])
-    first = Quantity("first", "", NUMBERS)
-    words = Quantity("words", "", counts=(("a", 40),))
-    assert paired_of([first, twice, against, few, words, free]) == [first, free]
-    assert paired_of([first, twice]) == []
+    twice = PlotQuantity("twice", "", tuple(2 * number for number in NUMBERS))
+    against = PlotQuantity("against", "", tuple(-number for number in NUMBERS))
+    few = PlotQuantity("few", "", (1.0, 2.0) * 20)
+    free = PlotQuantity("free", "", NUMBERS[::-1])
+    first = PlotQuantity("first", "", NUMBERS)
+    words = PlotQuantity("words", "", counts=(("a", 40),))
+    assert select_paired([first, twice, against, few, words, free]) == [first, free]
+    assert select_paired([first, twice]) == []
 
 
 @pytest.mark.parametrize("count", [1, 9])
 def test_sheet(count: int, tmp_path: Path) -> None:
     images = [np.full((12, 16), number / 9, dtype=np.float32) for number in range(count)]
-    grey = shown_grey(images)
+    grey = to_display_grey(images)
     draw_contact_sheet([(str(number), image) for number, image in enumerate(grey)], "small", tmp_path / "sheet.png")
     with Image.open(tmp_path / "sheet.png") as sheet:
         assert sheet.info["Software"] == "scenetruth"
@@ -56,7 +61,7 @@ def test_sheet(count: int, tmp_path: Path) -> None:
 
 
 def test_dark_images_are_dark_beside_bright_ones() -> None:
-    dark, bright = shown_grey([np.full((4, 4), 0.1), np.full((4, 4), 0.8)])
+    dark, bright = to_display_grey([np.full((4, 4), 0.1), np.full((4, 4), 0.8)])
     assert dark.max() < bright.min() / 2
-    assert shown_grey([]) == []
-    assert shown_grey([np.zeros((2, 2))])[0].max() == 0
+    assert to_display_grey([]) == []
+    assert to_display_grey([np.zeros((2, 2))])[0].max() == 0

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from scenetruth.dataset.pages.labels import bracketed, label_of
-from scenetruth.dataset.pages.quantities import drawn_quantities, quantities_of
-from scenetruth.dataset.pages.recipe_words import bound_words, distribution_words, split_words
-from scenetruth.dataset.pages.writing import code, escape_markdown
+from scenetruth.dataset.pages.figures import collect_quantities, split_quantities
+from scenetruth.dataset.pages.page_text import (
+    describe_criterion,
+    describe_distribution,
+    describe_splits,
+    escape_markdown,
+    format_code,
+    format_label,
+    format_title,
+)
 from tests.dataset.conftest import SCENE
 from tests.dataset.test_run import Make
 
@@ -32,27 +38,27 @@ LIT = {
     ],
 )
 def test_fields_are_told_by_names_and_units(path: str, label: str) -> None:
-    assert bracketed(*label_of(path, LIT)) == label
+    assert format_title(*format_label(path, LIT)) == label
 
 
 def test_values_are_numbers_or_categories() -> None:
-    few, others = quantities_of("t", "", [{"kind": "noise"}, {"kind": "plaid"}] * 3)[0].counts
+    few, others = split_quantities("t", "", [{"kind": "noise"}, {"kind": "plaid"}] * 3)[0].counts
     assert (few, others) == (("noise", 3), ("plaid", 3))
     # Two of a kind are told apart by all that they say.
-    (alike,) = quantities_of("t", "", [{"kind": "noise", "mean": mean} for mean in (0.2, 0.3)])
+    (alike,) = split_quantities("t", "", [{"kind": "noise", "mean": mean} for mean in (0.2, 0.3)])
     assert alike.counts == (('{"kind": "noise", "mean": 0.2}', 1), ('{"kind": "noise", "mean": 0.3}', 1))
-    (many,) = quantities_of("t", "", [f"name {number}" for number in range(30)])
+    (many,) = split_quantities("t", "", [f"name {number}" for number in range(30)])
     assert many.counts[-1] == ("19 others", 19)
-    vectors = quantities_of("direction", "", [[number / 30, 0.0, 1.0] for number in range(30)])
+    vectors = split_quantities("direction", "", [[number / 30, 0.0, 1.0] for number in range(30)])
     assert [one.label for one in vectors] == ["direction X", "direction Y", "direction Z"]
     assert vectors[1].is_constant
     assert not vectors[0].is_constant
-    assert quantities_of("t", "mm", [True, False])[0].counts == (("false", 1), ("true", 1))
+    assert split_quantities("t", "mm", [True, False])[0].counts == (("false", 1), ("true", 1))
 
 
 def test_drawn_values_know_their_scale(sampler_with: Make) -> None:
     sampler = sampler_with(vary={"sensor.noise_std": {"kind": "log_uniform", "low": 0.001, "high": 0.1}})
-    (noise,) = drawn_quantities(sampler, {"sensor.noise_std": [0.01, None, 0.02]})
+    (noise,) = collect_quantities(sampler, {"sensor.noise_std": [0.01, None, 0.02]})
     assert noise.log
     assert noise.numbers == (0.01, 0.02)
 
@@ -65,9 +71,12 @@ def test_recipes_in_words(sampler_with: Make) -> None:
         splits={"train": 3, "test": 1},
         hold_out={"a": [51]},
     )
-    assert [distribution_words(item.distribution) for item in sampler.varied] == ["choice: values [50, 51]", "= 2 * a"]
-    assert bound_words(sampler.recipe.accept[0]) == "depth of tile: at most 200 mm"
-    assert split_words(sampler) == {
+    assert [describe_distribution(item.distribution) for item in sampler.varied] == [
+        "choice: values [50, 51]",
+        "= 2 * a",
+    ]
+    assert describe_criterion(sampler.recipe.accept[0]) == "depth of tile: at most 200 mm"
+    assert describe_splits(sampler) == {
         "train": "75.0 % of what is not held out",
         "test": "25.0 % of what is not held out",
         "held_out": "all samples with a: 51",
@@ -82,4 +91,4 @@ def test_markdown_stays_text() -> None:
     assert "<" not in told
     assert r"\[c\](javascript:d)" in told
     assert r"a \| b" in told
-    assert code("a`b|c\nd") == "``a`b\\|c d``"
+    assert format_code("a`b|c\nd") == "``a`b\\|c d``"

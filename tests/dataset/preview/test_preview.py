@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenetruth.dataset.preview.draws import draw_some, some_numbers
-from scenetruth.dataset.preview.thumbnails import SIMPLIFIED, simplified, thumbnail_of
-from scenetruth.dataset.preview.write import PAGE, write_preview
+from scenetruth.dataset.pages.preview_page import PAGE, SIMPLIFIED, render_thumbnail, simplify_scene, write_preview
+from scenetruth.dataset.recipe_validation import draw_samples, select_numbers
 from scenetruth.errors import OutputExistsError, RecipeError
 from scenetruth.scene import load_scene, scene_from_plain
-from scenetruth.scene.texture.noise import NoiseTexture
+from scenetruth.scene.texture.procedural_textures import NoiseTexture
 from scenetruth.simulation import simulate
 from tests.cli.calling import scenetruth
 from tests.dataset.conftest import SCENE
@@ -44,7 +43,7 @@ def test_page_and_pictures(sampler_with: Make, tmp_path: Path, monkeypatch: pyte
     told: list[str] = []
     page = write_preview(sampler, tmp_path / "one", progress=lambda what, done, total: told.append(what))
     # As if it took long.
-    monkeypatch.setattr("scenetruth.dataset.engine.in_order.WORTH_S", 0.0)
+    monkeypatch.setattr("scenetruth.dataset.executors.MIN_PARALLEL_S", 0.0)
     write_preview(sampler, tmp_path / "two", workers=2)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     assert set(told) == {"draw", "thumbnails"}
@@ -83,31 +82,31 @@ def test_nothing_comes_of_what_cannot_be_drawn(sampler_with: Make, tmp_path: Pat
 
 
 def test_draws_are_taken_all_over(sampler_with: Make) -> None:
-    numbers = some_numbers(10_000, 100)
+    numbers = select_numbers(10_000, 100)
     assert len(set(numbers)) == 100
     assert numbers == sorted(numbers)
     assert numbers[0] < 1000
     assert numbers[-1] > 9000
     # A grid is not met in step.
     assert {number % 2 for number in numbers} == {0, 1}
-    drawn = draw_some(sampler_with(samples=1000), 7)
+    drawn = draw_samples(sampler_with(samples=1000), 7)
     assert drawn.trial.accepted == drawn.trial.drawn == len(drawn.draws) == 7
-    assert [draw.number for draw in drawn.draws] == some_numbers(1000, 7)
+    assert [draw.number for draw in drawn.draws] == select_numbers(1000, 7)
 
 
 def test_a_thumbnail_looks_like_the_image() -> None:
     scene = scene_from_plain({**SCENE, "sensor": "ideal"})
     image = simulate(scene)[0]["image"].sel(s=0, t=0).values
-    small = thumbnail_of(scene)
+    small = render_thumbnail(scene)
     assert small.shape == image.shape
     # Waves of 6 mm are 4 px long here: nothing is left out.
-    assert simplified(scene).objects[0].texture == scene.objects[0].texture
+    assert simplify_scene(scene).objects[0].texture == scene.objects[0].texture
     assert np.corrcoef(small.ravel(), image.ravel())[0, 1] > 0.98
 
 
 def test_surfaces_are_simplified() -> None:
     leaf = load_scene(SCENES / "leaf.yaml")
-    small = simplified(leaf)
+    small = simplify_scene(leaf)
     assert small.camera.width == 160
     assert [item.name for _, item in small.parts] == [item.name for _, item in leaf.parts]
     assert small.objects[0].texture.kind == "uniform"
@@ -116,7 +115,7 @@ def test_surfaces_are_simplified() -> None:
     assert isinstance(own, NoiseTexture)
     assert noise.wavelength_mm[0] > own.wavelength_mm[0]
     assert noise.rms_contrast < own.rms_contrast
-    plants = simplified(load_scene(SCENES / "rosette.yaml"))
+    plants = simplify_scene(load_scene(SCENES / "rosette.yaml"))
     assert len(plants.objects) == 12
     assert plants.plants == ()
 

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.dataset.folder import DatasetFolder
-from scenetruth.dataset.part import Part
+from scenetruth.dataset.generation import read_status, run_dataset, verify_dataset
+from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.reading import Sample, SceneDataset
-from scenetruth.dataset.recipe.load import recipe_from_plain
-from scenetruth.dataset.run import run_dataset, status_of
-from scenetruth.dataset.verify import verify_dataset
+from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.samples import Partition
 from tests.dataset.conftest import RECIPE
 
 DEPTH = "objects.1.pose.position_mm.2"
@@ -108,7 +107,7 @@ def test_tar_files_are_named_as_webdataset_does_and_the_same_in_any_order(made: 
     import tarfile
 
     again = tmp_path / "again"
-    for part in (Part(2, 2), Part(1, 2)):
+    for part in (Partition(2, 2), Partition(1, 2)):
         run_dataset(recipe(layout="shards", samples_per_shard=2), again, workers=0, part=part)
     for path in (made / "shards").iterdir():
         assert path.read_bytes() == (again / "shards" / path.name).read_bytes()
@@ -131,7 +130,7 @@ def test_what_a_killed_run_left_beside_a_tar_file_is_put_away(made: Path, tmp_pa
     shutil.copytree(alone / "samples", folder / "samples", dirs_exist_ok=True)
     (folder / "samples" / "00000" / "00000001" / "sample.json").unlink()
     (folder / "catalogue.parquet").unlink()
-    assert status_of(folder).done == 5
+    assert read_status(folder).done == 5
     assert run_dataset(wanted, folder, workers=0).made == 0
     assert list(DatasetFolder(folder).done()) == []
     assert st.open_dataset(folder).catalogue["sample"].tolist() == [0, 1, 2, 3, 4]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.recipe.paths import PathError, assign, expand, value_at
+from scenetruth.scene.field_paths import PathError, assign, expand, value_at
 
 PLAIN: dict[str, Any] = {"optics": {"psf": None}, "sensor": "ideal", "camera": {"width": 320}, "shadows": True}
 SET = "set all of '{}' to a mapping first, under 'set'"

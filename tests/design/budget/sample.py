@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from scenetruth.design.budget.cause import Remedy
-from scenetruth.design.budget.parts import Part, Total
-from scenetruth.design.budget.result import Budget
+from scenetruth.design.uncertainty.contributions import CombinedUncertainty, Contribution
+from scenetruth.design.uncertainty.source import Mitigation
+from scenetruth.design.uncertainty.uncertainty_budget import Budget
 
 __all__ = ["budget_of_a_cube"]
 
@@ -14,10 +14,12 @@ __all__ = ["budget_of_a_cube"]
 def budget_of_a_cube(noise: str = "noise of the sensor") -> Budget:
     """Return a budget of depth, most of which is the stage's yaw."""
 
-    def part(cause: str, title: str, figure: float, simulated: float = math.nan, seen: float = math.nan) -> Part:
+    def part(
+        cause: str, title: str, figure: float, simulated: float = math.nan, seen: float = math.nan
+    ) -> Contribution:
         told = ("100 µrad", "depth", "interior", "mm")
         predicted, drawn = (4.2, 1.39) if cause == "stage_yaw" else (figure, math.nan)
-        return Part(cause, title, *told, predicted, drawn, simulated, seen, figure)
+        return Contribution(cause, title, *told, predicted, drawn, simulated, seen, figure)
 
     parts = [
         part("noise", noise, 0.05),
@@ -28,6 +30,6 @@ def budget_of_a_cube(noise: str = "noise of the sensor") -> Budget:
         part("curvature", "curved surfaces", math.nan),
     ]
     whole = math.sqrt(sum(one.figure**2 for one in parts if math.isfinite(one.figure)))
-    total = Total("depth", "interior", "mm", whole, whole, 1.5, 0.16, 660.0, 0.9)
-    remedies = {"stage_yaw": Remedy("an air bearing", {"stage_yaw": 0.025})}
+    total = CombinedUncertainty("depth", "interior", "mm", whole, whole, 1.5, 0.16, 660.0, 0.9)
+    remedies = {"stage_yaw": Mitigation("an air bearing", {"stage_yaw": 0.025})}
     return Budget("A cube", "structure_tensor", parts, [total], 3, remedies)

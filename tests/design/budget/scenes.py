@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import scenetruth as st
-from scenetruth.comparison.sheet import sheet
+from scenetruth.benchmark.cases.reference_scene import build_reference_scene
 
 __all__ = ["EVERYTHING", "laboratory"]
 
@@ -41,5 +41,5 @@ EVERYTHING: dict[str, Any] = {
 def laboratory(changes: dict[str, Any] | None = None, *, everything: bool = True) -> st.Scene:
     """Return a slanted sheet with all causes of errors, or with some changes alone."""
     pose = {"position_mm": [0, 0, 720], "rotations": [{"axis": [0, 1, 0], "angle_deg": 25}]}
-    plain = sheet({**(EVERYTHING if everything else {}), "objects.0.pose": pose, **(changes or {})})
+    plain = build_reference_scene({**(EVERYTHING if everything else {}), "objects.0.pose": pose, **(changes or {})})
     return st.scene_from_plain(plain)

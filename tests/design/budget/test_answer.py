@@ -12,10 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenetruth.design.budget.answer.page import write_page
-from scenetruth.design.budget.answer.waterfall import steps_of, waterfalls_of, write_waterfall
-from scenetruth.design.budget.answer.words import number
-from scenetruth.design.budget.result import Budget
+from scenetruth.design.uncertainty.budget_report import compute_bars, make_waterfalls, write_page, write_waterfall
+from scenetruth.design.uncertainty.uncertainty_budget import Budget, number
 from tests.design.budget.sample import budget_of_a_cube
 
 HOSTILE = "</script><script>alert(1)</script>"
@@ -37,7 +35,7 @@ def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budg
 
 
 def test_bars_add_up_by_their_squares(found: Budget) -> None:
-    steps = steps_of(found, "depth")
+    steps = compute_bars(found, "depth")
     assert [step.title for step in steps][:3] == ["yaw of the stage", "slanted surfaces", HOSTILE]
     assert steps[-1].title == "2 smaller parts"
     assert steps[0].start == 0
@@ -59,7 +57,7 @@ def test_the_picture_is_drawn(found: Budget, tmp_path: Path) -> None:
 
 
 def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Path) -> None:
-    (waterfall,) = waterfalls_of(found)
+    (waterfall,) = make_waterfalls(found)
     assert waterfall.data[0]["text"][0] == "1.4"
     assert waterfall.alt.startswith("Depth, mm: yaw of the stage 1.4; slanted surfaces 0.16")
     page = write_page(found, tmp_path)

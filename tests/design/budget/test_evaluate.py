@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.comparison.point import quiet
-from scenetruth.design.budget import Budget, Calibration, budget
-from scenetruth.design.budget.calibration import calibration_of
-from scenetruth.design.budget.confirm.runs import Job, Run, observed
-from scenetruth.design.budget.switches import scene_with
+from scenetruth.benchmark.design_point import ignore_scene_warnings
+from scenetruth.design.uncertainty import Budget, Calibration, budget
+from scenetruth.design.uncertainty.simulation_runs import BudgetTask, SimulationRun, simulate_run
+from scenetruth.design.uncertainty.source import resolve_calibration, restrict_sources
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError, SceneError
 from tests.design.budget.scenes import laboratory
 from tests.nightly import nightly
@@ -150,11 +149,11 @@ def test_little_is_simulated_where_little_matters(scene: st.Scene) -> None:
 
 def test_runs_are_what_simulations_of_their_scenes_are() -> None:
     scene = laboratory({"optics.defocus": None, "shutter": {"readout_time_s": 1.0}})
-    job = Job("", json.dumps(scene.to_plain()), "structure_tensor", "{}", Calibration(), (), ())
+    job = BudgetTask("", json.dumps(scene.to_plain()), "structure_tensor", "{}", Calibration(), (), ())
     kinds = ("noise", "quantisation", "fixed_pattern", "stage_yaw")
-    recording, truth = observed(job, Run(kinds, 5, 0))
-    with quiet():
-        same, exact = st.simulate(scene_with(scene, kinds, 5), ideal=True)
+    recording, truth = simulate_run(job, SimulationRun(kinds, 5, 0))
+    with ignore_scene_warnings():
+        same, exact = st.simulate(restrict_sources(scene, kinds, 5), ideal=True)
     np.testing.assert_array_equal(recording["image"].values, same["image"].values)
     np.testing.assert_array_equal(recording["ideal"].values, same["ideal"].values)
     np.testing.assert_array_equal(truth["depth"].values, exact["depth"].values)
@@ -167,7 +166,7 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
     for word in ("draws", "confirm", "focal_percent", "focal_length_percent", "object_nothing"):
         assert word in str(error.value)
     with pytest.raises(RecipeError, match="typical"):
-        calibration_of("exact")
+        resolve_calibration("exact")
     with pytest.raises(SceneError, match=r"stage\.rows"):
         budget(laboratory({"stage.rows": 2, "stage.row_spacing_mm": 5.0}, everything=False))
     with pytest.raises(EstimateError, match="no_such"):
@@ -179,8 +178,8 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
 
 
 def test_calibrations_are_typical_unless_given() -> None:
-    assert calibration_of("typical") == Calibration()
-    assert calibration_of({"principal_point_px": 2}) == Calibration(
+    assert resolve_calibration("typical") == Calibration()
+    assert resolve_calibration({"principal_point_px": 2}) == Calibration(
         focal_length_percent=0, principal_point_px=2, baseline_percent=0
     )
-    assert not any(calibration_of("perfect").model_dump().values())
+    assert not any(resolve_calibration("perfect").model_dump().values())

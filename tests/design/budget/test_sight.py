@@ -9,20 +9,26 @@ from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.design.budget.sight import Sight, moved, posed, poses_of, sight_of
-from scenetruth.design.budget.stage_cause import schedule_of_stage
-from scenetruth.provenance import schedule_of
+from scenetruth.design.uncertainty.observation_model import (
+    ObservationModel,
+    build_observation_model,
+    displace_camera,
+    disturb_poses,
+    shift_in_time,
+)
+from scenetruth.design.uncertainty.sources.stage import make_stage_schedule
+from scenetruth.provenance import build_schedule
 from tests.design.budget.scenes import laboratory
 
 
 @pytest.fixture(scope="module")
-def sight() -> Sight:
+def sight() -> ObservationModel:
     scene = laboratory(everything=False)
     recording, truth = st.simulate(scene, ideal=True)
-    return sight_of(scene, recording, truth, np.ones((108, 144), dtype=np.bool_))
+    return build_observation_model(scene, recording, truth, np.ones((108, 144), dtype=np.bool_))
 
 
-def shown(sight: Sight, s: int, t: float, off_mm: np.ndarray, turn_rad: np.ndarray) -> np.ndarray:
+def shown(sight: ObservationModel, s: int, t: float, off_mm: np.ndarray, turn_rad: np.ndarray) -> np.ndarray:
     """Where a camera with errors shows the points: positions from the principal point, shape (2, y, x)."""
     focal, depth = sight.intrinsics.focal_length_px, sight.depth
     points = np.stack([sight.points.x * depth / focal, sight.points.y * depth / focal, depth])
@@ -40,33 +46,33 @@ def shown(sight: Sight, s: int, t: float, off_mm: np.ndarray, turn_rad: np.ndarr
     turn=some.lists(some.floats(-2e-4, 2e-4), min_size=3, max_size=3),
 )
 def test_errors_of_pose_move_images_as_projections_do(
-    sight: Sight, s: int, t: int, off: list[float], turn: list[float]
+    sight: ObservationModel, s: int, t: int, off: list[float], turn: list[float]
 ) -> None:
     off_mm, turn_rad = np.array(off), np.array(turn)
     exact = shown(sight, s, t, off_mm, turn_rad) - shown(sight, s, t, np.zeros(3), np.zeros(3))
-    change = posed(sight, s, t, off_mm, turn_rad)
+    change = displace_camera(sight, s, t, off_mm, turn_rad)
     # Second order: f times a tenth of the product of the largest angles, 720 * 2e-4 * 2e-4 px and little more.
     np.testing.assert_allclose(np.stack([change.x, change.y]), exact, rtol=0, atol=2e-4)
 
 
-def test_a_later_time_is_motion(sight: Sight) -> None:
-    change = moved(sight, 1, 1, 0.25)
+def test_a_later_time_is_motion(sight: ObservationModel) -> None:
+    change = shift_in_time(sight, 1, 1, 0.25)
     exact = shown(sight, 1, 1.25, np.zeros(3), np.zeros(3)) - shown(sight, 1, 1, np.zeros(3), np.zeros(3))
     np.testing.assert_allclose(np.stack([change.x, change.y]), exact, rtol=0, atol=1e-6)
 
 
-def test_the_stage_of_a_scene_is_that_of_its_simulation(sight: Sight) -> None:
+def test_the_stage_of_a_scene_is_that_of_its_simulation(sight: ObservationModel) -> None:
     scene = laboratory()
-    real, told = schedule_of(scene).moment(1, -1), schedule_of_stage(scene).moment(1, -1)
+    real, told = build_schedule(scene).moment(1, -1), make_stage_schedule(scene).moment(1, -1)
     np.testing.assert_array_equal(told.viewpoint.position_mm, real.viewpoint.position_mm)
-    change = poses_of(schedule_of_stage(scene), sight)(1, -1)
+    change = disturb_poses(make_stage_schedule(scene), sight)(1, -1)
     assert change is not None
-    off = real.viewpoint.position_mm - schedule_of(scene).nominal(1, -1).viewpoint.position_mm
-    by_pose, by_time = posed(sight, 1, -1, off, real.rotation_rad), moved(sight, 1, -1, real.t + 1)
+    off = real.viewpoint.position_mm - build_schedule(scene).nominal(1, -1).viewpoint.position_mm
+    by_pose, by_time = displace_camera(sight, 1, -1, off, real.rotation_rad), shift_in_time(sight, 1, -1, real.t + 1)
     np.testing.assert_allclose(change.x, by_pose.x + by_time.x)
 
 
-def test_maps_of_images_are_fetched_where_points_are(sight: Sight) -> None:
+def test_maps_of_images_are_fetched_where_points_are(sight: ObservationModel) -> None:
     columns = np.broadcast_to(np.arange(144.0), (108, 144))
     place = sight.place(1, 0)
     inside = (place.x > sight.points.x[0, 0]) & (place.x < sight.points.x[0, -1])

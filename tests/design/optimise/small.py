@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from scenetruth.design.optimise.result import Constraint, Objective
-from scenetruth.design.optimise.rig.evaluate import Evaluation
-from scenetruth.design.optimise.rig.space import Parameter, Space
+from scenetruth.design.optimisation.design_records import ConstraintValue, Objective
+from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
 
 __all__ = ["Formula", "constraint", "goal", "objective", "scene", "square"]
 
@@ -47,20 +46,20 @@ def objective(title: str = "depth", wanted: float | None = None) -> Objective:
     return Objective("depth", "all", "mm", title, wanted)
 
 
-def constraint(margin: float) -> Constraint:
+def constraint(margin: float) -> ConstraintValue:
     """Return a constraint that leaves a share of its limit."""
-    return Constraint("travel", "travel", 1 - margin, 1.0, "mm", margin >= 0, margin)
+    return ConstraintValue("travel", "travel", 1 - margin, 1.0, "mm", margin >= 0, margin)
 
 
-def square(parameters: int) -> Space:
+def square(parameters: int) -> DesignSpace:
     """Return a space whose values are the numbers of its unit cube."""
-    return Space(tuple(Parameter(f"x{number}") for number in range(parameters)))
+    return DesignSpace(tuple(Parameter(f"x{number}") for number in range(parameters)))
 
 
 class Formula:
     """A ledger whose predictions are formulas of the values."""
 
-    def __init__(self, space: Space, formula: Any) -> None:
+    def __init__(self, space: DesignSpace, formula: Any) -> None:
         self.space, self.formula = space, formula
         self.known: dict[tuple[Any, ...], Evaluation] = {}
 

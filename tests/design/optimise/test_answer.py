@@ -7,29 +7,30 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.optimise import goal_from_plain
-from scenetruth.design.optimise.answer.assumptions import assumptions_of
-from scenetruth.design.optimise.answer.limits import limits_of
-from scenetruth.design.optimise.answer.rules import rules_of
-from scenetruth.design.optimise.constraints.base import bounded
-from scenetruth.design.optimise.constraints.facts import Facts
-from scenetruth.design.optimise.result import Rule, Sensitivity
-from scenetruth.design.optimise.rig.evaluate import Evaluation
-from scenetruth.design.optimise.rig.space import Parameter, Space
-from scenetruth.design.predict import predict
+from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation.constraints import evaluate_bound
+from scenetruth.design.optimisation.design_records import RuleOfThumb, Sensitivity
+from scenetruth.design.optimisation.interpretation import (
+    check_rules_of_thumb,
+    describe_limiting_factors,
+    list_assumptions,
+)
+from scenetruth.design.optimisation.rig_context import RigContext
+from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
+from scenetruth.design.prediction import predict
 from scenetruth.scene import scene_from_plain
 from tests.design.optimise.small import goal, objective, scene
 
 
 @pytest.fixture(scope="module")
-def facts() -> Facts:
+def facts() -> RigContext:
     made = scene_from_plain(scene())
-    return Facts(made, predict(made), "all")
+    return RigContext(made, predict(made), "all")
 
 
-def rules(facts: Facts, **causes: Any) -> dict[str, Rule]:
+def rules(facts: RigContext, **causes: Any) -> dict[str, RuleOfThumb]:
     changed = {"all": replace(facts.causes, **causes)}
-    told = rules_of(replace(facts, prediction=replace(facts.prediction, by_region=changed)))
+    told = check_rules_of_thumb(replace(facts, prediction=replace(facts.prediction, by_region=changed)))
     return {one.title: one for one in told}
 
 
@@ -42,12 +43,12 @@ def rules(facts: Facts, **causes: Any) -> dict[str, Rule]:
         ("features in a window", "wavelength_px", 12.0, 60.0),
     ],
 )
-def test_rules_are_kept_or_not(facts: Facts, title: str, cause: str, good: float, bad: float) -> None:
+def test_rules_are_kept_or_not(facts: RigContext, title: str, cause: str, good: float, bad: float) -> None:
     assert rules(facts, **{cause: good})[title].holds
     assert not rules(facts, **{cause: bad})[title].holds
 
 
-def test_rules_of_geometry_have_sources(facts: Facts) -> None:
+def test_rules_of_geometry_have_sources(facts: RigContext) -> None:
     told = rules(facts)
     # 8 mm at 500 mm are 0.9°; 8 px of 64 are seen from one side only.
     assert (told["stereo angle"].here, told["stereo angle"].holds) == ("0.9° between the outermost positions", False)
@@ -56,22 +57,22 @@ def test_rules_of_geometry_have_sources(facts: Facts) -> None:
 
 
 def test_what_limits_is_told() -> None:
-    space = Space((Parameter("stage.baseline_mm", 1.0, 40.0), Parameter("stage.positions", 2, 9, whole=True)))
-    used = bounded("stage_travel", "stage travel", 99.5, "at most", 100.0, "mm")
-    free = bounded("images", "images", 10.0, "at most", 100.0, "images")
+    space = DesignSpace((Parameter("stage.baseline_mm", 1.0, 40.0), Parameter("stage.positions", 2, 9, whole=True)))
+    used = evaluate_bound("stage_travel", "stage travel", 99.5, "at most", 100.0, "mm")
+    free = evaluate_bound("images", "images", 10.0, "at most", 100.0, "images")
     parts = {"depth": {"noise": 0.03, "stage": 0.04}}
     one = Evaluation({"stage.baseline_mm": 12.4, "stage.positions": 9}, {"depth": 0.05}, parts, (used, free))
-    assert limits_of(one, space, (objective(),)) == (
+    assert describe_limiting_factors(one, space, (objective(),)) == (
         "depth is limited by the stage's errors (64 % of the predicted variance); "
         "used up: stage travel (99.5 of 100 mm); "
         "at the end of its range: stage.positions = 9"
     )
 
 
-def test_assumptions_name_what_was_taken_for_granted(facts: Facts) -> None:
+def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
     given = goal(free={"frames.frame_interval_s": [60, 120]}, light={"illuminance_lux": 500})
     idle = Sensitivity("frames.frame_interval_s", "depth", 0.0, 0.0, 0.0, 0.0, 0.0)
-    told = "\n".join(assumptions_of(goal_from_plain(given), facts, ("less of it",), (0.25, 0.0), (idle,)))
+    told = "\n".join(list_assumptions(design_spec_from_dict(given), facts, ("less of it",), (0.25, 0.0), (idle,)))
     for expected in (
         "predictions are standard deviations of noise",
         "a white surface has 500 lux",

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from scenetruth.camera.sensor.emva1288 import EmvaSensor
-from scenetruth.design.optimise.catalogues.load import load_catalogues
-from scenetruth.design.optimise.goal.parts import Light
-from scenetruth.design.optimise.rig.build import Base, build
+from scenetruth.camera.sensor.sensor_types import EmvaSensor
+from scenetruth.design.optimisation.catalogues import load_catalogues
+from scenetruth.design.optimisation.rig_evaluation import BaseRig, build_rig
+from scenetruth.design.optimisation.specification import IlluminationSpec
 from scenetruth.errors import SceneError
 from scenetruth.scene import Scene, scene_from_plain
 from tests.design.optimise.small import scene
@@ -20,12 +20,12 @@ ENTRIES = load_catalogues()
 RIG = {"lens": "c_mount_50mm", "camera": "industrial_cmos_5mp", "stage": "air_bearing"}
 
 
-def base(light: Light | None = None, *free: str) -> Base:
-    return Base(scene_from_plain(scene()).to_plain(), {path: (path,) for path in free}, ENTRIES, light, 500.0)
+def base(light: IlluminationSpec | None = None, *free: str) -> BaseRig:
+    return BaseRig(scene_from_plain(scene()).to_plain(), {path: (path,) for path in free}, ENTRIES, light, 500.0)
 
 
-def built(values: dict[str, Any], light: Light | None = None) -> Scene:
-    return scene_from_plain(build(base(light), values).plain)
+def built(values: dict[str, Any], light: IlluminationSpec | None = None) -> Scene:
+    return scene_from_plain(build_rig(base(light), values).plain)
 
 
 def test_a_thin_lens_that_is_focused() -> None:
@@ -43,7 +43,7 @@ def test_a_thin_lens_that_is_focused() -> None:
 
 
 def test_photons_of_a_lit_surface() -> None:
-    light = Light(illuminance_lux=1000)
+    light = IlluminationSpec(illuminance_lux=1000)
     made = built({**RIG, "f_number": 8.0, "exposure_s": 0.02}, light)
     assert isinstance(made.sensor, EmvaSensor)
     # A white surface of 1000 lux sends E / (4 N²) lux; a photon of 555 nm has h c / λ; a lux is 1 / 683 W/m².
@@ -74,7 +74,7 @@ def test_stages_have_errors_and_need_time(name: str) -> None:
     entry = ENTRIES.stages[name]
     given = base()
     given.plain["frames"]["frame_interval_s"] = 60.0
-    made = scene_from_plain(build(given, {"stage": name, "exposure_s": 0.01}).plain)
+    made = scene_from_plain(build_rig(given, {"stage": name, "exposure_s": 0.01}).plain)
     assert made.stage.errors is not None
     assert made.stage.errors.yaw_urad == entry.yaw_urad
     moving = 4 / entry.speed_mm_per_s if entry.speed_mm_per_s else 0.0
@@ -85,7 +85,7 @@ def test_the_working_distance_moves_all_and_the_focus() -> None:
     given = base()
     given.plain["objects"].append({**copy.deepcopy(given.plain["objects"][0]), "name": "behind"})
     given.plain["objects"][1]["pose"]["position_mm"] = [1, 2, 600]
-    made = scene_from_plain(build(given, {**RIG, "working_distance_mm": 450.0}).plain)
+    made = scene_from_plain(build_rig(given, {**RIG, "working_distance_mm": 450.0}).plain)
     assert [item.pose.position_mm[2] for item in made.objects] == [450.0, 550.0]
     assert made.optics.defocus is not None
     assert made.optics.defocus.focus_distance_mm == 450.0
@@ -94,12 +94,12 @@ def test_the_working_distance_moves_all_and_the_focus() -> None:
 
 def test_fields_of_the_scene_are_put_where_they_belong() -> None:
     given = base(None, "stage.baseline_mm")
-    assert build(given, {"stage.baseline_mm": 7.5}).plain["stage"]["baseline_mm"] == 7.5
+    assert build_rig(given, {"stage.baseline_mm": 7.5}).plain["stage"]["baseline_mm"] == 7.5
 
 
 def test_lenses_that_cannot_be_used() -> None:
     with pytest.raises(SceneError, match="pixel_pitch_um"):
-        build(base(), {"lens": "c_mount_50mm"})
-    near = Base(base().plain, {}, ENTRIES, None, 40.0)
+        build_rig(base(), {"lens": "c_mount_50mm"})
+    near = BaseRig(base().plain, {}, ENTRIES, None, 40.0)
     with pytest.raises(SceneError, match="leaves no image"):
-        build(near, RIG)
+        build_rig(near, RIG)

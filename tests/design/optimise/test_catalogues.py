@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.camera.sensor.presets import PRESETS
-from scenetruth.design.optimise.catalogues.load import load_catalogues
-from scenetruth.design.optimise.problems import GoalError
+from scenetruth.camera.sensor.sensor_types import PRESETS
+from scenetruth.design.optimisation.catalogues import load_catalogues
+from scenetruth.design.optimisation.design_records import DesignSpecError
 
 
 def test_every_entry_that_ships_has_a_source() -> None:
@@ -44,7 +44,7 @@ def test_missing_units_and_all_else_is_told_at_once(tmp_path: Path) -> None:
         "stages: {mine: {title: Mine, source: a sheet, travel_mm: 25 mm, yaw: 3}}\n"
         "lights: {}\n"
     )
-    with pytest.raises(GoalError) as caught:
+    with pytest.raises(DesignSpecError) as caught:
         load_catalogues([file, tmp_path / "none.yaml"])
     told = str(caught.value)
     for expected in (

@@ -10,18 +10,21 @@ from pathlib import Path
 import pytest
 
 import scenetruth as st
-from scenetruth.dataset.sample import Made
-from scenetruth.design.optimise import goal_from_plain
-from scenetruth.design.optimise.confirm.confirm import confirmed
-from scenetruth.design.optimise.confirm.intervals import interval_of
-from scenetruth.design.optimise.confirm.measure import Confirmation, figure_in, simulate_one, simulated
-from scenetruth.design.optimise.goal.parts import Confirm
-from scenetruth.design.optimise.goal.prepare import prepare
-from scenetruth.design.optimise.parts import Objective
-from scenetruth.design.optimise.rig.evaluate import evaluate
-from scenetruth.design.optimise.rig.rigs import rig_of
-from scenetruth.design.optimise.statistics import STATISTICS
-from scenetruth.design.optimise.words import words_of
+from scenetruth.dataset.samples import SampleResult
+from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation.confirmation import (
+    ConfirmationTask,
+    get_simulated_statistic,
+    simulate_candidate,
+    simulate_candidates,
+    simulate_objectives,
+)
+from scenetruth.design.optimisation.design_records import STATISTICS, Objective, compute_prediction_interval
+from scenetruth.design.optimisation.design_result import compose_summary
+from scenetruth.design.optimisation.interpretation import rig_from_evaluation
+from scenetruth.design.optimisation.problem_setup import prepare_problem
+from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
+from scenetruth.design.optimisation.specification import ConfirmationSpec
 from scenetruth.scene import scene_from_plain
 from tests.design.optimise.small import goal, scene
 
@@ -32,7 +35,7 @@ NOTHING = Objective("growth_rate", "interior", "%/h", "Growth")
 
 def test_figures_are_those_of_a_score() -> None:
     made = scene_from_plain({**scene(), "estimate": {"method": "structure_tensor"}})
-    found = simulated(made, (DEPTH, OF_WALL, NOTHING))
+    found = simulate_objectives(made, (DEPTH, OF_WALL, NOTHING))
     recording, truth = st.simulate(made)
     told = st.score(st.estimate(recording), truth, interior_margin_px=0.0).regions["interior"]["depth"]
     assert found["Depth"]["rms"] == told["rms"]
@@ -44,30 +47,32 @@ def test_figures_are_those_of_a_score() -> None:
 def test_growth_of_lengths_is_measured_though_the_standard_truth_does_not_tell_it() -> None:
     method = {"method": "refined", "motion": "affine", "surface": "plane"}
     made = scene_from_plain({**scene(), "estimate": method})
-    found = simulated(made, (Objective("growth_largest", "interior", "%/h", "Growth"),))
+    found = simulate_objectives(made, (Objective("growth_largest", "interior", "%/h", "Growth"),))
     assert found["Growth"]["rms"] > 0
     assert 0 < found["Growth"]["density"] <= 1
 
 
 def test_a_rig_of_which_little_is_told_says_so() -> None:
-    prepared = prepare(goal_from_plain(goal()))
+    prepared = prepare_problem(design_spec_from_dict(goal()))
     values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
-    rig = rig_of(7, evaluate(prepared.task, values), prepared)
+    rig = rig_from_evaluation(7, evaluate_rig(prepared.task, values), prepared)
     assert math.isnan(rig.density("Depth"))
     every = dict.fromkeys(STATISTICS, (0.1, 0.2))
     for densities, told in (((0.5, 0.7), True), ((0.9, 0.95), False), ((0.6, math.nan), True)):
         simulated_rig = replace(
-            rig, figures={"Depth": {**every, "density": densities}}, simulated={"Depth": interval_of((0.1, 0.2))}
+            rig,
+            figures={"Depth": {**every, "density": densities}},
+            simulated={"Depth": compute_prediction_interval((0.1, 0.2))},
         )
-        words = " ".join(words_of(prepared.task.objectives, simulated_rig, (), (), ()))
+        words = " ".join(compose_summary(prepared.task.objectives, simulated_rig, (), (), ()))
         assert ("only 60 % of the pixels are told" in words) == told
 
 
 def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    prepared = prepare(goal_from_plain(goal()))
+    prepared = prepare_problem(design_spec_from_dict(goal()))
     values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
-    rig = rig_of(7, evaluate(prepared.task, values), prepared)
-    first = confirmed([rig], prepared, Confirm(rigs=1, seeds=2, most_px=None), tmp_path, 0)
+    rig = rig_from_evaluation(7, evaluate_rig(prepared.task, values), prepared)
+    first = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=2, most_px=None), tmp_path, 0)
     told = first.rigs[7].simulated["Depth"]
     assert told.seeds == 2
     assert 0 < told.low < told.number < told.high
@@ -76,12 +81,12 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
     numbers: list[int] = []
     # What is there is not made again; one seed more is.
 
-    def counted(job: Confirmation, number: int) -> Made:
+    def counted(job: ConfirmationTask, number: int) -> SampleResult:
         numbers.append(number)
-        return simulate_one(job, number)
+        return simulate_candidate(job, number)
 
-    monkeypatch.setattr("scenetruth.design.optimise.confirm.confirm.simulate_one", counted)
-    again = confirmed([rig], prepared, Confirm(rigs=1, seeds=3, most_px=None), tmp_path, 0)
+    monkeypatch.setattr("scenetruth.design.optimisation.confirmation.simulate_candidate", counted)
+    again = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=3, most_px=None), tmp_path, 0)
     assert numbers == [2]
     assert again.rigs[7].simulated["Depth"].seeds == 3
     figures = again.rigs[7].figures["Depth"]
@@ -89,22 +94,22 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
     for typical, rms, percentile in zip(*(figures[name] for name in STATISTICS), strict=True):
         assert 0 < typical <= 1.4826 * 2**0.5 * rms
         assert typical / 1.4826 <= percentile <= 20**0.5 * rms
-    assert again.rigs[7].simulated["Depth"] == interval_of(figures["typical"])
-    assert confirmed([], prepared, Confirm(), tmp_path, 0).rigs == {}
+    assert again.rigs[7].simulated["Depth"] == compute_prediction_interval(figures["typical"])
+    assert simulate_candidates([], prepared, ConfirmationSpec(), tmp_path, 0).rigs == {}
 
 
 def test_figures_that_lack_a_statistic_are_made_again(tmp_path: Path) -> None:
     plain = {**scene(), "estimate": {"method": "structure_tensor"}}
-    job = Confirmation(str(tmp_path), (plain,), (1,), (DEPTH,), ())
+    job = ConfirmationTask(str(tmp_path), (plain,), (1,), (DEPTH,), ())
     told = {"Depth": {"rms": 0.2, "median_abs": 0.1, "bias": 0.0, "density": 1.0}}
     (tmp_path / f"{job.key(0)}.json").write_text(json.dumps({"key": job.key(0), "figures": told}))
     assert job.figures(0) == told
-    assert figure_in(told, "Depth", "typical") == pytest.approx(0.14826)
+    assert get_simulated_statistic(told, "Depth", "typical") == pytest.approx(0.14826)
     assert replace(job, objectives=(replace(DEPTH, statistic="percentile_95"),)).figures(0) is None
 
 
 def test_what_fails_is_told(tmp_path: Path) -> None:
     broken = {**scene(), "estimate": {"method": "structure_tensor"}, "objects": []}
-    job = Confirmation(str(tmp_path), (broken,), (1,), (DEPTH,), ())
-    made = simulate_one(job, 0)
+    job = ConfirmationTask(str(tmp_path), (broken,), (1,), (DEPTH,), ())
+    made = simulate_candidate(job, 0)
     assert "rig 1 of those that are simulated, seed 1: SceneError" in made.failure["message"]

@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scenetruth.design.optimise.catalogues.load import load_catalogues
-from scenetruth.design.optimise.constraints.base import Limit, bounded
-from scenetruth.design.optimise.constraints.facts import Facts
-from scenetruth.design.optimise.goal.spec import CONSTRAINT_ROOMS
-from scenetruth.design.predict import advise, predict
-from scenetruth.kinds import kinds_in
+from scenetruth.design.optimisation.catalogues import load_catalogues
+from scenetruth.design.optimisation.constraints import ConstraintSpec, evaluate_bound
+from scenetruth.design.optimisation.rig_context import RigContext
+from scenetruth.design.optimisation.specification import CONSTRAINT_MODULES
+from scenetruth.design.prediction import predict, recommend
+from scenetruth.discovery import kinds_in
 from scenetruth.scene import scene_from_plain
 from scenetruth.simulation import simulate
 from tests.design.optimise.small import scene
 
-KINDS = kinds_in(Limit, *CONSTRAINT_ROOMS)
+KINDS = kinds_in(ConstraintSpec, *CONSTRAINT_MODULES)
 FOCAL, DEPTH = 500.0, 500.0
 
 
-def facts(**changes: Any) -> Facts:
+def facts(**changes: Any) -> RigContext:
     plain = scene()
     plain["stage"] |= {"positions": 5, "time_per_position_s": 0.05, "errors": {"yaw_urad": 100.0}}
     plain["frames"] = {"count": 5, "frame_interval_s": 2.0}
@@ -35,15 +35,15 @@ def facts(**changes: Any) -> Facts:
         section, _, key = path.partition("__")
         plain[section] = {**plain.get(section, {}), key: value}
     made = scene_from_plain(plain)
-    return Facts(made, predict(made), "all")
+    return RigContext(made, predict(made), "all")
 
 
 @pytest.fixture(scope="module")
-def wall() -> Facts:
+def wall() -> RigContext:
     return facts()
 
 
-def value(kind: str, rig: Facts, **settings: Any) -> float:
+def value(kind: str, rig: RigContext, **settings: Any) -> float:
     return KINDS[kind](kind=kind, at_most=1e9, **settings).value(rig)  # type: ignore[attr-defined, no-any-return]
 
 
@@ -74,12 +74,12 @@ def value(kind: str, rig: Facts, **settings: Any) -> float:
         ("defocus_blur", {"depths_mm": [400, 600]}, 500 * 4 * (1 / 400 - 1 / 500)),
     ],
 )
-def test_values(wall: Facts, kind: str, settings: dict[str, Any], expected: float) -> None:
+def test_values(wall: RigContext, kind: str, settings: dict[str, Any], expected: float) -> None:
     # Over some points of the wall, which is seen from in front.
     assert value(kind, wall, **settings) == pytest.approx(expected, rel=0.02)
 
 
-def test_every_kind_is_tested_and_tells_what_it_is(wall: Facts) -> None:
+def test_every_kind_is_tested_and_tells_what_it_is(wall: RigContext) -> None:
     elsewhere = {"depth_of_field", "grey_level", "texture_wavelength", "stage_error", "price"}
     (marks,) = [one for one in test_values.pytestmark if one.args[0] == ("kind", "settings", "expected")]
     assert {kind for kind, _, _ in marks.args[1]} | elsewhere == set(KINDS)
@@ -90,7 +90,7 @@ def test_every_kind_is_tested_and_tells_what_it_is(wall: Facts) -> None:
         assert (told.kind, told.unit, told.sense) == (kind, model.unit, "at least")  # type: ignore[attr-defined]
 
 
-def test_blur_at_the_ends_of_the_depth_of_field(wall: Facts) -> None:
+def test_blur_at_the_ends_of_the_depth_of_field(wall: RigContext) -> None:
     whole = value("depth_of_field", wall, blur_px=0.5)
     defocus = wall.scene.optics.defocus
     assert defocus is not None
@@ -102,7 +102,7 @@ def test_blur_at_the_ends_of_the_depth_of_field(wall: Facts) -> None:
     assert value("depth_of_field", facts(optics__defocus=None), blur_px=0.5) == math.inf
 
 
-def test_grey_values_and_texture(wall: Facts) -> None:
+def test_grey_values_and_texture(wall: RigContext) -> None:
     causes = wall.causes
     assert value("grey_level", wall) == causes.grey_level + 3 * causes.contrast < 1
     # The band is 4 to 16 mm, a pixel 1 mm.
@@ -120,18 +120,18 @@ def test_grey_levels_are_too_bright_where_simulations_and_checks_say_so(exposure
     plain["sensor"] = {"kind": "emva1288", "photon_rate_per_s": 2e5, "exposure_time_s": exposure_s, "gain_dn_per_e": 1}
     plain["sensor"] |= {"quantum_efficiency": 0.5, "bit_depth": 10, "full_well_e": 5000, "black_level_dn": 0}
     made = scene_from_plain(plain)
-    rig = Facts(made, predict(made), "all")
+    rig = RigContext(made, predict(made), "all")
     told = value("grey_level", rig)
     assert told == pytest.approx(exposure_s * 1e5 / 1023, rel=1e-2)
     assert (told > 1) == saturated
-    assert any("of full scale, saturated" in line for line in advise(made, rig.prediction)) == saturated
+    assert any("of full scale, saturated" in line for line in recommend(made, rig.prediction)) == saturated
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         simulate(made)
     assert any("sensor: images reach a radiance of 1 where" in str(one.message) for one in caught) == saturated
 
 
-def test_prices(wall: Facts) -> None:
+def test_prices(wall: RigContext) -> None:
     entries = load_catalogues()
     lens, camera = entries.lenses["c_mount_50mm"], entries.cameras["vga_cmos"]
     assert math.isnan(value("price", wall))
@@ -141,11 +141,11 @@ def test_prices(wall: Facts) -> None:
 
 
 def test_margins() -> None:
-    assert bounded("a", "a", 3.0, "at most", 4.0, "mm").margin == 0.25
-    assert bounded("a", "a", 3.0, "at least", 4.0, "mm").margin == -0.25
-    assert bounded("a", "a", 4.0, "at most", 4.0, "mm").holds
-    assert not bounded("a", "a", math.nan, "at most", 4.0, "mm").holds
-    assert bounded("a", "a", math.inf, "at least", 4.0, "mm").holds
+    assert evaluate_bound("a", "a", 3.0, "at most", 4.0, "mm").margin == 0.25
+    assert evaluate_bound("a", "a", 3.0, "at least", 4.0, "mm").margin == -0.25
+    assert evaluate_bound("a", "a", 4.0, "at most", 4.0, "mm").holds
+    assert not evaluate_bound("a", "a", math.nan, "at most", 4.0, "mm").holds
+    assert evaluate_bound("a", "a", math.inf, "at least", 4.0, "mm").holds
 
 
 def test_bounds_that_bound_nothing() -> None:

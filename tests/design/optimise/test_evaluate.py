@@ -8,11 +8,16 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.optimise import goal_from_plain
-from scenetruth.design.optimise.goal.prepare import Prepared, prepare
-from scenetruth.design.optimise.rig.evaluate import Evaluation, evaluate, parts_of, sorted_by_worth
-from scenetruth.design.optimise.rig.rigs import rig_of, ten_percent_of
-from scenetruth.design.predict import predict
+from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation.interpretation import compute_local_sensitivities, rig_from_evaluation
+from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
+from scenetruth.design.optimisation.rig_evaluation import (
+    Evaluation,
+    compute_objective_contributions,
+    evaluate_rig,
+    rank_evaluations,
+)
+from scenetruth.design.prediction import predict
 from scenetruth.scene import scene_from_plain
 from tests.design.optimise.small import goal
 
@@ -26,21 +31,21 @@ VALUES: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def prepared() -> Prepared:
+def prepared() -> OptimisationProblem:
     free = {"lens": "all", "camera": "all", "stage": "all", "f_number": {"from": 1.5, "to": 22}}
     free |= {"stage.baseline_mm": {"from": 1, "to": 90}}
     found = goal(free=free, objectives=[{"quantity": "depth"}, {"quantity": "velocity_z"}], constraints=[])
     found["scene"]["frames"]["frame_interval_s"] = 60.0
-    return prepare(goal_from_plain(found))
+    return prepare_problem(design_spec_from_dict(found))
 
 
-def evaluated(prepared: Prepared, **changes: Any) -> Evaluation:
-    return evaluate(prepared.task, {**VALUES, **changes})
+def evaluated(prepared: OptimisationProblem, **changes: Any) -> Evaluation:
+    return evaluate_rig(prepared.task, {**VALUES, **changes})
 
 
-def test_parts_add_up_to_what_is_predicted(prepared: Prepared) -> None:
+def test_parts_add_up_to_what_is_predicted(prepared: OptimisationProblem) -> None:
     one = evaluated(prepared)
-    scene = scene_from_plain(dict(rig_of(3, one, prepared).scene))
+    scene = scene_from_plain(dict(rig_from_evaluation(3, one, prepared).scene))
     assert one.parts["Depth"]["noise"] == predict(scene, method="structure_tensor").figure("depth", "interior").value
     for title, parts in one.parts.items():
         assert one.predicted[title] == pytest.approx(math.hypot(*parts.values()))
@@ -53,18 +58,18 @@ def test_parts_add_up_to_what_is_predicted(prepared: Prepared) -> None:
 
 
 @pytest.mark.parametrize("statistic", ["rms", "percentile_95"])
-def test_statistics_are_those_of_the_region(prepared: Prepared, statistic: Any) -> None:
+def test_statistics_are_those_of_the_region(prepared: OptimisationProblem, statistic: Any) -> None:
     one = evaluated(prepared, stage="air_bearing")
-    scene = scene_from_plain(dict(rig_of(3, one, prepared).scene))
+    scene = scene_from_plain(dict(rig_from_evaluation(3, one, prepared).scene))
     prediction = predict(scene, method="structure_tensor")
     figure = prediction.figure("depth", "interior")
     depth = replace(prepared.task.objectives[0], statistic=statistic)
-    parts = parts_of(depth, scene, prediction)
+    parts = compute_objective_contributions(depth, scene, prediction)
     assert parts["noise"] == getattr(figure, statistic)
     # Standard deviations differ from place to place, but not by much: a wall.
     factor = {"rms": 1.0, "percentile_95": 1.96}[statistic]
     assert factor * figure.value * 0.95 < parts["noise"] < factor * figure.value * 1.5
-    typical = parts_of(prepared.task.objectives[0], scene, prediction)
+    typical = compute_objective_contributions(prepared.task.objectives[0], scene, prediction)
     assert parts["stage"] == pytest.approx(factor * typical["stage"], rel=1e-4)
 
 
@@ -78,28 +83,28 @@ def test_statistics_are_those_of_the_region(prepared: Prepared, statistic: Any) 
         ({"camera": "large_pixel_cmos_12mp"}, "image_circle"),
     ],
 )
-def test_lenses_and_stages_bring_limits(prepared: Prepared, changes: dict[str, Any], kind: str) -> None:
+def test_lenses_and_stages_bring_limits(prepared: OptimisationProblem, changes: dict[str, Any], kind: str) -> None:
     one = evaluated(prepared, **changes)
     assert {each.kind for each in one.constraints if not each.holds} == ({kind} if kind else set())
     assert one.holds == (not kind)
     assert (one.excess == 0) == (not kind)
 
 
-def test_what_makes_no_scene_is_worst(prepared: Prepared) -> None:
+def test_what_makes_no_scene_is_worst(prepared: OptimisationProblem) -> None:
     lost = evaluated(prepared, **{"stage.baseline_mm": 0.0})
     assert "must not be zero" in lost.problem
     assert (lost.holds, lost.predicted["Depth"]) == (False, math.inf)
     good, wide = evaluated(prepared), evaluated(prepared, **{"stage.baseline_mm": 60.0})
-    assert sorted_by_worth([lost, wide, good]) == [good, wide, lost]
+    assert rank_evaluations([lost, wide, good]) == [good, wide, lost]
 
 
-def test_ten_percent_of_lenses_and_apertures(prepared: Prepared) -> None:
-    more = ten_percent_of(evaluated(prepared), prepared)
+def test_ten_percent_of_lenses_and_apertures(prepared: OptimisationProblem) -> None:
+    more = compute_local_sensitivities(evaluated(prepared), prepared)
     assert ("Depth", "camera") not in more
     assert ("Depth", "stage") not in more
     # The stage's turns limit depth, at any focal length: ψ f px, over f B / Z.
     assert more["Depth", "stage.baseline_mm"] == pytest.approx(1 / 1.1 - 1, abs=0.01)
     assert abs(more["Depth", "lens"]) < 0.02
-    less = ten_percent_of(evaluated(prepared), prepared, 0.9)
+    less = compute_local_sensitivities(evaluated(prepared), prepared, 0.9)
     assert less["Depth", "stage.baseline_mm"] == pytest.approx(1 / 0.9 - 1, abs=0.01)
     assert set(less) == set(more)

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.design.optimise import goal_from_plain, load_goal
-from scenetruth.design.optimise.goal.prepare import prepare
-from scenetruth.design.optimise.problems import GoalError
-from scenetruth.files.shipped import shipped_files
+from scenetruth.design.optimisation import design_spec_from_dict, load_design_spec
+from scenetruth.design.optimisation.design_records import DesignSpecError
+from scenetruth.design.optimisation.problem_setup import prepare_problem
+from scenetruth.input_files import bundled_files
 from scenetruth.scoring import QUANTITIES
 from tests.design.optimise.small import goal
 from tests.nightly import nightly
@@ -20,8 +20,8 @@ GOALS = Path(__file__).parents[3] / "scenes" / "goals"
 
 
 def refused(**changes: Any) -> str:
-    with pytest.raises(GoalError) as caught:
-        prepare(goal_from_plain(goal(**changes)))
+    with pytest.raises(DesignSpecError) as caught:
+        prepare_problem(design_spec_from_dict(goal(**changes)))
     return str(caught.value)
 
 
@@ -49,11 +49,11 @@ def test_all_that_is_wrong_with_its_form_is_told() -> None:
 def test_a_shipped_scene_goes_by_its_name(tmp_path: Path) -> None:
     file = tmp_path / "goal.yaml"
     file.write_text(yaml.safe_dump({**goal(), "scene": "cube"}), encoding="utf-8")
-    assert load_goal(file).scene == str(shipped_files(".")["cube"])
+    assert load_design_spec(file).scene == str(bundled_files(".")["cube"])
 
 
 def test_a_shipped_goal_goes_by_its_name() -> None:
-    assert load_goal("leaf_growth") == load_goal(shipped_files("goals")["leaf_growth"])
+    assert load_design_spec("leaf_growth") == load_design_spec(bundled_files("goals")["leaf_growth"])
 
 
 def test_constraints_that_contradict_each_other() -> None:
@@ -69,7 +69,7 @@ def test_constraints_that_contradict_each_other() -> None:
         {"kind": "field_of_view", "axis": "x", "at_least": 60},
         {"kind": "field_of_view", "axis": "y", "at_most": 50},
     ]
-    goal_from_plain(goal(constraints=limits))
+    design_spec_from_dict(goal(constraints=limits))
 
 
 def test_parameters_that_do_not_exist_or_vary_nothing() -> None:
@@ -159,19 +159,19 @@ def test_scenes_and_methods_that_are_wrong() -> None:
 
 def test_titles_tell_objectives_apart() -> None:
     wanted = [{"quantity": "depth"}, {"quantity": "depth", "region": "object_wall"}, {"quantity": "velocity_z"}]
-    task = prepare(goal_from_plain(goal(objectives=wanted))).task
+    task = prepare_problem(design_spec_from_dict(goal(objectives=wanted))).task
     assert [one.title for one in task.objectives] == ["Depth, interior", "Depth of wall", "Velocity in Z, interior"]
-    task = prepare(goal_from_plain(goal())).task
+    task = prepare_problem(design_spec_from_dict(goal())).task
     assert [one.title for one in task.objectives] == ["Depth"]
     wanted = [{"quantity": "depth"}, {"quantity": "depth", "statistic": "rms"}, {"quantity": "velocity_z"}]
-    task = prepare(goal_from_plain(goal(objectives=wanted))).task
+    task = prepare_problem(design_spec_from_dict(goal(objectives=wanted))).task
     assert [one.title for one in task.objectives] == ["Depth, typical error", "Depth, rms error", "Velocity in Z"]
 
 
 @nightly
 @pytest.mark.parametrize("file", sorted(GOALS.glob("*.yaml")), ids=lambda file: file.stem)
 def test_goals_that_ship_can_be_followed(file: Path) -> None:
-    prepared = prepare(load_goal(file))
+    prepared = prepare_problem(load_design_spec(file))
     assert len(prepared.space) >= 3
 
 
@@ -179,4 +179,4 @@ def test_paths_count_from_the_goals_folder(tmp_path: Path) -> None:
     (tmp_path / "wall.yaml").write_text(yaml.safe_dump(goal()["scene"]))
     file = tmp_path / "goal.yaml"
     file.write_text(yaml.safe_dump(goal(scene="wall.yaml")))
-    assert prepare(load_goal(file)).scene.objects[0].name == "wall"
+    assert prepare_problem(load_design_spec(file)).scene.objects[0].name == "wall"

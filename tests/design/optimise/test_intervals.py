@@ -7,9 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from scenetruth.design.optimise.confirm.compare import compared
-from scenetruth.design.optimise.confirm.intervals import interval_at, interval_of
-from scenetruth.design.optimise.result import Interval, Rig
+from scenetruth.design.optimisation.confirmation import compare_with_prediction
+from scenetruth.design.optimisation.design_records import (
+    PredictionInterval,
+    RigDesign,
+    compute_prediction_interval,
+    compute_rig_interval,
+)
 from tests.design.optimise.small import objective
 
 
@@ -19,38 +23,38 @@ def test_one_more_figure_lies_inside_with_95_percent(seeds: int) -> None:
     figures = np.exp(0.2 * np.random.default_rng(seeds).standard_normal((draws, seeds + 1)))
     inside = 0
     for *known, another in figures:
-        found = interval_of(known)
+        found = compute_prediction_interval(known)
         inside += found.low <= another <= found.high
     # Of 2000 draws, the share is known to √(0.95 0.05 / 2000) = 0.5 %; three of them are allowed.
     assert inside / draws == pytest.approx(0.95, abs=0.015)
 
 
 def test_few_figures() -> None:
-    assert interval_of([]).seeds == 0
-    one = interval_of([2.0])
+    assert compute_prediction_interval([]).seeds == 0
+    one = compute_prediction_interval([2.0])
     assert (one.number, one.seeds) == (2.0, 1)
     assert math.isnan(one.low)
-    assert math.isnan(interval_of([0.0, 1.0]).high)
+    assert math.isnan(compute_prediction_interval([0.0, 1.0]).high)
     figures = {"depth": {"typical": (1.0, math.nan, 4.0), "rms": (2.0, 2.0, 2.0)}}
-    rig = Rig(1, {}, {}, {}, {}, (), None, "", figures)
+    rig = RigDesign(1, {}, {}, {}, {}, (), None, "", figures)
     # What was not told of a seed is left out.
-    assert interval_at(rig, "depth", "typical") == interval_of([1.0, 4.0])
-    assert interval_at(rig, "depth", "rms").number == 2.0
-    assert interval_at(rig, "growth", "rms").seeds == 0
+    assert compute_rig_interval(rig, "depth", "typical") == compute_prediction_interval([1.0, 4.0])
+    assert compute_rig_interval(rig, "depth", "rms").number == 2.0
+    assert compute_rig_interval(rig, "growth", "rms").seeds == 0
 
 
 @pytest.mark.parametrize(
     ("simulated", "notable", "words"),
     [
-        (Interval(1.1, 1.0, 1.2, 4), False, "factor 1.10"),
-        (Interval(2.0, 1.8, 2.2, 4), True, "2.0 times the prediction"),
-        (Interval(0.5, 0.4, 0.6, 4), True, "0.50 of the prediction"),
+        (PredictionInterval(1.1, 1.0, 1.2, 4), False, "factor 1.10"),
+        (PredictionInterval(2.0, 1.8, 2.2, 4), True, "2.0 times the prediction"),
+        (PredictionInterval(0.5, 0.4, 0.6, 4), True, "0.50 of the prediction"),
         # Seeds differ too much to tell.
-        (Interval(2.0, 0.5, 8.0, 2), False, "as far as 2 seeds tell"),
-        (Interval(math.nan, math.nan, math.nan, 0), True, "nothing was estimated"),
+        (PredictionInterval(2.0, 0.5, 8.0, 2), False, "as far as 2 seeds tell"),
+        (PredictionInterval(math.nan, math.nan, math.nan, 0), True, "nothing was estimated"),
     ],
 )
-def test_discrepancies_are_told(simulated: Interval, notable: bool, words: str) -> None:
-    found = compared(3, objective(), 1.0, simulated)
+def test_discrepancies_are_told(simulated: PredictionInterval, notable: bool, words: str) -> None:
+    found = compare_with_prediction(3, objective(), 1.0, simulated)
     assert (found.rig, found.notable) == (3, notable)
     assert words in found.says

@@ -8,23 +8,23 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.engine.workers import workers_of
-from scenetruth.design.optimise import goal_from_plain
-from scenetruth.design.optimise.goal.prepare import Prepared, prepare
-from scenetruth.design.optimise.rig.evaluate import Evaluation, Task, evaluate
-from scenetruth.design.optimise.search import ledger as module
-from scenetruth.design.optimise.search.ledger import Ledger
+from scenetruth.dataset.executors import create_executor
+from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation import evaluation_log as module
+from scenetruth.design.optimisation.evaluation_log import EvaluationLog
+from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
+from scenetruth.design.optimisation.rig_evaluation import Evaluation, EvaluationTask, evaluate_rig
 from tests.design.optimise.small import goal
 from tests.nightly import nightly
 
 
 @pytest.fixture(scope="module")
-def prepared() -> Prepared:
-    return prepare(goal_from_plain(goal()))
+def prepared() -> OptimisationProblem:
+    return prepare_problem(design_spec_from_dict(goal()))
 
 
-def made(prepared: Prepared, file: Path, points: list[list[float]]) -> list[Any]:
-    found = Ledger(prepared.task, prepared.space, workers_of(0), file)
+def made(prepared: OptimisationProblem, file: Path, points: list[list[float]]) -> list[Any]:
+    found = EvaluationLog(prepared.task, prepared.space, create_executor(0), file)
     try:
         return found.ask(points, "even")
     finally:
@@ -32,7 +32,7 @@ def made(prepared: Prepared, file: Path, points: list[list[float]]) -> list[Any]
 
 
 def test_predictions_come_back_from_their_file(
-    prepared: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    prepared: OptimisationProblem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "predictions.jsonl"
     points = [[0.1, 0.2, 0.1], [0.9, 0.9, 0.9], [0.1, 0.2, 0.1]]
@@ -41,11 +41,11 @@ def test_predictions_come_back_from_their_file(
     assert first[0] == first[2]
     calls: list[Any] = []
 
-    def counted(task: Task, values: Mapping[str, Any]) -> Evaluation:
+    def counted(task: EvaluationTask, values: Mapping[str, Any]) -> Evaluation:
         calls.append(values)
-        return evaluate(task, values)
+        return evaluate_rig(task, values)
 
-    monkeypatch.setattr(module, "evaluate", counted)
+    monkeypatch.setattr(module, "evaluate_rig", counted)
     assert made(prepared, file, points) == first
     assert calls == []
     # A line that was cut off by a kill is made again, and spoils no other.
@@ -57,11 +57,11 @@ def test_predictions_come_back_from_their_file(
 
 
 @nightly
-def test_workers_predict_the_same(prepared: Prepared) -> None:
+def test_workers_predict_the_same(prepared: OptimisationProblem) -> None:
     points = [[0.1, 0.2, 0.1], [0.9, 0.9, 0.9]]
-    alone = Ledger(prepared.task, prepared.space, workers_of(0)).ask(points, "even")
-    crew = workers_of(1)
+    alone = EvaluationLog(prepared.task, prepared.space, create_executor(0)).ask(points, "even")
+    crew = create_executor(1)
     try:
-        assert Ledger(prepared.task, prepared.space, crew).ask(points, "even") == alone
+        assert EvaluationLog(prepared.task, prepared.space, crew).ask(points, "even") == alone
     finally:
         crew.close()

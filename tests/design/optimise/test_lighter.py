@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.design.optimise.confirm.lighter import lighter
+from scenetruth.design.optimisation.confirmation import reduce_scene
 from scenetruth.scene import Scene, scene_from_plain
 from tests.design.optimise.small import scene
 
@@ -22,12 +22,12 @@ def wide(**changes: object) -> Scene:
 
 def test_a_part_is_what_the_whole_shows_there() -> None:
     whole = wide()
-    part = lighter(whole, "object_wall", 48)
+    part = reduce_scene(whole, "object_wall", 48)
     # 48 px, and a disparity of 4 px at each side of the reference's; ten standard deviations of the window are no less
     # than the 36 rows that 48 px would have.
     assert part.changes == ("images cut from 160 x 120 to 56 x 36 px",)
     narrow = wide(estimate={"method": "structure_tensor", "window_sigma_px": 3.0, "window_taps_px": 13})
-    assert lighter(narrow, "object_wall", 48).changes == ("images cut from 160 x 120 to 56 x 32 px",)
+    assert reduce_scene(narrow, "object_wall", 48).changes == ("images cut from 160 x 120 to 56 x 32 px",)
     left, top = np.subtract(whole.camera.principal_point, part.plain["camera"]["principal_point_px"])
     images, _ = st.simulate(whole)
     some, _ = st.simulate(scene_from_plain(dict(part.plain)))
@@ -37,26 +37,26 @@ def test_a_part_is_what_the_whole_shows_there() -> None:
 
 
 def test_small_images_stay_whole() -> None:
-    assert lighter(wide(), "all", 160) == lighter(wide(), "all", None)
-    assert lighter(wide(), "all", None).plain["camera"] == wide().to_plain()["camera"]
+    assert reduce_scene(wide(), "all", 160) == reduce_scene(wide(), "all", None)
+    assert reduce_scene(wide(), "all", None).plain["camera"] == wide().to_plain()["camera"]
 
 
 def test_what_does_nothing_is_left_out_and_told() -> None:
     focused = {"defocus": {"aperture_mm": 4.0, "focus_distance_mm": 500.0}}
-    found = lighter(wide(optics=focused, shutter={"exposure_time_s": 0.1}), "all", None)
+    found = reduce_scene(wide(optics=focused, shutter={"exposure_time_s": 0.1}), "all", None)
     assert found.plain["optics"]["defocus"] is None
     assert found.plain["shutter"]["exposure_time_s"] == 0.0
     assert len(found.changes) == 2
     # 500 px 10 mm (1/500 - 1/550) = 0.91 px, and a quarter of that as standard deviation.
     psf = {"kind": "gaussian", "sigma_px": 0.6}
     near = {"psf": psf, "defocus": {"aperture_mm": 10.0, "focus_distance_mm": 550.0}}
-    found = lighter(wide(optics=near), "all", None)
+    found = reduce_scene(wide(optics=near), "all", None)
     assert found.plain["optics"]["defocus"] is None
     disc = 500 * 10 * (1 / 500 - 1 / 550)
     assert found.plain["optics"]["psf"]["sigma_px"] == pytest.approx(np.hypot(0.6, disc / 4), rel=1e-3)
     # Four times that is no small disc; 0.1 mm per frame over two frames is 0.2 px.
     blurred = {"defocus": {"aperture_mm": 40.0, "focus_distance_mm": 550.0}}
-    found = lighter(wide(optics=blurred, shutter={"exposure_time_s": 2.0}), "all", None)
+    found = reduce_scene(wide(optics=blurred, shutter={"exposure_time_s": 2.0}), "all", None)
     assert found.plain["optics"]["defocus"]["samples"] == 12
     assert found.plain["shutter"]["exposure_time_s"] == 2.0
     assert found.changes == (f"12 samples of the aperture, not {wide(optics=blurred).optics.defocus.samples}",)  # type: ignore[union-attr]

@@ -8,39 +8,39 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenetruth.design.optimise.confirm.order import order_of, orders_of
-from scenetruth.design.optimise.result import Interval, Rig
-from scenetruth.design.optimise.words import order_words
+from scenetruth.design.optimisation.confirmation import check_pair_rank, check_rank_consistency
+from scenetruth.design.optimisation.design_records import PredictionInterval, RigDesign
+from scenetruth.design.optimisation.design_result import describe_rank_consistency
 from tests.design.optimise.small import objective
 
 
-def rig(number: int, predicted: float, *figures: float) -> Rig:
-    simulated = {"depth": Interval(1.0, 0.9, 1.1, len(figures))} if figures else {}
-    return Rig(number, {}, {}, {"depth": predicted}, simulated, (), None, "", {"depth": {"typical": figures}})
+def rig(number: int, predicted: float, *figures: float) -> RigDesign:
+    simulated = {"depth": PredictionInterval(1.0, 0.9, 1.1, len(figures))} if figures else {}
+    return RigDesign(number, {}, {}, {"depth": predicted}, simulated, (), None, "", {"depth": {"typical": figures}})
 
 
 def test_what_seeds_have_in_common_does_not_hide_an_order() -> None:
     # Seeds differ by a factor of ten, rigs by a fifth in every seed.
     common = np.array([0.1, 1.0, 0.4, 0.2])
     better, worse = rig(1, 1.0, *common), rig(2, 1.5, *(common * [1.19, 1.21, 1.2, 1.2]))
-    found = order_of(worse, better, objective())
+    found = check_pair_rank(worse, better, objective())
     assert (found.better, found.worse, found.predicted, found.verdict) == (1, 2, 1.5, "kept")
     assert found.simulated == pytest.approx(1.2, rel=1e-3)
     assert 1.15 < found.low < found.simulated < found.high < 1.25
-    swapped = order_of(replace(better, predicted={"depth": 2.0}), worse, objective())
+    swapped = check_pair_rank(replace(better, predicted={"depth": 2.0}), worse, objective())
     assert (swapped.better, swapped.worse, swapped.verdict) == (2, 1, "swapped")
     assert swapped.simulated == pytest.approx(1 / found.simulated)
     # The median statistic was told, the other was not.
-    unknown = order_of(better, worse, replace(objective(), statistic="rms"))
+    unknown = check_pair_rank(better, worse, replace(objective(), statistic="rms"))
     assert (unknown.seeds, unknown.verdict) == (0, "cannot be told")
 
 
 def test_what_seeds_do_not_tell_is_told_so() -> None:
-    near = order_of(rig(1, 1.0, 1.0, 1.1, 0.9), rig(2, 1.02, 1.1, 0.9, 1.0), objective())
+    near = check_pair_rank(rig(1, 1.0, 1.0, 1.1, 0.9), rig(2, 1.02, 1.1, 0.9, 1.0), objective())
     assert near.verdict == "cannot be told"
     assert near.low < 1 < near.high
     # Seeds that tell one rig alone tell nothing.
-    lost = order_of(rig(1, 1.0, 1.0, math.nan, 1.0), rig(2, 1.2, math.nan, 2.0, 2.0), objective())
+    lost = check_pair_rank(rig(1, 1.0, 1.0, math.nan, 1.0), rig(2, 1.2, math.nan, 2.0, 2.0), objective())
     assert (lost.seeds, lost.verdict) == (1, "cannot be told")
     assert math.isnan(lost.simulated)
 
@@ -50,7 +50,7 @@ def test_one_pair_of_twenty_like_rigs_is_told_apart_by_chance() -> None:
     draws = 4000
     told = 0
     for figures in np.exp(0.2 * generator.standard_normal((draws, 2, 5))):
-        one = order_of(rig(1, 1.0, *figures[0]), rig(2, 1.01, *figures[1]), objective())
+        one = check_pair_rank(rig(1, 1.0, *figures[0]), rig(2, 1.01, *figures[1]), objective())
         told += one.verdict != "cannot be told"
     # Known to √(0.05 0.95 / 4000) = 0.34 %; three of them are allowed.
     assert told / draws == pytest.approx(0.05, abs=0.0105)
@@ -58,13 +58,13 @@ def test_one_pair_of_twenty_like_rigs_is_told_apart_by_chance() -> None:
 
 def test_all_pairs_that_were_simulated_are_judged_and_counted() -> None:
     rigs = [rig(1, 1.0, 1.0, 1.1), rig(2, 2.0, 2.0, 2.2), rig(3, 3.0), rig(4, 1.0, 0.5, 0.55), rig(5, 9.0, 2.1, 2.1)]
-    found = orders_of(rigs, (objective(),))
+    found = check_rank_consistency(rigs, (objective(),))
     # None with rig 3, which was not simulated; none of 1 and 4, which are predicted to be alike.
     assert [(one.better, one.worse) for one in found] == [(1, 2), (1, 5), (2, 4)[::-1], (2, 5), (4, 5)]
-    (line,) = order_words((objective(),), found)
+    (line,) = describe_rank_consistency((objective(),), found)
     verdicts = [one.verdict for one in found]
     assert verdicts.count("kept") == 4
     assert line.startswith(
         "depth: of 5 pairs of simulated rigs, 4 keep the order that was predicted, 0 have swapped it"
     )
-    assert list(order_words((objective("growth"),), found)) == []
+    assert list(describe_rank_consistency((objective("growth"),), found)) == []

@@ -14,11 +14,11 @@ import pytest
 import yaml
 
 import scenetruth as st
-from scenetruth.design.optimise import Design, goal_from_plain, optimise
-from scenetruth.design.optimise.goal.prepare import prepare
-from scenetruth.design.optimise.problems import GoalError
-from scenetruth.design.optimise.rig.evaluate import evaluate
-from scenetruth.design.page.write import write_design_page
+from scenetruth.design.optimisation import DesignResult, design_spec_from_dict, optimise
+from scenetruth.design.optimisation.design_records import DesignSpecError
+from scenetruth.design.optimisation.problem_setup import prepare_problem
+from scenetruth.design.optimisation.report.design_report import write_design_page
+from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
 from scenetruth.errors import MachineError, OutputExistsError, StoreError
 from tests.design.optimise.small import goal
 
@@ -33,15 +33,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def found(folder: Path) -> Design:
+def found(folder: Path) -> DesignResult:
     return optimise(goal(**CONFIRMED), folder, workers=0)
 
 
-def test_it_is_as_good_as_the_best_of_a_grid(found: Design) -> None:
+def test_it_is_as_good_as_the_best_of_a_grid(found: DesignResult) -> None:
     best = found.recommended
     assert all(one.holds for one in best.constraints)
     assert best.parameters["optics.psf"] is None
-    task = prepare(goal_from_plain(goal())).task
+    task = prepare_problem(design_spec_from_dict(goal())).task
     # The more baseline the better: with any number of positions, the best has all of the travel.
     for positions in (2, 3, 4, 5):
         values = {
@@ -49,10 +49,10 @@ def test_it_is_as_good_as_the_best_of_a_grid(found: Design) -> None:
             "stage.positions": positions,
             "optics.psf": None,
         }
-        assert best.predicted["Depth"] <= 1.05 * evaluate(task, values).predicted["Depth"]
+        assert best.predicted["Depth"] <= 1.05 * evaluate_rig(task, values).predicted["Depth"]
 
 
-def test_what_was_simulated_is_told_beside_the_prediction(found: Design) -> None:
+def test_what_was_simulated_is_told_beside_the_prediction(found: DesignResult) -> None:
     told = found.recommended.simulated["Depth"]
     assert told.seeds == 2
     assert told.low < told.number < told.high
@@ -64,7 +64,7 @@ def test_what_was_simulated_is_told_beside_the_prediction(found: Design) -> None
     assert any(re.search("images cut from 64 x 48 to 6[0-4] x 3[0-9] px", line) for line in found.assumptions)
 
 
-def test_the_answer_lies_in_its_folder(found: Design, folder: Path) -> None:
+def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> None:
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
     assert names >= {
         "goal.json",
@@ -94,8 +94,8 @@ def test_the_answer_lies_in_its_folder(found: Design, folder: Path) -> None:
     assert found.recommended in found.rigs
 
 
-def test_a_design_is_loaded_as_it_was(found: Design, folder: Path) -> None:
-    again = Design.load(folder)
+def test_a_design_is_loaded_as_it_was(found: DesignResult, folder: Path) -> None:
+    again = DesignResult.load(folder)
     # The time of the page itself is not in what was written before it.
     assert {**again.to_plain(), "seconds": {}} == {**found.to_plain(), "seconds": {}}
     for name in ("title", "objectives", "rules", "assumptions", "discrepancies", "orders", "folder"):
@@ -109,9 +109,9 @@ def test_a_design_is_loaded_as_it_was(found: Design, folder: Path) -> None:
     assert write_design_page(again, folder).read_text(encoding="utf-8") == page
 
 
-def test_folders_that_hold_no_design_are_refused(found: Design, folder: Path, tmp_path: Path) -> None:
+def test_folders_that_hold_no_design_are_refused(found: DesignResult, folder: Path, tmp_path: Path) -> None:
     with pytest.raises(StoreError, match=r"design\.json: is missing"):
-        Design.load(tmp_path)
+        DesignResult.load(tmp_path)
     plain = found.to_plain()
     for name, told, message in (
         ("older", {**plain, "format": 1}, "is of format 1, and not 2"),
@@ -124,10 +124,10 @@ def test_folders_that_hold_no_design_are_refused(found: Design, folder: Path, tm
         place.mkdir()
         (place / "design.json").write_text(json.dumps(told))
         with pytest.raises(StoreError, match=message):
-            Design.load(place)
+            DesignResult.load(place)
 
 
-def test_words(found: Design) -> None:
+def test_words(found: DesignResult) -> None:
     told = "\n".join(found.words())
     assert f"recommended, rig {found.recommended.number}" in told
     assert "Depth: typical error, predicted" in told
@@ -135,7 +135,7 @@ def test_words(found: Design) -> None:
     assert "10 % more (less) of each parameter changes depth by" in told
 
 
-def test_ten_percent_more_baseline_is_ten_percent_less_noise(found: Design) -> None:
+def test_ten_percent_more_baseline_is_ten_percent_less_noise(found: DesignResult) -> None:
     more = {one.parameter: one.ten_percent for one in found.sensitivities}
     # Depth's noise goes by 1 / d; registrations and windows change it by no more than a few percent.
     assert more["stage.baseline_mm"] == pytest.approx(1 / 1.1 - 1, abs=0.03)
@@ -144,7 +144,7 @@ def test_ten_percent_more_baseline_is_ten_percent_less_noise(found: Design) -> N
     assert less["stage.baseline_mm"] == pytest.approx(1 / 0.9 - 1, abs=0.03)
 
 
-def test_what_was_killed_goes_on_to_the_same_end(found: Design, folder: Path, tmp_path: Path) -> None:
+def test_what_was_killed_goes_on_to_the_same_end(found: DesignResult, folder: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
     lines = (copy / "predictions.jsonl").read_text().splitlines(keepends=True)
@@ -161,7 +161,7 @@ def test_what_was_killed_goes_on_to_the_same_end(found: Design, folder: Path, tm
 
 def test_goals_that_cannot_be_met_say_why() -> None:
     limits = [{"kind": "stage_travel", "at_most": 0.5}, {"kind": "images", "at_most": 40}]
-    with pytest.raises(GoalError) as caught:
+    with pytest.raises(DesignSpecError) as caught:
         optimise(goal(constraints=limits, search=FEW), workers=0)
     told = str(caught.value)
     assert "constraints.0: stage travel must be at most 0.5 mm; the nearest rig has " in told
@@ -170,11 +170,11 @@ def test_goals_that_cannot_be_met_say_why() -> None:
     assert "constraints.1" not in told
     # Each can be met, both together cannot: fewer images need fewer positions.
     limits = [{"kind": "stage_travel", "at_least": 20}, {"kind": "images", "at_most": 6}]
-    with pytest.raises(GoalError, match="satisfy it, but none of them all the others"):
+    with pytest.raises(DesignSpecError, match="satisfy it, but none of them all the others"):
         optimise(goal(constraints=limits, search=FEW), workers=0)
 
 
-def test_folders_of_others_are_left_alone(folder: Path, found: Design, tmp_path: Path) -> None:
+def test_folders_of_others_are_left_alone(folder: Path, found: DesignResult, tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError, match="another scene, other constraints"):
         optimise(goal(constraints=[]), folder, workers=0)
     (tmp_path / "file").write_text("mine")

@@ -10,14 +10,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.design.optimise.goal.parts import Search
-from scenetruth.design.optimise.rig.evaluate import Evaluation
-from scenetruth.design.optimise.rig.space import Parameter, Space
-from scenetruth.design.optimise.search.budget import shares_of
-from scenetruth.design.optimise.search.front import best_of, far_apart, front_of, thinned, with_alternatives
-from scenetruth.design.optimise.search.last_steps import last_steps
-from scenetruth.design.optimise.search.sensitivity import effects_of
-from scenetruth.design.optimise.search.trials import search_by_trials
+from scenetruth.design.optimisation.design_search import (
+    allocate_evaluations,
+    analyse_sensitivity,
+    refine_locally,
+    search_with_optuna,
+)
+from scenetruth.design.optimisation.pareto_front import (
+    add_alternatives,
+    find_pareto_front,
+    select_distinguishable,
+    select_recommended,
+    thin_front,
+)
+from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
+from scenetruth.design.optimisation.specification import SearchSpec
 from tests.design.optimise.small import Formula, constraint, objective, square
 
 TWO = (objective("a"), objective("b"))
@@ -31,15 +38,15 @@ def spring(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
 
 def springs() -> Formula:
     choice = Parameter("kind", choices=("a", "b", "c"))
-    return Formula(Space((Parameter("x"), Parameter("y"), choice)), spring)
+    return Formula(DesignSpace((Parameter("x"), Parameter("y"), choice)), spring)
 
 
 def test_the_best_within_constraints_is_found() -> None:
     ledger = springs()
     ledger.ask(np.random.default_rng(0).random((16, 3)).tolist(), "even")
-    search_by_trials(ledger, ledger.space, (objective(),), 64, 0)  # type: ignore[arg-type]
-    last_steps(ledger, ledger.space, (objective(),), 160, 0)  # type: ignore[arg-type]
-    best = ledger.evaluations[front_of(ledger.evaluations, (objective(),))[0]]
+    search_with_optuna(ledger, ledger.space, (objective(),), 64, 0)  # type: ignore[arg-type]
+    refine_locally(ledger, ledger.space, (objective(),), 160, 0)  # type: ignore[arg-type]
+    best = ledger.evaluations[find_pareto_front(ledger.evaluations, (objective(),))[0]]
     assert best.values["kind"] == "c"
     # The least value is exp(-2.4 - 0.5); 160 last steps come within 3 % of it.
     assert best.predicted["depth"] == pytest.approx(math.exp(-2.9), rel=0.03)
@@ -52,7 +59,7 @@ def test_a_search_is_repeated_to_the_last_rig() -> None:
     for _ in range(2):
         ledger = springs()
         ledger.ask(np.random.default_rng(0).random((16, 3)).tolist(), "even")
-        search_by_trials(ledger, ledger.space, (objective(),), 32, 5)  # type: ignore[arg-type]
+        search_with_optuna(ledger, ledger.space, (objective(),), 32, 5)  # type: ignore[arg-type]
         found.append([one.values for one in ledger.evaluations])
     assert found[0] == found[1]
     assert len(found[0]) > 30
@@ -67,9 +74,9 @@ def circle(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
 def test_the_front_of_two_objectives() -> None:
     ledger = Formula(square(2), circle)
     ledger.ask(np.random.default_rng(0).random((48, 2)).tolist(), "even")
-    search_by_trials(ledger, ledger.space, TWO, 144, 0)  # type: ignore[arg-type]
-    last_steps(ledger, ledger.space, TWO, 150, 0)  # type: ignore[arg-type]
-    told = [ledger.evaluations[number].predicted for number in front_of(ledger.evaluations, TWO)]
+    search_with_optuna(ledger, ledger.space, TWO, 144, 0)  # type: ignore[arg-type]
+    refine_locally(ledger, ledger.space, TWO, 150, 0)  # type: ignore[arg-type]
+    told = [ledger.evaluations[number].predicted for number in find_pareto_front(ledger.evaluations, TWO)]
     assert len(told) >= 8
     # On the line between the points, the sum of both is 0.8; off it by a twentieth at most.
     assert np.median([one["a"] + one["b"] for one in told]) < 0.84
@@ -84,7 +91,7 @@ def test_fronts_hold_what_nothing_beats(figures: list[tuple[int, int, bool]]) ->
         Evaluation({"x0": n, "x1": 0.5}, {"a": float(a), "b": float(b)}, {}, (constraint(0.1 if holds else -0.1),))
         for n, (a, b, holds) in enumerate(figures)
     ]
-    front = front_of(found, TWO)
+    front = find_pareto_front(found, TWO)
     held = [(a, b) for a, b, holds in figures if holds]
     least = {(a, b) for a, b in held if not any((c <= a and d <= b) and (c, d) != (a, b) for c, d in held)}
     assert {figures[number][:2] for number in front} == least
@@ -97,9 +104,9 @@ def test_alternatives_of_one_objective_differ() -> None:
     ledger = springs()
     ledger.ask(np.random.default_rng(0).random((200, 3)).tolist(), "even")
     found = ledger.evaluations
-    best = front_of(found, (objective(),))
+    best = find_pareto_front(found, (objective(),))
     assert len(best) == 1
-    front = [found[number] for number in with_alternatives(found, (objective(),), ledger.space, best)]
+    front = [found[number] for number in add_alternatives(found, (objective(),), ledger.space, best)]
     assert 1 < len(front) <= 6
     figures = [one.predicted["depth"] for one in front]
     assert figures == sorted(figures)
@@ -113,19 +120,19 @@ def test_alternatives_of_one_objective_differ() -> None:
 def test_which_rig_is_recommended() -> None:
     figures = [{"a": 1.0, "b": 9.0}, {"a": 2.0, "b": 3.0}, {"a": 5.0, "b": 2.0}, {"a": math.nan, "b": 1.9}]
     # Beside the best of each, 1 and 1.9 (the last one is told in b): factors 4.7, 2, 5.
-    assert best_of(figures, TWO) == 1
+    assert select_recommended(figures, TWO) == 1
     # What is wanted counts instead.
-    assert best_of(figures, (objective("a", 0.1), objective("b", 9.0))) == 0
+    assert select_recommended(figures, (objective("a", 0.1), objective("b", 9.0))) == 0
     # A hundredth of the worst factor is nothing, where the other is far better.
-    assert best_of([{"a": 1.0, "b": 4.0}, {"a": 1.01, "b": 1.0}], (objective("a"), objective("b", 8.0))) == 1
-    assert best_of([{"a": 1.0, "b": 4.0}, {"a": 1.2, "b": 1.0}], (objective("a"), objective("b", 8.0))) == 0
+    assert select_recommended([{"a": 1.0, "b": 4.0}, {"a": 1.01, "b": 1.0}], (objective("a"), objective("b", 8.0))) == 1
+    assert select_recommended([{"a": 1.0, "b": 4.0}, {"a": 1.2, "b": 1.0}], (objective("a"), objective("b", 8.0))) == 0
 
 
 def test_a_thinned_front_keeps_its_ends_and_lies_evenly() -> None:
     line = np.stack([np.linspace(0, 1, 101), np.linspace(1, 0, 101)], axis=1)
-    assert set(thinned(line, 5, 50)) == {0, 25, 50, 75, 100}
-    assert thinned(line[:3], 9, 1)[0] == 1
-    assert sorted(thinned(line[:3], 9, 1)) == [0, 1, 2]
+    assert set(thin_front(line, 5, 50)) == {0, 25, 50, 75, 100}
+    assert thin_front(line[:3], 9, 1)[0] == 1
+    assert sorted(thin_front(line[:3], 9, 1)) == [0, 1, 2]
 
 
 def test_rigs_to_simulate_are_far_enough_apart_to_be_told() -> None:
@@ -134,13 +141,13 @@ def test_rigs_to_simulate_are_far_enough_apart_to_be_told() -> None:
     behind = [[0.02, 0.03], [0.4, 0.5]]
     rigs = np.array(front + behind)
     # The front's that is apart, then the alternative that is apart, then the others of the front, the farthest first.
-    assert far_apart(rigs, 4, 2) == [0, 3]
-    assert far_apart(rigs, 4, 3) == [0, 3, 5]
-    assert far_apart(rigs, 4, 5) == [0, 3, 5, 1, 2]
-    assert far_apart(rigs, 4, 9) == [0, 3, 5, 1, 2, 4]
-    assert far_apart(rigs, 4, 0) == []
+    assert select_distinguishable(rigs, 4, 2) == [0, 3]
+    assert select_distinguishable(rigs, 4, 3) == [0, 3, 5]
+    assert select_distinguishable(rigs, 4, 5) == [0, 3, 5, 1, 2]
+    assert select_distinguishable(rigs, 4, 9) == [0, 3, 5, 1, 2, 4]
+    assert select_distinguishable(rigs, 4, 0) == []
     # One objective: the best, what is apart from it, then the next best.
-    assert far_apart(np.array([[0.0], [0.02], [0.1], [0.3]]), 1, 3) == [0, 3, 1]
+    assert select_distinguishable(np.array([[0.0], [0.02], [0.1], [0.3]]), 1, 3) == [0, 3, 1]
 
 
 def planes(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
@@ -153,7 +160,7 @@ def planes(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
 
 def test_effects_of_planes_and_products() -> None:
     ledger = Formula(square(3), planes)
-    found = effects_of(ledger, ledger.space, TWO, 8, 256, 0)  # type: ignore[arg-type]
+    found = analyse_sensitivity(ledger, ledger.space, TWO, 8, 256, 0)  # type: ignore[arg-type]
     assert found.left_out == (0.0, 0.0)
     # Values have four digits, which elementary effects show.
     for name, slope in (("x0", 3.0), ("x1", 1.0), ("x2", 0.0)):
@@ -175,7 +182,7 @@ def test_indices_from_few_samples_lie_within_their_intervals() -> None:
     for samples, several in halves.items():
         for seed in range(12):
             ledger = Formula(square(3), planes)
-            found = effects_of(ledger, ledger.space, TWO[1:], 0, samples, seed)  # type: ignore[arg-type]
+            found = analyse_sensitivity(ledger, ledger.space, TWO[1:], 0, samples, seed)  # type: ignore[arg-type]
             for name, first, total in (("x0", 3 / 7, 4 / 7), ("x1", 3 / 7, 4 / 7), ("x2", 0.0, 0.0)):
                 told = found.sobol["b", name]
                 inside += [abs(told.first - first) <= told.first_half + 1e-9]
@@ -193,7 +200,7 @@ def test_effects_leave_out_what_cannot_be_made() -> None:
         return {title: math.inf if values["x0"] > 0.9 else value for title, value in told.items()}, []
 
     ledger = Formula(square(3), torn)
-    found = effects_of(ledger, ledger.space, TWO, 24, 64, 0)  # type: ignore[arg-type]
+    found = analyse_sensitivity(ledger, ledger.space, TWO, 24, 64, 0)  # type: ignore[arg-type]
     assert 0 < found.left_out[0] < 1
     assert 0 < found.left_out[1] < 0.6
     assert found.morris["a", "x1"][0] == pytest.approx(1.0, abs=2e-3)
@@ -201,7 +208,7 @@ def test_effects_leave_out_what_cannot_be_made() -> None:
 
 @given(some.integers(16, 20_000), some.integers(0, 50), some.integers(0, 1024), some.integers(1, 20))
 def test_no_more_predictions_than_asked_for(total: int, morris: int, sobol: int, parameters: int) -> None:
-    shares = shares_of(Search(predictions=total, morris=morris, sobol=sobol), parameters)
+    shares = allocate_evaluations(SearchSpec(predictions=total, morris=morris, sobol=sobol), parameters)
     used = shares.even + shares.last + shares.search
     used += shares.morris * (parameters + 1) + shares.sobol * (parameters + 2)
     assert used == total

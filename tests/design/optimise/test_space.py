@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.design.optimise.rig.space import Parameter, Space
+from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Parameter
 
 RANGES = [
     Parameter("real", 2.0, 40.0),
@@ -50,7 +50,7 @@ def test_a_logarithmic_range_is_even_in_factors() -> None:
 
 
 def test_points_and_values_of_a_space() -> None:
-    space = Space(tuple(RANGES))
+    space = DesignSpace(tuple(RANGES))
     values = space.values([0.1, 0.2, 0.3, 0.4, 0.9])
     assert space.names == list(values)
     assert space.values(space.point(values)) == values

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.design.optimise.statistics import STATISTICS, predicted_of
-from scenetruth.design.predict import Figure
-from scenetruth.design.predict.regions import spread_of
+from scenetruth.design.optimisation.design_records import STATISTICS, compute_predicted_statistic
+from scenetruth.design.prediction import PredictedValue
+from scenetruth.design.prediction.region_statistics import compute_spread
 from scenetruth.scoring.statistics import error_statistics
 
 DRAWS = 200_000
@@ -22,9 +22,9 @@ def drawn(std: np.ndarray, seed: int) -> dict[str, float]:
 
 def test_all_are_one_where_all_points_are_alike() -> None:
     std = np.full(DRAWS, 0.3)
-    figure = Figure(0.3, "mm", None, 0.3, None, "mm", 1.0, *spread_of(std[:500], np.ones(500))[1:])
+    figure = PredictedValue(0.3, "mm", None, 0.3, None, "mm", 1.0, *compute_spread(std[:500], np.ones(500))[1:])
     for name, told in drawn(std, 1).items():
-        predicted = predicted_of(figure, name)  # type: ignore[arg-type]
+        predicted = compute_predicted_statistic(figure, name)  # type: ignore[arg-type]
         assert predicted == pytest.approx(0.3 * STATISTICS[name].of_normal, rel=1e-3)
         # Quantiles of 200,000 draws scatter by 0.3 %; four of these are allowed.
         assert told == pytest.approx(predicted, rel=0.012)
@@ -35,7 +35,7 @@ def test_those_of_a_region_whose_points_differ(spread: float) -> None:
     generator = np.random.default_rng(3)
     std = 0.1 * np.exp(spread * generator.standard_normal(400))
     weights = generator.uniform(0.2, 3.0, 400)
-    median, rms, percentile = spread_of(std, weights)
+    median, rms, percentile = compute_spread(std, weights)
     chosen = generator.choice(std, DRAWS, p=weights / weights.sum())
     told = drawn(chosen, 2)
     assert told["rms"] == pytest.approx(rms, rel=0.02)
@@ -45,11 +45,11 @@ def test_those_of_a_region_whose_points_differ(spread: float) -> None:
 
 
 def test_points_without_error_or_without_number() -> None:
-    assert spread_of(np.array([]), np.array([])) == (np.inf,) * 3
-    assert spread_of(np.zeros(4), np.ones(4)) == (0.0, 0.0, 0.0)
+    assert compute_spread(np.array([]), np.array([])) == (np.inf,) * 3
+    assert compute_spread(np.zeros(4), np.ones(4)) == (0.0, 0.0, 0.0)
     # Of ten points, nine know all: 95 % of the errors lie below the median of the tenth.
     one = np.array([0.0] * 9 + [1.0])
-    median, rms, percentile = spread_of(one, np.ones(10))
+    median, rms, percentile = compute_spread(one, np.ones(10))
     assert median == 0.0
     assert rms == pytest.approx(np.sqrt(0.1))
     assert percentile == pytest.approx(0.6745, rel=0.05)

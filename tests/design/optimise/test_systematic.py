@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenetruth.design.optimise.rig.systematic import added, shifts_px
-from scenetruth.design.predict import Causes, predict
+from scenetruth.design.optimisation.rig_context import compute_stage_shifts_px, compute_stage_uncertainty
+from scenetruth.design.prediction import PredictionInputs, predict
 from scenetruth.scene import Scene, scene_from_plain
 from tests.design.optimise.small import scene
 
@@ -24,14 +24,14 @@ def with_errors(positions: int = 5, frames: int = 5, **errors: float) -> Scene:
     return scene_from_plain(plain)
 
 
-def causes_of(made: Scene) -> Causes:
+def causes_of(made: Scene) -> PredictionInputs:
     return replace(predict(made).causes, depth_mm=DEPTH, disparity_px=FOCAL * BASELINE / DEPTH)
 
 
 @pytest.mark.parametrize(("guide_urad", "visit_um"), [(100.0, 0.0), (0.0, 3.0), (40.0, 10.0)])
 def test_shifts_become_errors_as_fits_of_draws_do(guide_urad: float, visit_um: float) -> None:
     made = with_errors(yaw_urad=guide_urad, repeatability_um=visit_um)
-    told = added(made, causes_of(made), {})["stage"]
+    told = compute_stage_uncertainty(made, causes_of(made), {})["stage"]
     generator = np.random.default_rng(1)
     guide = FOCAL * guide_urad * 1e-6 * generator.standard_normal((DRAWS, 5, 1))
     visit = FOCAL / DEPTH * visit_um * 1e-3 * generator.standard_normal((DRAWS, 5, 5))
@@ -61,7 +61,7 @@ def test_known_worths() -> None:
     plain = scene()
     plain["camera"]["focal_length_px"] = 5016
     plain["stage"]["errors"] = {"repeatability_um": 1.0, "yaw_urad": 100.0}
-    found = shifts_px(scene_from_plain(plain), 660.0)
+    found = compute_stage_shifts_px(scene_from_plain(plain), 660.0)
     assert found.visit == pytest.approx(0.0076, rel=1e-9)
     assert found.guide == pytest.approx(0.5016, rel=1e-9)
 
@@ -70,7 +70,7 @@ def test_what_moves_during_a_scan_is_taken_for_disparity() -> None:
     plain = scene()
     plain["stage"]["time_per_position_s"] = 0.1
     made = scene_from_plain(plain)
-    told = added(made, causes_of(made), {"flow_x": 0.3, "velocity_z": 0.0})["scan"]
+    told = compute_stage_uncertainty(made, causes_of(made), {"flow_x": 0.3, "velocity_z": 0.0})["scan"]
     assert told == {
         "disparity": pytest.approx(0.03),
         "depth": pytest.approx(0.03 * DEPTH / (FOCAL * BASELINE / DEPTH)),
@@ -79,6 +79,6 @@ def test_what_moves_during_a_scan_is_taken_for_disparity() -> None:
 
 def test_a_perfect_stage_adds_nothing() -> None:
     made = scene_from_plain(scene())
-    assert added(made, causes_of(made), {"flow_x": 1.0}) == {}
-    assert not any(vars(shifts_px(made, DEPTH)).values())
-    assert math.isfinite(shifts_px(with_errors(roll_urad=10.0), DEPTH).along)
+    assert compute_stage_uncertainty(made, causes_of(made), {"flow_x": 1.0}) == {}
+    assert not any(vars(compute_stage_shifts_px(made, DEPTH)).values())
+    assert math.isfinite(compute_stage_shifts_px(with_errors(roll_urad=10.0), DEPTH).along)

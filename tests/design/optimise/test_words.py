@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from scenetruth.design.optimise.parts import Interval, Rig, Sensitivity
-from scenetruth.design.optimise.words import told_value, words_of
+from scenetruth.design.optimisation.design_records import PredictionInterval, RigDesign, Sensitivity
+from scenetruth.design.optimisation.design_result import compose_summary, format_parameter
 from tests.design.optimise.small import objective
 
 
@@ -17,16 +17,22 @@ from tests.design.optimise.small import objective
     [
         (0.5, None, "wanted 0.5: reached (predicted)"),
         (0.1, None, "wanted 0.1: NOT reached (predicted)"),
-        (0.5, Interval(0.3, 0.2, 0.4, 3), "wanted 0.5: reached (simulated)"),
-        (0.5, Interval(0.3, 0.1, 0.9, 3), "wanted 0.5: reached, but another recording may miss it (simulated)"),
+        (0.5, PredictionInterval(0.3, 0.2, 0.4, 3), "wanted 0.5: reached (simulated)"),
+        (
+            0.5,
+            PredictionInterval(0.3, 0.1, 0.9, 3),
+            "wanted 0.5: reached, but another recording may miss it (simulated)",
+        ),
         # The prediction would reach it, and the simulation does not.
-        (0.25, Interval(0.3, 0.2, 0.4, 3), "wanted 0.25: NOT reached (simulated)"),
+        (0.25, PredictionInterval(0.3, 0.2, 0.4, 3), "wanted 0.25: NOT reached (simulated)"),
     ],
 )
-def test_what_is_wanted_is_judged_by_simulations(wanted: float, simulated: Interval | None, verdict: str) -> None:
+def test_what_is_wanted_is_judged_by_simulations(
+    wanted: float, simulated: PredictionInterval | None, verdict: str
+) -> None:
     told = {} if simulated is None else {"depth": simulated}
-    rig = Rig(3, {"stage.baseline_mm": 4.25}, {}, {"depth": 0.2}, told, (), None, "")
-    lines = words_of((objective(wanted=wanted),), rig, (), (), ())
+    rig = RigDesign(3, {"stage.baseline_mm": 4.25}, {}, {"depth": 0.2}, told, (), None, "")
+    lines = compose_summary((objective(wanted=wanted),), rig, (), (), ())
     assert lines[0] == "recommended, rig 3: stage.baseline_mm = 4.25"
     assert lines[1].startswith("depth: typical error, predicted 0.2 mm")
     assert lines[1].endswith(verdict)
@@ -34,30 +40,34 @@ def test_what_is_wanted_is_judged_by_simulations(wanted: float, simulated: Inter
 
 def test_the_rms_error_stands_beside_a_typical_one() -> None:
     figures = {"depth": {"typical": (0.3, 0.3), "rms": (0.7, 0.7)}}
-    rig = Rig(3, {}, {}, {"depth": 0.2}, {"depth": Interval(0.3, 0.2, 0.4, 2)}, (), None, "", figures)
-    assert "from 2 seeds; rms error 0.7)" in words_of((objective(),), rig, (), (), ())[1]
+    rig = RigDesign(3, {}, {}, {"depth": 0.2}, {"depth": PredictionInterval(0.3, 0.2, 0.4, 2)}, (), None, "", figures)
+    assert "from 2 seeds; rms error 0.7)" in compose_summary((objective(),), rig, (), (), ())[1]
     of_rms = replace(objective(), statistic="rms")
-    assert words_of((of_rms,), rig, (), (), ())[1].endswith("from 2 seeds)")
+    assert compose_summary((of_rms,), rig, (), (), ())[1].endswith("from 2 seeds)")
 
 
 def test_one_seed_has_no_interval() -> None:
-    rig = Rig(3, {}, {}, {"depth": 0.2}, {"depth": Interval(0.3, math.nan, math.nan, 1)}, (), None, "")
-    line = words_of((objective(),), rig, (), (), ())[1]
+    rig = RigDesign(3, {}, {}, {"depth": 0.2}, {"depth": PredictionInterval(0.3, math.nan, math.nan, 1)}, (), None, "")
+    line = compose_summary((objective(),), rig, (), (), ())[1]
     assert "simulated 0.3 (from one seed: no interval)" in line
     assert "nan" not in line
 
 
 def test_changes_both_ways_are_told_the_largest_first() -> None:
-    rig = Rig(3, {}, {}, {"depth": 0.2}, {}, (), None, "")
+    rig = RigDesign(3, {}, {}, {"depth": 0.2}, {}, (), None, "")
     nothing = (math.nan,) * 4
     effects = [
         Sensitivity("a", "depth", *nothing, 0.02, -0.019),
         Sensitivity("b", "depth", *nothing, -0.091, 0.111),
         Sensitivity("c", "depth", *nothing, math.nan, math.nan),
     ]
-    (line,) = words_of((objective(),), rig, effects, (), ())[2:]
+    (line,) = compose_summary((objective(),), rig, effects, (), ())[2:]
     assert line == "10 % more (less) of each parameter changes depth by: b -9.1 % (+11.1 %), a +2.0 % (-1.9 %)"
 
 
 def test_values_as_people_write_them() -> None:
-    assert (told_value(0.123456), told_value(3), told_value("air_bearing")) == ("0.1235", "3", "air_bearing")
+    assert (format_parameter(0.123456), format_parameter(3), format_parameter("air_bearing")) == (
+        "0.1235",
+        "3",
+        "air_bearing",
+    )

@@ -8,17 +8,17 @@ from typing import Any
 
 import pandas as pd
 
-from scenetruth.design.optimise.confirm.order import orders_of
-from scenetruth.design.optimise.result import (
-    Constraint,
-    Design,
+from scenetruth.design.optimisation.confirmation import check_rank_consistency
+from scenetruth.design.optimisation.design_records import (
+    ConstraintValue,
     Discrepancy,
-    Interval,
     Objective,
-    Rig,
-    Rule,
+    PredictionInterval,
+    RigDesign,
+    RuleOfThumb,
     Sensitivity,
 )
+from scenetruth.design.optimisation.design_result import DesignResult
 
 DEPTH, GROWTH = "depth of object_sheet", "growth of object_sheet"
 NUMBERS = (311, 87, 1204, 530, 642)
@@ -56,13 +56,13 @@ def scene(baseline_mm: float = 8.0, positions: int = 5) -> dict[str, Any]:
     }
 
 
-def rig(place: int) -> Rig:
+def rig(place: int) -> RigDesign:
     """Return one of five rigs: longer baselines know depth better and growth worse; each second one is simulated."""
     baseline = BASELINES[place]
     depth, growth = 0.4 / baseline, 0.05 * baseline**0.75
     figures = {
-        DEPTH: Interval(1.06 * depth, 0.95 * depth, 1.2 * depth, 6),
-        GROWTH: Interval(1.3 * growth, 1.1 * growth, 1.5 * growth, 6),
+        DEPTH: PredictionInterval(1.06 * depth, 0.95 * depth, 1.2 * depth, 6),
+        GROWTH: PredictionInterval(1.3 * growth, 1.1 * growth, 1.5 * growth, 6),
     }
     scatter = (0.93, 1.06, 0.97, 1.02, 1.05, 0.97)
     by_seed = {
@@ -74,12 +74,14 @@ def rig(place: int) -> Rig:
     }
     is_simulated = place % 2 == 0
     constraints = (
-        Constraint("field_of_view", "field of view along x", 59.9, 55.0, "mm", True, 4.9 / 55, "at least"),
-        Constraint("time_per_capture", "time per capture", 3.5 + place, 8.0, "s", True, (4.5 - place) / 8.0),
-        Constraint("motion_blur", "motion blur", 0.002, 0.1, "px", True, 0.98),
-        Constraint("stage_travel", "stage travel", 4 * baseline, 50.0, "mm", baseline < 12.5, 1 - 4 * baseline / 50),
+        ConstraintValue("field_of_view", "field of view along x", 59.9, 55.0, "mm", True, 4.9 / 55, "at least"),
+        ConstraintValue("time_per_capture", "time per capture", 3.5 + place, 8.0, "s", True, (4.5 - place) / 8.0),
+        ConstraintValue("motion_blur", "motion blur", 0.002, 0.1, "px", True, 0.98),
+        ConstraintValue(
+            "stage_travel", "stage travel", 4 * baseline, 50.0, "mm", baseline < 12.5, 1 - 4 * baseline / 50
+        ),
     )
-    return Rig(
+    return RigDesign(
         NUMBERS[place],
         {"stage.baseline_mm": baseline, "frames.frame_interval_s": 900, "lens": "typical 25 mm, f/2.8"},
         scene(baseline),
@@ -92,7 +94,7 @@ def rig(place: int) -> Rig:
     )
 
 
-def design(folder: Path | None = None) -> Design:
+def design(folder: Path | None = None) -> DesignResult:
     """Return the design: the third rig is recommended."""
     rigs = [rig(place) for place in range(5)]
     objectives = (
@@ -139,14 +141,14 @@ def design(folder: Path | None = None) -> Design:
         Sensitivity("lens", GROWTH, 0.2, 0.2, -0.03, 0.1, math.nan, math.nan, 0.2, 0.3, 64),
     )
     rules = (
-        Rule(
+        RuleOfThumb(
             "speckle size",
             "iDICs, A Good Practices Guide for Digital Image Correlation, 2018",
             "speckles of 3 to 5 px",
             "a mean wavelength of 8.4 px, as of speckles of 4.2 px",
             True,
         ),
-        Rule(
+        RuleOfThumb(
             "stereo angle",
             "iDICs, A Good Practices Guide for Digital Image Correlation, 2018",
             "cameras 15 to 35 degrees apart",
@@ -168,7 +170,7 @@ def design(folder: Path | None = None) -> Design:
         ],
         "objectives": [{"quantity": "depth"}, {"quantity": "growth_rate", "within": 0.3}],
     }
-    return Design(
+    return DesignResult(
         goal,
         "Growth of a sheet at 1 % per hour",
         objectives,
@@ -181,5 +183,5 @@ def design(folder: Path | None = None) -> Design:
         discrepancies,
         folder,
         {"predictions": 61.2, "simulations": 240.0},
-        orders=orders_of(rigs, objectives),
+        orders=check_rank_consistency(rigs, objectives),
     )

@@ -16,21 +16,30 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.design.optimise.result import Design, Interval, Objective
-from scenetruth.design.page.answer import reached_of, sensitivity_words, warnings_of
-from scenetruth.design.page.charts.front import front_charts
-from scenetruth.design.page.charts.sensitivity import sensitivity_charts
-from scenetruth.design.page.charts.way import Way, axis_of
-from scenetruth.design.page.scene_file import preview_file_of, scene_file_of
-from scenetruth.design.page.tables import (
-    constraint_table,
-    discrepancy_table,
-    front_table,
-    order_table,
-    parameter_table,
-    sensitivity_table,
+from scenetruth.design.optimisation.design_records import Objective, PredictionInterval
+from scenetruth.design.optimisation.design_result import DesignResult
+from scenetruth.design.optimisation.report.design_charts import (
+    AxisSpec,
+    build_axis,
+    build_front_charts,
+    build_sensitivity_charts,
 )
-from scenetruth.design.page.write import blur_limit_of, write_design_page
+from scenetruth.design.optimisation.report.design_report import (
+    derive_blur_limit,
+    describe_sensitivities,
+    list_warnings,
+    summarise_objectives,
+    write_design_page,
+)
+from scenetruth.design.optimisation.report.design_tables import (
+    build_constraint_table,
+    build_discrepancy_table,
+    build_front_table,
+    build_parameter_table,
+    build_rank_consistency_table,
+    build_sensitivity_table,
+)
+from scenetruth.design.optimisation.report.scene_file import build_preview_file, build_scene_file
 from scenetruth.scene import load_scene, scene_from_plain
 from tests.design.page.sample import DEPTH, GROWTH, NUMBERS, design
 
@@ -38,11 +47,11 @@ HOSTILE = "</script><script>alert(1)</script>"
 
 
 @pytest.fixture(scope="module")
-def sample() -> Design:
+def sample() -> DesignResult:
     return design()
 
 
-def text_of(found: Design, folder: Path) -> str:
+def text_of(found: DesignResult, folder: Path) -> str:
     return write_design_page(found, folder).read_text(encoding="utf-8")
 
 
@@ -59,7 +68,7 @@ def charts_in(text: str) -> dict[str, Any]:
     return charts
 
 
-def test_the_page_is_one_file_that_tells_all(sample: Design, tmp_path: Path) -> None:
+def test_the_page_is_one_file_that_tells_all(sample: DesignResult, tmp_path: Path) -> None:
     text = text_of(sample, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     # Nothing is fetched.
@@ -86,7 +95,7 @@ def test_the_page_is_one_file_that_tells_all(sample: Design, tmp_path: Path) -> 
         assert place in identities
 
 
-def test_no_word_acts(sample: Design, tmp_path: Path) -> None:
+def test_no_word_acts(sample: DesignResult, tmp_path: Path) -> None:
     plain = json.loads(json.dumps(sample.recommended.scene))
     plain["objects"][1]["name"] = plain["description"] = HOSTILE
     best = replace(
@@ -105,7 +114,7 @@ def test_no_word_acts(sample: Design, tmp_path: Path) -> None:
     assert text.count("</script>") == 2
 
 
-def test_scene_files_run(sample: Design, tmp_path: Path) -> None:
+def test_scene_files_run(sample: DesignResult, tmp_path: Path) -> None:
     text = text_of(sample, tmp_path)
     files = re.findall(r'href="data:application/yaml;base64,[^"]*" download="([^"]*)"', text)
     assert sorted(files) == [
@@ -113,11 +122,11 @@ def test_scene_files_run(sample: Design, tmp_path: Path) -> None:
         "recommended_preview.yaml",
         *sorted(f"rig_{number}.yaml" for number in NUMBERS),
     ]
-    file = scene_file_of(sample.recommended, "recommended.yaml")
+    file = build_scene_file(sample.recommended, "recommended.yaml")
     (tmp_path / file.name).write_text(file.text, encoding="utf-8")
     assert load_scene(tmp_path / file.name) == scene_from_plain(sample.recommended.scene)
     assert yaml.safe_load(file.text) == sample.recommended.scene
-    part = preview_file_of(replace(sample, goal={**sample.goal, "confirm": {"most_px": 100}}))
+    part = build_preview_file(replace(sample, goal={**sample.goal, "confirm": {"most_px": 100}}))
     (tmp_path / part.name).write_text(part.text, encoding="utf-8")
     shown = load_scene(tmp_path / part.name)
     assert shown.camera.height < 100 < load_scene(tmp_path / file.name).camera.height
@@ -127,8 +136,8 @@ def test_scene_files_run(sample: Design, tmp_path: Path) -> None:
     assert "size_mm: [40, 30]" in file.text
 
 
-def test_the_answer_is_judged_by_simulations(sample: Design) -> None:
-    depth, growth = reached_of(sample)
+def test_the_answer_is_judged_by_simulations(sample: DesignResult) -> None:
+    depth, growth = summarise_objectives(sample)
     assert (depth.figure, depth.unit, depth.verdict) == ("0.0530", "mm", "")
     assert depth.source == (
         "typical error in 6 simulated recordings (95 %: 0.0475 to 0.0600; predicted 0.0500; rms error 0.0637)"
@@ -136,9 +145,9 @@ def test_the_answer_is_judged_by_simulations(sample: Design) -> None:
     assert growth.verdict == "Wanted: 0.3 %/h. Not reached."
 
     def verdict(number: float, low: float, high: float, *rms: float) -> str:
-        figures = {**sample.recommended.simulated, GROWTH: Interval(number, low, high, 1)}
+        figures = {**sample.recommended.simulated, GROWTH: PredictionInterval(number, low, high, 1)}
         best = replace(sample.recommended, simulated=figures, figures={GROWTH: {"rms": rms}})
-        return reached_of(replace(sample, recommended=best))[1].verdict
+        return summarise_objectives(replace(sample, recommended=best))[1].verdict
 
     assert verdict(0.2, 0.1, 0.29) == "Wanted: 0.3 %/h. Reached, with all of the interval."
     assert verdict(0.2, 0.1, 0.31) == "Wanted: 0.3 %/h. Reached in the mean, but the interval goes beyond."
@@ -147,23 +156,23 @@ def test_the_answer_is_judged_by_simulations(sample: Design) -> None:
     assert verdict(math.nan, math.nan, math.nan) == "Wanted: 0.3 %/h. Not reached."
 
 
-def test_what_must_be_known_comes_first(sample: Design, tmp_path: Path) -> None:
-    told = [words for words, _ in warnings_of(sample)]
+def test_what_must_be_known_comes_first(sample: DesignResult, tmp_path: Path) -> None:
+    told = [words for words, _ in list_warnings(sample)]
     assert told == [
         f"The recommended rig does not reach what is wanted. {GROWTH}: 0.309 %/h, and not 0.3 %/h.",
         "Prediction and simulation differ notably in 3 of 6 figures, 1 of them at the recommended rig.",
     ]
     last = replace(sample, recommended=sample.front[4])
-    assert "The recommended rig does not keep every constraint: stage travel." in dict(warnings_of(last))
+    assert "The recommended rig does not keep every constraint: stage travel." in dict(list_warnings(last))
     unconfirmed = replace(sample, recommended=sample.front[1], discrepancies=())
-    assert "was not simulated" in warnings_of(unconfirmed)[-1][0]
+    assert "was not simulated" in list_warnings(unconfirmed)[-1][0]
     text = said_in(text_of(unconfirmed, tmp_path))
     assert "predicted typical error; not simulated" in text
     assert "No rig was simulated: nothing here is confirmed." in text
 
 
-def test_the_front_is_drawn_with_bars_and_told_in_words(sample: Design) -> None:
-    (chart,) = front_charts(sample)
+def test_the_front_is_drawn_with_bars_and_told_in_words(sample: DesignResult) -> None:
+    (chart,) = build_front_charts(sample)
     cloud, predicted, _, simulated, star = chart.data
     assert predicted["x"] == sorted(rig.predicted[DEPTH] for rig in sample.front)
     # The rigs that hold the constraints, not the others.
@@ -183,47 +192,47 @@ def test_the_front_is_drawn_with_bars_and_told_in_words(sample: Design) -> None:
     assert "Recommended: rig 1204 with 0.0500 and 0.238" in chart.alt
 
 
-def test_alternatives_behind_the_front_are_told_from_it(sample: Design) -> None:
+def test_alternatives_behind_the_front_are_told_from_it(sample: DesignResult) -> None:
     worse = replace(sample.front[1], predicted={DEPTH: 0.07, GROWTH: 0.192})
     found = replace(sample, front=(sample.front[0], *sample.front[2:]), alternatives=(worse,))
     assert [rig.number for rig in found.rigs] == [642, 530, 1204, 87, 311]
-    assert [line[1].text for line in front_table(found).lines] == ["yes", "yes", "yes", "no", "yes"]
-    (chart,) = front_charts(found)
+    assert [line[1].text for line in build_front_table(found).lines] == ["yes", "yes", "yes", "no", "yes"]
+    (chart,) = build_front_charts(found)
     names = {trace["name"]: trace["x"] for trace in chart.data if "name" in trace}
     assert names["alternatives, predicted"] == [0.07]
     assert len(names["front, predicted"]) == 4
     assert list(found.to_frame()["front"]) == [True, True, True, False, True]
 
 
-def test_three_objectives_have_three_charts_and_one_has_its_parameter(sample: Design) -> None:
+def test_three_objectives_have_three_charts_and_one_has_its_parameter(sample: DesignResult) -> None:
     price = replace(sample.objectives[0], title="third", quantity="slope_x")
     screened = sample.screened.assign(third=1.0)
     front = tuple(replace(rig, predicted={**rig.predicted, "third": 1.0}) for rig in sample.front)
     three = replace(
         sample, objectives=(*sample.objectives, price), screened=screened, front=front, recommended=front[2]
     )
-    assert [chart.name for chart in front_charts(three)] == ["front-0-1", "front-0-2", "front-1-2"]
+    assert [chart.name for chart in build_front_charts(three)] == ["front-0-1", "front-0-2", "front-1-2"]
     # With three objectives there is no line to follow.
-    assert all(chart.data[1]["mode"] == "markers" for chart in front_charts(three))
+    assert all(chart.data[1]["mode"] == "markers" for chart in build_front_charts(three))
     # What nobody simulated has no bars.
-    assert [line["name"] for line in front_charts(three)[1].data if "error_y" in line] == []
+    assert [line["name"] for line in build_front_charts(three)[1].data if "error_y" in line] == []
     one = replace(sample, objectives=sample.objectives[1:])
-    (chart,) = front_charts(one)
+    (chart,) = build_front_charts(one)
     # The interval does more to growth than the baseline.
     assert chart.layout["xaxis"]["title"]["text"] == "frames.frame_interval_s"
     assert chart.data[-1]["y"] == [sample.recommended.predicted[GROWTH]]
     # What is a number in some rigs only is no axis.
     mixed = [replace(rig, parameters={**rig.parameters, "frames.frame_interval_s": None}) for rig in one.front[:1]]
-    (chart,) = front_charts(replace(one, front=(*mixed, *one.front[1:])))
+    (chart,) = build_front_charts(replace(one, front=(*mixed, *one.front[1:])))
     assert chart.layout["xaxis"]["title"]["text"] == "stage.baseline_mm"
     words = [replace(rig, parameters={"lens": "typical"}) for rig in one.front]
-    assert front_charts(replace(one, front=tuple(words), recommended=words[2])) == []
+    assert build_front_charts(replace(one, front=tuple(words), recommended=words[2])) == []
 
 
 def test_points_that_rounding_sets_apart_are_one_place() -> None:
-    way = Way("depth", Objective("depth", "all", "mm", "depth", None))
+    way = AxisSpec("depth", Objective("depth", "all", "mm", "depth", None))
     for points in ([1.0, np.nextafter(1.0, 2.0)], [0.0, 5e-324], [-1e-40]):
-        low, high = axis_of(way, points, [])["range"]
+        low, high = build_axis(way, points, [])["range"]
         assert low < min(points) <= max(points) < high
         assert high - low > 0.05
 
@@ -237,7 +246,7 @@ def test_points_that_rounding_sets_apart_are_one_place() -> None:
 def test_axes_hold_all_points_which_long_bars_do_not_push_together(
     points: list[float], ends: list[float], wanted: float | None
 ) -> None:
-    axis = axis_of(Way("depth", Objective("depth", "all", "mm", "depth", wanted)), points, ends)
+    axis = build_axis(AxisSpec("depth", Objective("depth", "all", "mm", "depth", wanted)), points, ends)
     low, high = axis["range"]
     shown = points if wanted is None else [*points, wanted]
     is_log = axis["type"] == "log"
@@ -250,13 +259,13 @@ def test_axes_hold_all_points_which_long_bars_do_not_push_together(
     assert high - low <= least * (1 + 1e-9)
 
 
-def test_sensitivities_are_told_the_largest_first(sample: Design) -> None:
-    assert [line.replace("\N{NO-BREAK SPACE}", " ") for line in sensitivity_words(sample)] == [
+def test_sensitivities_are_told_the_largest_first(sample: DesignResult) -> None:
+    assert [line.replace("\N{NO-BREAK SPACE}", " ") for line in describe_sensitivities(sample)] == [
         f"{DEPTH}: 10 % more stage.baseline_mm changes it by −9.1 % (better), 10 % less by +11 %.",
         f"{GROWTH}: 10 % more frames.frame_interval_s changes it by −9.1 % (better), 10 % less by +11 %; "
         "10 % more stage.baseline_mm changes it by +7.4 % (worse), 10 % less by −7.6 %.",
     ]
-    charts = {chart.name: chart for chart in sensitivity_charts(sample)}
+    charts = {chart.name: chart for chart in build_sensitivity_charts(sample)}
     assert set(charts) == {"ten-percent-0", "sobol-0", "ten-percent-1", "sobol-1"}
     # Bars are drawn from below; catalogues have no 10 %.
     less, more = charts["ten-percent-1"].data
@@ -269,23 +278,23 @@ def test_sensitivities_are_told_the_largest_first(sample: Design) -> None:
     # What is not known is pale, and told so.
     assert first["marker"]["opacity"] == [0.4, 1.0, 1.0]
     assert first["customdata"][0] == "cannot be told from 64 samples"
-    assert sensitivity_table(sample).lines[5][4].text == "cannot be told from 64 samples"
-    assert [cell.text for cell in sensitivity_table(sample).lines[1][4:6]] == ["under 0.05", "under 0.05"]
+    assert build_sensitivity_table(sample).lines[5][4].text == "cannot be told from 64 samples"
+    assert [cell.text for cell in build_sensitivity_table(sample).lines[1][4:6]] == ["under 0.05", "under 0.05"]
 
 
-def test_tables_hold_what_was_found(sample: Design) -> None:
-    front = front_table(sample)
+def test_tables_hold_what_was_found(sample: DesignResult) -> None:
+    front = build_front_table(sample)
     assert front.marked == 2
     assert [line[0].text for line in front.lines] == ["642", "530", "1204 (recommended)", "87", "311"]
     assert [cell.text for cell in front.lines[2][1:6]] == ["yes", "0.0500", "0.0530", "0.0475 to 0.0600", "0.0637"]
     assert front.lines[0][-3].text == "stage travel: does not hold"
     assert front.numeric[:7] == [True, False, *[True] * 5]
-    constraints = constraint_table(sample.recommended)
+    constraints = build_constraint_table(sample.recommended)
     assert constraints.lines[0][0].text == "field of view along x"
     assert [cell.text for cell in constraints.lines[0][1:3]] == ["59.9 mm", "at least 55 mm"]
     # What does not hold comes first, whatever its margin.
-    assert constraint_table(sample.front[4]).lines[0][4].text == "does not hold"
-    assert [line[6].text for line in discrepancy_table(sample).lines[:2]] == ["1.06", "1.30"]
+    assert build_constraint_table(sample.front[4]).lines[0][4].text == "does not hold"
+    assert [line[6].text for line in build_discrepancy_table(sample).lines[:2]] == ["1.06", "1.30"]
 
 
 @pytest.mark.parametrize(
@@ -301,35 +310,38 @@ def test_tables_hold_what_was_found(sample: Design) -> None:
         (None, 3.0, ("–", "–")),
     ],
 )
-def test_ends_of_ranges_are_told(sample: Design, entry: Any, value: Any, told: tuple[str, str]) -> None:
+def test_ends_of_ranges_are_told(sample: DesignResult, entry: Any, value: Any, told: tuple[str, str]) -> None:
     free = {} if entry is None else {"x": entry}
     found = replace(sample, goal={"free": free}, recommended=replace(sample.recommended, parameters={"x": value}))
-    ((_, _, *rest),) = parameter_table(found).lines
+    ((_, _, *rest),) = build_parameter_table(found).lines
     assert tuple(cell.text for cell in rest) == told
 
 
-def test_orders_of_pairs_are_told(sample: Design, tmp_path: Path) -> None:
-    lines = [[cell.text for cell in line] for line in order_table(sample).lines]
+def test_orders_of_pairs_are_told(sample: DesignResult, tmp_path: Path) -> None:
+    lines = [[cell.text for cell in line] for line in build_rank_consistency_table(sample).lines]
     assert lines[0][:5] == [DEPTH, "1204", "311", "2.00", "2.00"]
     assert [line[-1] for line in lines] == ["kept"] * 6
     said = said_in(text_of(sample, tmp_path))
     assert f"{DEPTH}: of 3 pairs of simulated rigs, 3 keep the order that was predicted, 0 have swapped it" in said
 
 
-def test_places_that_are_far_off_are_warned_of(sample: Design) -> None:
-    reached = {**sample.recommended.simulated, GROWTH: Interval(0.2, 0.15, 0.25, 6)}
+def test_places_that_are_far_off_are_warned_of(sample: DesignResult) -> None:
+    reached = {**sample.recommended.simulated, GROWTH: PredictionInterval(0.2, 0.15, 0.25, 6)}
     told = [
-        words for words, _ in warnings_of(replace(sample, recommended=replace(sample.recommended, simulated=reached)))
+        words for words, _ in list_warnings(replace(sample, recommended=replace(sample.recommended, simulated=reached)))
     ]
     far_off = f"{GROWTH}: some places are far off. The typical error is 0.200 %/h, but the rms error 0.619 %/h."
     assert far_off in told
 
 
-def test_figures_that_are_missing_are_dashes(sample: Design, tmp_path: Path) -> None:
-    broken = {DEPTH: Interval(math.nan, math.nan, math.nan, 1), GROWTH: Interval(0.2, math.nan, math.nan, 1)}
+def test_figures_that_are_missing_are_dashes(sample: DesignResult, tmp_path: Path) -> None:
+    broken = {
+        DEPTH: PredictionInterval(math.nan, math.nan, math.nan, 1),
+        GROWTH: PredictionInterval(0.2, math.nan, math.nan, 1),
+    }
     worst = replace(sample.front[0], simulated=broken, predicted={DEPTH: math.inf, GROWTH: 0.1}, price=None)
     found = replace(sample, front=(worst, *sample.front[1:]), sensitivities=(), rules=(), assumptions=(), seconds={})
-    line = front_table(found).lines[-1]
+    line = build_front_table(found).lines[-1]
     assert [cell.text for cell in line[2:5]] == ["∞", "–", "–"]
     assert [cell.text for cell in line[6:9]] == ["0.100", "0.200", "–"]
     # JSON has no numbers that are not finite.
@@ -337,7 +349,7 @@ def test_figures_that_are_missing_are_dashes(sample: Design, tmp_path: Path) -> 
     assert set(charts) == {"front-0-1"}
 
 
-def test_what_lies_beside_is_linked(sample: Design, tmp_path: Path) -> None:
+def test_what_lies_beside_is_linked(sample: DesignResult, tmp_path: Path) -> None:
     assert "pattern/pattern.pdf" not in text_of(sample, tmp_path)
     (tmp_path / "pattern").mkdir()
     (tmp_path / "pattern" / "pattern.pdf").touch()
@@ -345,9 +357,9 @@ def test_what_lies_beside_is_linked(sample: Design, tmp_path: Path) -> None:
 
 
 def test_what_is_sharp_is_what_the_goal_says() -> None:
-    assert blur_limit_of({}) == 1.0
-    assert blur_limit_of({"constraints": [{"kind": "depth_of_field", "at_least": 20}]}) == 1.0
+    assert derive_blur_limit({}) == 1.0
+    assert derive_blur_limit({"constraints": [{"kind": "depth_of_field", "at_least": 20}]}) == 1.0
     both = [{"kind": "depth_of_field", "blur_px": 2}, {"kind": "defocus_blur", "at_most": 0.5, "depths_mm": None}]
-    assert blur_limit_of({"constraints": both[:1]}) == 2.0
-    assert blur_limit_of({"constraints": both}) == 0.5
-    assert blur_limit_of({"constraints": [{"kind": "motion_blur", "at_most": 0.1}]}) == 1.0
+    assert derive_blur_limit({"constraints": both[:1]}) == 2.0
+    assert derive_blur_limit({"constraints": both}) == 0.5
+    assert derive_blur_limit({"constraints": [{"kind": "motion_blur", "at_most": 0.1}]}) == 1.0

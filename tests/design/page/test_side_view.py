@@ -12,10 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenetruth.camera import Defocus, Optics
-from scenetruth.design.page.side_view.draw import drawings_of, words_of
-from scenetruth.design.page.side_view.frame import round_length_mm
-from scenetruth.design.page.side_view.outline import outline_of
-from scenetruth.design.page.side_view.view import SideView, sharp_of, side_view_of
+from scenetruth.design.optimisation.report.side_view import choose_round_length_mm, describe_side_view, draw_side_views
+from scenetruth.design.optimisation.report.side_view_geometry import (
+    SideView,
+    compute_depth_of_field,
+    compute_outline,
+    compute_side_view,
+)
 from tests.design.page.sample import scene
 
 # Corners of a cube and its twelve triangles.
@@ -36,7 +39,7 @@ def box(size_mm: tuple[float, float, float], angle: float, distance_mm: float = 
     st.floats(0.0, math.pi),
 )
 def test_the_outline_of_a_turned_box_has_the_area_of_its_rectangle(size_mm: Any, angle: float) -> None:
-    x, near, far = outline_of(box(size_mm, angle), FACES)
+    x, near, far = compute_outline(box(size_mm, angle), FACES)
     # Its corners are places of the outline, between which it is straight: the trapezoidal rule is exact.
     area = np.trapezoid(far - near, x)
     assert area == pytest.approx(size_mm[0] * size_mm[2], rel=1e-6)
@@ -61,7 +64,7 @@ def test_the_outline_of_any_mesh_is_that_of_its_edges_one_by_one(seed: int) -> N
     # On a grid, some edges run along Z.
     vertices = rng.integers(-5, 6, size=(30, 3)) + [0.0, 0.0, 100.0]
     faces = rng.permuted(np.tile(np.arange(30), (20, 1)), axis=1)[:, :3].astype(np.int32)
-    x, near, far = outline_of(vertices, faces)
+    x, near, far = compute_outline(vertices, faces)
     for place in range(0, len(x), 7):
         assert (near[place], far[place]) == pytest.approx(span_at(x[place], vertices, faces))
 
@@ -71,19 +74,19 @@ def test_blur_reaches_its_limit_at_both_ends_of_the_depth_of_field(
     aperture_mm: float, focus_mm: float, focal_px: float, limit_px: float
 ) -> None:
     lens = Defocus(aperture_mm=aperture_mm, focus_distance_mm=focus_mm)
-    sharp = sharp_of(Optics(defocus=lens), focal_px, limit_px)
+    sharp = compute_depth_of_field(Optics(defocus=lens), focal_px, limit_px)
     assert sharp is not None
     ends = np.array([sharp.near_mm, sharp.far_mm])
     finite = ends[np.isfinite(ends)]
     assert lens.blur_diameter_px(finite, focal_px) == pytest.approx(limit_px, rel=1e-9)
     if math.isinf(sharp.far_mm):
         assert lens.blur_diameter_px(np.array([1e12]), focal_px)[0] <= limit_px * (1 + 1e-6)
-    assert sharp_of(Optics(), focal_px, limit_px) is None
+    assert compute_depth_of_field(Optics(), focal_px, limit_px) is None
 
 
 @pytest.fixture(scope="module")
 def view() -> SideView:
-    return side_view_of(scene(), 0.8, "object_sheet")
+    return compute_side_view(scene(), 0.8, "object_sheet")
 
 
 def test_the_view_is_that_of_the_scene(view: SideView) -> None:
@@ -103,11 +106,11 @@ def test_the_view_is_that_of_the_scene(view: SideView) -> None:
     assert backdrop.seen_mm == pytest.approx((644, 644))
     assert view.seen_mm[1] == pytest.approx(600, abs=0.5)
     # All that is seen is mostly the backdrop.
-    assert side_view_of(scene()).seen_mm[1] == pytest.approx(644)
+    assert compute_side_view(scene()).seen_mm[1] == pytest.approx(644)
 
 
 def test_words_tell_the_same(view: SideView) -> None:
-    told = words_of(view)
+    told = describe_side_view(view)
     assert "5 camera positions over 32 mm along X" in told
     assert "field of view 59.9 x 44.9 mm at 600 mm, of which all positions see 27.9 mm" in told
     assert "blur under 0.8 px from 595 to 637 mm" in told
@@ -133,7 +136,7 @@ def scale_of(svg: str) -> float:
 def test_drawings_measured_by_their_scale_bars_are_the_rig(baseline_mm: float, positions: int, focal_mm: float) -> None:
     plain = scene(baseline_mm, positions)
     plain["camera"]["focal_length_mm"] = focal_mm
-    drawings = {one.name: one.svg for one in drawings_of(side_view_of(plain))}
+    drawings = {one.name: one.svg for one in draw_side_views(compute_side_view(plain))}
     assert {"whole", "upright"} <= set(drawings)
     for name, svg in drawings.items():
         # Coordinates have two decimals, of a bar of 40 units and more.
@@ -152,7 +155,7 @@ def test_drawings_measured_by_their_scale_bars_are_the_rig(baseline_mm: float, p
 
 
 def test_x_goes_down_where_z_goes_right_and_right_where_z_goes_up(view: SideView) -> None:
-    drawings = {one.name: one.svg for one in drawings_of(view)}
+    drawings = {one.name: one.svg for one in draw_side_views(view)}
     (lying, _), (upright, _) = (corners_of(drawings[name], "outline") for name in ("whole", "upright"))
     # The first corner is at the least X; turned by +25 degrees about Y, Z falls with X.
     assert lying[0][1] < lying[len(lying) // 2 - 1][1]
@@ -165,27 +168,27 @@ def test_odd_rigs_are_drawn_too() -> None:
     alone = scene()
     alone["stage"] = {"positions": 1, "baseline_mm": 1}
     del alone["optics"]
-    names = [one.name for one in drawings_of(side_view_of(alone))]
+    names = [one.name for one in draw_side_views(compute_side_view(alone))]
     assert names == ["whole", "upright", "object"]
-    assert "one camera position" in words_of(side_view_of(alone))
+    assert "one camera position" in describe_side_view(compute_side_view(alone))
     grid = scene()
     grid["stage"] |= {"rows": 3, "row_spacing_mm": 5}
     grid["optics"]["defocus"]["aperture_mm"] = 0.05
-    told = words_of(side_view_of(grid))
+    told = describe_side_view(compute_side_view(grid))
     assert "3 such rows in Y" in told
     assert "∞" in told
     # Nothing is before the camera: the objects are shown where they are.
     aside = scene()
     for one in aside["objects"]:
         one["pose"]["position_mm"][0] = 5000.0
-    away = side_view_of(aside)
+    away = compute_side_view(aside)
     assert all(one.seen_mm is None for one in away.outlines)
-    assert len(drawings_of(away)) >= 2
+    assert len(draw_side_views(away)) >= 2
 
 
 @given(st.floats(1e-6, 1e6))
 def test_scale_bars_have_round_lengths(most_mm: float) -> None:
-    length = round_length_mm(most_mm)
+    length = choose_round_length_mm(most_mm)
     assert 0.4 * most_mm <= length <= most_mm * (1 + 1e-6)
     assert f"{length:.3e}"[0] in "125"
     assert f"{length:.3e}"[1:5] == ".000"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from scenetruth.design.pattern import Rig, rig_of
+from scenetruth.design.patterns import PatternRig, pattern_rig_from_scene
 
 __all__ = ["FOCAL_PX", "Z_MM", "plain_rig"]
 
 FOCAL_PX, Z_MM = 2000.0, 400.0
 
 
-def plain_rig(**changes: Any) -> Rig:
+def plain_rig(**changes: Any) -> PatternRig:
     """Return a rig with a sensor whose noise is 1 % of full scale, without rounding."""
     values: dict[str, Any] = {
         "focal_length_px": FOCAL_PX,
@@ -21,4 +21,4 @@ def plain_rig(**changes: Any) -> Rig:
         "frames": 3,
         "sensor": {"noise_std": 0.01, "bit_depth": None},
     }
-    return rig_of(**{**values, **changes})
+    return pattern_rig_from_scene(**{**values, **changes})

@@ -8,13 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from scipy.stats import multivariate_normal, norm
 
-from scenetruth.bound import gradient_of_texture
-from scenetruth.design.pattern import make_pattern
-from scenetruth.design.pattern.base import Areas, Grey
-from scenetruth.design.pattern.errors import PatternError
-from scenetruth.design.pattern.kinds.grey_noise import GreyNoisePattern
-from scenetruth.design.pattern.kinds.noise import NoisePattern, clipped_covariance
-from scenetruth.design.pattern.spectrum import Spectrum, figures_of
+from scenetruth.bound import texture_gradient
+from scenetruth.design.patterns import generate_pattern
+from scenetruth.design.patterns.pattern_model import GreyPicture, InkAreas, PatternError
+from scenetruth.design.patterns.pattern_spectrum import PatternSpectrum, compute_pattern_statistics
+from scenetruth.design.patterns.pattern_types import GreyNoisePattern, NoisePattern, compute_clipped_covariance
 from tests.design.pattern.rigs import plain_rig
 
 SIZE = (40.0, 30.0)
@@ -24,7 +22,7 @@ SIZE = (40.0, 30.0)
 @given(correlation=some.floats(-0.95, 0.95), threshold=some.floats(-1.5, 1.5))
 def test_noise_that_is_cut_has_the_covariance_of_two_thresholds(correlation: float, threshold: float) -> None:
     both = multivariate_normal([0, 0], [[1, correlation], [correlation, 1]]).cdf([threshold, threshold])
-    found = clipped_covariance(np.array([correlation]), threshold)[0]
+    found = compute_clipped_covariance(np.array([correlation]), threshold)[0]
     # The integral of scipy is good to 1e-5.
     assert found == pytest.approx(both - norm.cdf(threshold) ** 2, abs=3e-5)
 
@@ -32,8 +30,8 @@ def test_noise_that_is_cut_has_the_covariance_of_two_thresholds(correlation: flo
 def test_the_ends_of_that_covariance() -> None:
     for threshold in (0.0, 0.5, -1.0):
         share = norm.cdf(threshold)
-        assert clipped_covariance(np.array([1.0]), threshold)[0] == pytest.approx(share * (1 - share), rel=1e-6)
-    np.testing.assert_allclose(clipped_covariance(np.array([0.0, 0.5]), 0.0), [0.0, 1 / 12])
+        assert compute_clipped_covariance(np.array([1.0]), threshold)[0] == pytest.approx(share * (1 - share), rel=1e-6)
+    np.testing.assert_allclose(compute_clipped_covariance(np.array([0.0, 0.5]), 0.0), [0.0, 1 / 12])
 
 
 def test_the_closed_form_of_grey_noise_is_that_of_textures() -> None:
@@ -43,18 +41,18 @@ def test_the_closed_form_of_grey_noise_is_that_of_textures() -> None:
     """
     for exponent in (0.0, -2.0):
         model = GreyNoisePattern(kind="grey_noise", wavelength_mm=(16.0, 64.0), spectrum_exponent=exponent)
-        found = figures_of(Spectrum(model.power(1024, 1.0), 1.0), None)
+        found = compute_pattern_statistics(PatternSpectrum(model.power(1024, 1.0), 1.0), None)
         assert found.contrast == pytest.approx(0.2, rel=1e-9)
-        assert found.gradient_x == pytest.approx(gradient_of_texture(0.2, (16.0, 64.0), exponent), rel=5e-3)
+        assert found.gradient_x == pytest.approx(texture_gradient(0.2, (16.0, 64.0), exponent), rel=5e-3)
         assert found.aliased_share == 0.0
 
 
 @pytest.mark.parametrize("coverage", [0.3, 0.7])
 def test_outlines_hold_the_ink(coverage: float) -> None:
-    pattern = make_pattern(plain_rig(), "noise", size_mm=SIZE, wavelength_mm=(1.5, 6.0), seed=2, coverage=coverage)
+    pattern = generate_pattern(plain_rig(), "noise", size_mm=SIZE, wavelength_mm=(1.5, 6.0), seed=2, coverage=coverage)
     box = (5.0, 3.0, 30.0, 20.0)
     marks = pattern.marks(box)
-    assert isinstance(marks, Areas)
+    assert isinstance(marks, InkAreas)
     # Shoelace; holes count with the other sign.
     areas = [0.5 * np.sum(p[:, 0] * np.roll(p[:, 1], -1) - np.roll(p[:, 0], -1) * p[:, 1]) for p in marks.outlines_mm]
     assert (min(areas) < 0 < max(areas)) == (coverage > 0.5)
@@ -66,9 +64,9 @@ def test_outlines_hold_the_ink(coverage: float) -> None:
 
 
 def test_shades_of_grey_are_srgb_of_what_is_painted() -> None:
-    pattern = make_pattern(plain_rig(), "grey_noise", size_mm=SIZE, wavelength_mm=(1.5, 6.0), seed=2)
+    pattern = generate_pattern(plain_rig(), "grey_noise", size_mm=SIZE, wavelength_mm=(1.5, 6.0), seed=2)
     marks = pattern.marks((0, 0, *SIZE))
-    assert isinstance(marks, Grey)
+    assert isinstance(marks, GreyPicture)
     values = marks.values / 255
     linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
     # White is paper, of 0.85.
@@ -81,13 +79,13 @@ def test_shades_of_grey_are_srgb_of_what_is_painted() -> None:
 
 def test_what_cannot_be_is_told() -> None:
     with pytest.raises(PatternError, match=r"wavelength_mm: must be .shortest, longest."):
-        make_pattern(plain_rig(), "noise", size_mm=SIZE, wavelength_px=(20, 5))
+        generate_pattern(plain_rig(), "noise", size_mm=SIZE, wavelength_px=(20, 5))
     with pytest.raises(PatternError, match="so narrow a band"):
-        make_pattern(plain_rig(), "noise", size_mm=(50.0, 47.0), wavelength_mm=(5.2, 5.2000001))
+        generate_pattern(plain_rig(), "noise", size_mm=(50.0, 47.0), wavelength_mm=(5.2, 5.2000001))
     with pytest.raises(PatternError, match="too short for a sheet of this size"):
-        make_pattern(plain_rig(), "grey_noise", size_mm=(5000, 5000))
+        generate_pattern(plain_rig(), "grey_noise", size_mm=(5000, 5000))
     with pytest.raises(PatternError, match="contrast"):
-        make_pattern(plain_rig(), "grey_noise", size_mm=SIZE, contrast=0.5)
+        generate_pattern(plain_rig(), "grey_noise", size_mm=SIZE, contrast=0.5)
 
 
 def test_the_model_tells_what_it_is() -> None:

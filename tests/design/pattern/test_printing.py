@@ -20,10 +20,9 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 import scenetruth as st
-from scenetruth.design.pattern import Pattern, make_pattern, write_pattern
-from scenetruth.design.pattern.base import Dots
-from scenetruth.design.pattern.errors import PatternError
-from scenetruth.design.pattern.printing import pages_of
+from scenetruth.design.patterns import Pattern, export_pattern, generate_pattern
+from scenetruth.design.patterns.page_layout import lay_out_pages
+from scenetruth.design.patterns.pattern_model import InkDots, PatternError
 from tests.design.pattern.rigs import plain_rig
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -32,13 +31,13 @@ POINTS_PER_MM = 72 / 25.4
 
 @pytest.fixture(scope="module")
 def dots() -> Pattern:
-    return make_pattern(plain_rig(), size_mm=(70.0, 50.0), dot_mm=1.5, seed=3)
+    return generate_pattern(plain_rig(), size_mm=(70.0, 50.0), dot_mm=1.5, seed=3)
 
 
 @pytest.fixture(scope="module")
 def written(dots: Pattern, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pattern")
-    write_pattern(dots, folder)
+    export_pattern(dots, folder)
     return folder
 
 
@@ -61,7 +60,7 @@ def test_svg_is_in_mm(dots: Pattern, written: Path) -> None:
     assert re.fullmatch(r"translate\([\d.]+ [\d.]+\)", pattern.get("transform", ""))
     circles = np.array([[float(c.get(k, "")) for k in ("cx", "cy", "r")] for c in root.iter(f"{SVG}circle")])
     marks = dots.marks((0, 0, 70, 50))
-    assert isinstance(marks, Dots)
+    assert isinstance(marks, InkDots)
     np.testing.assert_allclose(circles[:, :2], marks.centres_mm, atol=5e-5)
     np.testing.assert_allclose(circles[:, 2], 0.75, atol=5e-5)
     # What these circles cover, point by point, is what is told to be printed.
@@ -118,7 +117,7 @@ def test_pdf_is_in_points(dots: Pattern, written: Path) -> None:
     moves = np.array(re.findall(rf"1 0 0 1 {number} {number} cm /\w+ Do", content), dtype=float)
     found = np.cumsum(moves, axis=0) / POINTS_PER_MM * (1, -1) + (-24, 297 - 15)
     marks = dots.marks((0, 0, 70, 50))
-    assert isinstance(marks, Dots)
+    assert isinstance(marks, InkDots)
     centres = marks.centres_mm
     inside = ((centres > -0.75) & (centres < (70.75, 50.75))).all(axis=1)
     known = cKDTree(found)
@@ -130,7 +129,7 @@ def test_pdf_is_in_points(dots: Pattern, written: Path) -> None:
 
 
 def test_files_are_the_same_every_time(dots: Pattern, written: Path, tmp_path: Path) -> None:
-    files = write_pattern(dots, tmp_path)
+    files = export_pattern(dots, tmp_path)
     assert {file.name for file in files} == {file.name for file in written.iterdir()}
     for file in files:
         assert file.read_bytes() == (written / file.name).read_bytes(), file.name
@@ -158,8 +157,8 @@ def test_the_image_and_the_lines_make_a_scene(dots: Pattern, written: Path) -> N
 
 
 def test_noise_is_printed_as_outlines_and_shades_as_a_picture(tmp_path: Path) -> None:
-    noise = make_pattern(plain_rig(), "noise", size_mm=(60.0, 50.0), wavelength_mm=(4.0, 12.0))
-    write_pattern(noise, tmp_path)
+    noise = generate_pattern(plain_rig(), "noise", size_mm=(60.0, 50.0), wavelength_mm=(4.0, 12.0))
+    export_pattern(noise, tmp_path)
     root = ElementTree.parse(tmp_path / "pattern.svg").getroot()
     (path,) = root.iter(f"{SVG}path")
     total = 0.0
@@ -168,8 +167,8 @@ def test_noise_is_printed_as_outlines_and_shades_as_a_picture(tmp_path: Path) ->
         x, y = np.cumsum(numbers, axis=0).T
         total += 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
     assert abs(total) / 3000 == pytest.approx(noise.drawing.ink((0, 0, 60, 50), (500, 600)).mean(), abs=0.01)
-    grey = make_pattern(plain_rig(), "grey_noise", size_mm=(60.0, 50.0), wavelength_mm=(4.0, 12.0))
-    write_pattern(grey, tmp_path)
+    grey = generate_pattern(plain_rig(), "grey_noise", size_mm=(60.0, 50.0), wavelength_mm=(4.0, 12.0))
+    export_pattern(grey, tmp_path)
     root = ElementTree.parse(tmp_path / "pattern.svg").getroot()
     (image,) = root.iter(f"{SVG}image")
     assert [image.get(key) for key in ("x", "y", "width", "height")] == ["0", "0", "60", "50"]
@@ -187,8 +186,8 @@ def test_noise_is_printed_as_outlines_and_shades_as_a_picture(tmp_path: Path) ->
     margin=some.floats(0, 15),
 )
 def test_tiles_cover_a_pattern_once(width: float, height: float, page: str, margin: float) -> None:
-    pattern = make_pattern(plain_rig(), size_mm=(width, height), dot_mm=2.4, coverage=0.01)
-    pages = pages_of(pattern, page, margin)
+    pattern = generate_pattern(plain_rig(), size_mm=(width, height), dot_mm=2.4, coverage=0.01)
+    pages = lay_out_pages(pattern, page, margin)
     boxes = np.array([each.tile_mm for each in pages])
     assert (boxes[:, 2] * boxes[:, 3]).sum() == pytest.approx(width * height)
     assert (boxes[:, :2] + boxes[:, 2:]).max(axis=0) == pytest.approx([width, height])
@@ -209,16 +208,16 @@ def test_tiles_cover_a_pattern_once(width: float, height: float, page: str, marg
 
 
 def test_paper_is_laid_across_where_that_takes_fewer_pages() -> None:
-    pattern = make_pattern(plain_rig(), size_mm=(240.0, 120.0), dot_mm=2.4)
-    (page,) = pages_of(pattern, "A4")
+    pattern = generate_pattern(plain_rig(), size_mm=(240.0, 120.0), dot_mm=2.4)
+    (page,) = lay_out_pages(pattern, "A4")
     assert page.size_mm == (297.0, 210.0)
 
 
 def test_paper_that_does_not_do_is_told(dots: Pattern) -> None:
     with pytest.raises(PatternError, match=r"(?s)2 problems.*page: must be one of A5.*margin_mm"):
-        pages_of(dots, "B7", -1)
+        lay_out_pages(dots, "B7", -1)
     with pytest.raises(PatternError, match="leaves less than 20 mm"):
-        pages_of(dots, "60x60")
-    huge = make_pattern(plain_rig(), size_mm=(5000.0, 5000.0), dot_mm=20)
+        lay_out_pages(dots, "60x60")
+    huge = generate_pattern(plain_rig(), size_mm=(5000.0, 5000.0), dot_mm=20)
     with pytest.raises(PatternError, match=r"takes [\d,]+ pages, more than 400"):
-        pages_of(huge, "A5")
+        lay_out_pages(huge, "A5")

@@ -9,18 +9,17 @@ from hypothesis import strategies as some
 from scipy.spatial import cKDTree
 from scipy.special import j1
 
-from scenetruth.design.pattern import Pattern, make_pattern
-from scenetruth.design.pattern.base import Dots
-from scenetruth.design.pattern.errors import PatternError
-from scenetruth.design.pattern.kinds.speckle import SpecklePattern, boolean_covariance
+from scenetruth.design.patterns import Pattern, generate_pattern
+from scenetruth.design.patterns.pattern_model import InkDots, PatternError
+from scenetruth.design.patterns.pattern_types import SpecklePattern, compute_boolean_covariance
 from tests.design.pattern.rigs import plain_rig
 
 SIZE = (40.0, 30.0)
 
 
-def dots_of(pattern: Pattern) -> Dots:
+def dots_of(pattern: Pattern) -> InkDots:
     marks = pattern.marks((0.0, 0.0, *pattern.size_mm))
-    assert isinstance(marks, Dots)
+    assert isinstance(marks, InkDots)
     return marks
 
 
@@ -33,7 +32,7 @@ def dots_of(pattern: Pattern) -> Dots:
 )
 def test_dots_keep_apart_and_cover_what_they_should(seed: int, spacing: float, share: float, dot_mm: float) -> None:
     coverage = share * (0.34 if spacing > 1 else 0.5)
-    pattern = make_pattern(
+    pattern = generate_pattern(
         plain_rig(), "speckle", size_mm=SIZE, seed=seed, dot_mm=dot_mm, coverage=coverage, spacing=spacing
     )
     centres = dots_of(pattern).centres_mm
@@ -50,23 +49,25 @@ def test_dots_keep_apart_and_cover_what_they_should(seed: int, spacing: float, s
 
 
 def test_a_seed_is_a_pattern() -> None:
-    one, same, other = (dots_of(make_pattern(plain_rig(), size_mm=SIZE, seed=seed)).centres_mm for seed in (1, 1, 2))
+    one, same, other = (
+        dots_of(generate_pattern(plain_rig(), size_mm=SIZE, seed=seed)).centres_mm for seed in (1, 1, 2)
+    )
     np.testing.assert_array_equal(one, same)
     assert not np.array_equal(one[:50], other[:50])
 
 
 def test_px_of_the_sensor_become_mm() -> None:
-    pattern = make_pattern(plain_rig(), size_mm=SIZE, dot_px=5)
+    pattern = generate_pattern(plain_rig(), size_mm=SIZE, dot_px=5)
     assert isinstance(pattern.model, SpecklePattern)
     assert pattern.model.dot_mm == pytest.approx(5 * 400 / 2000)
     assert "dots of 1.000 mm (5.00 px)" in pattern.told
-    assert make_pattern(plain_rig(image_size_px=(90, 60)), dot_mm=0.5).size_mm == (20.0, 14.0)
+    assert generate_pattern(plain_rig(image_size_px=(90, 60)), dot_mm=0.5).size_mm == (20.0, 14.0)
 
 
 def test_dots_that_lie_anywhere_have_the_covariance_of_a_boolean_model() -> None:
     at = np.array([0.0, 0.3, 1.0, 2.0])
     for coverage in (0.05, 0.5, 0.8):
-        found = boolean_covariance(at, 1.0, coverage)
+        found = compute_boolean_covariance(at, 1.0, coverage)
         assert found[0] == pytest.approx(coverage * (1 - coverage))
         np.testing.assert_array_equal(found[2:], 0.0)
     # Few dots do not overlap: their spectrum is that of a disc, n (D J1(π D f) / 2 f)², but for pairs, a share of about
@@ -86,29 +87,29 @@ def test_a_sheet_covers_as_its_covariance_says() -> None:
 
     60 x 45 diameters hold some 1000 independent pieces, which tell it to 3 % of the variance, 0.25.
     """
-    pattern = make_pattern(plain_rig(), "speckle", size_mm=(60.0, 45.0), dot_mm=1.0, spacing=0.0, seed=4)
+    pattern = generate_pattern(plain_rig(), "speckle", size_mm=(60.0, 45.0), dot_mm=1.0, spacing=0.0, seed=4)
     ink = pattern.drawing.ink((0, 0, 60, 45), (450, 600)).astype(float)
     ink -= ink.mean()
     lags = [3, 6, 12]
     found = [np.mean(ink[:, : 600 - lag] * ink[:, lag:]) for lag in lags]
-    expected = boolean_covariance(np.array(lags) / 10, 1.0, 0.5)
+    expected = compute_boolean_covariance(np.array(lags) / 10, 1.0, 0.5)
     np.testing.assert_allclose(found, expected, atol=0.01)
 
 
 def test_what_cannot_be_is_told() -> None:
     with pytest.raises(PatternError, match=r"coverage: is more than dots reach .* 0\.50; lower it, or spacing"):
-        make_pattern(plain_rig(), size_mm=SIZE, coverage=0.7)
+        generate_pattern(plain_rig(), size_mm=SIZE, coverage=0.7)
     with pytest.raises(PatternError, match=r"dot_mm: needs .* dots .* print a smaller sheet"):
-        make_pattern(plain_rig(), size_mm=(2000, 2000), dot_px=1)
+        generate_pattern(plain_rig(), size_mm=(2000, 2000), dot_px=1)
     with pytest.raises(PatternError, match=r"(?s)4 problems.*dots: is no setting here.*coverage.*size_mm.*seed"):
-        make_pattern(plain_rig(), size_mm=(-1, 3), coverage=2, dots=3, seed=-1)
+        generate_pattern(plain_rig(), size_mm=(-1, 3), coverage=2, dots=3, seed=-1)
     with pytest.raises(PatternError, match="kind: must be one of grey_noise, noise, speckle"):
-        make_pattern(plain_rig(), "stripes", size_mm=SIZE)
+        generate_pattern(plain_rig(), "stripes", size_mm=SIZE)
     with pytest.raises(PatternError, match="size_mm: is missing"):
-        make_pattern(plain_rig())
+        generate_pattern(plain_rig())
     with pytest.raises(PatternError, match="size_mm: must be at least 8 times 10 mm"):
-        make_pattern(plain_rig(), size_mm=(50, 200), dot_mm=10)
+        generate_pattern(plain_rig(), size_mm=(50, 200), dot_mm=10)
     with pytest.raises(PatternError, match=r"(?s)give either dot_px or dot_mm.*ink must be darker"):
-        make_pattern(plain_rig(), size_mm=SIZE, dot_mm=1, dot_px=3, radiances=(0.9, 0.1))
+        generate_pattern(plain_rig(), size_mm=SIZE, dot_mm=1, dot_px=3, radiances=(0.9, 0.1))
     with pytest.raises(PatternError, match="dot_px: must be a number"):
-        make_pattern(plain_rig(), size_mm=SIZE, dot_px="large")
+        generate_pattern(plain_rig(), size_mm=SIZE, dot_px="large")

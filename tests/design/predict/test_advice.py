@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from scenetruth.design.predict import advise, predict
+from scenetruth.design.prediction import predict, recommend
 from scenetruth.scene import scene_from_plain
 from tests.design.predict.scenes import wall
 
@@ -18,7 +18,7 @@ GROWING: dict[str, Any] = {
 
 def warnings_of(plain: dict[str, Any], **settings: Any) -> list[str]:
     scene = scene_from_plain(plain)
-    return advise(scene, predict(scene, **settings))
+    return recommend(scene, predict(scene, **settings))
 
 
 def test_nothing_is_said_where_all_is_well() -> None:

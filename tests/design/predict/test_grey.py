@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.camera import LinearImage, chain_of
-from scenetruth.design.predict.grey import grey_of, irradiance_of
-from scenetruth.randomness import generator_for
+from scenetruth.camera import LinearImage, build_sensor_chain
+from scenetruth.design.prediction.camera_response import compute_grey_levels, compute_irradiance
+from scenetruth.random_streams import generator_for
 from scenetruth.scene import scene_from_plain
 from tests.design.predict.scenes import wall
 
@@ -28,14 +28,14 @@ SENSORS: list[dict[str, Any]] = [
 def test_level_noise_and_pattern_are_those_of_flat_images(given: dict[str, Any]) -> None:
     """10,000 pixels in 10 images: 0.24 % of the noise, 0.7 % of the pattern; sensors without formula 2 % more."""
     sensor = scene_from_plain(wall(sensor=given)).sensor
-    chain = chain_of(sensor)
+    chain = build_sensor_chain(sensor)
     opened = chain.open((SIDE, SIDE), partial(generator_for, 5, "sensor"))
     # Rounding is even noise where light changes from pixel to pixel.
     ramp = np.tile(np.linspace(0.35, 0.45, SIDE), (SIDE, 1)).astype(np.float32)
     images = np.array([opened.read(LinearImage(ramp, 0, 0, t)) for t in range(IMAGES)]) / chain.full_scale
     slope = np.polyfit(ramp[0], images.mean(axis=(0, 1)), 1)
     left = images - np.polyval(slope, ramp)
-    told = grey_of(sensor, np.array([0.4]))
+    told = compute_grey_levels(sensor, np.array([0.4]))
     assert told.level[0] == pytest.approx(images.mean(), rel=0.01)
     assert told.gain[0] == pytest.approx(slope[0], rel=0.06)
     whole = np.hypot(told.noise[0], told.pattern[0])
@@ -44,7 +44,7 @@ def test_level_noise_and_pattern_are_those_of_flat_images(given: dict[str, Any])
 
 
 def test_the_ideal_sensor_has_no_noise() -> None:
-    told = grey_of("ideal", np.array([0.2, 0.7]))
+    told = compute_grey_levels("ideal", np.array([0.2, 0.7]))
     assert (told.noise == 0).all()
     assert told.level.tolist() == [0.2, 0.7]
 
@@ -83,5 +83,5 @@ def test_light_is_that_of_rendered_images(lighting: dict[str, Any]) -> None:
     scene = scene_from_plain(plain)
     recording, _ = st.simulate(scene)
     rays = scene.camera.ray_directions(scene.camera.pixel_grid()).reshape(-1, 3)
-    found = irradiance_of(scene, 600.0 * rays, np.tile([0.0, 0.0, -1.0], (len(rays), 1)))
+    found = compute_irradiance(scene, 600.0 * rays, np.tile([0.0, 0.0, -1.0], (len(rays), 1)))
     np.testing.assert_allclose(found.reshape(18, 24), recording["image"].values[0, 0], rtol=2e-3, atol=1e-5)

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.comparison.point import noisy
+from scenetruth.benchmark.design_point import add_noise
 from scenetruth.design import predict
-from scenetruth.design.predict.look import look_at
-from scenetruth.resources import Limits, bounded_parts
+from scenetruth.design.prediction.surface_samples import sample_surface
+from scenetruth.resources import Limits, limited_objects
 from tests.design.predict.scenes import wall
 from tests.nightly import by_day, nightly
 
@@ -39,7 +39,7 @@ def rubber(strain: float = STRAIN, noise: float = NOISE) -> dict[str, Any]:
 
 def test_points_have_the_truth_s_growth_of_length() -> None:
     scene = st.scene_from_plain(rubber())
-    look = look_at(scene, bounded_parts(scene, Limits()))
+    look = sample_surface(scene, limited_objects(scene, Limits()))
     # Differences over a frame of exp(0.003 t) are off by 0.003² / 24 of themselves.
     np.testing.assert_allclose(look.growth_principal[0], STRAIN, rtol=1e-5)
     np.testing.assert_allclose(look.growth_principal[1], -STRAIN / 2, rtol=1e-5)
@@ -74,7 +74,7 @@ def normalised(noises: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     middle = (..., slice(10, -10), slice(56, -56))
     std = maps["growth_principal_std"].values[middle]
     truth = np.array([STRAIN, -STRAIN / 2])[:, None, None]
-    found = [st.estimate(noisy(ideal, NOISE, "x", k), "refined", settings).sel(t=0) for k in range(noises)]
+    found = [st.estimate(add_noise(ideal, NOISE, "x", k), "refined", settings).sel(t=0) for k in range(noises)]
     return np.array([(one["growth_principal"].values[middle] - truth) / std for one in found]), std
 
 

@@ -8,20 +8,19 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.design.predict.look import Look, look_at
-from scenetruth.design.predict.raster import picture_of, pieces_of
-from scenetruth.design.predict.seen import flow_of
-from scenetruth.resources import Limits, bounded_parts
+from scenetruth.design.prediction.surface_samples import SurfaceSamples, label_patches, rasterise, sample_surface
+from scenetruth.design.prediction.texture_information import compute_flow
+from scenetruth.resources import Limits, limited_objects
 from scenetruth.scene import Scene, scene_from_plain
 from tests.design.predict.scenes import wall
 from tests.scenes import cube
 
 
-def looked(scene: Scene) -> Look:
-    return look_at(scene, bounded_parts(scene, Limits()))
+def looked(scene: Scene) -> SurfaceSamples:
+    return sample_surface(scene, limited_objects(scene, Limits()))
 
 
-def at_pixels(look: Look, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def at_pixels(look: SurfaceSamples, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     c_x, c_y = scene.camera.principal_point
     return np.rint(look.points.y + c_y).astype(int), np.rint(look.points.x + c_x).astype(int)
 
@@ -49,7 +48,7 @@ def test_points_are_those_of_the_truth(name: str) -> None:
     np.testing.assert_allclose(look.points.d, truth["disparity"].values[where], rtol=1e-9)
     normal = truth["normal"].values[:, *where].T
     np.testing.assert_allclose(np.abs((look.normals * normal).sum(axis=1)), 1.0, rtol=1e-9)
-    np.testing.assert_allclose(flow_of(look).T, truth["flow"].values[:, *where], atol=1e-4)
+    np.testing.assert_allclose(compute_flow(look).T, truth["flow"].values[:, *where], atol=1e-4)
     velocity = look.points.q * scene.stage.baseline_mm
     np.testing.assert_allclose(velocity, truth["velocity"].values[:, *where], atol=1e-4)
     np.testing.assert_allclose(look.growth, truth["growth_rate"].values[where], atol=1e-7)
@@ -105,7 +104,7 @@ def test_the_nearest_triangle_is_seen() -> None:
     rng = np.random.default_rng(4)
     corners = rng.uniform([-30, -30, 80], [30, 30, 200], (60, 1, 3)) + rng.uniform(-12, 12, (60, 3, 3))
     x = y = np.arange(-14.0, 15.0)
-    found = picture_of(corners, 60.0, x, y)
+    found = rasterise(corners, 60.0, x, y)
     rays = np.stack([*np.meshgrid(x / 60.0, y / 60.0), np.ones((29, 29))], axis=-1)
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(rays[:, :, None], two)
@@ -123,7 +122,7 @@ def test_the_nearest_triangle_is_seen() -> None:
 def test_pieces_end_where_normals_turn() -> None:
     face = np.array([[0, 0, 1, 1], [0, 2, 2, -1]])
     normals = np.array([[0, 0, -1.0], [0, 0.1, -0.995], [0, 0.9, -0.436]])
-    pieces = pieces_of(face, normals, np.array([0, 0, 0]), np.cos(np.deg2rad([20.0])))
+    pieces = label_patches(face, normals, np.array([0, 0, 0]), np.cos(np.deg2rad([20.0])))
     assert pieces[0, 0] == pieces[0, 3] == pieces[1, 0]
     assert pieces[1, 1] == pieces[1, 2] != pieces[0, 0]
     assert pieces[1, 3] == -1

@@ -10,10 +10,10 @@ import pytest
 from scipy.stats import chi2
 
 import scenetruth as st
-from scenetruth.bound import envelope_of, gradient_of_texture
-from scenetruth.comparison.point import noisy
+from scenetruth.benchmark.design_point import add_noise
+from scenetruth.bound import closed_form_bound, texture_gradient
 from scenetruth.design import Prediction, predict
-from scenetruth.design.predict.methods.base import modelled
+from scenetruth.design.prediction.method_models import all_method_models
 from tests.design.predict.scenes import wall
 
 NOISES = 20
@@ -35,8 +35,8 @@ def test_the_envelope_is_that_of_the_closed_formulas() -> None:
     # The principal point alone is asked for, and no image ends near it.
     wide = plain | {"camera": {"width": 400, "height": 300, "focal_length_px": 1200}}
     found = predict(wide, window_sigma_px=4.0, motion="rigid")
-    gradient = gradient_of_texture(0.1, (12.0, 36.0))
-    told = envelope_of(
+    gradient = texture_gradient(0.1, (12.0, 36.0))
+    told = closed_form_bound(
         focal_length_px=1200,
         baseline_mm=0.2,
         positions=5,
@@ -77,7 +77,7 @@ def scatter() -> tuple[dict[str, float], dict[str, Prediction]]:
     plain = wall(frames={"count": 9})
     ideal, _ = st.simulate(st.scene_from_plain(plain | {"sensor": "ideal"}))
     settings: dict[str, Any] = {"window_sigma_px": 4.0, "window_taps_px": 17}
-    found = [st.estimate(noisy(ideal, 0.01, "x", k), "structure_tensor", settings).sel(t=0) for k in range(NOISES)]
+    found = [st.estimate(add_noise(ideal, 0.01, "x", k), "structure_tensor", settings).sel(t=0) for k in range(NOISES)]
     told = {
         level: predict(plain, level=level, method="structure_tensor", window_sigma_px=4.0)
         for level in ("envelope", "bound")
@@ -103,13 +103,13 @@ def test_the_structure_tensor_scatters_as_predicted(level: str, quantity: str) -
 
 
 def test_the_bound_is_that_of_simulated_images() -> None:
-    """`cramer_rao` of the recording in full."""
-    from scenetruth.bound import cramer_rao
+    """`cramer_rao_bound` of the recording in full."""
+    from scenetruth.bound import cramer_rao_bound
 
     plain = wall(score={"interior_margin_px": 0})
     recording, truth = st.simulate(st.scene_from_plain(plain), ideal=True)
     # Grey values are noisy in it: those without noise are found again to what noise leaves of their slope, 1e-3.
-    bound = cramer_rao(truth, recording, window_sigma_px=4.0, motion="growing")
+    bound = cramer_rao_bound(truth, recording, window_sigma_px=4.0, motion="growing")
     maps = predict(plain, level="bound", window_sigma_px=4.0).maps
     assert maps is not None
     for name in ("depth_std", "flow_std", "velocity_std", "slope_std", "growth_rate_std"):
@@ -117,4 +117,4 @@ def test_the_bound_is_that_of_simulated_images() -> None:
 
 
 def test_both_methods_are_known() -> None:
-    assert sorted(modelled()) == ["refined", "structure_tensor"]
+    assert sorted(all_method_models()) == ["refined", "structure_tensor"]

@@ -13,11 +13,11 @@ from hypothesis import strategies as some
 from PIL import Image
 
 import scenetruth as st
-from scenetruth.design import Figure, predict
-from scenetruth.design.predict.predicting import predict_in_passing
-from scenetruth.design.predict.quantities import TITLES, UNITS
-from scenetruth.design.predict.regions import weighted_median
-from scenetruth.resources.refusal import bounded_parts
+from scenetruth.design import PredictedValue, predict
+from scenetruth.design.prediction.prediction_result import TITLES, UNITS
+from scenetruth.design.prediction.predictor import predict_quickly
+from scenetruth.design.prediction.region_statistics import weighted_median
+from scenetruth.resources.enforcement import limited_objects
 from scenetruth.scoring import QUANTITIES
 from tests.design.predict.scenes import wall
 from tests.scenes import SCENES, cube
@@ -133,7 +133,7 @@ def test_one_camera_tells_flow_and_one_frame_depth(method: str, level: Any) -> N
 @pytest.mark.parametrize("level", ["envelope", "bound"])
 def test_nothing_is_known_of_a_surface_without_texture(level: Any) -> None:
     told = predict(wall(texture={"kind": "uniform"}), level=level).figure("depth")
-    assert told == Figure(float("inf"), "mm", None, float("inf"), None, "mm", 0.0)
+    assert told == PredictedValue(float("inf"), "mm", None, float("inf"), None, "mm", 0.0)
 
 
 def test_what_is_wrong_is_told_at_once() -> None:
@@ -187,4 +187,4 @@ def test_a_texture_that_is_not_painted_is_not_called_out_of_sight(tmp_path: Path
     Image.fromarray((np.arange(64 * 64) % 251).astype(np.uint8).reshape(64, 64)).save(tmp_path / "print.png")
     scene = st.scene_from_plain(wall(texture={"kind": "image", "file": str(tmp_path / "print.png")}))
     with pytest.raises(st.SceneError, match=r"not known before they are painted; `scenetruth design predict` paints"):
-        predict_in_passing(scene, bounded_parts(scene, st.Limits()), "refined")
+        predict_quickly(scene, limited_objects(scene, st.Limits()), "refined")

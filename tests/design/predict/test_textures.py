@@ -10,19 +10,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.bound import gradient_of_texture
-from scenetruth.design.predict.textures.base import Waves, ring_waves, spectra
-from scenetruth.design.predict.textures.measured import measured_waves
+from scenetruth.bound import texture_gradient
+from scenetruth.design.prediction.texture_spectra import (
+    SpectralComponents,
+    analytic_spectra,
+    compute_ring_spectrum,
+    measure_spectrum,
+)
 from scenetruth.scene import scene_from_plain
 from tests.design.predict.scenes import wall
 
 
-def waves_of(texture: dict[str, Any], **changes: Any) -> Waves:
+def waves_of(texture: dict[str, Any], **changes: Any) -> SpectralComponents:
     item = scene_from_plain(wall(texture=texture, **changes)).objects[0]
-    return spectra()[item.texture.kind].waves(item.texture)
+    return analytic_spectra()[item.texture.kind].waves(item.texture)
 
 
-def gradient_of(waves: Waves, axis: int) -> float:
+def gradient_of(waves: SpectralComponents, axis: int) -> float:
     """The rms of the derivative along an axis of the surface, per mm."""
     return float(np.sqrt(np.sum(waves.variances * (2 * np.pi * waves.frequencies_per_mm[:, axis]) ** 2)))
 
@@ -31,9 +35,9 @@ def gradient_of(waves: Waves, axis: int) -> float:
 def test_noise_has_the_gradient_of_the_closed_formula(shortest: float, octaves: float, exponent: float) -> None:
     """Gauss's rule with eight nodes errs by less than 1e-3 for exp(8 u) over [-1, 1], the steepest power here."""
     band = (shortest, shortest * 2**octaves)
-    waves = ring_waves(band, exponent, 0.04, 0.5)
+    waves = compute_ring_spectrum(band, exponent, 0.04, 0.5)
     assert waves.contrast == pytest.approx(0.2)
-    assert gradient_of(waves, 0) == pytest.approx(gradient_of_texture(0.2, band, exponent), rel=2e-3)
+    assert gradient_of(waves, 0) == pytest.approx(texture_gradient(0.2, band, exponent), rel=2e-3)
     assert gradient_of(waves, 1) == pytest.approx(gradient_of(waves, 0), rel=1e-9)
 
 
@@ -63,7 +67,7 @@ def test_one_radiance_has_no_waves() -> None:
 def test_what_is_painted_has_the_waves_of_the_definition(texture: dict[str, Any]) -> None:
     """A raster of 170 x 140 mm has about 2000 independent waves: their variance scatters by 3 %, a root by 1.6 %."""
     item = scene_from_plain(wall(texture=texture)).objects[0]
-    formula, painted = waves_of(texture), measured_waves(item, 3, Path())
+    formula, painted = waves_of(texture), measure_spectrum(item, 3, Path())
     assert painted.mean == pytest.approx(formula.mean, rel=0.01)
     assert painted.contrast == pytest.approx(formula.contrast, rel=0.05)
     for axis in (0, 1):
@@ -72,9 +76,9 @@ def test_what_is_painted_has_the_waves_of_the_definition(texture: dict[str, Any]
 
 
 def test_leaves_are_known_without_their_veins_only() -> None:
-    known = spectra()["leaf"]
+    known = analytic_spectra()["leaf"]
     assert not known.exact
-    assert all(one.exact for kind, one in spectra().items() if kind != "leaf")
+    assert all(one.exact for kind, one in analytic_spectra().items() if kind != "leaf")
 
 
 def test_dots_at_random_places_have_the_variance_of_campbells_theorem() -> None:

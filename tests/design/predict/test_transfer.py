@@ -9,13 +9,13 @@ from hypothesis import strategies as some
 from scipy.interpolate import make_interp_spline
 from scipy.special import j1
 
-from scenetruth.design.predict.transfer import blur_px, derivative_response, transfer_of
+from scenetruth.design.prediction.camera_response import compute_blur_px, compute_derivative_response, compute_transfer
 from scenetruth.scene import Scene, scene_from_plain
 from tests.design.predict.scenes import wall
 
 
 def left_of(scene: Scene, frequency: tuple[float, float], moved: tuple[float, float] = (0.0, 0.0)) -> float:
-    found = transfer_of(np.array([[frequency]]), scene, np.array([600.0]), np.array([moved]))
+    found = compute_transfer(np.array([[frequency]]), scene, np.array([600.0]), np.array([moved]))
     return float(found[0, 0])
 
 
@@ -24,7 +24,7 @@ def test_derivative_is_that_of_the_quintic_spline(frequency: float) -> None:
     """Far from the ends of a long line of samples, where the spline does not know of them."""
     at = np.arange(-40.0, 41.0)
     spline = make_interp_spline(at, np.sin(2 * np.pi * frequency * at), k=5)
-    assert derivative_response(np.array(frequency)) == pytest.approx(float(spline.derivative()(0.0)), abs=1e-6)
+    assert compute_derivative_response(np.array(frequency)) == pytest.approx(float(spline.derivative()(0.0)), abs=1e-6)
 
 
 @given(x=some.floats(-0.45, 0.45), y=some.floats(-0.45, 0.45))
@@ -63,6 +63,6 @@ def test_motion_is_a_mean_along_a_line() -> None:
 def test_surface_and_stage_move_together_while_an_image_is_taken() -> None:
     shutter = {"exposure_time_s": 0.5, "stage_speed_mm_per_s": 2.0}
     scene = scene_from_plain(wall(shutter=shutter, frames={"count": 3, "frame_interval_s": 2.0}))
-    found = blur_px(scene, np.array([600.0]), np.array([[3.0, -1.0]]))
+    found = compute_blur_px(scene, np.array([600.0]), np.array([[3.0, -1.0]]))
     # 1200 px / 600 mm times 1 mm of travel, to the left.
     assert found[0] == pytest.approx([0.25 * 3.0 - 2.0, -0.25])

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.design.sweep.factors import Factor, factors_of, label_of, split_assignments
+from scenetruth.design.sweeps.factors import Factor, format_level, parse_factors, split_assignments
 
 NUMBERS = st.floats(min_value=1e-6, max_value=1e6)
 
 
 def one(spelled: object, sobol: int = 0) -> Factor:
-    found, problems = factors_of({"a.b": spelled}, sobol)
+    found, problems = parse_factors({"a.b": spelled}, sobol)
     assert problems == []
     return found[0]
 
@@ -72,7 +72,7 @@ def test_values_of_a_range_are_evenly_spaced_between_its_ends(low: float, factor
     ],
 )
 def test_what_cannot_vary_is_told(spelled: object, sobol: int, told: str) -> None:
-    _, problems = factors_of({"a.b": spelled}, sobol)
+    _, problems = parse_factors({"a.b": spelled}, sobol)
     assert len(problems) == 1
     assert told in str(problems[0])
 
@@ -81,11 +81,11 @@ def test_assignments_are_split_at_the_first_sign() -> None:
     found, problems = split_assignments(["a=1,2", "b", "=3", "a=4,5", "c={d: 1},{d: 2}"])
     assert found == {"a": "1,2", "c": "{d: 1},{d: 2}"}
     assert [problem.path for problem in problems] == ["--vary", "--vary", "vary.a"]
-    assert factors_of({}, 0)[1][0].path == "vary"
+    assert parse_factors({}, 0)[1][0].path == "vary"
 
 
 def test_values_that_are_no_numbers_are_called_as_in_yaml() -> None:
-    assert [label_of(value) for value in (True, None, 2, 0.1 + 0.2, [1, 2], {"a": 1})] == [
+    assert [format_level(value) for value in (True, None, 2, 0.1 + 0.2, [1, 2], {"a": 1})] == [
         "true",
         "null",
         "2",

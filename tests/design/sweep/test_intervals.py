@@ -9,8 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.design.sweep.intervals import Interval, mean_of, root_mean_square_of, scatter_of, size_of
-from scenetruth.design.sweep.least import sizes_of_normal
+from scenetruth.design.sweeps.aggregation import (
+    Interval,
+    compute_mean,
+    compute_positive_mean,
+    compute_root_mean_square,
+    compute_scatter,
+)
+from scenetruth.design.sweeps.point_simulation import compute_normal_statistics
 
 TRIALS = 600
 # Of 600 intervals that hold in 95 of 100 cases, 91.5 to 98 hold with four standard deviations.
@@ -28,16 +34,16 @@ def test_intervals_of_normal_errors_hold() -> None:
     for _ in range(TRIALS):
         errors = generator.normal(0.3, 2.0, (5, 40))
         shares += [
-            held(mean_of(errors.mean(axis=1).tolist()), 0.3),
-            held(root_mean_square_of(np.sqrt(np.square(errors).mean(axis=1)).tolist()), math.hypot(0.3, 2.0)),
-            held(scatter_of(errors), 2.0),
+            held(compute_mean(errors.mean(axis=1).tolist()), 0.3),
+            held(compute_root_mean_square(np.sqrt(np.square(errors).mean(axis=1)).tolist()), math.hypot(0.3, 2.0)),
+            held(compute_scatter(errors), 2.0),
         ]
     assert (shares / TRIALS > LEAST_HELD).all(), shares / TRIALS
 
 
 @given(st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=8), st.floats(1e-3, 1e3))
 def test_intervals_scale_with_their_numbers(values: list[float], factor: float) -> None:
-    for each in (mean_of, size_of, root_mean_square_of):
+    for each in (compute_mean, compute_positive_mean, compute_root_mean_square):
         one, other = each(values), each([factor * value for value in values])
         # Up to rounding, and half widths of nearly equal numbers are all rounding.
         assert other == pytest.approx(
@@ -48,23 +54,23 @@ def test_intervals_scale_with_their_numbers(values: list[float], factor: float) 
 
 def test_scatter_is_that_of_pixels_told_with_every_seed() -> None:
     errors = np.array([[1.0, 5.0, np.nan], [3.0, 5.0, 2.0], [2.0, 5.0, 2.0]])
-    found = scatter_of(errors)
+    found = compute_scatter(errors)
     assert found is not None
     # Variances 1 and 0 of the first two pixels.
     assert found[0] == pytest.approx(math.sqrt(0.5))
-    assert scatter_of(errors[:1]) is None
-    assert scatter_of(errors[:, 2:]) is None
-    assert np.isnan(scatter_of(errors[:2])[1:]).all()  # type: ignore[index]
-    assert np.isnan(mean_of([1.0])[1:]).all()
+    assert compute_scatter(errors[:1]) is None
+    assert compute_scatter(errors[:, 2:]) is None
+    assert np.isnan(compute_scatter(errors[:2])[1:]).all()  # type: ignore[index]
+    assert np.isnan(compute_mean([1.0])[1:]).all()
     # What is zero has no logarithm.
-    assert size_of([0.0, 0.0])[0] == 0
+    assert compute_positive_mean([0.0, 0.0])[0] == 0
 
 
 def test_sizes_of_normal_errors_are_those_of_drawn_ones() -> None:
     std = np.array([0.5, 1.0, 4.0])
     drawn = np.random.default_rng(2).normal(0.0, std, (200_000, 3))
-    found = sizes_of_normal(np.array([0.5, 1.0, 4.0, np.nan]))
+    found = compute_normal_statistics(np.array([0.5, 1.0, 4.0, np.nan]))
     # 600 000 numbers tell both to some 0.2 %.
     assert found["rms"] == pytest.approx(float(np.sqrt(np.square(drawn).mean())), rel=0.01)
     assert found["median"] == pytest.approx(float(np.median(np.abs(drawn))), rel=0.01)
-    assert sizes_of_normal(np.array([np.nan])) == {}
+    assert compute_normal_statistics(np.array([np.nan])) == {}

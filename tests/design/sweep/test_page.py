@@ -11,29 +11,28 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenetruth.design.sweep import Sweep
-from scenetruth.design.sweep.page.charts import chart_of
-from scenetruth.design.sweep.page.panels import panels_of, shown_quantities
-from scenetruth.design.sweep.page.pictures import write_pictures
-from scenetruth.design.sweep.page.write import write_page
-from scenetruth.design.sweep.rows import Row
+from scenetruth.design.sweeps import Sweep
+from scenetruth.design.sweeps.plot_model import build_panels, list_plotted_quantities
+from scenetruth.design.sweeps.static_plots import write_static_plots
+from scenetruth.design.sweeps.sweep_report import build_chart, write_sweep_report
+from scenetruth.design.sweeps.sweep_result import SweepRecord
 
 HOSTILE = "</script><script>alert(1)</script>"
 BASELINE, NOISE, KIND = "stage.baseline_mm", "sensor.noise_std", "objects.0.mesh.kind"
 
 
-def rows(points: list[dict[str, Any]], methods: tuple[str, ...] = ("mine",)) -> list[Row]:
+def rows(points: list[dict[str, Any]], methods: tuple[str, ...] = ("mine",)) -> list[SweepRecord]:
     found = []
     for number, values in enumerate(points, 1):
         for factor, method in enumerate(methods, 1):
             where = (values, "cube", method, None, "interior")
             error = factor * number
-            found.append(Row(*where, "depth", "rms", error, 0.8 * error, 1.2 * error, "mm"))
-            found.append(Row(*where, "depth", "bias", -error, unit="mm"))
-            found.append(Row(*where, "growth_rate", "rms", error, unit="%/h"))
-            found.append(Row(values, "cube", method, 1, "interior", "depth", "rms", 77.0, unit="mm"))
+            found.append(SweepRecord(*where, "depth", "rms", error, 0.8 * error, 1.2 * error, "mm"))
+            found.append(SweepRecord(*where, "depth", "bias", -error, unit="mm"))
+            found.append(SweepRecord(*where, "growth_rate", "rms", error, unit="%/h"))
+            found.append(SweepRecord(values, "cube", method, 1, "interior", "depth", "rms", 77.0, unit="mm"))
             bound = "bound" if len(methods) == 1 else f"bound of {method}"
-            found.append(Row(values, "cube", bound, None, "interior", "depth", "rms", error / 2, unit="mm"))
+            found.append(SweepRecord(values, "cube", bound, None, "interior", "depth", "rms", error / 2, unit="mm"))
     return found
 
 
@@ -47,7 +46,7 @@ def over_two() -> Sweep:
 
 
 def test_one_factor_makes_lines_with_error_bars_and_the_bound() -> None:
-    (panel,) = panels_of(over_one(), "depth")
+    (panel,) = build_panels(over_one(), "depth")
     assert [curve.name for curve in panel.curves][:2] == ["mine", "bound of noise, mine"]
     assert panel.curves[0].points == (
         (1.0, 1, 0.8, 1.2),
@@ -57,20 +56,20 @@ def test_one_factor_makes_lines_with_error_bars_and_the_bound() -> None:
     # 20 is more than eight times 1.
     assert panel.x.logarithmic
     assert "mine: 1 at 1, 3 at 20" in panel.words
-    data = chart_of(panel)["data"]
+    data = build_chart(panel)["data"]
     assert data[0]["error_y"]["array"] == pytest.approx([0.2, 0.4, 0.6])
     assert data[1]["y"] == [0.5, 1.0, 1.5]
     assert [trace.get("showlegend", True) for trace in data] == [True, True, True, False]
-    (bias,) = panels_of(over_one(), "depth", "bias")
+    (bias,) = build_panels(over_one(), "depth", "bias")
     assert not bias.y.logarithmic
-    assert panels_of(over_one(), "depth", "std") == []
+    assert build_panels(over_one(), "depth", "std") == []
 
 
 def test_two_factors_make_a_map_and_lines() -> None:
-    heat, lines = panels_of(over_two(), "depth")
+    heat, lines = build_panels(over_two(), "depth")
     assert heat.map is not None
     assert heat.map.names(along_x=True) == ["1", "2", "4"]
-    data = chart_of(heat)["data"][0]
+    data = build_chart(heat)["data"][0]
     assert (data["x"], data["y"]) == (["1", "2", "4"], ["0.01", "0.02"])
     assert 10 ** np.array(data["z"]) == pytest.approx(np.array([[1, 3, 5], [2, 4, 6]]))
     assert data["text"][1][2] == "6<br>(3)"
@@ -82,13 +81,13 @@ def test_two_factors_make_a_map_and_lines() -> None:
 def test_points_that_fill_ranges_make_a_field_and_more_factors_make_points() -> None:
     points = [{BASELINE: b, NOISE: n} for b, n in ((1.5, 0.02), (3.1, 0.01), (2.2, 0.04))]
     filled = Sweep([BASELINE, NOISE], ["cube"], ["mine"], rows(points), is_grid=False, logarithmic=frozenset({NOISE}))
-    field, *marginal = panels_of(filled, "depth")
-    assert chart_of(field)["data"][0]["mode"] == "markers"
+    field, *marginal = build_panels(filled, "depth")
+    assert build_chart(field)["data"][0]["mode"] == "markers"
     assert field.y.logarithmic
     assert [panel.x.title for panel in marginal] == [BASELINE, NOISE]
     assert [point[0] for point in marginal[0].curves[0].points] == [1.5, 2.2, 3.1]
     three = [{BASELINE: b, NOISE: 0.1, KIND: kind} for b in (1, 2) for kind in ("plane", "box")]
-    panels = panels_of(Sweep([BASELINE, NOISE, KIND], ["cube"], ["mine"], rows(three)), "depth")
+    panels = build_panels(Sweep([BASELINE, NOISE, KIND], ["cube"], ["mine"], rows(three)), "depth")
     assert [panel.x.title for panel in panels] == [BASELINE, NOISE, KIND]
     assert panels[2].x.names == ("plane", "box")
     assert not any(curve.joined for panel in panels for curve in panel.curves)
@@ -96,14 +95,14 @@ def test_points_that_fill_ranges_make_a_field_and_more_factors_make_points() -> 
 
 def test_growth_is_shown_where_something_grows() -> None:
     found = over_one()
-    assert shown_quantities(found) == ["depth"]
+    assert list_plotted_quantities(found) == ["depth"]
     growing = Sweep(found.factors, found.scenes, found.methods, found.rows, grows=True)
-    assert shown_quantities(growing) == ["depth", "growth_rate"]
+    assert list_plotted_quantities(growing) == ["depth", "growth_rate"]
 
 
 def test_the_page_is_one_file_in_which_no_word_acts(tmp_path: Path) -> None:
     for found in (over_one(), over_two()):
-        page = write_page(found, tmp_path, "scenetruth design sweep 'a b.yaml'")
+        page = write_sweep_report(found, tmp_path, "scenetruth design sweep 'a b.yaml'")
         text = page.read_text(encoding="utf-8")
         assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
         assert HOSTILE not in text
@@ -123,7 +122,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(tmp_path: Path) -> None:
 
 
 def test_pictures_are_drawn_of_every_quantity(tmp_path: Path) -> None:
-    made = write_pictures(over_two(), tmp_path / "plots")
+    made = write_static_plots(over_two(), tmp_path / "plots")
     assert [path.name for path in made] == ["depth_rms.png"]
     with Image.open(made[0]) as picture:
         assert picture.info["Software"] == "scenetruth"
@@ -135,5 +134,5 @@ def test_pictures_are_drawn_of_every_quantity(tmp_path: Path) -> None:
     # Pictures of an earlier sweep go, and what is not ours stays.
     (tmp_path / "plots" / "flow_x_rms.png").write_bytes(b"old")
     (tmp_path / "plots" / "mine.txt").write_text("mine")
-    write_pictures(over_one(), tmp_path / "plots")
+    write_static_plots(over_one(), tmp_path / "plots")
     assert {path.name for path in (tmp_path / "plots").iterdir()} == {"depth_rms.png", "mine.txt"}

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from scenetruth.design.sweep.planning import plan_of
-from scenetruth.design.sweep.problems import SweepError
+from scenetruth.design.sweeps.sweep_plan import SweepError, build_plan
 from scenetruth.errors import RecipeError, SceneError
 from scenetruth.scene import scene_from_plain
 from tests.design.sweep.small import scene
@@ -18,39 +17,39 @@ from tests.design.sweep.small import scene
 
 def refused(vary: dict[str, Any], given: Any = None, **options: Any) -> list[str]:
     with pytest.raises(SweepError) as error:
-        plan_of(scene() if given is None else given, vary, **options)
+        build_plan(scene() if given is None else given, vary, **options)
     return list(map(str, error.value.problems))
 
 
 def test_all_combinations_are_points_and_each_has_every_seed() -> None:
-    plan = plan_of(scene(), {"stage.baseline_mm": [1, 2], "frames.count": "3..7:3"}, seeds=2)
+    plan = build_plan(scene(), {"stage.baseline_mm": [1, 2], "frames.count": "3..7:3"}, seeds=2)
     assert [point.values for point in plan.points] == [(1, 3), (1, 5), (1, 7), (2, 3), (2, 5), (2, 7)]
     assert (len(plan), plan.each, plan.seeds) == (12, 2, ((5, 6),))
     made = plan.scene(3)
     assert (made.stage.baseline_mm, made.frames.count, made.seed) == (1.0, 5, 6)
     # All else stays as it was.
     assert plan.scene(6) == scene_from_plain(scene(frames={"count": 3}, seed=5))
-    assert plan_of(scene(), {"stage.baseline_mm": [1, 2]}, seeds=[9, 4]).seeds == ((9, 4),)
+    assert build_plan(scene(), {"stage.baseline_mm": [1, 2]}, seeds=[9, 4]).seeds == ((9, 4),)
 
 
 def test_points_fill_ranges_evenly_and_more_of_them_leave_the_first() -> None:
     vary = {"stage.baseline_mm": "1..5", "sensor.noise_std": "0.001..0.1:log", "stage.positions": "3..9"}
-    few = [point.values for point in plan_of(scene(), vary, seeds=1, sobol=16).points]
-    many = [point.values for point in plan_of(scene(), vary, seeds=1, sobol=64).points]
+    few = [point.values for point in build_plan(scene(), vary, seeds=1, sobol=16).points]
+    many = [point.values for point in build_plan(scene(), vary, seeds=1, sobol=64).points]
     assert many[:16] == few
     baselines, noises, positions = (np.array(each) for each in zip(*many, strict=True))
     # Of 64 points of Sobol's sequence, 16 lie in each quarter.
     assert np.histogram(baselines, 4, (1, 5))[0].tolist() == [16] * 4
     assert np.histogram(np.log10(noises), 4, (-3, -1))[0].tolist() == [16] * 4
     assert set(positions.tolist()) == set(range(3, 10))
-    grid = plan_of(scene(), {**vary, "frames.count": [3, 5]}, seeds=1, sobol=16)
+    grid = build_plan(scene(), {**vary, "frames.count": [3, 5]}, seeds=1, sobol=16)
     assert len(grid.points) == 32
     assert not grid.is_grid
 
 
 def test_wildcards_set_every_one() -> None:
     walls = [scene()["objects"][0] | {"name": name} for name in ("a", "b")]
-    plan = plan_of(scene(objects=walls), {"objects.*.texture.rms_contrast": [0.1, 0.2]}, seeds=1)
+    plan = build_plan(scene(objects=walls), {"objects.*.texture.rms_contrast": [0.1, 0.2]}, seeds=1)
     assert [item.texture.model_dump()["rms_contrast"] for item in plan.scene(1).objects] == [0.2, 0.2]
 
 
@@ -102,7 +101,7 @@ def test_what_varies_nothing_is_told() -> None:
     # Numbers that mean the same to the scene.
     assert "varies nothing" in refused({"sensor.noise_std": [0.01, "0.01"]})[0]
     own = {"estimate.window_sigma_px": [4, 5]}
-    assert len(plan_of(scene(), own, seeds=1)) == 2
+    assert len(build_plan(scene(), own, seeds=1)) == 2
     assert "methods are given" in refused(own, own_methods=False)[0]
     assert "not two" in refused({"stage.positions": "3.1..3.9:4"})[0]
     assert "more than 100,000" in refused({"stage.baseline_mm": "1..2:10000"}, seeds=20)[0]
@@ -112,13 +111,13 @@ def test_scenes_are_called_by_their_files(tmp_path: Path) -> None:
     for name in ("one", "two"):
         (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(scene(description=name)))
     files = [tmp_path / "one.yaml", tmp_path / "two.yaml"]
-    plan = plan_of(files, {"stage.baseline_mm": [1, 2]}, seeds=1, overrides=["camera.width=80"])
+    plan = build_plan(files, {"stage.baseline_mm": [1, 2]}, seeds=1, overrides=["camera.width=80"])
     assert plan.labels == ("one", "two")
     assert plan.scene(2).description == "two"
     assert plan.scene(2).camera.width == 80
-    assert plan_of(scene_from_plain(scene()), {"stage.baseline_mm": [1, 2]}).labels == ("scene",)
+    assert build_plan(scene_from_plain(scene()), {"stage.baseline_mm": [1, 2]}).labels == ("scene",)
     (tmp_path / "two.yaml").write_text("camera: 3")
     with pytest.raises(SceneError, match=r"two\.yaml"):
-        plan_of(files, {"stage.baseline_mm": [1, 2]})
+        build_plan(files, {"stage.baseline_mm": [1, 2]})
     with pytest.raises(RecipeError, match="at least one scene"):
-        plan_of([], {"stage.baseline_mm": [1, 2]})
+        build_plan([], {"stage.baseline_mm": [1, 2]})

@@ -19,10 +19,10 @@ import xarray as xr
 import yaml
 
 import scenetruth as st
-from scenetruth.comparison.contestants import contestants_of
-from scenetruth.design.sweep import Sweep, sweep
-from scenetruth.design.sweep.least import window_of
-from scenetruth.design.sweep.planning import plan_of
+from scenetruth.benchmark.method_specs import parse_methods
+from scenetruth.design.sweeps import Sweep, sweep
+from scenetruth.design.sweeps.point_simulation import bound_window_from_method
+from scenetruth.design.sweeps.sweep_plan import build_plan
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
 from tests.design.sweep.small import DEPTH_MM, METHOD, failing, nearest, scene
 from tests.nightly import nightly
@@ -65,7 +65,7 @@ def test_nothing_goes_below_the_bound_and_the_structure_tensor_is_near_it(found:
 
 
 def test_noise_is_the_same_at_every_point() -> None:
-    plan = plan_of(
+    plan = build_plan(
         scene(sensor={"noise_std": 0.01, "bit_depth": None}), {BASELINE: [1, 2], NOISE: [0.005, 0.01]}, seeds=2
     )
     noises = []
@@ -218,7 +218,9 @@ def test_a_method_that_gives_nothing_leaves_a_page_that_says_why(tmp_path: Path)
 
 
 def test_the_bound_is_that_of_each_methods_window() -> None:
-    windows = [window_of(one) for one in contestants_of(["structure_tensor", "refined[motion: rigid]", nearest])]
+    windows = [
+        bound_window_from_method(one) for one in parse_methods(["structure_tensor", "refined[motion: rigid]", nearest])
+    ]
     told = [(one.sigma_px, one.surface, one.motion, one.brightness) for one in windows]
     assert told == [
         (6.0, "constant", "translation", "fixed"),

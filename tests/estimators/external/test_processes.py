@@ -10,11 +10,10 @@ from pathlib import Path
 import pytest
 
 from scenetruth.errors import EstimateError
-from scenetruth.estimators.external.processes import can_be_seen
-from scenetruth.estimators.external.running import last_lines, run_program
+from scenetruth.estimators.external.subprocess_limits import can_list_processes, last_lines, run_program
 from tests.estimators.external.scripts import is_gone, wait_for
 
-pytestmark = pytest.mark.skipif(not can_be_seen(), reason="this system tells of no processes (/proc)")
+pytestmark = pytest.mark.skipif(not can_list_processes(), reason="this system tells of no processes (/proc)")
 
 DAEMON = """
 import os, sys, time

@@ -23,7 +23,7 @@ def test_results_made_offline_are_found(simulated: xr.Dataset, tmp_path: Path) -
     place = tmp_path / "results" / recording_key(simulated)
     place.mkdir(parents=True)
     program.main(tmp_path / "in", place)
-    st.save(simulated, tmp_path / "recording.zarr")
+    st.save_store(simulated, tmp_path / "recording.zarr")
     opened = st.open_store(tmp_path / "recording.zarr", "recording")
     method = ResultsFolder(tmp_path / "results", "offline")
     found = st.estimate(opened, pickle.loads(pickle.dumps(method)))

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.estimators.plane_sweep.kernels.aggregate import aggregate
-from scenetruth.estimators.plane_sweep.kernels.choose import agreeing, winners
-from scenetruth.estimators.plane_sweep.kernels.costs import (
+from scenetruth.estimators.plane_sweep.matching_kernels import (
     COST_OF_BIT,
     OTHER_SIDE,
     PHASES,
     UNSEEN,
+    aggregate,
+    agreeing,
     census,
     fill_costs,
     shifted,
+    winners,
 )
 
 GENERATOR = np.random.default_rng(0)

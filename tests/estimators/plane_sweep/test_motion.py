@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.estimators.plane_sweep.kernels.motion import HALVES, UNSEEN_BITS, Later, costs_of
-from scenetruth.estimators.plane_sweep.motion import Moved, sweep_motion
+from scenetruth.estimators.plane_sweep.motion_kernels import HALVES, UNSEEN_BITS, NeighbourFrame, costs_of
+from scenetruth.estimators.plane_sweep.motion_search import MotionResult, sweep_motion
 from tests.estimators.plane_sweep.boards import Board, away_from_outlines, draw, images_of, true_board
 
 Array = NDArray[np.float64]
@@ -39,14 +39,14 @@ def flow_of(d: Array, q: Array) -> Array:
     return np.stack([(x + d * q[0]) * g - x, (y + d * q[1]) * g - y])
 
 
-def found_with(positions: tuple[float, ...], times: tuple[float, ...], sign: float = 1.0) -> Moved:
+def found_with(positions: tuple[float, ...], times: tuple[float, ...], sign: float = 1.0) -> MotionResult:
     beside = [images_of(BOARDS, SIZE, positions, t) for t in times]
     d, _ = truth()
     turned = sign * np.array(positions)
     return sweep_motion(draw(BOARDS, SIZE, 0.0)[None], beside, times, turned, sign * d, FOCAL, CENTRE)
 
 
-def plain_cost(later: Later, y: int, x: int, q: Array) -> float:
+def plain_cost(later: NeighbourFrame, y: int, x: int, q: Array) -> float:
     d, times = later.disparity[y, x], []
     height, width = later.reference.shape
     for n, t in enumerate(later.t):
@@ -68,7 +68,7 @@ def plain_cost(later: Later, y: int, x: int, q: Array) -> float:
 def test_costs_are_those_of_the_better_time_and_side() -> None:
     generator = np.random.default_rng(0)
     size = (9, 14)
-    later = Later(
+    later = NeighbourFrame(
         generator.integers(0, 2**48, size).astype(np.uint64),
         generator.integers(0, 2**48, (2, 3, HALVES, HALVES, *size)).astype(np.uint64),
         np.array([-1.0, 1.0]),

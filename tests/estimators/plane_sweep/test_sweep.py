@@ -10,9 +10,9 @@ from scipy import ndimage
 
 import scenetruth as st
 from scenetruth.errors import EstimateError
-from scenetruth.estimators.plane_sweep import volume
-from scenetruth.estimators.plane_sweep.strips import strips_of
-from scenetruth.estimators.plane_sweep.sweep import sweep
+from scenetruth.estimators.plane_sweep import cost_volume
+from scenetruth.estimators.plane_sweep.cost_volume import split_into_strips
+from scenetruth.estimators.plane_sweep.disparity_sweep import sweep_disparity
 from scenetruth.schema import make_recording
 from tests.estimators.plane_sweep.boards import Board, away_from_outlines, images_of, true_disparity
 
@@ -34,7 +34,7 @@ RIGS = {
 @pytest.mark.parametrize("rig", RIGS)
 def test_boards_have_their_disparity(rig: str) -> None:
     positions = RIGS[rig]
-    found = sweep(images_of(BOARDS, SIZE, positions), positions)
+    found = sweep_disparity(images_of(BOARDS, SIZE, positions), positions)
     true = true_disparity(BOARDS, SIZE)
     error = np.abs(found.disparity - true)
     inside = away_from_outlines(true, 3)
@@ -55,7 +55,7 @@ def test_boards_have_their_disparity(rig: str) -> None:
 def test_what_no_other_view_sees_is_not_known() -> None:
     # The view to the right sees, of the farther board, no more than the reference does to the right of the nearer one:
     # 5.18 px are hidden left of it. At the image's left end 3.19 px lie outside.
-    found = sweep(images_of(BOARDS, SIZE, (0.0, 1.0)), (0.0, 1.0))
+    found = sweep_disparity(images_of(BOARDS, SIZE, (0.0, 1.0)), (0.0, 1.0))
     # Some are taken for the nearer board's, which is then seen there.
     assert found.known[18:40, 31:35].mean() < 0.3
     assert found.known[:, :3].mean() < 0.1
@@ -65,7 +65,7 @@ def test_what_no_other_view_sees_is_not_known() -> None:
 def test_the_same_seen_with_the_other_sign() -> None:
     positions = np.array(RIGS["unequal"])
     images = images_of(BOARDS, SIZE, RIGS["unequal"])
-    one, other = sweep(images, positions), sweep(images, -positions, -1.0)
+    one, other = sweep_disparity(images, positions), sweep_disparity(images, -positions, -1.0)
     np.testing.assert_array_equal(one.disparity, -other.disparity)
     assert other.ranges == [(-low, -high) for low, high in one.ranges]
 
@@ -73,7 +73,7 @@ def test_the_same_seen_with_the_other_sign() -> None:
 def test_a_small_thing_far_from_all_else_is_found() -> None:
     boards = (Board(31.6, columns=(70, 86), rows=(20, 36)), Board(4.3))
     size = (64, 160)
-    found = sweep(images_of(boards, size, (-1.0, 0.0, 1.0)), (-1.0, 0.0, 1.0))
+    found = sweep_disparity(images_of(boards, size, (-1.0, 0.0, 1.0)), (-1.0, 0.0, 1.0))
     # Beside the range of the farther board, not in one with it.
     assert any(low <= 31.6 <= high for low, high in found.ranges)
     assert any(high < 25 for _, high in found.ranges)
@@ -82,8 +82,8 @@ def test_a_small_thing_far_from_all_else_is_found() -> None:
 
 def test_noise_alone_is_not_known() -> None:
     images = np.random.default_rng(1).normal(0, 1, (1, 5, 80, 120)).astype(np.float32)
-    assert sweep(images, RIGS["five"]).known.mean() < 0.02
-    flat = sweep(np.ones((1, 5, 80, 120), dtype=np.float32), RIGS["five"])
+    assert sweep_disparity(images, RIGS["five"]).known.mean() < 0.02
+    flat = sweep_disparity(np.ones((1, 5, 80, 120), dtype=np.float32), RIGS["five"])
     assert not flat.known.any()
 
 
@@ -91,9 +91,9 @@ def test_a_texture_that_repeats_itself_is_not_known() -> None:
     y, x = np.mgrid[:60, :120].astype(np.float64)
     stripes = [np.cos(2 * np.pi * (x + 4.0 * s) / 6.0) + 0.5 * np.cos(2 * np.pi * y / 7.0) for s in (-1, 0, 1)]
     images = (np.stack(stripes) + np.random.default_rng(0).normal(0, 0.01, (3, 60, 120)))[None].astype(np.float32)
-    found = sweep(images, (-1.0, 0.0, 1.0), ranges=[(0.0, 20.0)])
+    found = sweep_disparity(images, (-1.0, 0.0, 1.0), ranges=[(0.0, 20.0)])
     assert found.known[:, 30:90].mean() < 0.1
-    assert sweep(images, (-1.0, 0.0, 1.0), ranges=[(2.0, 6.0)]).known.mean() > 0.8
+    assert sweep_disparity(images, (-1.0, 0.0, 1.0), ranges=[(2.0, 6.0)]).known.mean() > 0.8
 
 
 def test_brightness_of_a_view_does_not_matter() -> None:
@@ -102,18 +102,18 @@ def test_brightness_of_a_view_does_not_matter() -> None:
     changed[:, 3] = 5 + 0.5 * changed[:, 3]
     changed[:, 0] *= 2
     # Where single precision makes neighbours equal, or no longer equal, bits differ.
-    one, other = sweep(images, RIGS["five"]), sweep(changed, RIGS["five"])
+    one, other = sweep_disparity(images, RIGS["five"]), sweep_disparity(changed, RIGS["five"])
     np.testing.assert_allclose(one.disparity, other.disparity, atol=0.01)
 
 
 def test_strips_hardly_show(monkeypatch: pytest.MonkeyPatch) -> None:
     size = (150, 64)
     images = images_of(BOARDS, size, RIGS["five"])
-    whole = sweep(images, RIGS["five"], ranges=[(0.0, 12.0)])
-    monkeypatch.setattr(volume, "strips_of", partial(strips_of, rows=20))
-    strips = sweep(images, RIGS["five"], ranges=[(0.0, 12.0)])
-    monkeypatch.setattr(volume, "_STRIPS_BYTES", 0)
-    one_by_one = sweep(images, RIGS["five"], ranges=[(0.0, 12.0)])
+    whole = sweep_disparity(images, RIGS["five"], ranges=[(0.0, 12.0)])
+    monkeypatch.setattr(cost_volume, "split_into_strips", partial(split_into_strips, rows=20))
+    strips = sweep_disparity(images, RIGS["five"], ranges=[(0.0, 12.0)])
+    monkeypatch.setattr(cost_volume, "_STRIPS_BYTES", 0)
+    one_by_one = sweep_disparity(images, RIGS["five"], ranges=[(0.0, 12.0)])
     np.testing.assert_array_equal(strips.disparity, one_by_one.disparity)
     assert (np.abs(whole.disparity - strips.disparity) > 0.01).mean() < 0.01
 
@@ -150,7 +150,7 @@ def test_images_with_holes_are_refused() -> None:
 def test_what_is_far_away_is_told_or_left_out(disparity: int) -> None:
     texture = ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(48, 144)), 1.5)
     images = np.stack([texture[:, 40 + disparity * s : 104 + disparity * s] for s in (-1, 0, 1)])[None]
-    found = sweep(images.astype(np.float32), np.array([-1.0, 0.0, 1.0]), 1.0)
+    found = sweep_disparity(images.astype(np.float32), np.array([-1.0, 0.0, 1.0]), 1.0)
     assert (found.disparity > 0).all()
     told = found.disparity[found.known]
     # What does not move from camera to camera has no depth.

@@ -11,11 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined.bad.images import fine_contrast
-from scenetruth.estimators.refined.bad.start import brought_back
-from scenetruth.estimators.refined.images import Images
+from scenetruth.estimators.refined.image_consistency import fine_contrast
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.initialisation import CameraLayout, map_to_reference
 from scenetruth.estimators.refined.kernels import warp
-from scenetruth.estimators.refined.start import Rig
 from tests.estimators.refined.surface import MovingPlane, turning
 from tests.nightly import by_night, nightly
 
@@ -202,7 +201,7 @@ def test_fields_of_another_image_are_brought_back(s: float, t: float) -> None:
     height, width = PLANE.size
     y, x = np.mgrid[:height, :width].astype(np.float64)
     centre = ((width - 1) / 2, (height - 1) / 2)
-    view = warp.View(np.array([s]), np.zeros(1), np.array([t]), np.zeros((1, 4)), PLANE.focal_px, *centre)
+    view = warp.ImageView(np.array([s]), np.zeros(1), np.array([t]), np.zeros((1, 4)), PLANE.focal_px, *centre)
     # Where the other image sees the points, by the kernel itself: it fetches ramps.
     ramps = np.empty((2, 1, height, width), dtype=np.float32)
     nothing, gradient = np.zeros((0, 0, 0), np.uint8), np.empty((2, height, width), np.float32)
@@ -215,11 +214,11 @@ def test_fields_of_another_image_are_brought_back(s: float, t: float) -> None:
     own = np.full_like(start, np.nan)
     columns, rows = (np.rint(ramp[0][known]).astype(int) for ramp in ramps)
     own[:, rows, columns] = there[:, known]
-    from scenetruth.estimators.refined.start import filled
+    from scenetruth.estimators.refined.initialisation import fill_gaps
 
-    own = filled(own, np.isfinite(own[0]))
-    back = brought_back(
-        own, s, t, Rig(np.stack([np.arange(-2.0, 3.0), np.zeros(5)], axis=-1), 4.0, PLANE.focal_px, centre)
+    own = fill_gaps(own, np.isfinite(own[0]))
+    back = map_to_reference(
+        own, s, t, CameraLayout(np.stack([np.arange(-2.0, 3.0), np.zeros(5)], axis=-1), 4.0, PLANE.focal_px, centre)
     )
     inner = (slice(None), slice(15, -15), slice(25, -25))
     assert np.abs((back - start)[inner])[0].max() < 0.01
@@ -228,8 +227,8 @@ def test_fields_of_another_image_are_brought_back(s: float, t: float) -> None:
 
 def test_noise_is_no_larger_than_what_is_fine(noisy: xr.Dataset) -> None:
     """White noise as it is; of a wave across both axes, the product of its second differences over six."""
-    from scenetruth.estimators.refined.bad.pixels import SoundFrames
-    from scenetruth.estimators.refined.frames import Splines
+    from scenetruth.estimators.refined.image_stack import Splines
+    from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 
     generator = np.random.default_rng(4)
     y, x = np.mgrid[:90, :120]
@@ -239,7 +238,7 @@ def test_noise_is_no_larger_than_what_is_fine(noisy: xr.Dataset) -> None:
         (np.broadcast_to(0.5 + wave, (1, 2, 90, 120)), 0.05 * (2 - 2 * np.cos(0.8)) * (2 - 2 * np.cos(0.6)) / 6),
     ):
         recording = st.make_recording(values, 1000.0, 4.0)
-        splines = Splines(SoundFrames(recording), 5).frames(0, 2)
-        images = Images(splines, np.zeros((1, 2)), np.array([0.0, 1.0]), 1000.0, (59.5, 44.5), np.zeros((2, 4)))
+        splines = Splines(DefectFilteredFrames(recording), 5).frames(0, 2)
+        images = ImageStack(splines, np.zeros((1, 2)), np.array([0.0, 1.0]), 1000.0, (59.5, 44.5), np.zeros((2, 4)))
         found = fine_contrast(images, 4.0)[15:-15, 15:-15]
         assert np.median(found) == pytest.approx(expected, rel=0.05)

@@ -12,10 +12,16 @@ from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
 import scenetruth as st
-from scenetruth.estimators.refined.bad.pixels import SoundFrames, dead_pixels, filled_image, spread, white_runs
-from scenetruth.estimators.refined.images import NOTHING_BAD
-from scenetruth.estimators.refined.kernels import judge, warp
-from scenetruth.estimators.refined.kernels.filling import smooth_over
+from scenetruth.estimators.refined.image_stack import NO_DEFECTS
+from scenetruth.estimators.refined.kernels import photo_consistency, warp
+from scenetruth.estimators.refined.kernels.warp import smooth_over
+from scenetruth.estimators.refined.pixel_defects import (
+    DefectFilteredFrames,
+    fill_defects,
+    find_dead_pixels,
+    find_saturated_runs,
+    spread_defects,
+)
 from tests.estimators.refined.surface import MovingPlane, turning
 from tests.estimators.refined.test_kernels import COUNT, HEIGHT, VIEW, WIDTH, accelerated, fields, images, warped
 
@@ -109,7 +115,7 @@ def test_where_most_images_are_masked_nothing_is_told(noisy: xr.Dataset) -> None
 
 
 def test_nothing_bad_takes_no_arrays(noisy: xr.Dataset) -> None:
-    frames = SoundFrames(noisy)
+    frames = DefectFilteredFrames(noisy)
     assert np.shares_memory(frames.frames(0, 5), frames.frames(0, 5))
     assert frames.bad(0, 5) == []
     assert sum(frames.counts.values()) == 0
@@ -123,7 +129,7 @@ def test_a_dead_pixel_is_found_and_a_star_is_not(noisy: xr.Dataset) -> None:
     # One in one image only, and two that are side by side: no single pixel of the sensor.
     values[0, 0, 20, 20] = 1.0
     values[..., 55, 55:57] = 1.0
-    frames = SoundFrames(with_images(noisy, values))
+    frames = DefectFilteredFrames(with_images(noisy, values))
     frames.frames(0, 5)
     assert frames.counts["dead"] == 25 * len(places)
     bad = frames.bad(0, 5)
@@ -138,7 +144,7 @@ def test_texture_is_not_dead(still: bool) -> None:
     generator = np.random.default_rng(6)
     values = generator.uniform(0, 1, (9, 60, 80)).astype(np.float32)
     nothing = np.zeros((60, 80), dtype=bool)
-    assert not dead_pixels(lambda: [(values[0 if still else n], nothing) for n in range(9)]).any()
+    assert not find_dead_pixels(lambda: [(values[0 if still else n], nothing) for n in range(9)]).any()
 
 
 def test_clipped_pixels_come_in_runs() -> None:
@@ -148,8 +154,8 @@ def test_clipped_pixels_come_in_runs() -> None:
     image[:, 12:] = 0
     expected = np.zeros((12, 14), dtype=bool)
     expected[5:7, 5:7] = True
-    np.testing.assert_array_equal(white_runs(image, 255.0), expected)
-    assert not white_runs(image, 4095.0).any()
+    np.testing.assert_array_equal(find_saturated_runs(image, 255.0), expected)
+    assert not find_saturated_runs(image, 4095.0).any()
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -160,7 +166,7 @@ def test_clipped_images_say_how_much_and_black_is_no_fault(dtype: type, noisy: x
     bright = np.where(np.arange(120) < 60, values * 1.8, np.maximum(values - 0.5, 0))
     numbers = np.clip(np.rint(bright * full), 0, full).astype(dtype)
     recording = st.make_recording(numbers, PLANE.focal_px, PLANE.baseline_mm)
-    frames = SoundFrames(recording)
+    frames = DefectFilteredFrames(recording)
     frames.frames(0, 5)
     assert (numbers == 0).sum() > 1000
     clipped = int((numbers == full).sum())
@@ -197,7 +203,7 @@ def test_filled_squares_have_the_least_squared_laplacian() -> None:
 
 
 def test_an_image_without_any_pixel_is_black() -> None:
-    assert (filled_image(np.full((4, 5), np.nan, np.float32), np.ones((4, 5), bool)) == 0).all()
+    assert (fill_defects(np.full((4, 5), np.nan, np.float32), np.ones((4, 5), bool)) == 0).all()
 
 
 def test_samples_that_are_used_have_three_per_cent_of_a_filled_pixel() -> None:
@@ -208,11 +214,11 @@ def test_samples_that_are_used_have_three_per_cent_of_a_filled_pixel() -> None:
     left = np.sqrt(np.outer(squares, squares))
     single = np.zeros((1, 13, 13), dtype=bool)
     single[0, 6, 6] = True
-    out = spread(single)[0] == 1
+    out = spread_defects(single)[0] == 1
     assert out.sum() == 13
     assert left[~out].max() == pytest.approx(0.030, abs=0.001)
-    assert spread(np.zeros((1, 4, 4), bool)).sum() == 0
-    assert spread(np.ones((1, 4, 4), bool)).all()
+    assert spread_defects(np.zeros((1, 4, 4), bool)).sum() == 0
+    assert spread_defects(np.ones((1, 4, 4), bool)).all()
 
 
 def test_bad_pixels_are_not_fetched(images: Any, fields: Any, warped: Any) -> None:
@@ -221,7 +227,7 @@ def test_bad_pixels_are_not_fetched(images: Any, fields: Any, warped: Any) -> No
     empty = np.zeros((0, 0, 0), dtype=np.uint8)
     gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
     found, free = np.empty((2, COUNT, HEIGHT, WIDTH), dtype=np.float32)
-    for out, flags in ((found, bad), (free, NOTHING_BAD)):
+    for out, flags in ((found, bad), (free, NO_DEFECTS)):
         warp.warp_rows(coefficients, VIEW, fields, empty, flags, 0, out, gradient, (0, HEIGHT))
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     d, q_x, q_y, q_z = fields
@@ -236,9 +242,9 @@ def test_bad_pixels_are_not_fetched(images: Any, fields: Any, warped: Any) -> No
         np.testing.assert_array_equal(found[n][shown], expected)
         assert np.isnan(found[n][~shown]).all()
     # And not judged.
-    variances = np.empty((judge.SIDES, HEIGHT, WIDTH), dtype=np.float32)
+    variances = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
     even = np.ones((COUNT, 1, 1), np.float32), np.zeros((COUNT, 1, 1), np.float32)
-    judge.judge_rows(coefficients, VIEW, fields, bad, *even, 32, variances, (0, HEIGHT))
+    photo_consistency.judge_rows(coefficients, VIEW, fields, bad, *even, 32, variances, (0, HEIGHT))
     several = np.isfinite(found).sum(axis=0) >= 3
     np.testing.assert_array_equal(np.isfinite(variances[0]), several)
     expected = np.nanvar(found[:, several].astype(np.float64), axis=0, ddof=1)

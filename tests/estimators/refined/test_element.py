@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import scenetruth
-from scenetruth.estimators.refined.kernels.element import FUNCTIONALS, VALUES, describe_element
+from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, VALUES, describe_element
 from tests.estimators.refined.surface import MovingPlane, turning
 from tests.estimators.refined.test_rounds import curved
 from tests.nightly import nightly

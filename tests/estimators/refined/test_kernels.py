@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import BSpline
 
-from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
-from scenetruth.estimators.refined.images import NOTHING_BAD
-from scenetruth.estimators.refined.kernels import brightness, element, solving, warp, windows
-from scenetruth.estimators.refined.kernels import products as equations
-from scenetruth.estimators.refined.noise import spline_slope_transfer, spline_transfer
-from scenetruth.estimators.refined.variance import EVEN
+from scenetruth.estimators.refined.image_stack import NO_DEFECTS
+from scenetruth.estimators.refined.kernels import pixel_equations, warp, window_solver, window_sums
+from scenetruth.estimators.refined.kernels import pixel_equations as equations
+from scenetruth.estimators.refined.noise_estimation import EVEN, spline_slope_transfer, spline_transfer
+from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, window_weights
 from tests.estimators.refined.surface import MovingPlane, turning
 
 Array = NDArray[np.float64]
 Warped = tuple[NDArray[np.float32], NDArray[np.float32]]
 HEIGHT, WIDTH, COUNT = 40, 56, 9
-VIEW = warp.View(
+VIEW = warp.ImageView(
     np.tile([-1.0, 0.0, 1.0], 3),
     np.array([0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, -0.5]),
     np.repeat([0.0, 1.0, -1.0], 3),
@@ -64,7 +63,7 @@ def warped_by(images: Array, fields: Array, order: int = 5) -> Warped:
     values = np.empty((COUNT, HEIGHT, WIDTH), dtype=np.float32)
     gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
     view = VIEW._replace(spline=order)
-    warp.warp_rows(coefficients, view, fields, NOTHING_HIDDEN, NOTHING_BAD, 0, values, gradient, (0, HEIGHT))
+    warp.warp_rows(coefficients, view, fields, NO_OCCLUSION, NO_DEFECTS, 0, values, gradient, (0, HEIGHT))
     return values, gradient
 
 
@@ -184,10 +183,10 @@ MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), *((0, 0), (1, 0), (
 FIELD = (0,) * 6 + (1,) * 3 + (2,) * 3 + (3,) * 3 + (4, 5, 6)
 
 
-def blank(theta: Array) -> solving.Fit:
-    size, sizes = (HEIGHT, WIDTH), (9, element.VALUES, element.FUNCTIONALS)
+def blank(theta: Array) -> window_solver.Fit:
+    size, sizes = (HEIGHT, WIDTH), (9, window_solver.VALUES, window_solver.FUNCTIONALS)
     variance, described, of_element = (np.full((n, *size), np.nan) for n in sizes)
-    return solving.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
+    return window_solver.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
 
 
 def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int]) -> tuple[Array, Array]:
@@ -238,10 +237,10 @@ def test_windows_are_solved(
     # So far away that its tangents bend by nothing.
     theta[0] = 1e6
     fit = blank(theta)
-    model = solving.Model(surface, 3, gradient, count == 7)
+    model = window_solver.Model(surface, 3, gradient, count == 7)
     every = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
-    told = solving.EVERY_VARIANCE
-    windows.solve_rows(products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, told, (0, HEIGHT))
+    told = window_solver.EVERY_VARIANCE
+    window_sums.solve_rows(products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, told, (0, HEIGHT))
     chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15))) + ([15, 16, 17] if count == 7 else [])
     for y, x in ((20, 28), (17, 24), (22, 31)):
         expected, variance = plain_fit(products, x, y, sigma, chosen)
@@ -275,7 +274,7 @@ def test_a_turning_surface_bends_its_velocity(seed: int) -> None:
         (velocity(0, h) - 2 * velocity(0, 0) + velocity(0, -h)) / (2 * h**2),
     ]
     bend = np.empty((3, 3))
-    solving._bend(theta, x0, y0, focal, np.empty((2, 3)), bend)
+    window_solver._bend(theta, x0, y0, focal, np.empty((2, 3)), bend)
     # Differences over 0.05 px err by rounding of 1e-13 over h².
     np.testing.assert_allclose(bend, second, atol=1e-3 * np.abs(second).max() + 1e-9)
 
@@ -288,7 +287,7 @@ def test_brightness_is_taken_from_each_window(step: int, first_row: int) -> None
     image[10:14, 5:9] = np.nan
     out = np.empty_like(image)
     window = window_weights(3.0)[0, 0].astype(np.float32)
-    brightness.correct_brightness(image, texture, window, step, first_row, out)
+    pixel_equations.correct_brightness(image, texture, window, step, first_row, out)
     known = np.isfinite(image)
     np.testing.assert_allclose(out[known], texture[known], atol=0.01)
     assert np.isnan(out[~known]).all()
@@ -310,9 +309,9 @@ def test_brightness_is_that_of_a_regression() -> None:
     offset = (g - gain * h) / n
     single = [values.astype(np.float32) for values in (image, texture, weights)]
     out = np.empty((40, 50), dtype=np.float32)
-    brightness.correct_brightness(*single, 1, 0, out)
+    pixel_equations.correct_brightness(*single, 1, 0, out)
     np.testing.assert_allclose(out, (image - offset) / gain, atol=0.01)
-    brightness.correct_brightness(*single, 2, 0, out)
+    pixel_equations.correct_brightness(*single, 2, 0, out)
     expected = [values.copy() for values in (gain, offset)]
     for values in expected:
         values[1:-1:2] = (values[:-2:2] + values[2::2]) / 2

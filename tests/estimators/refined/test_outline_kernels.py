@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.bands import NOTHING_HIDDEN, window_weights
-from scenetruth.estimators.refined.blocks import BLOCK_PX, brightness_of_blocks, even_brightness
-from scenetruth.estimators.refined.images import NOTHING_BAD
-from scenetruth.estimators.refined.kernels import element, judge, members, solving, visibility, warp, windows
-from scenetruth.estimators.refined.kernels import products as equations
-from scenetruth.estimators.refined.variance import EVEN
+from scenetruth.estimators.refined.discontinuity_refit import BLOCK_PX, estimate_gain_offset, uniform_gain_offset
+from scenetruth.estimators.refined.image_stack import NO_DEFECTS
+from scenetruth.estimators.refined.kernels import photo_consistency, warp, window_solver, window_sums
+from scenetruth.estimators.refined.kernels import pixel_equations as equations
+from scenetruth.estimators.refined.noise_estimation import EVEN
+from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, window_weights
 from tests.estimators.refined.test_kernels import (
     COUNT,
     HEIGHT,
@@ -30,35 +30,35 @@ Array = NDArray[np.float64]
 Warped = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
-def blank(products: Array) -> solving.Fit:
+def blank(products: Array) -> window_solver.Fit:
     size = (HEIGHT, WIDTH)
     theta = np.zeros((15 if len(products) == equations.PRODUCTS else 18, *size))
     theta[0] = 3.0
     variance = np.full((9, *size), np.nan)
-    described, of_element = (np.full((n, *size), np.nan) for n in (element.VALUES, element.FUNCTIONALS))
-    return solving.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
+    described, of_element = (np.full((n, *size), np.nan) for n in (window_solver.VALUES, window_solver.FUNCTIONALS))
+    return window_solver.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
 
 
-def model_of(products: Array) -> solving.Model:
-    return solving.Model(3, 3, 2, len(products) > equations.PRODUCTS)
+def model_of(products: Array) -> window_solver.Model:
+    return window_solver.Model(3, 3, 2, len(products) > equations.PRODUCTS)
 
 
-def fitted_to_members(products: Array, fields: Array, limit: float, reach: float) -> tuple[solving.Fit, Array]:
+def fitted_to_members(products: Array, fields: Array, limit: float, reach: float) -> tuple[window_solver.Fit, Array]:
     fit, pixels = blank(products), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
     shares = np.empty((len(pixels), 2))
     limits, bounds = np.full((HEIGHT, WIDTH), limit), np.array([1.0, 1.0, 0.1, reach])
     rows, model = np.ascontiguousarray(products.transpose(1, 2, 0)), model_of(products)
-    members.solve_members(
+    window_sums.solve_members(
         rows, limits, fields, bounds, window_weights(3.0), model, VIEW, 0, fit, pixels, shares, (0, len(pixels))
     )
     return fit, shares.T.reshape(2, HEIGHT, WIDTH)
 
 
-def fitted_to_all(products: Array) -> solving.Fit:
+def fitted_to_all(products: Array) -> window_solver.Fit:
     fit, every = blank(products), np.zeros((HEIGHT, WIDTH), dtype=np.int8)
-    weights, told = window_weights(3.0), solving.EVERY_VARIANCE
+    weights, told = window_weights(3.0), window_solver.EVERY_VARIANCE
     models = (model_of(products), model_of(products))
-    windows.solve_rows(products, weights, models, 1, VIEW, 1, 0, 0.0, (fit, fit), every, told, (0, HEIGHT))
+    window_sums.solve_rows(products, weights, models, 1, VIEW, 1, 0, 0.0, (fit, fit), every, told, (0, HEIGHT))
     return fit
 
 
@@ -115,7 +115,7 @@ def test_pixels_that_would_be_moved_are_left_out(products: Array, fields: Array)
     for x, expected in ((3.9, True), (4.1, False), (-3.9, True), (-4.1, False)):
         # 0.05 px of disparity per px: beyond 4 px, the camera one step aside sees it 0.2 px off.
         reach = np.array([1.0, 0.0, 0.1, 0.2])
-        assert members._belongs(4, theta, x, 0.0, own, product, 0, 0, 1.0, reach, step) is expected
+        assert window_sums._belongs(4, theta, x, 0.0, own, product, 0, 0, 1.0, reach, step) is expected
 
 
 @pytest.mark.parametrize("count", [4, 7])
@@ -138,7 +138,7 @@ def test_squares_after_a_step_are_those_of_the_normal_equations(count: int) -> N
         reach = np.array([1.0, 1.0, 0.1, np.inf])
         for limit in (max(left, 30.0) + 1e-6, max(left, 30.0) - 1e-6):
             expected = left <= limit and limit >= 30.0
-            found = members._belongs(
+            found = window_sums._belongs(
                 count, theta, 0.0, 0.0, own, product[None, None], 0, 0, limit, reach, np.empty(count)
             )
             assert found == expected
@@ -146,8 +146,10 @@ def test_squares_after_a_step_are_those_of_the_normal_equations(count: int) -> N
 
 def test_images_are_judged_by_their_variance(images: Array, fields: Array, warped: Warped) -> None:
     coefficients = _coefficients(images)
-    out = np.empty((judge.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    judge.judge_rows(coefficients, VIEW, fields, NOTHING_BAD, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
+    out = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
+    photo_consistency.judge_rows(
+        coefficients, VIEW, fields, NO_DEFECTS, *uniform_gain_offset(COUNT), BLOCK_PX, out, (0, HEIGHT)
+    )
     sides = [np.ones(COUNT, bool)]
     sides += [side for where in (VIEW.s, VIEW.t, VIEW.s_y) for side in (where <= 0, where >= 0)]
     for found, side in zip(out, sides, strict=True):
@@ -168,19 +170,21 @@ def test_gains_and_offsets_are_taken_away(images: Array, fields: Array) -> None:
     coefficients = (gain[:, None, None] * texture + offset[:, None, None]).astype(np.float32)
     still = np.zeros_like(fields)
     good = np.ones((HEIGHT, WIDTH), dtype=bool)
-    found = brightness_of_blocks(coefficients, VIEW, still, NOTHING_BAD, good)
+    found = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
     np.testing.assert_allclose(found.gain[:, 0, 0], gain / gain.mean(), rtol=1e-4)
-    out = np.empty((judge.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    judge.judge_rows(coefficients, VIEW, still, NOTHING_BAD, *found, BLOCK_PX, out, (0, HEIGHT))
+    out = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
+    photo_consistency.judge_rows(coefficients, VIEW, still, NO_DEFECTS, *found, BLOCK_PX, out, (0, HEIGHT))
     assert np.nanmax(out) < 1e-6
-    judge.judge_rows(coefficients, VIEW, still, NOTHING_BAD, *even_brightness(COUNT), BLOCK_PX, out, (0, HEIGHT))
+    photo_consistency.judge_rows(
+        coefficients, VIEW, still, NO_DEFECTS, *uniform_gain_offset(COUNT), BLOCK_PX, out, (0, HEIGHT)
+    )
     assert np.nanmedian(out) > 1.0
     # Blocks without good pixels have the brightness of others; without any, it is even.
     good[:, : WIDTH // 2] = False
-    filled = brightness_of_blocks(coefficients, VIEW, still, NOTHING_BAD, good)
+    filled = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
     # float32.
     np.testing.assert_allclose(filled.gain[:, 0, 0], found.gain[:, 0, 1], rtol=3e-7)
-    assert (brightness_of_blocks(coefficients, VIEW, still, NOTHING_BAD, ~np.ones_like(good)).gain == 1).all()
+    assert (estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, ~np.ones_like(good)).gain == 1).all()
 
 
 def test_what_stands_behind_is_hidden() -> None:
@@ -190,8 +194,8 @@ def test_what_stands_behind_is_hidden() -> None:
     board = slice(20, 30)
     fields[0, :, board] = 8.0
     hidden = np.empty((1, HEIGHT, WIDTH), dtype=np.uint8)
-    view = warp.View(np.array([0.0, 1.0, -1.0]), np.zeros(3), np.zeros(3), np.zeros((3, 4)), 200.0, 26.5, 18.0)
-    visibility.hide(view, fields, 0.5, hidden, 0)
+    view = warp.ImageView(np.array([0.0, 1.0, -1.0]), np.zeros(3), np.zeros(3), np.zeros((3, 4)), 200.0, 26.5, 18.0)
+    photo_consistency.hide(view, fields, 0.5, hidden, 0)
     x = np.arange(WIDTH)
     on_board = np.isin(x, np.arange(20, 30))
     for image, s in ((0, 0.0), (1, 1.0), (2, -1.0)):
@@ -207,15 +211,15 @@ def test_what_stands_behind_is_hidden() -> None:
     values = np.empty((3, HEIGHT, WIDTH), dtype=np.float32)
     texture = np.ones((3, HEIGHT, WIDTH), dtype=np.float32)
     warp.warp_rows(
-        texture, view, fields, hidden, NOTHING_BAD, 0, values, np.empty((2, HEIGHT, WIDTH), np.float32), (0, HEIGHT)
+        texture, view, fields, hidden, NO_DEFECTS, 0, values, np.empty((2, HEIGHT, WIDTH), np.float32), (0, HEIGHT)
     )
     free = np.empty_like(values)
     warp.warp_rows(
         texture,
         view,
         fields,
-        NOTHING_HIDDEN,
-        NOTHING_BAD,
+        NO_OCCLUSION,
+        NO_DEFECTS,
         0,
         free,
         np.empty((2, HEIGHT, WIDTH), np.float32),

@@ -11,7 +11,7 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.estimators import prepare
-from scenetruth.pipeline.estimating import write_estimate
+from scenetruth.pipeline.runner import write_estimate
 from tests.estimators.refined.surface import MovingPlane, turning
 from tests.nightly import nightly
 
@@ -145,11 +145,11 @@ def test_every_second_pixel_has_the_cameras_units() -> None:
 def test_streams_from_a_folder_to_a_folder(tmp_path: Path, cameras: int, frames: int) -> None:
     """Frame by frame, with the same maps in the same types."""
     recording = PLANE.recording(cameras, frames)
-    st.save(recording, tmp_path / "recording.zarr")
+    st.save_store(recording, tmp_path / "recording.zarr")
     settings: dict[str, Any] = {"window_frames": 3, "window_sigma_px": 3, "outlines": False}
     work = prepare(st.open_store(tmp_path / "recording.zarr", "recording"), "refined", **settings)
     write_estimate(work, tmp_path / "estimate.zarr")
-    streamed = st.load(tmp_path / "estimate.zarr", "estimate")
+    streamed = st.load_store(tmp_path / "estimate.zarr", "estimate")
     kept = st.estimate(recording, "refined", **settings)
     xr.testing.assert_identical(streamed.drop_attrs(), kept.drop_attrs())
     assert streamed.attrs["rounds"] == kept.attrs["rounds"]

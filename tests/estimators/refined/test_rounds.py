@@ -7,11 +7,10 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators.refined.bad.pixels import SoundFrames
-from scenetruth.estimators.refined.frames import Splines
-from scenetruth.estimators.refined.images import Images
-from scenetruth.estimators.refined.rounds import refine
-from scenetruth.estimators.refined.settings import RefinedSettings
+from scenetruth.estimators.method_settings import RefinedSettings
+from scenetruth.estimators.refined.image_stack import ImageStack, Splines
+from scenetruth.estimators.refined.iterations import refine
+from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.schema import make_recording
 from tests.estimators.refined.surface import MovingPlane, turning
 from tests.nightly import nightly
@@ -20,12 +19,12 @@ PLANE = MovingPlane(gradient=turning(2e-3, -1e-3, 3e-3))
 SETTINGS = RefinedSettings(window_sigma_px=4.0, surface="plane", rounds=12)
 
 
-def images_of(plane: MovingPlane, cameras: int = 5, frames: int = 9) -> Images:
+def images_of(plane: MovingPlane, cameras: int = 5, frames: int = 9) -> ImageStack:
     recording = plane.recording(cameras, frames)
-    splines = Splines(SoundFrames(recording), 5).frames(0, frames)
+    splines = Splines(DefectFilteredFrames(recording), 5).frames(0, frames)
     positions = np.stack([recording["s"].values, np.zeros(cameras)], axis=-1)
     times = recording["t"].values.astype(float)
-    return Images(
+    return ImageStack(
         splines,
         positions,
         times,
@@ -59,7 +58,7 @@ def test_rounds_arrive_from_starts_that_are_off(off: tuple[float, ...]) -> None:
 def test_bands_of_rows_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     images, start = images_of(PLANE), PLANE.start()
     whole = refine(images, start, SETTINGS)
-    monkeypatch.setattr("scenetruth.estimators.refined.bands._SCRATCH_BYTES", 1.0)
+    monkeypatch.setattr("scenetruth.estimators.refined.row_bands._SCRATCH_BYTES", 1.0)
     parts = refine(images, start, SETTINGS)
     for one, other in zip(whole.fit, parts.fit, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -11,7 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st_
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.variance import EVEN, GreyVariance, known_variance, variance_of
+from scenetruth.estimators.refined.noise_estimation import (
+    EVEN,
+    GreyVariance,
+    estimate_variance,
+    photon_transfer_variance,
+)
 from tests.estimators.refined.surface import MovingPlane
 from tests.estimators.refined.test_plane import INSIDE, errors, estimated
 
@@ -27,7 +32,7 @@ def test_a_photon_transfer_is_found(gain: float, dark: float, seed: int) -> None
     square = true * generator.chisquare(44, grey.shape) / 44
     # One of ten pixels is not fitted.
     square[::10] *= 9.0
-    found, expected = variance_of(grey, square), known_variance(dark, gain, 0.0, float(grey.mean()))
+    found, expected = estimate_variance(grey, square), photon_transfer_variance(dark, gain, 0.0, float(grey.mean()))
     at = np.array([10.0, 105.0, 200.0])
     np.testing.assert_allclose(found.at(at), expected.at(at), rtol=0.1, atol=0.02)
     np.testing.assert_allclose(expected.at(at), (dark**2 + gain * at) / (dark**2 + gain * grey.mean()), rtol=1e-9)
@@ -36,12 +41,12 @@ def test_a_photon_transfer_is_found(gain: float, dark: float, seed: int) -> None
 def test_equal_noise_stays_equal() -> None:
     generator = np.random.default_rng(0)
     grey = generator.uniform(10.0, 200.0, 40_000)
-    found = variance_of(grey, generator.chisquare(44, grey.shape) / 44)
+    found = estimate_variance(grey, generator.chisquare(44, grey.shape) / 44)
     np.testing.assert_allclose(found.at(np.array([10.0, 200.0])), 1.0, atol=0.05)
     # Less noise where it is brighter is no photon transfer; and nothing tells where all is alike, or nothing known.
-    assert variance_of(grey, 1.0 / grey) == EVEN
-    assert variance_of(np.full(1000, 7.0), np.ones(1000)) == EVEN
-    assert variance_of(grey, np.full(grey.shape, np.inf)) == EVEN
+    assert estimate_variance(grey, 1.0 / grey) == EVEN
+    assert estimate_variance(np.full(1000, 7.0), np.ones(1000)) == EVEN
+    assert estimate_variance(grey, np.full(grey.shape, np.inf)) == EVEN
 
 
 def test_where_all_is_dark_noise_does_not_vanish() -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.estimators.structure_tensor.carry import carry_to_reference
+from scenetruth.estimators.structure_tensor.execution import carry_to_reference
 
 
 @pytest.mark.parametrize(("right", "down"), [(0.0, 0.0), (0.4, -0.3), (-1.2, 0.7)])

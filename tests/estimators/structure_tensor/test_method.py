@@ -12,10 +12,10 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
+from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE, SMOOTHING, gaussian_window, transfer
-from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
-from scenetruth.experiment.figure2.pattern import pattern_images, pattern_recording
 from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL
+from scenetruth.validation_studies.paper_figure2 import pattern_images, pattern_recording
 from tests.estimators.structure_tensor.plain import estimate_plain, null_space_solutions
 from tests.scenes import plaid
 

@@ -10,8 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.structure_tensor.rig import rig_of
-from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
+from scenetruth.estimators.method_settings import StructureTensorSettings
+from scenetruth.estimators.structure_tensor.filters import choose_acquisition_axes
 from scenetruth.schema import KIND_FULL, KIND_NONE
 from tests.estimators.structure_tensor.analytic import Plane
 
@@ -173,7 +173,7 @@ def test_a_recording_of_any_length_has_every_estimate_of_its_parts() -> None:
     ("count_t", "taps", "window"), [(1, 1, 1), (2, 2, 1), (3, 3, 1), (5, 5, 1), (8, 5, 3), (20, 5, 5)]
 )
 def test_what_a_number_of_frames_allows(count_t: int, taps: int, window: int) -> None:
-    rig = rig_of(positions(5), count_t, StructureTensorSettings())
+    rig = choose_acquisition_axes(positions(5), count_t, StructureTensorSettings())
     assert (len(rig.over_t.nodes), len(rig.window_t)) == (taps, window)
     assert len(rig.outputs(count_t)) == count_t - taps - window + 2
     assert rig.centre_t == (0.5 if count_t == 2 else 0.0)
@@ -183,6 +183,6 @@ def test_what_a_number_of_frames_allows(count_t: int, taps: int, window: int) ->
     ("stage", "centre"), [([-1, 0, 1], 0.0), ([0, 1], 0.5), ([-1, 0, 1, 2], 0.5), ([0, 1, 2], 1.0)]
 )
 def test_where_estimates_belong(stage: list[float], centre: float) -> None:
-    rig = rig_of(np.array(stage, dtype=np.float64), 9, StructureTensorSettings())
+    rig = choose_acquisition_axes(np.array(stage, dtype=np.float64), 9, StructureTensorSettings())
     assert rig.centre_s == centre
     assert (rig.over_s.nodes == np.array(stage) - centre).all()

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth import threads
-from scenetruth.estimators.structure_tensor import run
-from scenetruth.estimators.structure_tensor.registration import CELL, Registration
-from scenetruth.estimators.structure_tensor.tiling import Rectangle
+from scenetruth.estimators.structure_tensor import execution
+from scenetruth.estimators.structure_tensor.registration import CELL, Rectangle, Registration
 from tests.estimators.structure_tensor.analytic import Plane
 
 
@@ -28,8 +27,8 @@ def same(one: xr.Dataset, two: xr.Dataset) -> None:
 def test_bands_and_groups(monkeypatch: pytest.MonkeyPatch, scratch_bytes: int, settings: dict[str, int]) -> None:
     recording = Plane(velocity=(0.1, -0.05, 0.3), slope=0.3, size=(90, 80)).recording(np.arange(5) - 2, 11, noise=0.01)
     whole = st.estimate(recording, progress=None, **settings)  # type: ignore[arg-type]
-    monkeypatch.setattr(run, "_SCRATCH_BYTES", scratch_bytes)
-    monkeypatch.setattr(run, "_BAND_ROWS", 32)
+    monkeypatch.setattr(execution, "_SCRATCH_BYTES", scratch_bytes)
+    monkeypatch.setattr(execution, "_BAND_ROWS", 32)
     parts = st.estimate(recording, progress=None, **settings)  # type: ignore[arg-type]
     # The window over the texture's spectrum ends with a band's border: error bars to the last digits, all else exactly.
     bars = [str(name) for name in whole.data_vars if str(name).endswith("_std")]
@@ -42,7 +41,7 @@ def test_one_thread_and_several(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = Plane(velocity=(0.1, -0.05, 0.3), size=(70, 80)).recording(np.arange(5) - 2, 9)
     found = []
     for count in (1, 2, 5):
-        for module in (run, threads):
+        for module in (execution, threads):
             monkeypatch.setattr(module, "thread_count", lambda count=count: count)
         found.append(st.estimate(recording))
     same(found[0], found[1])
@@ -70,7 +69,7 @@ def test_what_could_not_be_tried_everywhere_is_not_chosen(
     areas = [Rectangle(*area) for *_, area in items]
     before = np.random.default_rng(seed).integers(-1, len(items), (2, 21, 55)).astype(np.int16)
     after = before.copy()
-    run._forget_second_best(after, registrations, areas, first_row)
+    execution._forget_second_best(after, registrations, areas, first_row)
     for t, y, x in np.ndindex(before.shape):
         chosen = before[t, y, x]
         lacks = any(

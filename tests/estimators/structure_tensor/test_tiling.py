@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.estimators.structure_tensor.registration import CELL
-from scenetruth.estimators.structure_tensor.tiling import Rectangle, tiles_of
+from scenetruth.estimators.structure_tensor.registration import CELL, Rectangle, split_into_tiles
 
 
 @given(
@@ -14,7 +13,7 @@ from scenetruth.estimators.structure_tensor.tiling import Rectangle, tiles_of
 )
 def test_tiles_cover_an_area_once(area: tuple[int, int, int, int], threads: int) -> None:
     counted = np.zeros((400, 1500), dtype=int)
-    for top, bottom, left, right in tiles_of(Rectangle(*area), None, threads):
+    for top, bottom, left, right in split_into_tiles(Rectangle(*area), None, threads):
         assert top < bottom
         assert left < right
         counted[top:bottom, left:right] += 1
@@ -35,7 +34,7 @@ def test_tiles_of_cells_cover_all_that_is_wanted_and_nothing_twice(
     rows, columns = 11, 17
     cells = np.random.default_rng(seed).random((rows, columns)) < share
     counted = np.zeros((rows * CELL, columns * CELL), dtype=int)
-    for top, bottom, left, right in tiles_of(Rectangle(*area), cells, 2):
+    for top, bottom, left, right in split_into_tiles(Rectangle(*area), cells, 2):
         assert area[0] <= top < bottom <= area[1]
         assert area[2] <= left < right <= area[3]
         counted[top:bottom, left:right] += 1

@@ -10,11 +10,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.structure_tensor.filters import PAPER, gaussian_window, transfer
-from scenetruth.estimators.structure_tensor.rig import rig_of
-from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
-from scenetruth.estimators.structure_tensor.texture import STRIDE
-from scenetruth.estimators.structure_tensor.uncertainty import noise_model, texture_transfer
+from scenetruth.estimators.method_settings import StructureTensorSettings
+from scenetruth.estimators.structure_tensor.filters import PAPER, choose_acquisition_axes, gaussian_window, transfer
+from scenetruth.estimators.structure_tensor.maps import STRIDE
+from scenetruth.estimators.structure_tensor.noise_model import propagate_noise, texture_transfer
 from scenetruth.schema import KIND_FULL
 from tests.estimators.structure_tensor.analytic import Plane
 from tests.nightly import by_night, nightly
@@ -198,8 +197,8 @@ def test_any_stride_of_a_texture_is_seen() -> None:
 
 def test_noise_of_the_constraint_against_filtering_noise() -> None:
     """Residuals and gradient of pure noise have the powers that the model states."""
-    rig = rig_of(np.arange(5.0) - 2, 9, StructureTensorSettings())
-    model = noise_model(rig, rig.over_s, rig.over_t, 1, StructureTensorSettings())
+    rig = choose_acquisition_axes(np.arange(5.0) - 2, 9, StructureTensorSettings())
+    model = propagate_noise(rig, rig.over_s, rig.over_t, 1, StructureTensorSettings())
     generator = np.random.default_rng(0)
     noise = generator.standard_normal((5, 5, 400, 400))
 
@@ -219,7 +218,7 @@ def test_noise_of_the_constraint_against_filtering_noise() -> None:
     assert model.window == pytest.approx(np.sum(np.outer(window, window) ** 2), rel=1e-12)
     # An infinitely long Gaussian's square is narrower by exactly 2, one cut off at two sigma less.
     assert 0.5 < model.moment_ratio < 0.65
-    long = noise_model(rig, rig.over_s, rig.over_t, 1, StructureTensorSettings(window_taps_px=101))
+    long = propagate_noise(rig, rig.over_s, rig.over_t, 1, StructureTensorSettings(window_taps_px=101))
     assert long.moment_ratio == pytest.approx(0.5, abs=1e-6)
 
 

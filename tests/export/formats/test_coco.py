@@ -44,7 +44,7 @@ def test_masks_are_the_objects(export: Export, truth: xr.Dataset) -> None:
 
 
 def test_run_lengths_begin_outside() -> None:
-    from scenetruth.export.formats.coco import _run_lengths
+    from scenetruth.exporters.benchmark_formats import _run_lengths
 
     for text in ("0110/0010", "1000/1001", "1111/1111"):
         mask = np.array([[letter == "1" for letter in row] for row in text.split("/")])

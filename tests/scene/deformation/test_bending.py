@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from scenetruth.scene.deformation.bending import Bending
+from scenetruth.scene.deformation import Bending
 from tests.scene.moving import body, made, metric, positions, sheet, surface
 
 

@@ -10,10 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
-from scenetruth.scene.deformation import Surroundings
-from scenetruth.scene.deformation.bending import Bending
-from scenetruth.scene.deformation.growth import Growth
-from scenetruth.scene.deformation.hinge import Hinge
+from scenetruth.scene.deformation import Bending, Growth, Hinge, Surroundings
 from scenetruth.scene.motion import PointMap
 from tests.scene.moving import HOUR, LENGTH, body, made, metric, positions, sheet, surface
 

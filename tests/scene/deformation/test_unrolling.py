@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from scenetruth.scene.deformation.unrolling import Unrolling, roll_problem
+from scenetruth.scene.deformation import Unrolling, roll_problem
 from scenetruth.scene.motion import compose
 from tests.scene.moving import body, made, metric, positions, sheet, surface
 

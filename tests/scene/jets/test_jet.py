@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from scenetruth.scene.jets import Jet, compose, values_of, where
-from scenetruth.scene.jets import kernels as jet_kernels
-from scenetruth.scene.jets.jet import _Plain
+from scenetruth.scene import taylor_kernels as jet_kernels
+from scenetruth.scene.taylor import Jet, _Plain, compose, strip_derivatives, where
 
 numbers = some.floats(0.2, 1.3)
 
@@ -88,7 +87,7 @@ def test_choice_comparison_and_numbers() -> None:
     assert bent.value.tolist() == [0, 0, 0, 0.25, 1]
     assert bent.first(0).tolist() == [0, 0, 0, 1, 2]
     assert where(np.array([True]), 1.0, 2.0).tolist() == [1.0]
-    assert values_of(x).tolist() == np.linspace(-1, 1, 5).tolist()
+    assert strip_derivatives(x).tolist() == np.linspace(-1, 1, 5).tolist()
     assert compose(np.array([1.0]), np.array([5.0]), np.array([0.0]), np.array([0.0])).tolist() == [5.0]
     moved = np.ones(5) - Jet.variable(np.array([2.0]), 0, 1)
     assert moved.value.tolist() == [-1] * 5

@@ -11,8 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as some
 
-from scenetruth.scene.jets import Jet
-from scenetruth.scene.jets.smooth import exp_quotient, sinc_root
+from scenetruth.scene.taylor import Jet, exp_quotient, sinc_root
 
 
 def series_exp(x: Any) -> Any:

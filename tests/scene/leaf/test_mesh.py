@@ -12,10 +12,9 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.scene.leaf.kernels import inside
-from scenetruth.scene.leaf.mesh import LeafMesh
-from scenetruth.scene.leaf.outline import entire_margin, half_width_mm, margin_of
-from scenetruth.scene.leaf.shape import LeafShape
+from scenetruth.scene.leaf.leaf_kernels import inside
+from scenetruth.scene.leaf.leaf_mesh import LeafMesh, LeafShape
+from scenetruth.scene.leaf.margin import compute_entire_margin, compute_half_width_mm, compute_margin
 from scenetruth.scene.mesh import TriangleMesh
 from tests.scenes import cube
 
@@ -88,7 +87,7 @@ def test_triangles_are_even_and_follow_the_margin(outline: str, full: bool) -> N
     corners = mesh.material_mm[mesh.faces]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]).sum() / 2
-    x, y = margin_of(entry).points_mm.T
+    x, y = compute_margin(entry).points_mm.T
     assert area == pytest.approx(2 * np.trapezoid(y, x), rel=0.01)
 
 
@@ -140,7 +139,7 @@ def test_sheets_of_any_palmate_leaf_are_sound(
         resolution_mm=0.75,
     )
     check_sheet(entry.make(), entry)
-    margin = entire_margin(entry)
+    margin = compute_entire_margin(entry)
     assert margin[0].tolist() == [0, 0]
     assert margin[-1].tolist() == [60, 0]
     # Half a step between the points of the margin, or less than that, is missing at the tip.
@@ -150,7 +149,7 @@ def test_sheets_of_any_palmate_leaf_are_sound(
 @pytest.mark.parametrize("lobes", [5, 7, 9, 11])
 def test_lobes_are_as_many_as_asked_and_their_sinuses_as_deep(lobes: int) -> None:
     entry = leaf_entry(outline="palmate", lobes=lobes, lobe_cut=0.6)
-    margin = entire_margin(entry, 20_000)
+    margin = compute_entire_margin(entry, 20_000)
     away = np.hypot(*margin.T)
     inner = away[1:-1]
     tips = 1 + np.flatnonzero((inner > away[:-2]) & (inner > away[2:]))
@@ -175,31 +174,31 @@ def test_lobes_are_as_many_as_asked_and_their_sinuses_as_deep(lobes: int) -> Non
 def test_deeper_cuts_leave_less_of_the_leaf() -> None:
     areas = []
     for cut in (0.0, 0.2, 0.4, 0.6, 0.7):
-        x, y = entire_margin(leaf_entry(outline="palmate", lobe_cut=cut, resolution_mm=0.5)).T
+        x, y = compute_entire_margin(leaf_entry(outline="palmate", lobe_cut=cut, resolution_mm=0.5)).T
         areas.append(float(np.sum((x[:-1] - x[1:]) * (y[:-1] + y[1:]))))
     assert (np.diff(np.abs(areas)) < 0).all()
 
 
 def test_width_along_the_midrib_is_refused_for_lobes() -> None:
     with pytest.raises(ValueError, match="no function of the place"):
-        half_width_mm(leaf_entry(outline="palmate"), np.array([1.0]))
+        compute_half_width_mm(leaf_entry(outline="palmate"), np.array([1.0]))
 
 
 @pytest.mark.parametrize("outline", OUTLINES)
 def test_outline_has_its_length_and_width(outline: str) -> None:
     entry = leaf_entry(outline=outline, width_mm=31.0)
-    margin = entire_margin(entry)
+    margin = compute_entire_margin(entry)
     assert margin[0].tolist() == [0, 0]
     assert margin[-1].tolist() == [60, 0]
     # The formula is scaled by the largest of 4001 points.
     assert margin[:, 1].max() == pytest.approx(15.5, rel=1e-6)
-    assert half_width_mm(entry, np.array([-5.0, 0.0, 60.0, 61.0])).tolist() == [0, 0, 0, 0]
+    assert compute_half_width_mm(entry, np.array([-5.0, 0.0, 60.0, 61.0])).tolist() == [0, 0, 0, 0]
     assert margin[:, 0].min() == pytest.approx(-0.16 * 60 if outline == "cordate" else 0, abs=1e-3)
 
 
 def test_teeth_point_to_the_tip_and_stay_within_the_outline() -> None:
     entry = leaf_entry(serration={"count_per_side": 10, "depth_mm": 1.0})
-    plain, toothed = entire_margin(entry), margin_of(entry).points_mm
+    plain, toothed = compute_entire_margin(entry), compute_margin(entry).points_mm
     cut = np.linalg.norm(plain - toothed, axis=1)
     assert 0.95 < cut.max() <= 1.0 + 1e-12
     middle = slice(len(cut) // 4, 3 * len(cut) // 4)

@@ -11,16 +11,16 @@ import pytest
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.scene.check import describe_scene
-from scenetruth.scene.leaf.kernels import draw_dots, draw_veins, inside, net
-from scenetruth.scene.leaf.mesh import LeafMesh
-from scenetruth.scene.leaf.outline import entire_margin, half_width_mm
-from scenetruth.scene.leaf.texture import LeafTexture
-from scenetruth.scene.leaf.veins import main_veins_of, side_veins_of
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.leaf.leaf_kernels import draw_dots, draw_veins, inside, net
+from scenetruth.scene.leaf.leaf_mesh import LeafMesh
+from scenetruth.scene.leaf.margin import compute_entire_margin, compute_half_width_mm
+from scenetruth.scene.leaf.texture_synthesis import LeafTexture
+from scenetruth.scene.leaf.veins import make_main_veins, make_side_veins
 from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.plane import plane
+from scenetruth.scene.mesh.sheets import make_plane
+from scenetruth.scene.scene_report import describe_scene
 from scenetruth.scene.texture import Painted
-from scenetruth.scene.world import build_world
 from tests.scenes import cube
 
 LENGTH = 40.0
@@ -155,9 +155,9 @@ def test_same_seed_same_leaf_other_seed_other_leaf() -> None:
 def test_side_veins_curve_to_the_margin_inside_the_blade(outline: str) -> None:
     entry = LeafMesh.model_validate({"kind": "leaf", "outline": outline, "length_mm": LENGTH, "resolution_mm": 1})
     texture = texture_of(secondary_veins=7)
-    veins = side_veins_of(entry, texture, np.random.default_rng(1))
+    veins = make_side_veins(entry, texture, np.random.default_rng(1))
     assert len(veins) >= 12
-    margin = entire_margin(entry)
+    margin = compute_entire_margin(entry)
     for vein in veins:
         points = vein.points_mm
         assert points[0, 1] == 0
@@ -168,15 +168,15 @@ def test_side_veins_curve_to_the_margin_inside_the_blade(outline: str) -> None:
         assert (np.abs(ahead[:, 1]) < widest + 0.02 * LENGTH).all()
         assert (np.diff(vein.width_mm) < 0).all()
     reach = max(np.abs(vein.points_mm[:, 1]).max() for vein in veins)
-    assert reach > 0.6 * half_width_mm(entry, np.linspace(0, LENGTH, 99)).max()
+    assert reach > 0.6 * compute_half_width_mm(entry, np.linspace(0, LENGTH, 99)).max()
 
 
 def test_every_lobe_has_its_veins_inside_the_blade() -> None:
     plain = {"kind": "leaf", "outline": "palmate", "lobes": 9, "length_mm": LENGTH, "resolution_mm": 1}
     entry = LeafMesh.model_validate(plain)
-    margin = entire_margin(entry)
+    margin = compute_entire_margin(entry)
     outline = np.concatenate([margin, margin[-2:0:-1] * (1, -1)])
-    main = main_veins_of(entry)
+    main = make_main_veins(entry)
     assert len(main) == 9
     ends = np.array([vein.points_mm[-1] for vein in main])
     for vein, end in zip(main, ends, strict=True):
@@ -184,7 +184,7 @@ def test_every_lobe_has_its_veins_inside_the_blade() -> None:
         # Points of the margin stand 0.1 mm apart.
         assert np.hypot(*(margin * (1, np.sign(end[1]) or 1.0) - end).T).min() < 0.1
         assert inside(vein.points_mm[1:-1] * 0.999, outline).all()
-    veins = side_veins_of(entry, texture_of(secondary_veins=7), np.random.default_rng(1))
+    veins = make_side_veins(entry, texture_of(secondary_veins=7), np.random.default_rng(1))
     starts = np.array([vein.points_mm[0] for vein in veins])
     turns = np.arctan2(ends[:, 1], ends[:, 0])
     # Each starts on a main vein, and every main vein has several on each side.
@@ -211,7 +211,7 @@ def test_veins_of_lobes_are_seen() -> None:
     flat = np.column_stack([mesh.chart_mm.reshape(-1, 2), np.ones(3 * len(mesh.faces))])
     linear = np.linalg.lstsq(flat, item.uv.reshape(-1, 2), rcond=None)[0]
     assert isinstance(mesh.source, LeafMesh)
-    for vein in main_veins_of(mesh.source):
+    for vein in make_main_veins(mesh.source):
         on = vein.points_mm[len(vein.points_mm) // 4 : 3 * len(vein.points_mm) // 4]
         step = on[-1] - on[0]
         beside = on + 1.5 * np.array([-step[1], step[0]]) / np.hypot(*step)
@@ -271,7 +271,7 @@ def test_net_is_the_border_of_nearest_seeds() -> None:
 
 def test_only_leaves_wear_leaves() -> None:
     with pytest.raises(st.SceneError, match="only a mesh of kind leaf"):
-        painted(mesh=plane((10, 10)))
+        painted(mesh=make_plane((10, 10)))
 
 
 @pytest.mark.parametrize(
@@ -306,5 +306,5 @@ def test_report_tells_the_band_of_the_mottling() -> None:
     item["pose"] = {"position_mm": [-20, 0, 627.0]}
     item["motion"] = []
     scene = st.scene.scene_from_plain(plain)
-    report = describe_scene(scene, build_world(scene), np.full((120, 160), 627.0))
+    report = describe_scene(scene, build_scene(scene), np.full((120, 160), 627.0))
     assert report.objects[0].wavelength_px == pytest.approx((4.0, 16.0))

@@ -15,11 +15,10 @@ from scenetruth.camera import Viewpoint
 from scenetruth.errors import SceneError
 from scenetruth.raycast import Topology
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.scene.check import describe_scene
-from scenetruth.scene.mesh.box import box
-from scenetruth.scene.mesh.file import load
-from scenetruth.scene.mesh.sphere import sphere
-from scenetruth.scene.world import World, build_world
+from scenetruth.scene.built_scene import BuiltScene, build_scene
+from scenetruth.scene.mesh.mesh_file import load_mesh_file
+from scenetruth.scene.mesh.solids import make_box, make_sphere
+from scenetruth.scene.scene_report import describe_scene
 from scenetruth.truth import GeometryPass, truth_maps
 from tests.scenes import cube
 
@@ -46,7 +45,7 @@ def write(file: Path, vertices: Floats, faces: NDArray[Any], normals: Floats | N
 
 
 def ball(file: Path, resolution_mm: float = 4.0, *, normals: bool) -> Path:
-    mesh = sphere(RADIUS, resolution_mm)
+    mesh = make_sphere(RADIUS, resolution_mm)
     return write(file, mesh.vertices_mm, mesh.faces, mesh.vertices_mm[mesh.faces] / RADIUS if normals else None)
 
 
@@ -62,8 +61,8 @@ def scene_with(file: Path, mesh: dict[str, Any] | None = None, **changes: Any) -
     return cube(objects=[item], render=render, frames={"count": 1}, **changes)
 
 
-def maps_of(scene: st.Scene, world: World | None = None) -> dict[str, NDArray[Any]]:
-    world = world or build_world(scene)
+def maps_of(scene: st.Scene, world: BuiltScene | None = None) -> dict[str, NDArray[Any]]:
+    world = world or build_scene(scene)
     geometry = GeometryPass(world, Topology.of(world.at(0.0).vertices_mm, world.faces, world.crease_deg), 0.0)
     return truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm)
 
@@ -87,7 +86,7 @@ def test_a_curved_file_has_no_mixed_pixels_inside(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("own", [None, "split", "averaged"])
 def test_a_box_keeps_its_edges(tmp_path: Path, own: str | None) -> None:
-    mesh = box((30, 30, 30))
+    mesh = make_box((30, 30, 30))
     corners = mesh.vertices_mm[mesh.faces]
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
@@ -96,7 +95,7 @@ def test_a_box_keeps_its_edges(tmp_path: Path, own: str | None) -> None:
         "split": np.repeat(flat[:, None], 3, axis=1),
         "averaged": corners / np.linalg.norm(corners, axis=2, keepdims=True),
     }[own]
-    loaded = load(write(tmp_path / "box.obj", mesh.vertices_mm, mesh.faces, normals))
+    loaded = load_mesh_file(write(tmp_path / "box.obj", mesh.vertices_mm, mesh.faces, normals))
     topology = Topology.of(loaded.vertices_mm, loaded.faces, loaded.crease_deg)
     one, two = topology.edge_faces.T
     cosine = np.einsum("ij,ij->i", flat[one], flat[two])
@@ -108,7 +107,7 @@ def test_a_box_keeps_its_edges(tmp_path: Path, own: str | None) -> None:
 
 def test_normals_of_the_truth_stay_those_of_the_triangles(tmp_path: Path) -> None:
     scene = scene_with(ball(tmp_path / "ball.obj", normals=True))
-    world, maps = build_world(scene), maps_of(scene)
+    world, maps = build_scene(scene), maps_of(scene)
     corners = world.at(0.0).vertices_mm[world.faces]
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
@@ -127,7 +126,7 @@ def fold(angle_deg: float) -> tuple[Floats, NDArray[np.int32], Floats]:
 
 
 def creases(file: Path, crease_deg: float | None = None) -> Floats:
-    mesh = load(file, crease_deg=crease_deg)
+    mesh = load_mesh_file(file, crease_deg=crease_deg)
     return np.broadcast_to(mesh.crease_deg, mesh.faces.shape)
 
 
@@ -145,7 +144,7 @@ def test_the_files_own_normals_decide(tmp_path: Path) -> None:
         assert (found[0, 0] == 0, found[1, 0] == 0) == (sharp, sharp)
     # The scene has the last word.
     assert (creases(tmp_path / "flat.obj", 30.0) == 30.0).all()
-    assert load(tmp_path / "flat.obj", crease_deg=30.0).corner_normals is None
+    assert load_mesh_file(tmp_path / "flat.obj", crease_deg=30.0).corner_normals is None
     # An inside-out neighbour has normals of the other sense.
     turned = common.copy()
     turned[1] *= -1
@@ -158,7 +157,7 @@ def test_normals_that_are_none_leave_it_to_the_angle(tmp_path: Path) -> None:
         for bad in (0.0, np.nan):
             broken = flat.copy()
             broken[1] = bad
-            mesh = load(write(tmp_path / "broken.obj", vertices, faces, broken))
+            mesh = load_mesh_file(write(tmp_path / "broken.obj", vertices, faces, broken))
             assert mesh.corner_normals is not None
             assert np.isnan(mesh.corner_normals[1]).all()
             np.testing.assert_allclose(mesh.corner_normals[0], flat[0], atol=1e-6)
@@ -168,14 +167,14 @@ def test_normals_that_are_none_leave_it_to_the_angle(tmp_path: Path) -> None:
 
 
 def test_normals_turn_with_the_nodes_of_a_gltf_scene(tmp_path: Path) -> None:
-    mesh = sphere(RADIUS, 8.0)
+    mesh = make_sphere(RADIUS, 8.0)
     part = trimesh.Trimesh(mesh.vertices_mm, mesh.faces, vertex_normals=mesh.vertices_mm / RADIUS, process=False)
     scene = trimesh.Scene()
     stretched = np.diag([1.0, 2.0, 1.0, 1.0])
     turned = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
     scene.add_geometry(part, transform=turned @ stretched)
     (tmp_path / "turned.glb").write_bytes(trimesh.exchange.gltf.export_glb(scene, include_normals=True))
-    loaded = load(tmp_path / "turned.glb")
+    loaded = load_mesh_file(tmp_path / "turned.glb")
     assert loaded.corner_normals is not None
     # Of the ellipsoid (x / R)² + (y / 2R)² + (z / R)² = 1.
     straight = loaded.vertices_mm[loaded.faces] @ turned[:3, :3]
@@ -187,7 +186,7 @@ def test_normals_turn_with_the_nodes_of_a_gltf_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize("form", ["ply", "glb", "off"])
 def test_vertices_that_no_face_uses_count_nowhere(tmp_path: Path, form: str) -> None:
     """One lies far behind the camera, one between those that are used: neither is seen, nor grows."""
-    mesh = sphere(RADIUS, 8.0)
+    mesh = make_sphere(RADIUS, 8.0)
     half = len(mesh.vertices_mm) // 2
     before, after = np.split(mesh.vertices_mm, [half])
     stray = np.concatenate([before, [[0, 0, 0]], after, [[9e3, 0, -5e3]]])
@@ -198,7 +197,7 @@ def test_vertices_that_no_face_uses_count_nowhere(tmp_path: Path, form: str) -> 
         plain = scene.to_plain()
         plain["objects"][0]["deformation"] = [{"kind": "growth", "rate_per_hour": 0.5, "base_to_tip": [0, 1]}]
         scene = st.scene_from_plain(plain)
-        world = build_world(scene)
+        world = build_scene(scene)
         reports.append(describe_scene(scene, world, np.full((2, 2), DISTANCE)))
         bodies.append(world.bodies[0])
     assert reports[0] == reports[1]
@@ -236,7 +235,7 @@ def test_light_on_a_smooth_file_is_lamberts_to_second_order(tmp_path: Path, norm
         file = ball(tmp_path / f"ball_{resolution}.obj", resolution, normals=normals)
         for mesh, figures in (({}, worst), ({"crease_deg": 0.01}, flat)):
             scene = scene_with(file, mesh, lighting={"lights": [sun], "shadows": True}, motion=turn)
-            with RaycastRenderer(build_world(scene), scene.camera, 0.0, 1, scene.lighting) as renderer:
+            with RaycastRenderer(build_scene(scene), scene.camera, 0.0, 1, scene.lighting) as renderer:
                 # The mesh has turned: its normals with it.
                 image = renderer.render(1.0, Viewpoint.on_axis(0.0)).astype(np.float64)
             exact, facing = lambert(scene, to_light)

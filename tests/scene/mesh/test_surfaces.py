@@ -10,28 +10,24 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
+from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.cylinder import cylinder
-from scenetruth.scene.mesh.relief import relief
-from scenetruth.scene.mesh.saddle import saddle
-from scenetruth.scene.mesh.sheet import sheet
-from scenetruth.scene.mesh.sphere import sphere, spherical_cap
-from scenetruth.scene.mesh.stairs import stairs
-from scenetruth.scene.world import build_world
+from scenetruth.scene.mesh.sheets import make_relief, make_saddle, make_sheet
+from scenetruth.scene.mesh.solids import make_cylinder, make_sphere, make_spherical_cap, make_stairs
 from tests.scenes import cube
 from tests.truth.test_surfaces import POSITION, SPEED, SPIN_DEG, TILT_DEG, scene_of
 
 Array = NDArray[np.float64]
 
 ALL = {
-    "plane": sheet((30, 20), 2),
-    "sphere": sphere(12, 1),
-    "cap": spherical_cap(20, 50, 1.5),
-    "cylinder": cylinder(9, 25, 1),
-    "closed cylinder": cylinder(9, 25, 1, caps=True),
-    "saddle": saddle((30, 20), 0.03, 1.5),
-    "relief": relief((30, 20), 1.0, (12, None), (10, 0), 1.0),
-    "stairs": stairs((10, 30), (5, -3), risers=True),
+    "plane": make_sheet((30, 20), 2),
+    "sphere": make_sphere(12, 1),
+    "cap": make_spherical_cap(20, 50, 1.5),
+    "cylinder": make_cylinder(9, 25, 1),
+    "closed cylinder": make_cylinder(9, 25, 1, caps=True),
+    "saddle": make_saddle((30, 20), 0.03, 1.5),
+    "relief": make_relief((30, 20), 1.0, (12, None), (10, 0), 1.0),
+    "stairs": make_stairs((10, 30), (5, -3), risers=True),
 }
 
 
@@ -132,7 +128,7 @@ def test_image_faces_the_camera_with_its_middle() -> None:
 
 def own_frame(mesh: dict[str, Any], t: float) -> tuple[Array, Array, Array, Rotation]:
     """Return the vertices in the own frame, normals and curvature tensors turned back into it, and the turn."""
-    world = build_world(scene_of(mesh))
+    world = build_scene(scene_of(mesh))
     tensors = world.surface_at(t)
     turn = Rotation.from_euler("z", SPIN_DEG * t, degrees=True) * Rotation.from_euler("yx", TILT_DEG, degrees=True)
     back = turn.inv()

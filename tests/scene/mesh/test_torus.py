@@ -9,17 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.scene.jets import Jet
-from scenetruth.scene.lighting_check import lighting_problems
-from scenetruth.scene.mesh.torus import torus
-from scenetruth.scene.surface.columns import CURVATURE, NORMAL
-from scenetruth.scene.surface.kernels import surface_tensors
-from scenetruth.scene.surface.start import SmoothStart, start_of
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.mesh.solids import make_torus
+from scenetruth.scene.reference_configuration import AnalyticConfiguration, make_reference_configuration
+from scenetruth.scene.scene_report import find_lighting_problems
+from scenetruth.scene.surface_tensor_kernels import CURVATURE, NORMAL, surface_tensors
+from scenetruth.scene.taylor import Jet
 from tests.scenes import cube
 
 RING, TUBE = 20.0, 6.0
-MESH = torus(RING, TUBE, 0.5)
+MESH = make_torus(RING, TUBE, 0.5)
 
 
 def angles(points: NDArray[np.float64]) -> tuple[Any, Any]:
@@ -55,8 +54,8 @@ def test_faces_look_outwards_and_enclose_area_and_volume() -> None:
 
 
 def test_normals_and_curvature_are_those_of_the_formula() -> None:
-    start = start_of(MESH)
-    assert isinstance(start, SmoothStart)
+    start = make_reference_configuration(MESH)
+    assert isinstance(start, AnalyticConfiguration)
     points = start.surface(Jet.variable(np.zeros(1), 0, 3))
     tensors = surface_tensors(*(np.ascontiguousarray(field.coefficients) for field in points))
     phi, theta = angles(MESH.vertices_mm)
@@ -100,7 +99,7 @@ def test_a_lamp_in_the_hole_is_outside_and_one_in_the_tube_is_inside() -> None:
     for x_mm, inside in ((0.0, False), (RING, True)):
         lamp = {"kind": "point", "position_mm": [x_mm, 0.3, 600], "irradiance": 1, "reference_distance_mm": 9}
         scene = cube(objects=[thing], lighting={"lights": [lamp]})
-        assert bool(lighting_problems(scene, build_world(scene))) == inside
+        assert bool(find_lighting_problems(scene, build_scene(scene))) == inside
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 
 import scenetruth as st
 from scenetruth.scene.motion import compose
-from scenetruth.scene.motion.exponential import Exponential
+from scenetruth.scene.motion.rigid_motions import Exponential
 from tests.scene.moving import differences
 from tests.scenes import cube
 

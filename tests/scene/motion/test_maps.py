@@ -9,13 +9,10 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 from scenetruth.scene import motion
-from scenetruth.scene.item import SceneObject
-from scenetruth.scene.mesh.plane import PlaneMesh
-from scenetruth.scene.motion.rotation import ConstantRotation
-from scenetruth.scene.motion.velocity import ConstantVelocity
-from scenetruth.scene.motions import Motion
-from scenetruth.scene.pose import Pose
-from scenetruth.scene.texture.uniform import UniformTexture
+from scenetruth.scene.mesh.sheets import PlaneMesh
+from scenetruth.scene.motion.rigid_motions import ConstantRotation, ConstantVelocity, Motion
+from scenetruth.scene.scene_object import Pose, SceneObject
+from scenetruth.scene.texture.procedural_textures import UniformTexture
 
 vectors = some.tuples(*[some.floats(-50, 50)] * 3)
 axes = vectors.filter(lambda v: sum(x * x for x in v) > 1e-2)

@@ -14,15 +14,15 @@ import zarr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.scene.check import check_scene
-from scenetruth.scene.jets import Jet
-from scenetruth.scene.mesh.sheet import sheet
-from scenetruth.scene.nodal import NodalStart
-from scenetruth.scene.world import World, build_world
+from scenetruth.scene.built_scene import BuiltScene, build_scene
+from scenetruth.scene.mesh.sheets import make_sheet
+from scenetruth.scene.scene_report import check_scene
+from scenetruth.scene.taylor import Jet
+from scenetruth.scene.vertex_animation import AnimatedConfiguration
 from tests.scenes import cube
 
 Array = NDArray[np.float64]
-SHEET = sheet((40, 30), 5)
+SHEET = make_sheet((40, 30), 5)
 
 
 def write_obj(file: Path, vertices: Array, faces: NDArray[np.int32] = SHEET.faces) -> Path:
@@ -43,11 +43,11 @@ def scene_with(mesh: dict[str, Any], *deformations: dict[str, Any], frames: int 
     return cube(objects=[item], frames={"count": frames, "frame_interval_s": 0.5}, **changes)
 
 
-def world_of(folder: Path, states: Array, rest: Array = SHEET.vertices_mm, **entry: Any) -> World:
+def world_of(folder: Path, states: Array, rest: Array = SHEET.vertices_mm, **entry: Any) -> BuiltScene:
     np.save(folder / "states.npy", states)
     mesh = {"kind": "file", "file": str(write_obj(folder / "mesh.obj", rest))}
     nodal = {"kind": "nodal", "file": str(folder / "states.npy"), "what": "positions", **entry}
-    return build_world(scene_with(mesh, nodal, frames=1))
+    return build_scene(scene_with(mesh, nodal, frames=1))
 
 
 def wave(points: Array, t: Any) -> Array:
@@ -126,11 +126,11 @@ def growth(points: Array, t: float) -> Array:
 
 def growth_errors(resolution_mm: float, t: float) -> tuple[Array, Array]:
     """Return errors of the growth rate at the vertices, and against the areas of pairs of triangles."""
-    flat = sheet((40, 30), resolution_mm)
+    flat = make_sheet((40, 30), resolution_mm)
     times = np.linspace(-2, 2, 17)
     rest = rolled(flat.vertices_mm, 0.0)
-    start = NodalStart(times, sampled(rolled, times, flat.vertices_mm), flat.faces, rest, 60.0)
-    from scenetruth.scene.surface.kernels import surface_tensors
+    start = AnimatedConfiguration(times, sampled(rolled, times, flat.vertices_mm), flat.faces, rest, 60.0)
+    from scenetruth.scene.surface_tensor_kernels import surface_tensors
 
     jets = start.surface(Jet.variable(np.array([t]), 0, 3))
     tensors = surface_tensors(*(field.coefficients for field in jets))
@@ -199,7 +199,7 @@ def test_arrays_of_every_form_give_the_same(tmp_path: Path, form: str) -> None:
     scene = scene_with({"kind": "file", "file": "mesh.obj"}, entry, frames=3)
     (tmp_path / "scene.yaml").write_text(json.dumps(scene.to_plain()))
     # Relative paths count from the scene file.
-    body = build_world(st.load_scene(tmp_path / "scene.yaml")).bodies[0]
+    body = build_scene(st.load_scene(tmp_path / "scene.yaml")).bodies[0]
     np.testing.assert_allclose(body.at(1).positions_mm, wave(SHEET.vertices_mm, 1) + (0, 0, 660), rtol=1e-12)
 
 
@@ -209,7 +209,7 @@ def test_other_deformations_and_motions_come_after(tmp_path: Path) -> None:
     mesh = {"kind": "file", "file": str(write_obj(tmp_path / "mesh.obj", SHEET.vertices_mm))}
     nodal = {"kind": "nodal", "file": str(tmp_path / "states.npy"), "what": "positions"}
     hinge = {"kind": "hinge", "axis": [0, 0, 1], "angle_deg": {"kind": "linear", "start": 90, "rate_per_frame": 0}}
-    found = build_world(scene_with(mesh, nodal, hinge)).at(2).vertices_mm - (0, 0, 660)
+    found = build_scene(scene_with(mesh, nodal, hinge)).at(2).vertices_mm - (0, 0, 660)
     np.testing.assert_allclose(found, states[6][:, [1, 0, 2]] * (-1, 1, 1), atol=1e-12)
     with pytest.raises(st.SceneError, match="'nodal' says where the vertices of a mesh file are") as caught:
         scene_with(mesh, hinge, nodal)
@@ -228,7 +228,7 @@ def test_nodes_of_an_obj_file_are_its_lines_though_seams_split_them(tmp_path: Pa
     moves[:, :, 2] = [[0.0], [1.0], [2.0]] * np.array([100, 1, 2, 3, 4])
     np.save(tmp_path / "moves.npy", moves)
     nodal = {"kind": "nodal", "file": str(tmp_path / "moves.npy")}
-    body = build_world(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, nodal, frames=3)).bodies[0]
+    body = build_scene(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, nodal, frames=3)).bodies[0]
     rest, moved = body.at(-1).positions_mm, body.at(0).positions_mm
     expected = {(-20.0, -20.0): 1, (20.0, -20.0): 2, (20.0, 20.0): 3, (-20.0, 20.0): 4}
     assert [expected[(x, y)] for x, y, _ in rest] == pytest.approx((moved - rest)[:, 2])
@@ -236,7 +236,7 @@ def test_nodes_of_an_obj_file_are_its_lines_though_seams_split_them(tmp_path: Pa
     text = (tmp_path / "mesh.obj").read_text().replace("v 9 9 9", "v 20 20 0")
     (tmp_path / "mesh.obj").write_text(text)
     with pytest.raises(st.SceneError, match="has several nodes at one place and seams") as caught:
-        build_world(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, nodal, frames=3))
+        build_scene(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, nodal, frames=3))
     assert caught.value.problems[0].path == "objects.0.deformation.0.file"
 
 
@@ -253,11 +253,11 @@ def test_nodes_that_no_face_uses_are_in_arrays_and_files_and_nowhere_else(tmp_pa
     nodal = {"kind": "nodal", "file": str(tmp_path / "states.npy"), "what": "positions"}
     entry = nodal if kind == "nodal" else {"kind": "meshes", "files": files}
     scene = scene_with({"kind": "file", "file": files[1]}, entry, frames=3)
-    body = build_world(scene).bodies[0]
+    body = build_scene(scene).bodies[0]
     for t in (-1, 0, 1):
         # PLY files hold float32.
         np.testing.assert_allclose(body.at(t).positions_mm, states[t + 1] + (0, 0, 660), rtol=1e-6)
-    check_scene(scene, build_world(scene))
+    check_scene(scene, build_scene(scene))
 
 
 def mutated(states: Array, index: tuple[int, ...], value: float) -> Array:
@@ -300,7 +300,7 @@ def test_arrays_that_do_not_fit(
     write_obj(tmp_path / "mesh.obj", SHEET.vertices_mm)
     nodal = {"kind": "nodal", "file": "states.npy", "what": "positions", **entry}
     with pytest.raises(st.SceneError, match=message) as caught:
-        build_world(scene_with({"kind": "file", "file": "mesh.obj"}, nodal), tmp_path)
+        build_scene(scene_with({"kind": "file", "file": "mesh.obj"}, nodal), tmp_path)
     assert [problem.path for problem in caught.value.problems] == [f"objects.0.deformation.0.{path}"]
 
 
@@ -318,13 +318,13 @@ def test_series_of_mesh_files(tmp_path: Path) -> None:
     ]
     mesh = {"kind": "file", "file": files[1], "unit_mm": 10}
     entry = {"kind": "meshes", "files": files, "unit_mm": 10}
-    body = build_world(scene_with(mesh, entry, frames=3)).bodies[0]
+    body = build_scene(scene_with(mesh, entry, frames=3)).bodies[0]
     for t in (-1, 0, 1):
         np.testing.assert_allclose(body.at(t).positions_mm, wave(SHEET.vertices_mm, t) + (0, 0, 660), rtol=1e-12)
     write_obj(tmp_path / "2.obj", SHEET.vertices_mm, SHEET.faces[::-1])
     with pytest.raises(st.SceneError, match="topology cannot change") as caught:
-        build_world(scene_with(mesh, entry, frames=3))
+        build_scene(scene_with(mesh, entry, frames=3))
     assert caught.value.problems[0].path == "objects.0.deformation.0.files.2"
     with pytest.raises(st.SceneError, match="no such mesh file") as caught:
-        build_world(scene_with(mesh, {**entry, "files": [*files[:2], "gone.obj"]}, frames=3))
+        build_scene(scene_with(mesh, {**entry, "files": [*files[:2], "gone.obj"]}, frames=3))
     assert caught.value.problems[0].path == "objects.0.deformation.0.files.2"

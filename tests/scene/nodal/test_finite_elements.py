@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from scenetruth.scene import load_scene
-from scenetruth.scene.mesh.file import load
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.mesh.mesh_file import load_mesh_file
 from tests.scenes import SCENES
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ def test_the_script_makes_the_files(fe: Any) -> None:
     stored = np.load(SCENES / "finite_elements" / "displacements.npy")
     # Solvers of other machines add up in another order.
     np.testing.assert_allclose(stored, displacements, rtol=1e-9, atol=1e-9 * np.abs(displacements).max())
-    mesh = load(SCENES / "finite_elements" / "plate.obj")
+    mesh = load_mesh_file(SCENES / "finite_elements" / "plate.obj")
     # Written with ten digits.
     np.testing.assert_allclose(mesh.vertices_mm, np.column_stack([nodes, np.zeros(len(nodes))]), atol=1e-8)
     assert (np.sort(mesh.faces, axis=1) == np.sort(triangles, axis=1)).all()
@@ -44,7 +44,7 @@ def test_the_script_makes_the_files(fe: Any) -> None:
 
 
 def test_the_plate_is_whole_and_faces_the_camera(fe: Any) -> None:
-    mesh = load(SCENES / "finite_elements" / "plate.obj")
+    mesh = load_mesh_file(SCENES / "finite_elements" / "plate.obj")
     corners = mesh.vertices_mm[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     assert (normals[:, 2] < 0).all()
@@ -123,7 +123,7 @@ def test_a_narrow_plate_bends_like_a_beam(fe: Any) -> None:
 
 def test_the_scene_moves_as_the_array_says() -> None:
     scene = load_scene(SCENES / "finite_elements.yaml")
-    body = build_world(scene).bodies[0]
+    body = build_scene(scene).bodies[0]
     stored = np.load(SCENES / "finite_elements" / "displacements.npy")
     cosine, sine = np.cos(np.deg2rad(8)), np.sin(np.deg2rad(8))
     rest = body.at(-4).positions_mm

@@ -15,12 +15,12 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.scene.mesh.sheet import sheet
-from scenetruth.scene.world import build_world
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.mesh.sheets import make_sheet
 from tests.scene.nodal.test_array import scene_with
 
 Array = NDArray[np.float64]
-SHEET = sheet((32, 24), 8)
+SHEET = make_sheet((32, 24), 8)
 TIMES = np.array([0.0, 0.5, 1.25, 2.0])
 WEIGHTS = np.array([[0.0, 1.0], [0.5, 0.75], [1.0, -0.25], [0.25, 0.5]])
 TURN = Rotation.from_euler("xyz", [20, -30, 40], degrees=True)
@@ -148,7 +148,7 @@ def test_morph_targets_follow_the_spline_through_their_keyframes(
 ) -> None:
     file = sheet_glb(**changes).write(tmp_path / f"mesh.{form}")
     mesh = {"kind": "file", "file": str(file), "unit_mm": 10}
-    body = build_world(scene_with(mesh, {"kind": "morph"}, frames=5)).bodies[0]
+    body = build_scene(scene_with(mesh, {"kind": "morph"}, frames=5)).bodies[0]
     for t in (-2.0, -1.0, 0.3, 2.0):
         # Coordinates of 300 mm in the file's float32.
         np.testing.assert_allclose(body.at(t).positions_mm, expected(t), atol=tolerance)
@@ -158,10 +158,10 @@ def test_morph_targets_follow_the_spline_through_their_keyframes(
 
 def test_the_file_can_begin_at_any_frame(tmp_path: Path) -> None:
     mesh = {"kind": "file", "file": str(sheet_glb().write(tmp_path / "mesh.glb")), "unit_mm": 10}
-    body = build_world(scene_with(mesh, {"kind": "morph", "start_frame": -3.5}, frames=1)).bodies[0]
+    body = build_scene(scene_with(mesh, {"kind": "morph", "start_frame": -3.5}, frames=1)).bodies[0]
     np.testing.assert_allclose(body.at(-1.2).positions_mm, expected(0.3), atol=1e-4)
     with pytest.raises(st.SceneError, match="must cover the frames") as caught:
-        build_world(scene_with(mesh, {"kind": "morph"}, frames=9))
+        build_scene(scene_with(mesh, {"kind": "morph"}, frames=9))
     assert caught.value.problems[0].path == "objects.0.deformation.0.start_frame"
 
 
@@ -203,11 +203,11 @@ def broken(name: str) -> Glb:
 def test_files_that_cannot_be_morphed(tmp_path: Path, name: str, message: str) -> None:
     file = broken(name).write(tmp_path / "mesh.glb")
     with pytest.raises(st.SceneError, match=message) as caught:
-        build_world(scene_with({"kind": "file", "file": str(file)}, {"kind": "morph"}, frames=3))
+        build_scene(scene_with({"kind": "file", "file": str(file)}, {"kind": "morph"}, frames=3))
     assert caught.value.problems[0].path == "objects.0.deformation.0.kind"
 
 
 def test_other_mesh_files_have_no_morph_targets(tmp_path: Path) -> None:
     (tmp_path / "mesh.obj").write_text("v 0 0 0\nv 0 9 0\nv 9 0 0\nf 1 2 3\n")
     with pytest.raises(st.SceneError, match=r"needs a mesh file that holds morph targets: \.glb or \.gltf"):
-        build_world(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, {"kind": "morph"}, frames=3))
+        build_scene(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, {"kind": "morph"}, frames=3))

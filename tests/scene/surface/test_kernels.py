@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.scene.jets import Jet
-from scenetruth.scene.mesh.box import box
+from scenetruth.scene.mesh.solids import make_box
 from scenetruth.scene.motion import PointMap, Points
-from scenetruth.scene.motion.maps import turn
-from scenetruth.scene.surface.kernels import surface_tensors
-from scenetruth.scene.surface.osculation import osculate
-from scenetruth.scene.surface.start import RestStart, SheetStart, Start
+from scenetruth.scene.motion.point_maps import rotate_points
+from scenetruth.scene.reference_configuration import (
+    FittedConfiguration,
+    ReferenceConfiguration,
+    SheetConfiguration,
+    fit_quadrics,
+)
+from scenetruth.scene.surface_tensor_kernels import surface_tensors
+from scenetruth.scene.taylor import Jet
 
 Array = NDArray[np.float64]
 
@@ -27,7 +31,7 @@ def lattice(count: int, size: float = 2.0) -> tuple[Array, NDArray[np.int32]]:
     return np.column_stack([a + 0.1 * b, b + 0.05 * a * a]), faces
 
 
-def tensors(start: Start, maps: list[PointMap], t: float = 0.0) -> Array:
+def tensors(start: ReferenceConfiguration, maps: list[PointMap], t: float = 0.0) -> Array:
     time = Jet.variable(np.array([t]), 0, 3)
     points = start.surface(time)
     for item in maps:
@@ -73,7 +77,7 @@ def expected(points: Array, normals: Array) -> tuple[Array, Array, Array]:
 
 def test_a_sheet_with_a_formula_is_exact() -> None:
     material, faces = lattice(12)
-    found = tensors(SheetStart(material, faces), [bowl, flow_of(RATE)])
+    found = tensors(SheetConfiguration(material, faces), [bowl, flow_of(RATE)])
     x, y = material.T
     normals = np.column_stack([-x, -y, np.sqrt(9 - x * x - y * y)]) / 3
     np.testing.assert_allclose(found[:, :3], normals, atol=1e-13)
@@ -92,7 +96,7 @@ def test_fits_to_a_mesh_converge_at_second_order() -> None:
         material, faces = lattice(count)
         x, y = material.T
         vertices = np.column_stack(bowl((x, y, 0 * x), None))
-        start = RestStart(vertices, faces, 60.0)
+        start = FittedConfiguration(vertices, faces, 60.0)
         found = tensors(start, [flow_of(RATE)])
         x, y = material[start.osculation.vertices].T
         normals = np.column_stack([-x, -y, np.sqrt(9 - x * x - y * y)]) / 3
@@ -116,10 +120,10 @@ def test_rigid_motion_neither_grows_nor_bends_but_turns() -> None:
     axis /= np.linalg.norm(axis)
 
     def spin(points: Points, t: object) -> Points:
-        return turn(points, tuple(axis), rate * t, (0.5, 0.2, 7.0))  # type: ignore[operator]
+        return rotate_points(points, tuple(axis), rate * t, (0.5, 0.2, 7.0))  # type: ignore[operator]
 
     material, faces = lattice(6)
-    found = tensors(SheetStart(material, faces), [bowl, spin], t=2.5)
+    found = tensors(SheetConfiguration(material, faces), [bowl, spin], t=2.5)
     np.testing.assert_allclose(found[:, 3:9], 0, atol=1e-15)
     np.testing.assert_allclose(found[:, 9:12], np.tile(rate * axis, (len(found), 1)), atol=1e-14)
     curvature = np.linalg.eigvalsh(matrices(found[:, 12:18]))
@@ -127,15 +131,15 @@ def test_rigid_motion_neither_grows_nor_bends_but_turns() -> None:
 
 
 def test_sides_of_a_box_are_surfaces_of_their_own() -> None:
-    sides = box((10, 20, 30))
-    found = osculate(sides.vertices_mm, sides.faces, 1.0)
+    sides = make_box((10, 20, 30))
+    found = fit_quadrics(sides.vertices_mm, sides.faces, 1.0)
     assert len(found.vertices) == 24
     np.testing.assert_array_equal(found.vertices[found.corners], sides.faces)
-    flat = tensors(RestStart(sides.vertices_mm, sides.faces, 1.0), [])
+    flat = tensors(FittedConfiguration(sides.vertices_mm, sides.faces, 1.0), [])
     np.testing.assert_allclose(np.abs(flat[:, :3]).max(axis=1), 1, atol=1e-14)
     np.testing.assert_allclose(flat[:, 12:18], 0, atol=1e-14)
     # With a crease angle of more than its edges a box counts as one smooth surface.
-    assert len(osculate(sides.vertices_mm, sides.faces, 91.0).vertices) == 8
+    assert len(fit_quadrics(sides.vertices_mm, sides.faces, 91.0).vertices) == 8
 
 
 def test_seams_and_flipped_faces_do_not_cut_a_surface() -> None:
@@ -144,14 +148,14 @@ def test_seams_and_flipped_faces_do_not_cut_a_surface() -> None:
     torn = vertices[faces].reshape(-1, 3)
     own = np.arange(len(torn), dtype=np.int32).reshape(-1, 3)
     own[::3] = own[::3, ::-1]
-    found = osculate(torn, own, 1.0)
+    found = fit_quadrics(torn, own, 1.0)
     assert len(found.vertices) == len(vertices)
 
 
 def test_fits_are_exact_on_quadratic_fields() -> None:
     material, faces = lattice(7)
     vertices = np.column_stack([material, np.zeros(len(material))])
-    found = osculate(vertices, faces, 1.0)
+    found = fit_quadrics(vertices, faces, 1.0)
     field = 2 + material @ [0.3, -0.7] + 0.5 * material[:, 0] ** 2 - material[:, 0] * material[:, 1]
     a, b, aa, ab, bb = found.derivatives(field)
     x, y = material[found.vertices].T
@@ -169,8 +173,8 @@ def test_a_surface_without_an_area_has_no_tensors() -> None:
 @pytest.mark.parametrize("dtype", [np.float64, np.longdouble])
 def test_starts_are_of_the_kind_of_the_time(dtype: type) -> None:
     material, faces = lattice(2)
-    rest = RestStart(np.column_stack([material, material[:, 0]]), faces, 1.0)
-    for start in (SheetStart(material, faces), rest):
+    rest = FittedConfiguration(np.column_stack([material, material[:, 0]]), faces, 1.0)
+    for start in (SheetConfiguration(material, faces), rest):
         plain = start.at(np.array([0.5], dtype=dtype))
         assert all(field.dtype == dtype and len(field) == len(material) for field in plain)
         moving = start.at(Jet.variable(np.array([0.5], dtype=dtype), 0, 1))

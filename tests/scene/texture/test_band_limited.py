@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from scenetruth.scene.texture.band_limited import band_limited_noise
-from scenetruth.scene.texture.kernels import linear_lookup, spline_lookup
+from scenetruth.scene.texture.band_limited_noise import make_band_limited_noise
+from scenetruth.scene.texture.texture_kernels import linear_lookup, spline_lookup
 
 BAND = (0.8, 4.0)
 
 
 @pytest.mark.parametrize("exponent", [-2.0, 0.0, 1.0])
 def test_spectrum_is_zero_outside_the_band_and_follows_its_exponent_inside(exponent: float) -> None:
-    noise = band_limited_noise(BAND, (60, 40), np.random.default_rng(5), exponent=exponent, peak=4.5)
+    noise = make_band_limited_noise(BAND, (60, 40), np.random.default_rng(5), exponent=exponent, peak=4.5)
     rows, columns = noise.values.shape
     power = np.abs(np.fft.fft2(noise.values.astype(np.float64))) ** 2
     pitch = noise.period[0] / columns
@@ -36,20 +36,20 @@ def test_spectrum_is_zero_outside_the_band_and_follows_its_exponent_inside(expon
 
 @pytest.mark.parametrize("peak", [3.0, 4.0])
 def test_variance_mean_and_extremes(peak: float) -> None:
-    noise = band_limited_noise(BAND, (60, 40), np.random.default_rng(6), peak=peak)
+    noise = make_band_limited_noise(BAND, (60, 40), np.random.default_rng(6), peak=peak)
     assert noise.values.std() == pytest.approx(1, abs=1e-6)
     assert noise.values.mean() == pytest.approx(0, abs=1e-6)
     assert np.abs(noise.values).max() <= peak * 1.015
 
 
 def test_same_generator_state_same_noise_other_state_other_noise() -> None:
-    one, two, three = (band_limited_noise(BAND, (20, 20), np.random.default_rng(n)).values for n in (1, 1, 2))
+    one, two, three = (make_band_limited_noise(BAND, (20, 20), np.random.default_rng(n)).values for n in (1, 1, 2))
     assert (one == two).all()
     assert abs(np.corrcoef(one.ravel(), three.ravel())[0, 1]) < 0.2
 
 
 def test_spline_coefficients_interpolate_the_values() -> None:
-    noise = band_limited_noise(BAND, (20, 20), np.random.default_rng(1))
+    noise = make_band_limited_noise(BAND, (20, 20), np.random.default_rng(1))
     rows, columns = noise.values.shape
     y, x = np.mgrid[:rows, :columns]
     uv = np.column_stack([(x.ravel() + 0.5) / columns, (y.ravel() + 0.5) / rows])
@@ -83,7 +83,7 @@ def test_linear_lookup_against_scipy(tiled: bool, mode: str) -> None:
 
 
 def test_noise_between_raster_points_is_the_band_limited_signal() -> None:
-    noise = band_limited_noise(BAND, (20, 20), np.random.default_rng(4))
+    noise = make_band_limited_noise(BAND, (20, 20), np.random.default_rng(4))
     rows, columns = noise.values.shape
     spectrum = np.fft.rfft2(noise.values.astype(np.float64))
     # Exact trigonometric interpolation half a texel off, by the shift theorem.

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.errors import SceneWarning
-from scenetruth.scene.check import check_scene
-from scenetruth.scene.mesh.plane import plane
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.mesh.sheets import make_plane
+from scenetruth.scene.scene_report import check_scene
 from scenetruth.scene.texture import Painted
-from scenetruth.scene.texture.checkerboard import CheckerboardTexture
-from scenetruth.scene.world import build_world
+from scenetruth.scene.texture.procedural_textures import CheckerboardTexture
 from tests.scenes import cube
 
 SQUARE, DARK, BRIGHT = 3.0, 0.2, 0.7
@@ -23,7 +23,7 @@ ENTRY = CheckerboardTexture(kind="checkerboard", square_mm=SQUARE, radiances=(DA
 
 
 def painted() -> Painted:
-    return ENTRY.paint(plane((40, 30)), Path(), np.random.default_rng(0))
+    return ENTRY.paint(make_plane((40, 30)), Path(), np.random.default_rng(0))
 
 
 def parity(places_mm: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -44,7 +44,7 @@ def test_squares_stand_where_they_should() -> None:
 
 
 def test_texture_coordinates_are_places_on_the_surface() -> None:
-    mesh = plane((40, 30))
+    mesh = make_plane((40, 30))
     np.testing.assert_allclose(painted().uv * 2 * SQUARE, mesh.chart_mm, rtol=1e-14)
     assert painted().uv_back is None
 
@@ -85,6 +85,6 @@ def test_a_scene_wears_it_and_too_fine_squares_are_warned_of() -> None:
     fine = cube(objects=[{**item, "texture": {"kind": "checkerboard", "square_mm": 0.6}}])
     # The diagonal of 0.85 mm is 1.4 px of the small camera where the cube is farthest.
     with pytest.warns(SceneWarning, match=r"wavelengths down to 1\.\d+ px"):
-        check_scene(fine, build_world(fine))
+        check_scene(fine, build_scene(fine))
     with pytest.raises(st.SceneError, match=r"objects\.0\.texture\.radiances\.1: .*less than or equal to 1"):
         cube(objects=[{**item, "texture": {"kind": "checkerboard", "square_mm": 2, "radiances": [0, 2]}}])

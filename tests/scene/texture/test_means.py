@@ -9,30 +9,28 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from scenetruth.scene.item import Texture
 from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.plane import plane
+from scenetruth.scene.mesh.sheets import make_plane
+from scenetruth.scene.scene_object import Texture
 from scenetruth.scene.texture import SurfaceTexture
-from scenetruth.scene.texture.kernels import linear_lookup, spline_lookup
-from scenetruth.scene.texture.noise import NoiseTexture
-from scenetruth.scene.texture.own import OwnTexture
-from scenetruth.scene.texture.plaid import PlaidTexture
-from scenetruth.scene.texture.uniform import UniformTexture
+from scenetruth.scene.texture.image_textures import EmbeddedTexture
+from scenetruth.scene.texture.procedural_textures import NoiseTexture, PlaidTexture, UniformTexture
+from scenetruth.scene.texture.texture_kernels import linear_lookup, spline_lookup
 
 
 def made(kind: str) -> SurfaceTexture:
     generator = np.random.default_rng(5)
-    mesh = plane((20, 30))
+    mesh = make_plane((20, 30))
     if kind == "ramp":
         colours = generator.integers(0, 256, (len(mesh.vertices_mm), 3), dtype=np.uint8)
         mesh = TriangleMesh(mesh.vertices_mm, mesh.faces, mesh.chart_mm, vertex_colours=colours)
-        return OwnTexture(kind="own").paint(mesh, Path(), generator)[0]
+        return EmbeddedTexture(kind="own").paint(mesh, Path(), generator)[0]
     if kind in ("image", "bordered"):
         picture = generator.random((9, 14, 3)).astype(np.float32)
         mesh = TriangleMesh(
             mesh.vertices_mm, mesh.faces, mesh.chart_mm, uv=mesh.uv, image=picture, tiled=kind == "image"
         )
-        return OwnTexture(kind="own").paint(mesh, Path(), generator)[0]
+        return EmbeddedTexture(kind="own").paint(mesh, Path(), generator)[0]
     entries: dict[str, Texture] = {
         "noise": NoiseTexture(kind="noise", wavelength_mm=(3.0, 9.0)),
         "plaid": PlaidTexture(kind="plaid", wavelength_mm=(4.0, 5.0)),

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from scenetruth.errors import ScoreError
-from scenetruth.scoring import draw_all, score, write_report
+from scenetruth.scoring import plot_all, score, write_report
 from tests.scoring.conftest import Drawn
 from tests.scoring.synthetic import Case
 
@@ -17,7 +17,7 @@ FEW = ("surface", "velocity_z_row")
 def test_pdf_files_stand_beside_unchanged_pictures(full_case: Case, drawn: Drawn, tmp_path: Path) -> None:
     case, result = full_case, score(full_case.estimate, full_case.truth)
     for folder, names in (("one", FEW), ("other", FEW[1:])):
-        draw_all(case.recording, case.estimate, case.truth, result, tmp_path / folder, names=names, also=("pdf",))
+        plot_all(case.recording, case.estimate, case.truth, result, tmp_path / folder, names=names, also=("pdf",))
     files = sorted(path.name for path in (tmp_path / "one").iterdir())
     assert files == sorted(f"{name}.{form}" for name in FEW for form in ("pdf", "png"))
     for name in FEW:
@@ -45,5 +45,5 @@ def test_a_report_has_them_too(full_case: Case, tmp_path: Path) -> None:
 
 def test_other_formats_are_named_with_those_that_there_are(full_case: Case, tmp_path: Path) -> None:
     with pytest.raises(ScoreError, match=r"figures.*are unknown.*\n.*formats.*are unknown; there are pdf.*tiff"):
-        draw_all(full_case.recording, full_case.estimate, folder=tmp_path / "none", names=("fog",), also=("tiff",))
+        plot_all(full_case.recording, full_case.estimate, folder=tmp_path / "none", names=("fog",), also=("tiff",))
     assert not (tmp_path / "none").exists()

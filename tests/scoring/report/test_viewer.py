@@ -12,12 +12,12 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_FULL, intrinsics_of, label, make_recording
+from scenetruth.schema import KIND_FULL, label, make_recording, read_intrinsics
 from scenetruth.scoring import score, write_report
-from scenetruth.scoring.report.viewer import content, gathering
-from scenetruth.scoring.report.viewer.content import Viewer, viewer_of
-from scenetruth.scoring.report.viewer.images import images_of
-from scenetruth.scoring.report.viewer.packing import RELATIVE_ROUNDING, PackedMap, unpack_map
+from scenetruth.scoring.report import map_packing
+from scenetruth.scoring.report import viewer as content
+from scenetruth.scoring.report.map_packing import RELATIVE_ROUNDING, PackedMap, pack_viewer_images, unpack_map
+from scenetruth.scoring.report.viewer import Viewer, build_viewer
 from tests.scoring.synthetic import Case, make_case, make_growing_case, with_error_bars
 
 Map = NDArray[np.float64]
@@ -47,7 +47,7 @@ def shown(viewer: Viewer, name: str, what: str, t: int = 0) -> Map:
 @pytest.fixture(scope="module")
 def viewer(full_case: Case) -> Viewer:
     case = full_case
-    return viewer_of(case.recording, case.estimate, case.truth, score(case.estimate, case.truth))
+    return build_viewer(case.recording, case.estimate, case.truth, score(case.estimate, case.truth))
 
 
 @pytest.mark.parametrize(("name", "variable", "component"), [("depth", "depth", None), ("velocity_z", "velocity", 2)])
@@ -102,12 +102,12 @@ def test_images_of_other_cameras_and_frames_are_there(viewer: Viewer, full_case:
 
 def test_images_are_thinned_and_left_out_where_there_is_no_room(full_case: Case) -> None:
     recording, estimate = full_case.recording, full_case.estimate
-    every = images_of(recording, estimate, 0, 1, 1_000_000)
+    every = pack_viewer_images(recording, estimate, 0, 1, 1_000_000)
     assert [one.step for one in every.shown] == [1] * 5
     size = every.shown[0].packed.size
-    some = images_of(recording, estimate, 0, 1, int(1.3 * size))
+    some = pack_viewer_images(recording, estimate, 0, 1, int(1.3 * size))
     assert [one.step for one in some.shown] == [1, 2, 2, 2, 2]
-    few = images_of(recording, estimate, 0, 1, size // 8)
+    few = pack_viewer_images(recording, estimate, 0, 1, size // 8)
     assert few.shown[0].step == 1
     assert few.left_out == 4 - (len(few.shown) - 1)
     assert few.left_out > 0
@@ -119,10 +119,10 @@ def test_large_images_and_many_maps_are_thinned_and_the_page_says_so(
 ) -> None:
     case = full_case
     result = score(case.estimate, case.truth)
-    whole = viewer_of(case.recording, case.estimate, case.truth, result)
+    whole = build_viewer(case.recording, case.estimate, case.truth, result)
     sizes = sum(len(one["data"]) for one in whole.plain["maps"])
-    monkeypatch.setattr(gathering, "_MAPS", sizes // 3)
-    less = viewer_of(case.recording, case.estimate, case.truth, result)
+    monkeypatch.setattr(map_packing, "_MAPS", sizes // 3)
+    less = build_viewer(case.recording, case.estimate, case.truth, result)
     assert sum(len(one["data"]) for one in less.plain["maps"]) < 0.7 * sizes
     assert group(less, "depth")["maps"]["0"]["step"] > 1
     assert any("every second row and column is shown of: Depth" in note for note in less.notes)
@@ -131,7 +131,7 @@ def test_large_images_and_many_maps_are_thinned_and_the_page_says_so(
     atol = RELATIVE_ROUNDING * np.diff(group(less, "depth")["limits"]["value"])[0]
     np.testing.assert_allclose(shown(less, "depth", "truth"), truth, rtol=1e-14, atol=atol)
     monkeypatch.setattr(content, "_MOST_PIXELS", case.estimate.sizes["x"] * case.estimate.sizes["y"] // 4)
-    thin = viewer_of(case.recording, case.estimate, case.truth, result)
+    thin = build_viewer(case.recording, case.estimate, case.truth, result)
     assert (thin.plain["width"], thin.plain["height"]) == (80, 60)
     assert thin.plain["x"][:3] == [0, 2, 4]
     assert any("every second row and column of the images" in note for note in thin.notes)
@@ -139,7 +139,7 @@ def test_large_images_and_many_maps_are_thinned_and_the_page_says_so(
 
 def test_frames_beside_the_reference_frame_are_there() -> None:
     case = with_error_bars(make_case(48, 36, 380.0, frames=(-1, 0, 1)))
-    viewer = viewer_of(case.recording, case.estimate, case.truth, score(case.estimate, case.truth))
+    viewer = build_viewer(case.recording, case.estimate, case.truth, score(case.estimate, case.truth))
     assert viewer.frame == 0
     for n, t in enumerate((-1, 0, 1)):
         truth = case.truth["depth"].values[n]
@@ -151,7 +151,7 @@ def test_frames_beside_the_reference_frame_are_there() -> None:
 def test_the_worst_place_is_where_errors_were_put(full_case: Case) -> None:
     wrong = full_case.estimate.copy(deep=True)
     wrong["depth"][0, 70:90, 40:60] += 5.0
-    viewer = viewer_of(full_case.recording, wrong, full_case.truth, score(wrong, full_case.truth))
+    viewer = build_viewer(full_case.recording, wrong, full_case.truth, score(wrong, full_case.truth))
     place = viewer.worst["depth"]
     errors = wrong["depth"].values[0] - full_case.truth["depth"].values[0]
     errors[wrong["kind_disparity"].values[0] != KIND_FULL] = np.nan
@@ -166,7 +166,7 @@ def test_the_worst_place_is_where_errors_were_put(full_case: Case) -> None:
 def test_growth_of_windows_is_shown_where_something_grows() -> None:
     case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
     result = score(case.estimate, case.truth, case.recording, growth_window_px=6, margin_px=3)
-    viewer = viewer_of(case.recording, case.estimate, case.truth, result)
+    viewer = build_viewer(case.recording, case.estimate, case.truth, result)
     windowed = group(viewer, "growth_rate_windowed")
     assert set(windowed["maps"]["0"]) >= {"truth", "error"}
     assert windowed["units"] == "%/h"
@@ -176,7 +176,7 @@ def test_growth_of_windows_is_shown_where_something_grows() -> None:
 
 
 def test_without_truth_there_are_estimates_alone(full_case: Case) -> None:
-    viewer = viewer_of(full_case.recording, full_case.estimate, None, None)
+    viewer = build_viewer(full_case.recording, full_case.estimate, None, None)
     kinds = {what for one in viewer.plain["groups"] for maps in one["maps"].values() for what in maps}
     assert kinds == {"step", "estimate", "std", "value"}
     assert viewer.plain["regions"] == []
@@ -186,7 +186,7 @@ def test_without_truth_there_are_estimates_alone(full_case: Case) -> None:
 def test_a_part_of_the_image_keeps_its_coordinates(full_case: Case) -> None:
     x, y = slice(20, 120, 2), slice(10, 90, 2)
     estimate = full_case.estimate.isel(x=x, y=y)
-    viewer = viewer_of(full_case.recording, estimate, full_case.truth, score(estimate, full_case.truth))
+    viewer = build_viewer(full_case.recording, estimate, full_case.truth, score(estimate, full_case.truth))
     assert viewer.plain["x"][:2] == [20, 22]
     assert viewer.plain["y"][-1] == 88
     np.testing.assert_allclose(
@@ -198,6 +198,6 @@ def test_estimates_that_know_nothing_have_a_page(tmp_path: Path) -> None:
     images = np.random.default_rng(1).random((3, 1, 12, 16))
     recording = make_recording(images, focal_length_px=100.0, baseline_mm=5.0)
     disparity = np.full((1, 12, 16), np.nan)
-    estimate = label("estimate", {"disparity": disparity}, intrinsics_of(recording), t=[0])
+    estimate = label("estimate", {"disparity": disparity}, read_intrinsics(recording), t=[0])
     page = write_report(recording, estimate, folder=tmp_path, figures=("image",))
     assert "viewer-data" in page.read_text(encoding="utf-8")

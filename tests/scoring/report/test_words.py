@@ -5,11 +5,10 @@ from __future__ import annotations
 import pytest
 
 from scenetruth.scoring import score
-from scenetruth.scoring._format import format_number, format_percent
-from scenetruth.scoring.report.maps import describe_maps
-from scenetruth.scoring.report.viewer.content import Viewer, viewer_of
-from scenetruth.scoring.report.words import sentences_of_estimate, sentences_of_score
-from scenetruth.scoring.score import Score
+from scenetruth.scoring.number_format import format_number, format_percent
+from scenetruth.scoring.report.report_content import describe_maps, summarise_estimate, summarise_score
+from scenetruth.scoring.report.viewer import Viewer, build_viewer
+from scenetruth.scoring.score_result import Score
 from tests.scoring.synthetic import Case, make_growing_case, with_regions
 
 
@@ -17,12 +16,12 @@ from tests.scoring.synthetic import Case, make_growing_case, with_regions
 def scored(full_case: Case) -> tuple[Score, Viewer]:
     case = with_regions(full_case)
     result = score(case.estimate, case.truth, case.recording)
-    return result, viewer_of(case.recording, case.estimate, case.truth, result)
+    return result, build_viewer(case.recording, case.estimate, case.truth, result)
 
 
 def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(scored: tuple[Score, Viewer]) -> None:
     result, viewer = scored
-    depth, motion = sentences_of_score(result, viewer)
+    depth, motion = summarise_score(result, viewer)
     inner = result.regions["interior"]
     assert (depth.title, depth.figure, depth.units) == ("Depth", format_number(inner["depth"]["rms"]), "mm")
     assert f"{format_percent(inner['depth']['relative_rms'])} % of the true value" in depth.rest
@@ -41,7 +40,7 @@ def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(sc
 def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:
     estimate = full_case.estimate[["flow"]]
     result = score(estimate, full_case.truth)
-    (motion,) = sentences_of_score(result, viewer_of(full_case.recording, estimate, full_case.truth, result))
+    (motion,) = summarise_score(result, build_viewer(full_case.recording, estimate, full_case.truth, result))
     inner = result.regions["interior"]
     rms_x, rms_y = (inner[name]["rms"] for name in ("flow_x", "flow_y"))
     assert rms_x is not None
@@ -53,8 +52,8 @@ def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:
 def test_growth_is_told_where_something_grows() -> None:
     case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
     result = score(case.estimate, case.truth, case.recording, growth_window_px=6, margin_px=3)
-    viewer = viewer_of(case.recording, case.estimate, case.truth, result)
-    growth = sentences_of_score(result, viewer)[-1]
+    viewer = build_viewer(case.recording, case.estimate, case.truth, result)
+    growth = summarise_score(result, viewer)[-1]
     assert (growth.title, growth.units) == ("Growth", "%/h")
     assert growth.figure == format_number(result.regions["interior"]["growth_rate"]["rms"])
     # The map that tells the place is one that the viewer has.
@@ -65,7 +64,7 @@ def test_growth_is_told_where_something_grows() -> None:
 
 def test_without_truth_medians_are_told(full_case: Case) -> None:
     found = describe_maps(full_case.estimate)
-    depth, motion = sentences_of_estimate(found)
+    depth, motion = summarise_estimate(found)
     assert depth.figure == format_number(found["depth"].median)
     assert f"known at {format_percent(found['depth'].density)} %" in depth.rest
     assert motion.title == "Velocity in Z"

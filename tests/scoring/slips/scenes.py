@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 import scenetruth as st
-from scenetruth.schema import intrinsics_of, label
+from scenetruth.schema import label, read_intrinsics
 from scenetruth.truth import make_truth
 
 Map = NDArray[np.float64]
@@ -123,7 +123,7 @@ def right_estimate(truth: xr.Dataset, errors: Errors, seed: int) -> xr.Dataset:
 def estimate_of(arrays: dict[str, Map], like: xr.Dataset) -> xr.Dataset:
     """Return an estimate of the frames and pixels of another data set, unlike `make_estimate` with any signs."""
     maps = {name: np.asarray(values, dtype=np.float32) for name, values in arrays.items()}
-    return label("estimate", maps, intrinsics_of(like), t=like["t"].values, y=like["y"].values, x=like["x"].values)
+    return label("estimate", maps, read_intrinsics(like), t=like["t"].values, y=like["y"].values, x=like["x"].values)
 
 
 def _with_errors(true: Map, errors: Errors, rng: np.random.Generator) -> Map:

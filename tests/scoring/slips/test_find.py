@@ -10,8 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import ScoreError
-from scenetruth.schema import intrinsics_of, make_estimate, make_recording
-from scenetruth.scoring.slips import Slip, find_slips, slips_of_arrays
+from scenetruth.schema import make_estimate, make_recording, read_intrinsics
+from scenetruth.scoring.convention_check import detect_convention_mismatches, detect_mismatches_in_arrays
+from scenetruth.scoring.convention_hypotheses import ConventionMismatch
 from tests.nightly import NIGHTLY
 from tests.scoring.slips.scenes import (
     BALL,
@@ -81,7 +82,7 @@ def poor(seed: int) -> Errors:
     )
 
 
-def named(slips: list[Slip]) -> set[tuple[str, str]]:
+def named(slips: list[ConventionMismatch]) -> set[tuple[str, str]]:
     return {(slip.quantity, slip.kind) for slip in slips}
 
 
@@ -177,7 +178,7 @@ PLACES: list[tuple[str, Change]] = [
 
 @pytest.mark.parametrize(("quantity", "kind", "change"), VALUES)
 def test_slips_of_values(room: xr.Dataset, right: xr.Dataset, quantity: str, kind: str, change: Change) -> None:
-    slips = find_slips(changed(right, quantity, change), room)
+    slips = detect_convention_mismatches(changed(right, quantity, change), room)
     assert named(slips) == {(quantity, kind)}
     assert all(0.6 <= slip.explained <= 1 and quantity in slip.message for slip in slips)
 
@@ -185,7 +186,7 @@ def test_slips_of_values(room: xr.Dataset, right: xr.Dataset, quantity: str, kin
 @pytest.mark.parametrize("quantity", VARIABLES)
 @pytest.mark.parametrize(("kind", "change"), PLACES)
 def test_slips_of_place(room: xr.Dataset, right: xr.Dataset, quantity: str, kind: str, change: Change) -> None:
-    slips = find_slips(changed(right, quantity, change), room)
+    slips = detect_convention_mismatches(changed(right, quantity, change), room)
     assert named(slips) == {(quantity, kind)}
     assert all(0.05 <= slip.explained <= 1 and quantity in slip.message for slip in slips)
 
@@ -193,7 +194,9 @@ def test_slips_of_place(room: xr.Dataset, right: xr.Dataset, quantity: str, kind
 @pytest.mark.parametrize("quantity", VARIABLES)
 def test_transposed_maps(square: xr.Dataset, quantity: str) -> None:
     right = right_estimate(square, USUAL, seed=3)
-    assert named(find_slips(changed(right, quantity, TRANSPOSED), square)) == {(quantity, "maps_transposed")}
+    assert named(detect_convention_mismatches(changed(right, quantity, TRANSPOSED), square)) == {
+        (quantity, "maps_transposed")
+    }
 
 
 @pytest.mark.parametrize("quantity", VARIABLES)
@@ -202,23 +205,26 @@ def test_maps_of_the_frame_beside(room: xr.Dataset, quantity: str, kind: str, st
     right = right_estimate(room, Errors(noise=0.002, bias=0.001), seed=4)
     own, other = right.isel(t=slice(1, 4)), right.isel(t=slice(1 + step, 4 + step))
     wrong = changed(own, quantity, lambda _: other[quantity].values)
-    assert named(find_slips(wrong, room)) == {(quantity, kind)}
+    assert named(detect_convention_mismatches(wrong, room)) == {(quantity, kind)}
     single = wrong.isel(t=[1])
-    assert named(find_slips(single, room)) == {(quantity, kind)}
+    assert named(detect_convention_mismatches(single, room)) == {(quantity, kind)}
 
 
 def test_distance_along_the_ray(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=5)
     x, y = (right["x"] - 31.5) / 90, (right["y"] - 23.5) / 90
     wrong = right.assign(depth=(right["depth"] * np.sqrt(1 + x**2 + y**2)).transpose("t", "y", "x"))
-    assert named(find_slips(wrong, room)) == {("depth", "range")}
+    assert named(detect_convention_mismatches(wrong, room)) == {("depth", "range")}
 
 
 def test_motion_in_pixels_of_a_thinned_image(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=6).isel(y=slice(None, None, 2), x=slice(4, None, 2))
-    assert find_slips(right, room) == []
+    assert detect_convention_mismatches(right, room) == []
     wrong = right.assign(flow=0.5 * right["flow"], disparity=0.5 * right["disparity"])
-    assert named(find_slips(wrong, room)) == {("flow", "pixels_of_the_map"), ("disparity", "pixels_of_the_map")}
+    assert named(detect_convention_mismatches(wrong, room)) == {
+        ("flow", "pixels_of_the_map"),
+        ("disparity", "pixels_of_the_map"),
+    }
 
 
 def test_several_slips_at_once(room: xr.Dataset) -> None:
@@ -229,7 +235,7 @@ def test_several_slips_at_once(room: xr.Dataset) -> None:
         flow=(right["flow"].dims, times(30, -30)(right["flow"].values)),
         disparity=(right["disparity"].dims, rolled(1, 1)(-right["disparity"].values)),
     )
-    assert named(find_slips(wrong, room)) == {
+    assert named(detect_convention_mismatches(wrong, room)) == {
         ("depth", "metres"),
         ("velocity", "metres"),
         ("velocity", "sign_x"),
@@ -244,24 +250,24 @@ def test_several_slips_at_once(room: xr.Dataset) -> None:
 def test_shift_is_told_with_its_direction(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=8)
     wrong = right.assign(depth=(right["depth"].dims, rolled(1, -1)(right["depth"].values)))
-    (slip,) = find_slips(wrong, room)
+    (slip,) = detect_convention_mismatches(wrong, room)
     assert "1 px right and 1 px up" in slip.message
 
 
 def test_part_of_an_image_and_a_truth_of_all_cameras(room: xr.Dataset) -> None:
     part = right_estimate(room, USUAL, seed=9).isel(t=[3], x=slice(10, 60), y=slice(5, 45))
-    assert find_slips(part, room) == []
+    assert detect_convention_mismatches(part, room) == []
     wrong = part.assign(flow=-part["flow"])
     own = room.drop_dims("s")
     other = own.assign({name: np.nan * own[name] for name in VARIABLES})
     cameras = xr.concat([other, own], dim="s", data_vars="all").assign_coords(s=[-1, 0])
-    assert named(find_slips(wrong, cameras)) == {("flow", "sign")}
+    assert named(detect_convention_mismatches(wrong, cameras)) == {("flow", "sign")}
 
 
 def test_where_the_estimate_claims_nothing_no_slip_is_seen(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=10)
     wrong = right.assign(flow=-right["flow"], kind_motion=0 * right["depth"].fillna(0).astype(np.uint8))
-    assert find_slips(wrong, room) == []
+    assert detect_convention_mismatches(wrong, room) == []
 
 
 @pytest.mark.parametrize("scene", range(7))
@@ -269,7 +275,9 @@ def test_right_estimates_have_no_slips(scenes: list[xr.Dataset], scene: int) -> 
     truth = scenes[scene]
     # 203 by night, a sixth of them by day.
     for seed in range(scene, 203, 7 if NIGHTLY else 42):
-        assert find_slips(right_estimate(truth.isel(t=slice(1, 4)), poor(seed), seed), truth) == [], seed
+        assert detect_convention_mismatches(right_estimate(truth.isel(t=slice(1, 4)), poor(seed), seed), truth) == [], (
+            seed
+        )
 
 
 @pytest.mark.parametrize("change", [UP_DOWN, MIRRORED, TURNED, TRANSPOSED, REVERSED, rolled(1, 0), halfway(0, 1)])
@@ -277,13 +285,18 @@ def test_on_a_frontal_plane_at_rest_places_say_nothing(still: xr.Dataset, change
     for errors in (USUAL, Errors(0, 0, 0, 0)):
         right = right_estimate(still, errors, seed=11)
         wrong = right.assign({name: (right[name].dims, change(right[name].values)) for name in VARIABLES})
-        assert find_slips(wrong, still) == []
+        assert detect_convention_mismatches(wrong, still) == []
 
 
 def test_signs_and_units_of_no_motion_say_nothing(still: xr.Dataset) -> None:
     right = right_estimate(still, USUAL, seed=12)
     for factor in (-1, 30, 1e-3):
-        assert find_slips(right.assign(flow=factor * right["flow"], velocity=factor * right["velocity"]), still) == []
+        assert (
+            detect_convention_mismatches(
+                right.assign(flow=factor * right["flow"], velocity=factor * right["velocity"]), still
+            )
+            == []
+        )
 
 
 def test_shift_on_a_plane_of_constant_slope_may_be_an_offset() -> None:
@@ -291,7 +304,7 @@ def test_shift_on_a_plane_of_constant_slope_may_be_an_offset() -> None:
     truth = truth_of(PLANE)
     right = right_estimate(truth, Errors(0, 0, 0, 0), seed=13)
     wrong = right.assign(disparity=(right["disparity"].dims, rolled(1, 0)(right["disparity"].values)))
-    assert find_slips(wrong, truth) == []
+    assert detect_convention_mismatches(wrong, truth) == []
 
 
 def test_nonsense_is_no_slip(room: xr.Dataset) -> None:
@@ -299,38 +312,44 @@ def test_nonsense_is_no_slip(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=14)
     for scale in (0.0, 1e-3, 1.0, 30.0):
         noise = {name: (right[name].dims, scale * rng.standard_normal(right[name].shape)) for name in VARIABLES}
-        assert find_slips(right.assign(noise), room) == []
+        assert detect_convention_mismatches(right.assign(noise), room) == []
 
 
 def test_scale_that_is_no_unit_is_no_slip(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=15)
     for factor in (0.7, 1.3, 2.5, 3.5, 5.5):
-        assert find_slips(right.assign({name: factor * right[name] for name in VARIABLES}), room) == []
+        assert (
+            detect_convention_mismatches(right.assign({name: factor * right[name] for name in VARIABLES}), room) == []
+        )
 
 
 def test_arrays_that_no_estimate_may_hold(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=16)
-    slips = slips_of_arrays(room, depth=-right["depth"].values, disparity=-right["disparity"].values)
+    slips = detect_mismatches_in_arrays(room, depth=-right["depth"].values, disparity=-right["disparity"].values)
     assert named(slips) == {("depth", "sign"), ("disparity", "sign")}
     frame = right.sel(t=0)
-    assert named(slips_of_arrays(room, flow=-frame["flow"].values)) == {("flow", "sign")}
-    assert named(slips_of_arrays(room, depth=0.001 * right["depth"].values[3:], t=[1, 2])) == {("depth", "metres")}
+    assert named(detect_mismatches_in_arrays(room, flow=-frame["flow"].values)) == {("flow", "sign")}
+    assert named(detect_mismatches_in_arrays(room, depth=0.001 * right["depth"].values[3:], t=[1, 2])) == {
+        ("depth", "metres")
+    }
 
 
 def test_arrays_that_do_not_fit_are_all_told(room: xr.Dataset) -> None:
     with pytest.raises(ScoreError) as caught:
-        slips_of_arrays(room, depth=np.ones((3, 3)), flow=np.ones((3, 5, 48, 64)), disparity=np.ones((48, 64)))
+        detect_mismatches_in_arrays(
+            room, depth=np.ones((3, 3)), flow=np.ones((3, 5, 48, 64)), disparity=np.ones((48, 64))
+        )
     assert [problem.path for problem in caught.value.problems] == ["depth", "flow"]
     with pytest.raises(ScoreError, match="at least one of"):
-        slips_of_arrays(room)
+        detect_mismatches_in_arrays(room)
     with pytest.raises(ScoreError, match="say which by t="):
-        slips_of_arrays(room, depth=np.ones((2, 48, 64)))
+        detect_mismatches_in_arrays(room, depth=np.ones((2, 48, 64)))
     with pytest.raises(ScoreError, match=r"must be an xarray\.Dataset"):
-        find_slips(None, room)  # type: ignore[arg-type]
+        detect_convention_mismatches(None, room)  # type: ignore[arg-type]
 
 
 def test_slips_show_in_what_make_estimate_derives(room: xr.Dataset) -> None:
-    camera = intrinsics_of(room)
+    camera = read_intrinsics(room)
     recording = make_recording(
         np.zeros((5, 5, 48, 64)),
         focal_length_px=camera.focal_length_px,
@@ -338,11 +357,16 @@ def test_slips_show_in_what_make_estimate_derives(room: xr.Dataset) -> None:
         frame_interval_s=camera.frame_interval_s,
     )
     right = right_estimate(room, Errors(outliers=0), seed=17)
-    assert find_slips(make_estimate(like=recording, depth=right["depth"], velocity=right["velocity"]), room) == []
+    assert (
+        detect_convention_mismatches(
+            make_estimate(like=recording, depth=right["depth"], velocity=right["velocity"]), room
+        )
+        == []
+    )
     metres = make_estimate(like=recording, depth=0.001 * right["depth"])
-    assert named(find_slips(metres, room)) == {("depth", "metres")}
+    assert named(detect_convention_mismatches(metres, room)) == {("depth", "metres")}
     exchanged = make_estimate(like=recording, disparity=right["depth"])
-    assert named(find_slips(exchanged, room)) == {("disparity", "depth"), ("depth", "disparity")}
+    assert named(detect_convention_mismatches(exchanged, room)) == {("disparity", "depth"), ("depth", "disparity")}
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, 3e38, -3e38])
@@ -350,6 +374,6 @@ def test_estimates_that_know_nothing_or_diverged_have_no_slips(
     room: xr.Dataset, right: xr.Dataset, value: float
 ) -> None:
     everywhere = {name: xr.full_like(right[name], value) for name in VARIABLES}
-    assert find_slips(right.assign(everywhere), room) == []
+    assert detect_convention_mismatches(right.assign(everywhere), room) == []
     thin = right.isel(y=slice(20, 21), x=slice(None, None, 3))
-    assert find_slips(thin.assign(flow=xr.full_like(thin["flow"], value)), room) == []
+    assert detect_convention_mismatches(thin.assign(flow=xr.full_like(thin["flow"], value)), room) == []

@@ -8,12 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.scoring.slips.facts import Facts
-from scenetruth.scoring.slips.scales import LEAST_RATIO, SCALES, nearest_scale
+from scenetruth.scoring.convention_hypotheses import LEAST_RATIO, SCALE_HYPOTHESES, nearest_scale
+from scenetruth.scoring.convention_samples import AcquisitionParameters
 
-FACTS = Facts(focal_length_px=500.0, baseline_mm=5.0, frame_interval_s=0.04, positions=5, step_px=2.0, width_px=640.0)
+FACTS = AcquisitionParameters(
+    focal_length_px=500.0, baseline_mm=5.0, frame_interval_s=0.04, positions=5, step_px=2.0, width_px=640.0
+)
 KNOWN = [
-    (scale, quantity, factor) for scale in SCALES for quantity in scale.quantities for factor in scale.factors(FACTS)
+    (scale, quantity, factor)
+    for scale in SCALE_HYPOTHESES
+    for quantity in scale.quantities
+    for factor in scale.factors(FACTS)
 ]
 
 

@@ -7,9 +7,9 @@ import pytest
 import xarray as xr
 
 from scenetruth.schema import Intrinsics, label
-from scenetruth.scoring.slips.hypothesis import RIGHT
-from scenetruth.scoring.slips.material import Material, read_materials
-from scenetruth.scoring.slips.shift import fitted_shift
+from scenetruth.scoring.convention_check import fit_shift
+from scenetruth.scoring.convention_hypotheses import NO_MISMATCH
+from scenetruth.scoring.convention_samples import MismatchSamples, read_mismatch_samples
 
 CAMERA = Intrinsics(focal_length_px=100.0, principal_point_px=(31.5, 23.5), baseline_mm=5.0)
 
@@ -22,13 +22,13 @@ def waves(right: float = 0.0, down: float = 0.0) -> np.ndarray:
     return np.asarray(depth[np.newaxis])
 
 
-def material_of(depth: np.ndarray) -> Material:
+def material_of(depth: np.ndarray) -> MismatchSamples:
     true = waves()
     still = np.zeros((3, *true.shape))
     maps = {"depth": true, "disparity": 500 / true, "velocity": still, "flow": still[:2], "mixed": true < 0}
     truth = label("truth", maps, CAMERA, t=[0])
     estimate: xr.Dataset = label("estimate", {"depth": depth}, CAMERA, t=[0])
-    (material,) = read_materials(estimate, truth)
+    (material,) = read_mismatch_samples(estimate, truth)
     return material
 
 
@@ -39,7 +39,7 @@ def test_half_and_whole_pixels_are_told_with_their_signs(right: float, down: flo
     # Besides, what is no shift: an offset, a gain, noise and outliers.
     found = 1.01 * waves(right, down) - 2 + 0.3 * rng.standard_normal((1, 48, 64))
     found[rng.random(found.shape) < 0.05] += 40
-    fit = fitted_shift(material_of(found), RIGHT)
+    fit = fit_shift(material_of(found), NO_MISMATCH)
     assert fit is not None
     assert fit.is_slip == bool(right or down)
     if fit.is_slip:
@@ -51,12 +51,12 @@ def test_other_shifts_are_not_called_half_or_whole(length: float) -> None:
     rng = np.random.default_rng(2)
     for right, down in ((length, 0.0), (0.0, length), (0.5, length)):
         found = waves(right, down) + 0.3 * rng.standard_normal((1, 48, 64))
-        fit = fitted_shift(material_of(found), RIGHT)
+        fit = fit_shift(material_of(found), NO_MISMATCH)
         assert fit is None or not fit.is_slip
 
 
 def test_noise_that_hides_a_shift_leaves_nothing_to_say() -> None:
     rng = np.random.default_rng(3)
     found = waves(1.0, 0.0) + 60 * rng.standard_normal((1, 48, 64))
-    fit = fitted_shift(material_of(found), RIGHT)
+    fit = fit_shift(material_of(found), NO_MISMATCH)
     assert fit is None or not fit.is_slip

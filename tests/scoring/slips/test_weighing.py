@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 from hypothesis.extra.numpy import arrays
 
-from scenetruth.scoring.slips.weighing import fitted_factor, lengths, weighted_median
+from scenetruth.scoring.convention_samples import fit_factor, lengths, weighted_median
 
 
 @given(some.lists(some.tuples(some.floats(-1e3, 1e3), some.integers(0, 5)), min_size=1))
@@ -25,7 +25,7 @@ def test_whole_weights_repeat_values(items: list[tuple[float, int]]) -> None:
 @given(arrays(np.float64, (2, 30), elements=some.integers(-10, 10)), some.floats(-5, 5))
 def test_no_factor_leaves_less_than_the_fitted_one(expected: np.ndarray, other: float) -> None:
     found = 3 * expected + np.sin(np.arange(60.0)).reshape(2, 30)
-    factor = fitted_factor(found, expected)
+    factor = fit_factor(found, expected)
     if not expected.any():
         assert np.isnan(factor)
         return
@@ -41,7 +41,7 @@ def test_outliers_do_not_move_the_factor() -> None:
     expected = np.linspace(1, 2, 101)[None]
     found = 4 * expected
     found[0, ::4] = 1e6
-    assert fitted_factor(found, expected) == 4
+    assert fit_factor(found, expected) == 4
 
 
 @given(arrays(np.float64, (3, 4), elements=some.floats(-1e3, 1e3)))

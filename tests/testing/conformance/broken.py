@@ -55,7 +55,7 @@ class WritesIntoAttributes(Gradients):
         return super().images(recording)
 
 
-@caught_by("own_arrays")
+@caught_by("no_shared_memory")
 class ReturnsImages(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         found = super().made(recording, disparity, flow)
@@ -63,7 +63,7 @@ class ReturnsImages(Gradients):
         return found.assign(residual=images)
 
 
-@caught_by("own_arrays")
+@caught_by("no_shared_memory")
 class ReturnsTheSameArrays(Gradients):
     def __init__(self) -> None:
         self._kept: dict[tuple[int, ...], NDArray[np.float32]] = {}
@@ -114,7 +114,7 @@ class TellsWhatCannotBeSaved(Gradients):
         return super().made(recording, disparity, flow).assign_attrs(made_by=lambda: self)
 
 
-@caught_by("form")
+@caught_by("output_schema")
 class WrongUnits(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         found = super().made(recording, disparity, flow)
@@ -122,13 +122,13 @@ class WrongUnits(Gradients):
         return found
 
 
-@caught_by("gives_what_it_promises")
+@caught_by("declared_outputs")
 class PromisesTooMuch(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         return make_estimate(like=recording, disparity=disparity, method=self.name)
 
 
-@caught_by("missing_is_nan")
+@caught_by("invalid_is_nan")
 class ZeroForMissing(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         found = super().made(recording, disparity, flow)
@@ -173,7 +173,7 @@ class SubtractsUnsigned(Gradients):
         return np.asarray((values - half).astype(np.float64) / recording.attrs["full_scale"])
 
 
-@caught_by("not_finite")
+@caught_by("non_finite")
 class SpreadsNan(Gradients):
     def look(self, images: Array) -> None:
         images /= images.max() / 0.9
@@ -195,7 +195,7 @@ class NeedsFramesAndDoesNotSayIt(Gradients):
     needs = Needs(cameras=2, channels=1)
 
 
-@caught_by("part_of_cameras")
+@caught_by("camera_subset")
 class AssumesThreeCameras(Gradients):
     """Half of the disparity between the outermost cameras, however many there are."""
 
@@ -203,7 +203,7 @@ class AssumesThreeCameras(Gradients):
         return super().made(recording, (recording.sizes["s"] - 1) / 2 * disparity, flow)
 
 
-@caught_by("frame_numbers", "part_of_frames")
+@caught_by("frame_numbers", "frame_subset")
 class NumbersFramesAnew(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         found = super().made(recording, disparity, flow)
@@ -232,7 +232,7 @@ class TakesTheMiddleForThePrincipalPoint(CountsColumnsFromTheArray):
     centred = True
 
 
-@caught_by("mirror_x", "reversed_time")
+@caught_by("mirror_x", "time_reversal")
 class KnowsOneDirection(Gradients):
     def flow(self, images: Array) -> Array:
         found = super().flow(images)
@@ -249,7 +249,7 @@ class KnowsOneSlope(Gradients):
         return np.asarray(found * 1.1 if falls else found)
 
 
-@caught_by("grey_scale")
+@caught_by("intensity_invariance")
 class AbsoluteThreshold(Gradients):
     def flow(self, images: Array) -> Array:
         found = super().flow(images)
@@ -257,7 +257,7 @@ class AbsoluteThreshold(Gradients):
         return np.where(contrast > 0.08, found, np.nan)
 
 
-@caught_by("lengths")
+@caught_by("baseline_scaling")
 class NothingIsFarAway(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         product = recording.attrs["focal_length_px"] * recording.attrs["baseline_mm"]
@@ -265,7 +265,7 @@ class NothingIsFarAway(Gradients):
         return make_estimate(like=recording, depth=depth, flow=flow, method=self.name)
 
 
-@caught_by("exchanged_cameras")
+@caught_by("reversed_baseline")
 class OnlyToTheRight(Gradients):
     """A positive disparity, whatever the baseline."""
 
@@ -286,20 +286,20 @@ class PerSecond(Gradients):
         return super().made(recording, disparity, flow / recording.attrs["frame_interval_s"])
 
 
-@caught_by("at_rest")
+@caught_by("static_scene")
 class RestIsMissing(Gradients):
     def flow(self, images: Array) -> Array:
         found = super().flow(images)
         return np.where(found == 0, np.nan, found)
 
 
-@caught_by("truth_in_the_middle", "part_of_frames", "part_of_cameras")
+@caught_by("median_accuracy", "frame_subset", "camera_subset")
 class BackwardFlow(Gradients):
     def flow(self, images: Array) -> Array:
         return -super().flow(images)
 
 
-@caught_by("truth_in_the_middle", "part_of_frames", "part_of_cameras", "single_frame")
+@caught_by("median_accuracy", "frame_subset", "camera_subset", "single_frame")
 class WholeBaseline(Gradients):
     """Disparity between the outermost cameras, two steps apart."""
 
@@ -312,13 +312,13 @@ class WholeBaseline(Gradients):
         return super().made(recording, 2 * disparity, flow)
 
 
-@caught_by("quantities_agree")
+@caught_by("consistency")
 class ContradictsItself(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         found = super().made(recording, disparity, flow)
         return found.assign(disparity=(found["disparity"] * 1.01).assign_attrs(found["disparity"].attrs))
 
 
-@caught_by("mask")
+@caught_by("exclusion_mask")
 class IgnoresTheMask(Gradients):
     needs = Needs(cameras=2, frames=2, channels=1, mask=True)

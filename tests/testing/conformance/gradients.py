@@ -11,9 +11,9 @@ from scipy.ndimage import correlate1d, gaussian_filter
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators import Method, MethodSettings, Needs
-from scenetruth.model import FrozenModel
 from scenetruth.progress import Progress
 from scenetruth.schema import make_estimate
+from scenetruth.validated_model import FrozenModel
 
 __all__ = ["Gradients", "GradientsSettings"]
 

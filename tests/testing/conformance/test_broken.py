@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from scenetruth.testing import ConformanceError, check_estimator
-from scenetruth.testing.conformance.registry import all_checks
+from scenetruth.testing.conformance.check_runner import all_checks
 from tests.nightly import NIGHTLY
 from tests.testing.conformance import broken
 from tests.testing.conformance.broken import BROKEN
@@ -36,7 +36,7 @@ def test_what_is_not_broken_passes() -> None:
     report = check_estimator(Gradients())
     assert not report.failed
     assert set(report.skipped) == {
-        *("mask", "single_camera", "single_frame", "standard_deviations", "streaming", "thread_safe")
+        *("exclusion_mask", "single_camera", "single_frame", "standard_deviations", "streaming", "thread_safe")
     }
 
 

@@ -8,13 +8,13 @@ from scenetruth.testing import check_estimator
 from tests.nightly import nightly
 
 # Why a check does not apply to a method is part of what is promised: a check that is skipped without need says nothing.
-MOTION = {"at_rest", "exchanged_cameras", "lengths"}
-ALWAYS = {"mask", "thread_safe"}
+MOTION = {"static_scene", "reversed_baseline", "baseline_scaling"}
+ALWAYS = {"exclusion_mask", "thread_safe"}
 SKIPPED = {
     "structure_tensor": ALWAYS,
-    "plane_sweep": {*ALWAYS, "standard_deviations", "single_camera", "at_rest"},
-    "opencv_stereo": {*ALWAYS, "standard_deviations", "single_camera", "at_rest"},
-    "opencv_flow": {*ALWAYS, "standard_deviations", "single_frame", "lengths", "exchanged_cameras"},
+    "plane_sweep": {*ALWAYS, "standard_deviations", "single_camera", "static_scene"},
+    "opencv_stereo": {*ALWAYS, "standard_deviations", "single_camera", "static_scene"},
+    "opencv_flow": {*ALWAYS, "standard_deviations", "single_frame", "baseline_scaling", "reversed_baseline"},
     "opencv_scene_flow": {*ALWAYS, "standard_deviations", "single_camera", "single_frame"},
 }
 

@@ -14,7 +14,7 @@ import scenetruth as st
 import scenetruth.testing
 from scenetruth.estimators import Needs
 from scenetruth.testing import ConformanceError, check_estimator, estimator_checks
-from scenetruth.testing.conformance.registry import all_checks
+from scenetruth.testing.conformance.check_runner import all_checks
 from tests.testing.conformance.broken import BackwardFlow, ZeroForMissing
 from tests.testing.conformance.gradients import Gradients
 
@@ -60,7 +60,7 @@ def test_under_pytest(pytester: pytest.Pytester) -> None:
         from tests.testing.conformance.broken import ZeroForMissing
 
         @pytest.mark.parametrize("check", [c for c in estimator_checks(ZeroForMissing()) if str(c) in
-                                           ("missing_is_nan", "deterministic", "thread_safe")])
+                                           ("invalid_is_nan", "deterministic", "thread_safe")])
         def test_conforms(check):
             check()
         """
@@ -69,7 +69,7 @@ def test_under_pytest(pytester: pytest.Pytester) -> None:
     done.assert_outcomes(passed=1, failed=1, skipped=1)
     done.stdout.fnmatch_lines_random(
         [
-            "*test_conforms[[]missing_is_nan[]] FAILED*",
+            "*test_conforms[[]invalid_is_nan[]] FAILED*",
             "*test_conforms[[]deterministic[]] PASSED*",
             "*remedy:*write NaN where nothing is known*",
             "*the method does not say that it is thread-safe*",
@@ -79,7 +79,7 @@ def test_under_pytest(pytester: pytest.Pytester) -> None:
 
 def test_all_failures_are_told_at_once() -> None:
     with pytest.raises(ConformanceError) as caught:
-        check_estimator(BackwardFlow(), only=["truth_in_the_middle", "part_of_frames", "deterministic"])
+        check_estimator(BackwardFlow(), only=["median_accuracy", "frame_subset", "deterministic"])
     assert isinstance(caught.value, AssertionError)
     text = str(caught.value)
     assert "1 of 3 checks passed, 2 failed" in text
@@ -90,7 +90,9 @@ def test_all_failures_are_told_at_once() -> None:
 
 
 def test_checks_are_chosen_by_name() -> None:
-    assert check_estimator(ZeroForMissing(), skip="missing_is_nan", only=["missing_is_nan", "form"]).passed == ("form",)
+    assert check_estimator(
+        ZeroForMissing(), skip="invalid_is_nan", only=["invalid_is_nan", "output_schema"]
+    ).passed == ("output_schema",)
     with pytest.raises(st.EstimateError) as caught:
         check_estimator(Gradients(), only=["determinstic"], skip=["nothing_like_it"])
     assert [problem.path for problem in caught.value.problems] == ["only", "skip"]
@@ -101,10 +103,10 @@ def test_checks_are_chosen_by_name() -> None:
 
 def test_functions_and_paths_are_methods_too() -> None:
     for method in (far_away, f"{__name__}:far_away"):
-        report = check_estimator(method, only=["deterministic", "form", "own_arrays", "truth_in_the_middle"])
+        report = check_estimator(method, only=["deterministic", "output_schema", "no_shared_memory", "median_accuracy"])
         assert len(report.passed) == 4
     with pytest.raises(ConformanceError, match="depth is 900 mm in the median"):
-        check_estimator(far_away, settings={"depth_mm": 900.0}, only="truth_in_the_middle")
+        check_estimator(far_away, settings={"depth_mm": 900.0}, only="median_accuracy")
 
 
 def test_settings_and_sizes_reach_the_method() -> None:
@@ -116,7 +118,7 @@ def test_settings_and_sizes_reach_the_method() -> None:
         seen.append(recording["image"].shape)
         return far_away(recording)
 
-    check_estimator(watching, only="gives_what_it_promises", size=(30, 40), cameras=5, frames=4)
+    check_estimator(watching, only="declared_outputs", size=(30, 40), cameras=5, frames=4)
     assert seen == [(5, 4, 30, 40)]
     report = check_estimator(watching, only="mirror_x", cameras=4)
     assert report.skipped == {"mirror_x": "needs an odd number of cameras, not 4"}
@@ -130,7 +132,7 @@ def test_methods_that_need_more_get_more() -> None:
         return far_away(recording)
 
     watching.needs = Needs(cameras=4, frames=6, channels=3)  # type: ignore[attr-defined]
-    check_estimator(watching, only="gives_what_it_promises")
+    check_estimator(watching, only="declared_outputs")
     assert seen == [(5, 7, 56, 72, 3)]
 
 
@@ -140,8 +142,8 @@ def test_what_cannot_be_estimated_is_told_once() -> None:
         raise RuntimeError(msg)
 
     with pytest.raises(ConformanceError) as caught:
-        check_estimator(fails, only=["gives_what_it_promises", "deterministic", "mirror_x"])
-    assert set(caught.value.report.failed) == {"gives_what_it_promises"}
+        check_estimator(fails, only=["declared_outputs", "deterministic", "mirror_x"])
+    assert set(caught.value.report.failed) == {"declared_outputs"}
     assert "RuntimeError: out of luck" in str(caught.value)
     assert set(caught.value.report.skipped) == {"deterministic", "mirror_x"}
 

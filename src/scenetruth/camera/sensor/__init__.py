@@ -1,13 +1,9 @@
-"""The sensor: a chain of effects from linear light to digital numbers, each with a random stream of its own."""
+"""The sensor: a chain of effects from linear light to digital numbers, each with its own random stream."""
 
-from scenetruth.camera.sensor.base import Effect, Exposure, LinearImage
 from scenetruth.camera.sensor.chain import AnyEffect, OpenSensor, SensorChain
-from scenetruth.camera.sensor.choice import AnySensor, chain_of
-from scenetruth.camera.sensor.correction import two_point_correction
-from scenetruth.camera.sensor.emva1288 import EmvaSensor
-from scenetruth.camera.sensor.gaussian import GaussianSensor
-from scenetruth.camera.sensor.photon_transfer import PhotonTransfer, photon_transfer
-from scenetruth.camera.sensor.presets import PRESETS
+from scenetruth.camera.sensor.characterisation import PhotonTransfer, photon_transfer, two_point_correction
+from scenetruth.camera.sensor.effects import Effect, Exposure, LinearImage
+from scenetruth.camera.sensor.sensor_types import PRESETS, AnySensor, EmvaSensor, GaussianSensor, build_sensor_chain
 
 __all__ = [
     "PRESETS",
@@ -21,7 +17,7 @@ __all__ = [
     "OpenSensor",
     "PhotonTransfer",
     "SensorChain",
-    "chain_of",
+    "build_sensor_chain",
     "photon_transfer",
     "two_point_correction",
 ]

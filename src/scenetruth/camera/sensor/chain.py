@@ -1,4 +1,4 @@
-"""A sensor as a chain of effects: the checks whether they fit together, and the simulation of images."""
+"""A sensor as a chain of effects: validation of the chain, insertion of further effects, simulation of images."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 from pydantic import ValidationError, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from scenetruth.camera.sensor.base import Effect, Exposure, LinearImage, Unit
-from scenetruth.kinds import one_of
-from scenetruth.model import FrozenModel
-from scenetruth.randomness import GeneratorFor
+from scenetruth.camera.sensor.effects import Effect, Exposure, LinearImage, Unit
+from scenetruth.discovery import discriminated_union
+from scenetruth.random_streams import GeneratorFor
+from scenetruth.validated_model import FrozenModel
 
-__all__ = ["AnyEffect", "OpenSensor", "SensorChain"]
+__all__ = ["AnyEffect", "InsertedEffect", "OpenSensor", "SensorChain", "check_insertions", "insert_effects"]
+
 
 if TYPE_CHECKING:
     AnyEffect = Effect
 else:
-    AnyEffect = one_of(Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noises")
+    AnyEffect = discriminated_union(
+        Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noise_sources"
+    )
 
 
 class SensorChain(FrozenModel):
@@ -190,11 +193,13 @@ def _misfits(effects: Sequence[Effect]) -> list[InitErrorDetails]:
     for index, effect in enumerate(effects):
         if effect.takes != given:
             message = f"'{effect.kind}' takes {effect.takes}, but {maker} {given}"
-            problems.append(_problem(index, f"{message}: put what converts them in between, or move it", effect.kind))
+            problems.append(
+                _chain_problem(index, f"{message}: put what converts them in between, or move it", effect.kind)
+            )
         given, maker = effect.gives, f"'{effect.kind}' before it gives"
     if given == "unrounded digital numbers":
         message = "digital numbers must be rounded: put 'digitisation' behind it"
-        problems.append(_problem(len(effects) - 1, message, effects[-1].kind))
+        problems.append(_chain_problem(len(effects) - 1, message, effects[-1].kind))
     return problems
 
 
@@ -203,7 +208,7 @@ def _taken_twice(effects: Sequence[Effect]) -> list[InitErrorDetails]:
     keys = [effect.key for effect in effects]
     message = "draws the same random numbers as effect {} of the same name: give it a 'name' of its own"
     return [
-        _problem(index, message.format(keys.index(key)), key)
+        _chain_problem(index, message.format(keys.index(key)), key)
         for index, key in enumerate(keys)
         if keys.index(key) < index
     ]
@@ -213,10 +218,90 @@ def _blind_spots(effects: Sequence[Effect]) -> list[InitErrorDetails]:
     """Return where the sensor is saturated without any light."""
     dark = [index for index, limit in enumerate(_limits(effects)[:-1]) if limit <= 0]
     # The last of them is the cause; those before it saturate because of it.
-    return [_problem(dark[-1], "saturates the sensor without light", effects[dark[-1]].kind)] if dark else []
+    return [_chain_problem(dark[-1], "saturates the sensor without light", effects[dark[-1]].kind)] if dark else []
 
 
-def _problem(index: int, message: str, given: Any) -> InitErrorDetails:
+def _chain_problem(index: int, message: str, given: Any) -> InitErrorDetails:
     return InitErrorDetails(
         type=PydanticCustomError("sensor_chain", "{message}", {"message": message}), loc=(index,), input=given
+    )
+
+
+class InsertedEffect(FrozenModel):
+    """A further effect, and its place in the chain."""
+
+    after: str
+    """Name of the effect that it comes behind; its kind if it has no name."""
+    effect: AnyEffect
+    """The effect."""
+
+
+def insert_effects(effects: Sequence[Effect], insertions: Sequence[InsertedEffect]) -> tuple[Effect, ...]:
+    """Put further effects into a chain, one after the other.
+
+    Parameters
+    ----------
+    effects
+        The chain.
+    insertions
+        The further effects; one may come behind another.
+
+    Returns
+    -------
+    tuple of Effect
+        The longer chain.
+
+    Raises
+    ------
+    ValueError
+        If the chain has no effect of the name that one should come behind.
+    """
+    chain = list(effects)
+    for insertion in insertions:
+        keys = [effect.key for effect in chain]
+        if insertion.after not in keys:
+            msg = f"there is no effect '{insertion.after}' to come behind; there are {', '.join(keys)}"
+            raise ValueError(msg)
+        chain.insert(keys.index(insertion.after) + 1, insertion.effect)
+    return tuple(chain)
+
+
+def check_insertions(
+    effects: Sequence[Effect], insertions: Sequence[InsertedEffect], field: str
+) -> list[InitErrorDetails]:
+    """Return all problems of insertions, each with its path.
+
+    Parameters
+    ----------
+    effects
+        The chain.
+    insertions
+        The further effects.
+    field
+        Name of the field that holds them.
+
+    Returns
+    -------
+    list of pydantic_core.InitErrorDetails
+        One for each insertion that does not fit; empty if all do.
+    """
+    fitting: list[InsertedEffect] = []
+    problems = []
+    for index, insertion in enumerate(insertions):
+        try:
+            SensorChain(effects=insert_effects(effects, [*fitting, insertion]))
+        except ValidationError as error:
+            # What follows an effect that does not fit may not fit either: the first problem is the cause.
+            cause = error.errors()[0]["msg"]
+            problems.append(_insertion_problem((field, index, "effect"), cause, insertion.effect.kind))
+        except ValueError as error:
+            problems.append(_insertion_problem((field, index, "after"), str(error), insertion.after))
+        else:
+            fitting.append(insertion)
+    return problems
+
+
+def _insertion_problem(place: tuple[str | int, ...], message: str, given: Any) -> InitErrorDetails:
+    return InitErrorDetails(
+        type=PydanticCustomError("sensor_insertion", "{message}", {"message": message}), loc=place, input=given
     )

@@ -1,1 +1,1 @@
-"""Pages about recipes and data sets: words, charts, contact sheets, and one style for all."""
+"""Pages on recipes and data sets: card, preview, Croissant metadata, and their templates."""

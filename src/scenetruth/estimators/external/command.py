@@ -1,11 +1,15 @@
-"""A command, of whatever language, as a method of estimation."""
+"""A command that runs a program in any language, as a method."""
 
 from __future__ import annotations
 
+import difflib
 import os
+import re
 import shlex
+import shutil
 import signal
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,20 +17,171 @@ import xarray as xr
 from pydantic import create_model, field_validator
 
 from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimators.choice import validate_settings
-from scenetruth.estimators.external.command_line import files_of, filled, program_problem, words_of
-from scenetruth.estimators.external.exchange.image_files import image_problems
-from scenetruth.estimators.external.exchange.reading import read_results
-from scenetruth.estimators.external.exchange.writing import write_recording
-from scenetruth.estimators.external.naming import name_problems
-from scenetruth.estimators.external.processes import can_be_seen
-from scenetruth.estimators.external.running import Ended, last_lines, run_program
-from scenetruth.estimators.external.workplace import Workplace
+from scenetruth.estimators.external.image_writer import image_problems
+from scenetruth.estimators.external.recording_writer import write_recording
+from scenetruth.estimators.external.results_folder import read_results
+from scenetruth.estimators.external.subprocess_limits import ProcessResult, can_list_processes, last_lines, run_program
 from scenetruth.estimators.protocol import Method, MethodSettings, Needs
-from scenetruth.model import Positive
+from scenetruth.estimators.registry import name_problems, validate_settings
 from scenetruth.progress import Progress
+from scenetruth.validated_model import Positive
 
-__all__ = ["CommandMethod", "CommandSettings"]
+__all__ = [
+    "PLACEHOLDERS",
+    "CommandMethod",
+    "CommandSettings",
+    "WorkingDirectory",
+    "fill_placeholders",
+    "find_command_files",
+    "program_problem",
+    "split_command",
+]
+
+
+PLACEHOLDERS = ("recording", "output")
+"""What must stand in braces in a command, each at least once."""
+
+_BRACES = re.compile(r"\{\{|\}\}|\{([^{}]*)\}")
+
+
+def split_command(command: str) -> list[str]:
+    """Return the words of a command, as a shell would split them; nothing in them is expanded.
+
+    Raises
+    ------
+    ValueError
+        If it has no words, quotes that do not end, places that are unknown, or not all of `PLACEHOLDERS`.
+
+    Examples
+    --------
+    >>> split_command("python 'my program.py' {recording} --to={output}")
+    ['python', 'my program.py', '{recording}', '--to={output}']
+    >>> split_command("mine {recordings} {output}")
+    Traceback (most recent call last):
+    ValueError: {recordings} is unknown, did you mean {recording}?; {recording} is missing
+    """
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        msg = f"cannot be split into words: {error}"
+        raise ValueError(msg) from error
+    places = [match[1] for word in words for match in _BRACES.finditer(word) if match[1] is not None]
+    wrong = []
+    for place in dict.fromkeys(places):
+        if place not in PLACEHOLDERS:
+            near = difflib.get_close_matches(place, PLACEHOLDERS, n=1)
+            hint = f"did you mean {{{near[0]}}}?" if near else "known: {recording}, {output}; other braces are doubled"
+            wrong.append(f"{{{place}}} is unknown, {hint}")
+    wrong += [f"{{{place}}} is missing" for place in PLACEHOLDERS if place not in places]
+    if wrong:
+        raise ValueError("; ".join(wrong))
+    return words
+
+
+def fill_placeholders(words: list[str], folders: Mapping[str, Path], base: Path) -> list[str]:
+    """Return words with folders in their places.
+
+    Programs run in a folder of their own. Words without a place that name a file below ``base`` become absolute, so
+    that ``python mine.py`` finds what it found there.
+
+    Parameters
+    ----------
+    words
+        From `split_command`.
+    folders
+        A folder for each of `PLACEHOLDERS`.
+    base
+        The folder that relative names of files count from.
+    """
+    return [_filled(word, folders, base) for word in words]
+
+
+def _filled(word: str, folders: Mapping[str, Path], base: Path) -> str:
+    def one(match: re.Match[str]) -> str:
+        place: str | None = match[1]
+        return match[0][0] if place is None else str(folders[place])
+
+    if not any(match[1] is not None for match in _BRACES.finditer(word)):
+        try:
+            if word and (base / word).is_file():
+                return str(base / word)
+        except (OSError, ValueError):  # a word that no file can be named like
+            pass
+    return _BRACES.sub(one, word)
+
+
+def find_command_files(words: list[str], base: Path) -> list[Path]:
+    """Return the files that words name, also after ``--option=``, and the program, wherever it is found.
+
+    Parameters
+    ----------
+    words
+        From `split_command`.
+    base
+        The folder that relative names of files count from.
+    """
+    import shutil
+
+    named = [part for word in words for part in (word, word.partition("=")[2]) if part]
+    found = [] if (base / words[0]).is_file() else [Path(shutil.which(words[0]) or base)]
+    for name in named:
+        try:
+            found += [base / name] if (base / name).is_file() else []
+        except (OSError, ValueError):  # a word that no file can be named like
+            continue
+    return [path for path in found if path.is_file()]
+
+
+def program_problem(word: str, base: Path) -> str:
+    """Return why a program cannot be started; empty if it can, as far as can be told."""
+    import os
+    import shutil
+
+    if (base / word).is_file() and not os.access(base / word, os.X_OK):
+        return "may not be executed: name its interpreter before it, or allow it (chmod +x)"
+    if (base / word).is_file() or shutil.which(word) is not None:
+        return ""
+    return "there is no such program"
+
+
+class WorkingDirectory:
+    """A fresh folder with folders in it: ``recording``, ``output``, ``work``, where the program runs, and ``log.txt``.
+
+    Parameters
+    ----------
+    name
+        What it is called after.
+    keep_in
+        The folder in which it stays; None for a temporary one that goes.
+    """
+
+    def __init__(self, name: str, keep_in: Path | None) -> None:
+        if keep_in is not None:
+            keep_in.mkdir(parents=True, exist_ok=True)
+        self._stays = keep_in is not None
+        # The name says nothing of the run that the recording is from.
+        self.folder = Path(tempfile.mkdtemp(prefix=f"scenetruth-{name}-", dir=keep_in)).resolve()
+        self.recording, self.output, self.work = (self.folder / part for part in ("recording", "output", "work"))
+        self.log = self.folder / "log.txt"
+        for part in (self.recording, self.output, self.work):
+            part.mkdir()
+
+    @property
+    def places(self) -> dict[str, Path]:
+        """The folders that commands name."""
+        return {"recording": self.recording, "output": self.output}
+
+    def clear(self) -> None:
+        """Remove all, unless it is to stay."""
+        if not self._stays:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def clear_to_log(self) -> None:
+        """Remove all but the log, unless all is to stay."""
+        if not self._stays:
+            for part in (self.recording, self.output, self.work):
+                shutil.rmtree(part, ignore_errors=True)
+
 
 _GIVES = ("depth", "disparity", "flow", "velocity")
 
@@ -46,7 +201,7 @@ class CommandSettings(MethodSettings):
     @field_validator("command")
     @classmethod
     def _has_places(cls, command: str) -> str:
-        words_of(command)
+        split_command(command)
         return command
 
 
@@ -151,22 +306,24 @@ class CommandMethod(Method):
 
     def named_files(self) -> list[Path]:
         """Return the files that the command names, the program first if it is found."""
-        return files_of(words_of(self._given["command"]), self._base)
+        return find_command_files(split_command(self._given["command"]), self._base)
 
     def requirements(self, recording: xr.Dataset, settings: CommandSettings) -> list[Problem]:
         """Return what keeps the program from being started, and images from being written."""
-        word = filled(words_of(settings.command), {"recording": Path(), "output": Path()}, self._base)[0]
+        word = fill_placeholders(split_command(settings.command), {"recording": Path(), "output": Path()}, self._base)[
+            0
+        ]
         problems = image_problems(recording, settings.images)
         if message := program_problem(word, self._base):
             problems.append(Problem("command", message, word))
-        if settings.memory_mb is not None and not can_be_seen():
+        if settings.memory_mb is not None and not can_list_processes():
             problems.append(Problem("memory_mb", "cannot be kept here: the system does not tell the memory (/proc)"))
         return problems
 
     def estimate(self, recording: xr.Dataset, settings: CommandSettings, progress: Progress | None) -> xr.Dataset:
         """Write the recording, run the program, read its results."""
-        place = Workplace(self.name, self._keep_in)
-        words = filled(words_of(settings.command), place.places, self._base)
+        place = WorkingDirectory(self.name, self._keep_in)
+        words = fill_placeholders(split_command(settings.command), place.places, self._base)
         try:
             write_recording(recording, place.recording, settings.images, progress=progress)
             ended, problems = _run(words, place, settings, progress)
@@ -184,7 +341,7 @@ class CommandMethod(Method):
         found.attrs |= {"seconds": ended.seconds, "peak_memory_mb": ended.peak_memory_mb}
         return found
 
-    def _traces(self, words: list[str], place: Workplace) -> list[Problem]:
+    def _traces(self, words: list[str], place: WorkingDirectory) -> list[Problem]:
         """Keep what shows why a run failed, and tell where it is."""
         lines = last_lines(place.log)
         end = (
@@ -206,8 +363,8 @@ def _remade(given: dict[str, Any], base: Path) -> CommandMethod:
 
 
 def _run(
-    words: list[str], place: Workplace, settings: CommandSettings, progress: Progress | None
-) -> tuple[Ended, list[Problem]]:
+    words: list[str], place: WorkingDirectory, settings: CommandSettings, progress: Progress | None
+) -> tuple[ProcessResult, list[Problem]]:
     """Run the program; return how it ended, and what was wrong with that."""
     ended = run_program(
         words,
@@ -227,11 +384,11 @@ def _run(
         )
         return ended, [Problem("command", message)]
     if ended.code:
-        return ended, [Problem("command", _code_told(ended.code))]
+        return ended, [Problem("command", _describe_return_code(ended.code))]
     return ended, []
 
 
-def _code_told(code: int) -> str:
+def _describe_return_code(code: int) -> str:
     if code > 0:
         return f"ended with exit code {code}"
     try:

@@ -1,22 +1,406 @@
-"""Results that were made elsewhere, and wait in a folder, as a method of estimation."""
+"""A folder of results: read as an estimate, with its metadata results.json, and used as a method."""
 
 from __future__ import annotations
 
+import difflib
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from pydantic import create_model
 
-from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimators.external.exchange.keys import recording_key
-from scenetruth.estimators.external.exchange.reading import read_results
-from scenetruth.estimators.external.naming import name_problems
+from scenetruth.errors import EstimateError, Problem, RecordingError
+from scenetruth.estimators.external.recording_writer import recording_key
+from scenetruth.estimators.external.result_files import METADATA_FILE, QUANTITIES, ResultFile, find_results, read_map
 from scenetruth.estimators.protocol import Method, MethodSettings, Needs
+from scenetruth.estimators.registry import name_problems
+from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
+from scenetruth.schema import KIND_NONE, check_dataset, compute_pixel_grid, make_estimate, read_intrinsics
 
-__all__ = ["ResultsFolder", "ResultsFolderSettings"]
+__all__ = [
+    "ResultsFolder",
+    "ResultsFolderSettings",
+    "ResultsMetadata",
+    "arranged",
+    "read_metadata",
+    "read_results",
+    "type_problem",
+]
+
+
+_LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3}
+_KEYS = ("t", "method", "units")
+
+
+@dataclass(frozen=True)
+class ResultsMetadata:
+    """What results.json says.
+
+    Parameters
+    ----------
+    t
+        The frames of arrays whose names do not say them; None if it does not say.
+    method
+        What to call the method; empty if it does not say.
+    factors
+        What to multiply quantities by, to have them in our units.
+    """
+
+    t: list[int] | None = None
+    method: str = ""
+    factors: Mapping[str, float] = field(default_factory=dict)
+
+
+def read_metadata(folder: Path, frame_interval_s: float, problems: list[Problem]) -> ResultsMetadata:
+    """Return what results.json says; nothing if it is not there.
+
+    Parameters
+    ----------
+    folder
+        The folder of results.
+    frame_interval_s
+        Time between two frames, for units per second.
+    problems
+        Where to note what is wrong.
+    """
+    file = folder / METADATA_FILE
+    if not file.is_file():
+        return ResultsMetadata()
+    try:
+        told = parse_json(file.read_bytes())
+    except (ValueError, OSError) as error:
+        problems.append(Problem(METADATA_FILE, f"cannot be read: {error}"))
+        return ResultsMetadata()
+    if not isinstance(told, dict):
+        problems.append(Problem(METADATA_FILE, f"must be a mapping with any of {', '.join(_KEYS)}"))
+        return ResultsMetadata()
+    problems += [_unknown(key, key, _KEYS) for key in told if key not in _KEYS]
+    t, method = told.get("t"), told.get("method", "")
+    frames = None
+    if t is not None:
+        frames = t if isinstance(t, list) else [t]
+        if not frames or not all(isinstance(n, int) and not isinstance(n, bool) for n in frames):
+            problems.append(Problem(f"{METADATA_FILE}: t", "must be frame numbers: an integer, or a list of them", t))
+            frames = None
+        elif len(set(frames)) < len(frames):
+            problems.append(Problem(f"{METADATA_FILE}: t", "names a frame twice", t))
+            frames = None
+    if not isinstance(method, str) or not method.isprintable():
+        problems.append(Problem(f"{METADATA_FILE}: method", "must be a name", method))
+        method = ""
+    return ResultsMetadata(frames, method, _factors(told.get("units", {}), frame_interval_s, problems))
+
+
+def _factors(units: Any, frame_interval_s: float, problems: list[Problem]) -> dict[str, float]:
+    if not isinstance(units, dict):
+        problems.append(Problem(f"{METADATA_FILE}: units", "must be a mapping from quantities to units", units))
+        return {}
+    found = {}
+    for name, unit in units.items():
+        if name not in QUANTITIES:
+            problems.append(_unknown(f"units.{name}", name, tuple(QUANTITIES)))
+            continue
+        known = _units_of(name, frame_interval_s)
+        if not isinstance(unit, str) or unit not in known:
+            problems.append(Problem(f"{METADATA_FILE}: units.{name}", f"must be one of {', '.join(known)}", unit))
+            continue
+        found[name] = known[unit]
+    return found
+
+
+def _units_of(name: str, frame_interval_s: float) -> dict[str, float]:
+    """Return the units that a quantity may have, the first one ours, with their factors."""
+    what = name.removesuffix("_std")
+    if what == "depth":
+        return _LENGTHS
+    if what in ("velocity", "depth_rate"):
+        each = {f"{length}/frame": factor for length, factor in _LENGTHS.items()}
+        return each | {f"{length}/s": factor * frame_interval_s for length, factor in _LENGTHS.items()}
+    if what == "flow":
+        return {"px/frame": 1.0, "px/s": frame_interval_s}
+    return {"px/step": 1.0} if what == "disparity" else {"1": 1.0}
+
+
+def _unknown(path: str, word: str, known: tuple[str, ...]) -> Problem:
+    near = difflib.get_close_matches(word, known, n=1)
+    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
+    return Problem(f"{METADATA_FILE}: {path}", f"is unknown; {hint}")
+
+
+def type_problem(values: NDArray[Any], name: str) -> str:
+    """Return what is wrong with the type of an array; empty if nothing is.
+
+    Examples
+    --------
+    >>> type_problem(np.zeros(3, dtype=np.uint16), "depth")
+    'holds integers (uint16): write float32 in the units of the quantity, NaN where nothing is known'
+    """
+    kind = values.dtype.kind
+    if kind == "c":
+        return f"holds complex numbers ({values.dtype}): write float32"
+    if kind not in "fiub":
+        return f"holds no numbers ({values.dtype}): write float32"
+    if name == "kind":
+        if kind == "b" or not np.isin(values, (0, 1, 2)).all():
+            return "must hold 0 (none), 1 (normal) or 2 (full), as uint8"
+    elif kind != "f":
+        what = "booleans" if kind == "b" else "integers"
+        return f"holds {what} ({values.dtype}): write float32 in the units of the quantity, NaN where nothing is known"
+    return ""
+
+
+def arranged(values: NDArray[Any], components: int, size: tuple[int, int]) -> NDArray[np.float64]:
+    """Return an array as (component, t, y, x).
+
+    Parameters
+    ----------
+    values
+        Of shape (t, y, x) or (y, x); of several components (c, t, y, x) or (c, y, x), or with c last.
+    components
+        How many there are.
+    size
+        Height and width of the images.
+
+    Raises
+    ------
+    ValueError
+        If it has another shape; says what may be the reason.
+
+    Examples
+    --------
+    >>> arranged(np.zeros((30, 40, 2)), 2, (30, 40)).shape
+    (2, 1, 30, 40)
+    >>> arranged(np.zeros((40, 30)), 1, (30, 40))
+    Traceback (most recent call last):
+    ValueError: has the shape (40, 30), not (30, 40) or (t, 30, 40): it looks transposed: (x, y)
+    """
+    shape = values.shape
+    if values.size == 0:
+        msg = f"is empty: its shape is {shape}"
+        raise ValueError(msg)
+    if components == 1:
+        if values.ndim in (2, 3) and shape[-2:] == size:
+            return np.array(values, dtype=np.float64).reshape(1, -1, *size)
+    elif values.ndim in (3, 4):
+        if shape[0] == components and shape[-2:] == size:
+            return np.array(values, dtype=np.float64).reshape(components, -1, *size)
+        if shape[-1] == components and shape[-3:-1] == size:
+            return np.array(np.moveaxis(values, -1, 0), dtype=np.float64).reshape(components, -1, *size)
+    height, width = size
+    lead = "" if components == 1 else f"{components}, "
+    hint = _hint(shape, components, size)
+    msg = f"has the shape {shape}, not ({lead}{height}, {width}) or ({lead}t, {height}, {width})"
+    raise ValueError(msg + (f": {hint}" if hint else ""))
+
+
+def _hint(shape: tuple[int, ...], components: int, size: tuple[int, int]) -> str:
+    """Return what a wrong shape may be due to."""
+    if len(shape) < 2:
+        return ""
+    last = components > 1 and shape[0] != components and shape[-1] == components and len(shape) > 2
+    found = shape[-3:-1] if last else shape[-2:]
+    if found == size:
+        if components > 1 and len(shape) == 4 and shape[1] == components:
+            return "components come before frames"
+        return f"it needs {components} components" if components > 1 else "there is one value for each pixel"
+    if found == size[::-1]:
+        return "it looks transposed: (x, y)"
+    gaps = {had - has for had, has in zip(found, size, strict=True)}
+    if gaps <= {0, 1} or gaps <= {0, -1}:
+        much = "large" if 1 in gaps else "small"
+        return f"it is one pixel too {much}: a half-pixel grid? There is one value for the centre of every pixel"
+    for times in (2, 4, 8):
+        if found == tuple(-(-length // times) for length in size) or found == tuple(n // times for n in size):
+            return f"it seems to hold every {times}{'nd' if times == 2 else 'th'} pixel only"
+    return ""
+
+
+Map = NDArray[np.float64]
+Frames = dict[int, Map]
+
+_REQUIRED_QUANTITIES = ("depth", "disparity", "flow", "velocity")
+_IN_PIXELS = ("disparity", "disparity_std", "flow")
+
+
+def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset:
+    """Return what a program has written as an estimate.
+
+    A file for each quantity, ``depth``, ``disparity``, ``flow``, ``velocity``, ``depth_rate``, ``depth_std``,
+    ``disparity_std``, ``velocity_std``, ``kind``: ``NAME.npy``, ``NAME.npz``, ``NAME.pfm``, ``NAME.zarr``, or
+    ``flow.flo``; of one frame ``NAME_t+0.npy``. Arrays are (t, y, x) or (y, x); of components (c, t, y, x),
+    (c, y, x), or with c last. ``results.json`` may tell ``t``, ``method`` and ``units``. Pixels are those of the
+    images that `write_recording` wrote; units and signs are those of camera.json.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    like
+        The recording that the results belong to.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of `scenetruth.make_estimate`, which derives what follows. Frames that only some quantities have are NaN in
+        the others.
+
+    Raises
+    ------
+    RecordingError
+        If the recording does not have the agreed form.
+    EstimateError
+        With everything that is wrong, by the names of the files: missing or unknown names, wrong shapes, types, signs,
+        infinite values, nothing but NaN.
+
+    See Also
+    --------
+    write_recording : What a program reads.
+
+    Examples
+    --------
+    A map of disparity in px per step, from which depth in mm follows:
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 1, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> with TemporaryDirectory() as folder:
+    ...     np.save(Path(folder, "disparity.npy"), np.full((30, 40), 2.5))
+    ...     found = read_results(folder, like=recording)
+    >>> found.depth.sel(t=0)[15, 20].item(), found.attrs["method"]
+    (1000.0, 'external')
+
+    Whatever is wrong is told by the names of the files:
+
+    >>> with TemporaryDirectory() as folder:
+    ...     np.save(Path(folder, "disparity.npy"), np.full((40, 30), 2.5))
+    ...     np.save(Path(folder, "fow.npy"), np.zeros((2, 30, 40)))
+    ...     try:
+    ...         read_results(folder, like=recording)
+    ...     except st.EstimateError as error:
+    ...         for problem in error.problems:
+    ...             print(problem)
+    fow.npy: has a name that means nothing; did you mean 'flow'? Put other files in a sub-folder
+    disparity.npy: has the shape (40, 30), not (30, 40) or (t, 30, 40): it looks transposed: (x, y)
+    """
+    check_dataset(like, "recording")
+    place, problems = Path(folder), list[Problem]()
+    files = find_results(place, problems)
+    note = read_metadata(place, read_intrinsics(like).frame_interval_s, problems)
+    if note.t is not None and (strange := sorted(set(note.t) - set(like["t"].values.tolist()))):
+        message = f"the recording has no such frames; it has {like['t'].values.tolist()}"
+        problems.append(Problem(f"{METADATA_FILE}: t", message, strange))
+        note = replace(note, t=None)
+    found: dict[str, Frames] = {}
+    for name, items in files.items():
+        frames: Frames = {}
+        bad = len(problems)
+        for item in items:
+            frames |= _frames_of(item, like, note, problems)
+        if len(problems) == bad:
+            found[name] = _in_our_units(name, frames, note, like, items, problems)
+    arrays, times = _together(found, like)
+    # Signs and contradictions are found there, also where files are missing or wrong.
+    if not problems or any(name in found for name in _REQUIRED_QUANTITIES):
+        try:
+            made = make_estimate(like=like, t=times, method=note.method or "external", **arrays)
+        except RecordingError as error:
+            problems += [_by_file(problem, files, place) for problem in error.problems]
+    if problems:
+        raise EstimateError(problems, source=f"the results in {place}")
+    return made
+
+
+def _frames_of(item: ResultFile, like: xr.Dataset, note: ResultsMetadata, problems: list[Problem]) -> Frames:
+    """Return the maps of a file by their frames, shape (c, y, x); none, with problems noted, if it holds no such."""
+    path, size = item.path.name, (like.sizes["y"], like.sizes["x"])
+    try:
+        values = read_map(item.path, item.name)
+        wrong = type_problem(values, item.name)
+        if wrong:
+            problems.append(Problem(path, wrong))
+            # More can be told only of what counts as numbers.
+            values = values.astype(np.float64) if values.dtype.kind in "iub" else values
+        maps = arranged(values if values.dtype.kind in "fiub" else np.zeros(values.shape), QUANTITIES[item.name], size)
+    except ValueError as error:
+        problems.append(Problem(path, str(error)))
+        return {}
+    # Estimates are float32.
+    with np.errstate(invalid="ignore"):
+        infinite = int((np.abs(maps) > np.finfo(np.float32).max).sum())
+    if infinite:
+        problems.append(Problem(path, f"holds {infinite} infinite values, or too large ones; unknown is NaN"))
+    times = _times_of(item, maps.shape[1], like, note, problems)
+    return {t: maps[:, place] for place, t in enumerate(times)}
+
+
+def _times_of(
+    item: ResultFile, count: int, like: xr.Dataset, note: ResultsMetadata, problems: list[Problem]
+) -> list[int]:
+    """Return the frames that a file holds; none, with a problem noted, if that is open."""
+    path, recorded = item.path.name, [int(t) for t in like["t"].values]
+    if item.t is not None:
+        if item.t not in recorded:
+            problems.append(Problem(path, f"the recording has no such frame; it has {recorded}", item.t))
+            return []
+        if count != 1:
+            problems.append(Problem(path, f"must hold one frame, by its name; it holds {count}"))
+            return []
+        return [item.t]
+    if note.t is not None:
+        if len(note.t) != count:
+            problems.append(Problem(path, f"holds {count} frames, but {METADATA_FILE} names {len(note.t)}", note.t))
+            return []
+        return note.t
+    if count == len(recorded):
+        return recorded
+    if count == 1:
+        return [0]
+    message = f"holds {count} frames, the recording {len(recorded)}: say which in {METADATA_FILE}, "
+    problems.append(Problem(path, message + f'{{"t": {recorded[:count]}}}, or write a file for each, {item.name}_t+0'))
+    return []
+
+
+def _in_our_units(
+    name: str, frames: Frames, note: ResultsMetadata, like: xr.Dataset, items: list[ResultFile], problems: list[Problem]
+) -> Frames:
+    if frames and all(np.isnan(values).all() for values in frames.values()):
+        names = ", ".join(item.path.name for item in items)
+        problems.append(Problem(names, "holds nothing but NaN: nothing was estimated"))
+    factor = note.factors.get(name, 1.0)
+    if name in _IN_PIXELS:
+        # Neighbours in an image that was thinned out are several pixels of the camera apart.
+        factor *= compute_pixel_grid(like).step_px
+    return frames if factor == 1 else {t: values * factor for t, values in frames.items()}
+
+
+def _together(found: Mapping[str, Frames], like: xr.Dataset) -> tuple[dict[str, Any], list[int]]:
+    """Return arrays of the frames that any quantity has, as `make_estimate` takes them, and these frames."""
+    times = sorted({t for frames in found.values() for t in frames})
+    size = (len(times), like.sizes["y"], like.sizes["x"])
+    arrays: dict[str, Any] = {}
+    for name, frames in found.items():
+        values = np.full((QUANTITIES[name], *size), KIND_NONE if name == "kind" else np.nan)
+        for place, t in enumerate(times):
+            if t in frames:
+                values[:, place] = frames[t]
+        arrays[name] = values if QUANTITIES[name] > 1 else values[0]
+    if "kind" in arrays:
+        arrays["kind"] = arrays["kind"].astype(np.uint8)
+    return arrays, times
+
+
+def _by_file(problem: Problem, files: Mapping[str, list[ResultFile]], folder: Path) -> Problem:
+    items = files.get(problem.path, [])
+    path = ", ".join(item.path.name for item in items) or problem.path or str(folder)
+    return Problem(path, problem.message, problem.value)
 
 
 class ResultsFolderSettings(MethodSettings):

@@ -1,1 +1,1 @@
-"""The methods that come with the package: one module each, named as the method, holding it as ``METHOD``."""
+"""The built-in methods: one module each, named like the method, with the object ``METHOD``."""

@@ -1,4 +1,4 @@
-"""Optical flow of the reference camera by OpenCV: Farnebäck's method, or dense inverse search."""
+"""Optical flow of the reference camera by OpenCV: Farnebäck's method or dense inverse search."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from scenetruth.errors import Problem
-from scenetruth.estimators import opencv
+from scenetruth.estimators import opencv_common
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, blank_estimate, put_each
@@ -26,21 +26,21 @@ class _OpencvFlow(StreamingMethod):
     """
 
     name = "opencv_flow"
-    settings = opencv.FlowSettings
+    settings = opencv_common.FlowSettings
     gives = frozenset({"flow"})
     needs = Needs(frames=2, channels=1)
 
-    def requirements(self, recording: xr.Dataset, settings: opencv.FlowSettings) -> list[Problem]:
-        return opencv.cv2_problems()
+    def requirements(self, recording: xr.Dataset, settings: opencv_common.FlowSettings) -> list[Problem]:
+        return opencv_common.cv2_problems()
 
-    def blank(self, recording: xr.Dataset, settings: opencv.FlowSettings) -> xr.Dataset:
+    def blank(self, recording: xr.Dataset, settings: opencv_common.FlowSettings) -> xr.Dataset:
         return blank_estimate(["flow"], like=recording, t=recording["t"].values[:-1])
 
     def fill(
-        self, recording: xr.Dataset, settings: opencv.FlowSettings, put: Put, progress: Progress | None
+        self, recording: xr.Dataset, settings: opencv_common.FlowSettings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
-        images = opencv.eight_bit_images(recording)
-        put_each("flow", opencv.flows(recording, images, settings, progress), put, like=recording)
+        images = opencv_common.eight_bit_images(recording)
+        put_each("flow", opencv_common.flows(recording, images, settings, progress), put, like=recording)
         return {}
 
 

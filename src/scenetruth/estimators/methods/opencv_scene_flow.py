@@ -1,4 +1,4 @@
-"""Depth and 3D motion from OpenCV's stereo and optical flow put together."""
+"""Depth and scene flow from OpenCV's stereo matching and optical flow."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 import xarray as xr
 
 from scenetruth.errors import Problem
-from scenetruth.estimators import opencv
+from scenetruth.estimators import opencv_common
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import Put, blank_estimate, depth_rate_of, make_estimate, put_estimate
+from scenetruth.schema import Put, blank_estimate, compute_depth_rate, make_estimate, put_estimate
 
 __all__ = ["METHOD"]
 
 
-class _Settings(opencv.StereoSettings, opencv.FlowSettings):
+class _Settings(opencv_common.StereoSettings, opencv_common.FlowSettings):
     """How OpenCV matches the two images of a pair, and how it finds the flow from a frame to the next."""
 
 
@@ -29,7 +29,7 @@ class _OpencvSceneFlow(StreamingMethod):
     needs = Needs(cameras=2, frames=2, channels=1)
 
     def requirements(self, recording: xr.Dataset, settings: _Settings) -> list[Problem]:
-        return [*opencv.cv2_problems(), *opencv.camera_problems(recording, settings)]
+        return [*opencv_common.cv2_problems(), *opencv_common.camera_problems(recording, settings)]
 
     def blank(self, recording: xr.Dataset, settings: _Settings) -> xr.Dataset:
         return blank_estimate(["disparity", "flow", "depth_rate"], like=recording, t=recording["t"].values[:-1])
@@ -37,13 +37,13 @@ class _OpencvSceneFlow(StreamingMethod):
     def fill(
         self, recording: xr.Dataset, settings: _Settings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
-        images = opencv.eight_bit_images(recording)
-        disparities = opencv.disparities(recording, images, settings, progress)
+        images = opencv_common.eight_bit_images(recording)
+        disparities = opencv_common.disparities(recording, images, settings, progress)
         # The disparities of a frame, of that before it and of that behind it.
         near = {0: next(disparities)}
-        for place, flow in enumerate(opencv.flows(recording, images, settings, progress)):
+        for place, flow in enumerate(opencv_common.flows(recording, images, settings, progress)):
             near[1] = next(disparities)
-            rate = depth_rate_of(near, flow, like=recording)
+            rate = compute_depth_rate(near, flow, like=recording)
             found = make_estimate(
                 like=recording, disparity=near[0], flow=flow, depth_rate=rate, t=recording["t"].values[place]
             )

@@ -1,4 +1,4 @@
-"""Depth from two cameras by OpenCV's block matching, semi-global or local."""
+"""Depth from two cameras by OpenCV's semi-global or local block matching."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from scenetruth.errors import Problem
-from scenetruth.estimators import opencv
+from scenetruth.estimators import opencv_common
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, blank_estimate, put_each
@@ -26,21 +26,21 @@ class _OpencvStereo(StreamingMethod):
     """
 
     name = "opencv_stereo"
-    settings = opencv.StereoSettings
+    settings = opencv_common.StereoSettings
     gives = frozenset({"depth", "disparity"})
     needs = Needs(cameras=2, channels=1)
 
-    def requirements(self, recording: xr.Dataset, settings: opencv.StereoSettings) -> list[Problem]:
-        return [*opencv.cv2_problems(), *opencv.camera_problems(recording, settings)]
+    def requirements(self, recording: xr.Dataset, settings: opencv_common.StereoSettings) -> list[Problem]:
+        return [*opencv_common.cv2_problems(), *opencv_common.camera_problems(recording, settings)]
 
-    def blank(self, recording: xr.Dataset, settings: opencv.StereoSettings) -> xr.Dataset:
+    def blank(self, recording: xr.Dataset, settings: opencv_common.StereoSettings) -> xr.Dataset:
         return blank_estimate(["disparity"], like=recording, t=recording["t"].values)
 
     def fill(
-        self, recording: xr.Dataset, settings: opencv.StereoSettings, put: Put, progress: Progress | None
+        self, recording: xr.Dataset, settings: opencv_common.StereoSettings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
-        images = opencv.eight_bit_images(recording)
-        put_each("disparity", opencv.disparities(recording, images, settings, progress), put, like=recording)
+        images = opencv_common.eight_bit_images(recording)
+        put_each("disparity", opencv_common.disparities(recording, images, settings, progress), put, like=recording)
         return {}
 
 

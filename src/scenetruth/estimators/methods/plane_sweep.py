@@ -1,4 +1,4 @@
-"""The plane sweep: disparity of every pixel from all cameras of a frame, without a start."""
+"""The plane sweep: disparity of every pixel from all cameras of a frame, without an initial estimate."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import xarray as xr
 
-from scenetruth.estimators.plane_sweep.settings import PlaneSweepSettings
+from scenetruth.estimators.method_settings import PlaneSweepSettings
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, blank_estimate, put_each
@@ -36,9 +36,9 @@ class _PlaneSweep(StreamingMethod):
     def fill(
         self, recording: xr.Dataset, settings: PlaneSweepSettings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
-        from scenetruth.estimators.plane_sweep.method import disparities
+        from scenetruth.estimators.plane_sweep.disparity_sweep import estimate_disparities
 
-        put_each("disparity", disparities(recording, settings, progress), put, like=recording)
+        put_each("disparity", estimate_disparities(recording, settings, progress), put, like=recording)
         return {}
 
 

@@ -1,4 +1,4 @@
-"""The refined method: one least-squares fit of all images to a surface that moves, turns and grows."""
+"""The method ``refined``: one least-squares fit of all images to a surface that moves, rotates and grows."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import Problem
+from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSettings
 from scenetruth.estimators.protocol import Needs, StreamingMethod
-from scenetruth.estimators.refined.settings import LEAST_ACCELERATED, RefinedSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import Put
 
@@ -33,10 +33,10 @@ class _Refined(StreamingMethod):
     def requirements(self, recording: xr.Dataset, settings: RefinedSettings) -> list[Problem]:
         sizes = recording["image"].sizes
         if settings.start == "structure_tensor":
-            from scenetruth.estimators.structure_tensor.rig import requirements
-            from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
+            from scenetruth.estimators.method_settings import StructureTensorSettings
+            from scenetruth.estimators.structure_tensor.filters import axis_problems
 
-            return requirements(StructureTensorSettings(), sizes["s"], sizes["t"], sizes["x"], sizes["y"])
+            return axis_problems(StructureTensorSettings(), sizes["s"], sizes["t"], sizes["x"], sizes["y"])
         problems = []
         if sizes["s"] == 1 and 1 in (settings.window_frames, sizes["t"]):
             message = "one camera shows motion only, between two frames at least"

@@ -1,4 +1,4 @@
-"""The paper's method: one 4D structure tensor gives disparity and 3D motion."""
+"""The method of the paper: one 4D structure tensor gives disparity and scene flow."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import xarray as xr
 
 from scenetruth.errors import Problem
+from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.estimators.protocol import Needs, StreamingMethod
-from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import Put
 
@@ -23,10 +23,10 @@ class _StructureTensor(StreamingMethod):
     needs = Needs(images=2)
 
     def requirements(self, recording: xr.Dataset, settings: StructureTensorSettings) -> list[Problem]:
-        from scenetruth.estimators.structure_tensor.rig import requirements
+        from scenetruth.estimators.structure_tensor.filters import axis_problems
 
         sizes = recording["image"].sizes
-        return requirements(settings, sizes["s"], sizes["t"], sizes["x"], sizes["y"])
+        return axis_problems(settings, sizes["s"], sizes["t"], sizes["x"], sizes["y"])
 
     def blank(self, recording: xr.Dataset, settings: StructureTensorSettings) -> xr.Dataset:
         from scenetruth.estimators.structure_tensor.method import blank_estimate

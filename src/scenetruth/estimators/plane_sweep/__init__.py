@@ -1,1 +1,1 @@
-"""Disparity of every pixel by trying planes: all cameras of a frame, semi-globally; and motion by random search."""
+"""Plane sweep: disparity of every pixel by semi-global matching of all cameras; scene flow by random search."""

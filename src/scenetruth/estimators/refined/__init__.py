@@ -1,1 +1,1 @@
-"""The refined estimator: one least-squares fit of all images to a surface that moves, turns and grows."""
+"""Multi-image least-squares matching: one fit of all images to a surface that moves, rotates and grows."""

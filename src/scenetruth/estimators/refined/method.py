@@ -1,4 +1,4 @@
-"""The refined estimator over the frames of a recording."""
+"""The method ``refined`` over the frames of a recording."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimators.refined.frames import FramesNeeded, Splines, frames_needed
-from scenetruth.estimators.refined.maps import CORRECTIONS, corrections_of, maps_of, types_of, unknown_maps
-from scenetruth.estimators.refined.settings import PhotonTransferNoise, RefinedSettings
+from scenetruth.estimators.method_settings import PhotonTransferNoise, RefinedSettings
+from scenetruth.estimators.refined.image_stack import FramesNeeded, Splines, frames_needed
+from scenetruth.estimators.refined.output_maps import (
+    CORRECTIONS,
+    compute_correction_maps,
+    compute_maps,
+    list_map_types,
+    make_invalid_maps,
+)
 from scenetruth.progress import Progress
-from scenetruth.schema import Put, blank_map, intrinsics_of, label, pixel_grid_of
+from scenetruth.schema import Put, blank_map, compute_pixel_grid, label, read_intrinsics
 
 __all__ = ["blank_estimate", "fill_estimate"]
 
@@ -33,7 +39,7 @@ def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Datas
     places = [frames.output for frames in _needed(sizes["t"], settings)]
     shape = (len(places), sizes["y"], sizes["x"])
     frames = min(sizes["t"], settings.window_frames)
-    types = types_of(sizes.get("s_y", 1) * sizes["s"], frames, settings)
+    types = list_map_types(sizes.get("s_y", 1) * sizes["s"], frames, settings)
     x, y = (recording[name].values if name in recording.coords else None for name in ("x", "y"))
     maps = {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in types.items()}
     cameras: dict[str, Any] = {}
@@ -43,7 +49,7 @@ def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Datas
         names = ("s", "stage_x_mm", *(("stage_y_mm",) if "s_y" in recording["image"].dims else ()))
         cameras = {name: recording[name].values for name in names}
     times = recording["t"].values[places]
-    return label("estimate", maps, intrinsics_of(recording), t=times, x=x, y=y, **cameras)
+    return label("estimate", maps, read_intrinsics(recording), t=times, x=x, y=y, **cameras)
 
 
 def fill_estimate(
@@ -74,37 +80,40 @@ def fill_estimate(
     RecordingError
         If the recording's pixels are no even grid.
     """
-    from scenetruth.estimators.refined.bad.pixels import SoundFrames
-    from scenetruth.estimators.refined.bad.start import sound_start
-    from scenetruth.estimators.refined.bad.telling import Told, nothing_to_tell
-    from scenetruth.estimators.refined.images import Images
-    from scenetruth.estimators.refined.refits.outlines import nothing_beside, refit_beside_outlines
-    from scenetruth.estimators.refined.refits.richer import refit_richer_motion
-    from scenetruth.estimators.refined.rounds import refine
-    from scenetruth.estimators.refined.start import Rig, tensor_fields
-    from scenetruth.estimators.refined.variance import known_variance
+    from scenetruth.estimators.refined.discontinuity_refit import empty_discontinuity_context, refit_discontinuities
+    from scenetruth.estimators.refined.image_consistency import ExclusionReport, describe_missing_contrast
+    from scenetruth.estimators.refined.image_stack import ImageStack
+    from scenetruth.estimators.refined.initialisation import (
+        CameraLayout,
+        initialise_by_structure_tensor,
+        initialise_robustly,
+    )
+    from scenetruth.estimators.refined.iterations import refine
+    from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
+    from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
+    from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 
-    grid = pixel_grid_of(recording)
-    intrinsics = grid.in_columns(intrinsics_of(recording))
-    reader = SoundFrames(recording)
+    grid = compute_pixel_grid(recording)
+    intrinsics = grid.in_columns(read_intrinsics(recording))
+    reader = DefectFilteredFrames(recording)
     cameras = reader.shape[1]
-    baseline_mm = intrinsics_of(recording).baseline_mm if cameras > 1 else 1.0
+    baseline_mm = read_intrinsics(recording).baseline_mm if cameras > 1 else 1.0
     across_mm = recording["stage_x_mm"].values
     below_mm = recording["stage_y_mm"].values if "s_y" in recording["image"].dims else np.zeros(1)
     placed = np.stack([np.tile(across_mm, len(below_mm)), np.repeat(below_mm, len(across_mm))], axis=-1) / baseline_mm
     placed = placed if cameras > 1 else np.zeros((1, 2))
-    rig = Rig(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
+    rig = CameraLayout(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
     if settings.corrections is not None:
         settings = settings.model_copy(update={"corrections": settings.corrections.in_columns(grid.step_px)})
     splines, times = Splines(reader, settings.spline_order), recording["t"].values.astype(np.float64)
     needed = _needed(reader.shape[2], settings)
-    rounds, curved, noted = [], [], Told(recording)
+    rounds, curved, noted = [], [], ExclusionReport(recording)
     for number, frames in enumerate(needed):
         told = None if progress is None else _later(progress, number, len(needed), settings.rounds)
         if told is not None:
             told(0)
         taken = times[frames.first : frames.last] - times[frames.output]
-        images = Images(
+        images = ImageStack(
             splines.frames(frames.first, frames.last),
             placed,
             taken,
@@ -115,22 +124,24 @@ def fill_estimate(
             spline=settings.spline_order,
         )
         if isinstance(settings.noise, PhotonTransferNoise):
-            images = replace(images, variance=known_variance(**settings.noise.model_dump(), grey=images.mean_grey()))
+            images = replace(
+                images, variance=photon_transfer_variance(**settings.noise.model_dump(), grey=images.mean_grey())
+            )
         try:
-            reason = nothing_to_tell(images)
+            reason = describe_missing_contrast(images)
             if reason:
                 raise EstimateError([Problem("image", reason)])
             if settings.start == "plane_sweep":
-                start = sound_start(reader, frames, images, rig, settings.window_sigma_px)
+                start = initialise_robustly(reader, frames, images, rig, settings.window_sigma_px)
             else:
                 part = reader.part(frames.first, frames.last)
                 part = part.sel(s_y=0) if "s_y" in part.dims else part
-                start = tensor_fields(part, frames.output - frames.first, baseline_mm)
+                start = initialise_by_structure_tensor(part, frames.output - frames.first, baseline_mm)
                 # From the camera's pixels to columns.
                 start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
         except EstimateError as error:
             noted.nothing_known(frames.output, error.problems[0].message)
-            for name, values in unknown_maps(cameras, len(taken), settings, images.shape).items():
+            for name, values in make_invalid_maps(cameras, len(taken), settings, images.shape).items():
                 put(name, {"t": number}, values)
             if settings.corrections is not None:
                 for name, components in CORRECTIONS.items():
@@ -139,15 +150,15 @@ def fill_estimate(
             curved.append(0.0)
             continue
         found = refine(images, start.fields, settings, told)
-        found = refit_richer_motion(found, settings)
-        images, beside = found.images, nothing_beside(found.images.shape)
+        found = refit_motion_models(found, settings)
+        images, beside = found.images, empty_discontinuity_context(found.images.shape)
         noted.leave_out(frames.first, images.left_out)
         if settings.outlines:
-            found, beside = refit_beside_outlines(images, start.fields, found, settings, told)
-        for name, values in maps_of(images, found, beside, start, settings, grid.step_px, baseline_mm).items():
+            found, beside = refit_discontinuities(images, start.fields, found, settings, told)
+        for name, values in compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm).items():
             put(name, {"t": number}, values)
         if found.cameras is not None:
-            for name, values in corrections_of(found.cameras, images, grid.step_px).items():
+            for name, values in compute_correction_maps(found.cameras, images, grid.step_px).items():
                 put(name, {"t": number}, values.reshape(*values.shape[:-1], *_cameras(recording)))
         rounds.append(found.rounds)
         curved.append(round(float(found.curved.mean()), 4))

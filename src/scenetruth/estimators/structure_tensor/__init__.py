@@ -1,1 +1,1 @@
-"""The paper's estimator: one 4D structure tensor over x, y, s and t gives disparity and motion."""
+"""The 4D structure tensor over x, y, s and t, which gives disparity and scene flow (the method of the paper)."""

@@ -1,7 +1,6 @@
-"""The maps of an estimate as plain arrays, one for each quantity.
+"""Plain arrays that kernels fill and read.
 
-Kernels read these fields by name. numba keeps compiled kernels until their own files change: whoever changes the fields
-here must change `kernels.tensor` or `kernels.world` too.
+The best registration of every pixel, the maps of an estimate, and the texture of an image.
 """
 
 from __future__ import annotations
@@ -11,13 +10,51 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Best", "Maps"]
+__all__ = ["STRIDE", "BestRegistration", "EstimateMaps", "Texture"]
+
+
+STRIDE = 4
+"""Distance in px of the points at which the texture's spectrum is measured."""
 
 Floats = NDArray[np.float32]
+
+
+class Texture(NamedTuple):
+    """How image noise passes the filters around the texture of every place; arrays (y / stride, x / stride).
+
+    numba keeps compiled kernels until their own files change: whoever changes the fields here must change
+    `kernels.world` too.
+    """
+
+    passed_x: Floats
+    """|Ŝ_x Ŝ_y|² in the mean over the energy of g_x."""
+    passed_xy: Floats
+    """|Ŝ_x Ŝ_y|² in the mean over the energy of g_x and g_y."""
+    wave_number_x2: Floats
+    """Mean square of the wave number k_x, rad² per px²."""
+    wave_number_y2: Floats
+    """Mean square of the wave number k_y, rad² per px²."""
+    widened: Floats
+    """By how much more noise passes where coordinates weigh the window."""
+    stride: int = STRIDE
+    """Distance of the places in px."""
+
+    def cropped(self, rows: slice, columns: slice = slice(None)) -> Texture:
+        """Return a part of the places.
+
+        Parameters
+        ----------
+        rows, columns
+            Which rows and columns of places.
+        """
+        arrays = {name: getattr(self, name)[rows, columns] for name in self._fields if name != "stride"}
+        return Texture(**arrays, stride=self.stride)
+
+
 Flags = NDArray[np.uint8]
 
 
-class Best(NamedTuple):
+class BestRegistration(NamedTuple):
     """What the kernel of the structure tensor leaves for a band of rows: for every pixel, the best registration's.
 
     All arrays have the shape (frame, y, x), the eigenvalues (frame, 5, y, x). Motion is counted in the derivatives'
@@ -63,7 +100,7 @@ class Best(NamedTuple):
     covariance_y_z: Floats
 
     @classmethod
-    def empty(cls, frames: int, rows: int, columns: int) -> Best:
+    def empty(cls, frames: int, rows: int, columns: int) -> BestRegistration:
         """Return arrays for a band of rows, before any registration has been tried.
 
         Parameters
@@ -87,7 +124,7 @@ class Best(NamedTuple):
         self.choice.fill(-1)
 
 
-class Maps(NamedTuple):
+class EstimateMaps(NamedTuple):
     """The estimate: arrays of the shape (frame, y, x), components and ranks before the frame.
 
     Units are those of `scenetruth.schema.VARIABLES`, with pixels of the images that were estimated.
@@ -113,7 +150,7 @@ class Maps(NamedTuple):
     between cameras or frames; of size 0 where they belong to the reference."""
 
     @classmethod
-    def empty(cls, frames: int, height: int, width: int, *, shifted: bool) -> Maps:
+    def empty(cls, frames: int, height: int, width: int, *, shifted: bool) -> EstimateMaps:
         """Return maps whose values are still to be written.
 
         Parameters

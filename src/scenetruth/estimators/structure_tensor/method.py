@@ -1,30 +1,273 @@
-"""The paper's estimator: one 4D structure tensor gives disparity and 3D motion of every pixel."""
+"""The structure tensor over the frames of a recording.
+
+Noise threshold, working points, and the maps of the estimate.
+"""
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import DTypeLike, NDArray
+from scipy.ndimage import correlate1d
 
-from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimators.frame_reader import FrameReader
-from scenetruth.estimators.structure_tensor.filters import PAPER
-from scenetruth.estimators.structure_tensor.maps import Maps
-from scenetruth.estimators.structure_tensor.rig import Rig, requirements, rig_of
-from scenetruth.estimators.structure_tensor.run import frames_at_a_time, run, step_count
-from scenetruth.estimators.structure_tensor.settings import StructureTensorSettings
-from scenetruth.estimators.structure_tensor.task import Task, check_common_view, make_task
-from scenetruth.estimators.structure_tensor.threshold import DimPixels, with_threshold
-from scenetruth.estimators.structure_tensor.working_points import choose_registrations
+from scenetruth.errors import EstimateError, EstimateWarning, Problem
+from scenetruth.estimators.method_settings import StructureTensorSettings
+from scenetruth.estimators.protocol import FrameReader
+from scenetruth.estimators.structure_tensor.estimation_task import (
+    EstimationInputs,
+    check_common_view,
+    common_area,
+    largest_disparity,
+    make_inputs,
+    shift_by_subpixels,
+)
+from scenetruth.estimators.structure_tensor.execution import (
+    CandidateRegistration,
+    frames_at_a_time,
+    run,
+    run_kernel,
+    step_count,
+)
+from scenetruth.estimators.structure_tensor.filters import (
+    PAPER,
+    AcquisitionAxes,
+    axis_problems,
+    choose_acquisition_axes,
+)
+from scenetruth.estimators.structure_tensor.maps import BestRegistration, EstimateMaps
+from scenetruth.estimators.structure_tensor.registration import (
+    Registration,
+    find_working_point,
+    find_working_point_of_flow,
+    registrations_along_surfaces,
+    registrations_from_coarse,
+)
 from scenetruth.progress import Progress
-from scenetruth.schema import PixelGrid, Put, blank_map, intrinsics_of, label, pixel_grid_of
+from scenetruth.schema import KIND_FULL, PixelGrid, Put, blank_map, compute_pixel_grid, label, read_intrinsics
 
-__all__ = ["blank_estimate", "fill_estimate"]
+__all__ = ["LowTextureCount", "blank_estimate", "choose_registrations", "fill_estimate", "with_threshold"]
+
+
+# Eigenvalues of pure noise scatter around their mean; those of texture must be clearly larger.
+_TAU_OVER_NOISE = 5.0
+_EPSILON = float(np.finfo(np.float32).eps)
+# Rounding of grey values in [-1, 1] and of their filtered sums, with some room.
+_LEAST_NOISE = 10 * _EPSILON
+# Rows and columns of pixels at which noise is estimated.
+_SAMPLES = 9
+# Texture is clear of noise if the third eigenvalue is so many times the fourth, and this share of the first, below
+# which there is rounding and what the filters leave of texture in one direction.
+_CLEAR, _LEAST_SHARE = 10.0, 1e-4
+# Share of pixels with such texture below τ from which on there is a warning.
+_MANY = 0.1
+# Frames of the call stack up to whoever called `scenetruth.estimate`, at whose line the warning points.
+_CALLER = 7
+
+
+def with_threshold(task: EstimationInputs, registrations: Sequence[Registration]) -> tuple[EstimationInputs, float]:
+    """Set the threshold τ of the eigenvalues; ``"auto"`` takes it from the noise of the images.
+
+    Parameters
+    ----------
+    task
+        Images and settings.
+    registrations
+        The working points.
+
+    Returns
+    -------
+    tuple
+        The task with a number for τ; and the standard deviation of the noise, of grey values in [-1, 1], NaN if it was
+        not needed.
+    """
+    settings = task.settings
+    if settings.tau != "auto":
+        return task, float(settings.noise_std) if settings.noise_std != "auto" else float("nan")
+    if settings.noise_std == "auto":
+        power, largest = _sample(task, registrations)
+    else:
+        power, largest = float(settings.noise_std) ** 2, 0.0
+    # Images without noise leave what float32 cannot tell from zero: beside the largest eigenvalue, and in grey values.
+    power = max(power, _LEAST_NOISE**2)
+    tau = max(_TAU_OVER_NOISE * power * task.noise.gradient, _EPSILON * largest)
+    return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
+
+
+class LowTextureCount:
+    """Counts the pixels that have texture which is clear of noise, but lies below the threshold τ.
+
+    Such a pixel has its third eigenvalue below τ, and yet ten times the fourth: three dimensions of its structure
+    tensor hold texture, two hold noise. A lower τ would make its depth and motion known. Dim images are full of such
+    pixels. Without texture, or with texture in one direction only, the third eigenvalue is noise, like the fourth.
+
+    Parameters
+    ----------
+    task
+        Images and settings, with a number for τ.
+    """
+
+    def __init__(self, task: EstimationInputs) -> None:
+        self._tau = float(task.settings.tau)
+        # As `with_threshold` would set it for images without noise.
+        self._least = _TAU_OVER_NOISE * _LEAST_NOISE**2 * task.noise.gradient
+        self._tried = self._clear = 0
+
+    def add(self, maps: EstimateMaps) -> None:
+        """Count those of some frames."""
+        for frame in range(maps.kind.shape[0]):
+            first, third, fourth = (maps.eigenvalues[rank, frame] for rank in (0, 2, 3))
+            clear = (third > _CLEAR * fourth) & (third > np.maximum(self._least, _LEAST_SHARE * first))
+            self._clear += int(((third <= self._tau) & clear & (maps.kind[frame] < KIND_FULL)).sum())
+            self._tried += int(np.isfinite(third).sum())
+
+    def warn_if_many(self) -> None:
+        """Warn if there are many."""
+        if self._clear > _MANY * self._tried:
+            message = (
+                f"tau: {self._tau:g} is too high for {100 * self._clear / self._tried:.0f} % of the pixels: their "
+                "texture is clear of noise, but below this threshold, so that it counts as none; tau='auto' takes the "
+                "threshold from the images' noise"
+            )
+            warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
+
+
+def _sample(task: EstimationInputs, registrations: Sequence[Registration]) -> tuple[float, float]:
+    """Estimate the power of the images' noise from the residuals of the model, at pixels all over the image.
+
+    Returns it, and the largest eigenvalue that was met. Each pixel takes the registration that suits it best, as in the
+    estimate itself.
+    """
+    plain = replace(task, settings=task.settings.model_copy(update={"tau": 0.0}), outputs=task.outputs[:1])
+    model, (height, width) = task.noise, task.images.shape[-2:]
+    rows, columns = (np.linspace(0, size - 1, _SAMPLES + 2).astype(np.int64)[1:-1] for size in (height, width))
+    lines = [(int(y), BestRegistration.empty(1, 1, width)) for y in rows]
+    for number, item in enumerate(registrations):
+        top, bottom, left, right = common_area(task, item)
+        images = shift_by_subpixels(task, item.disparity)
+        inside = columns[(columns >= left) & (columns < right)]
+        for y, line in lines:
+            if top <= y < bottom:
+                tiles = np.array([(y, y + 1, x, x + 1) for x in inside], dtype=np.int64).reshape(-1, 4)
+                run_kernel(plain, item, CandidateRegistration(number, images, 0.0), tiles, line, y)
+    powers, largest = [], 0.0
+    for _, line in lines:
+        at = (0, 0, np.flatnonzero(line.choice[0, 0] >= 0))
+        largest = max(largest, float(line.eigenvalues[0, 0, 0, at[-1]].max(initial=0.0)))
+        if task.rig.sees_depth:
+            of_unit = model.residual_s[0] + model.residual_s[1] * line.v_x[at] ** 2
+            powers.append(line.residual_s[at] / of_unit)
+        if task.rig.sees_motion:
+            of_unit = model.residual_t[0] + model.residual_t[1] * (line.flow_x[at] ** 2 + line.flow_y[at] ** 2)
+            powers.append(line.residual_t[at] / of_unit)
+    values = np.concatenate(powers)
+    values = values[np.isfinite(values)]
+    return (float(max(np.median(values), 0.0)) if values.size else 0.0), largest
+
+
+def choose_registrations(task: EstimationInputs) -> list[Registration]:
+    """Choose the working points: as given, from the images, or from an estimate at half the resolution.
+
+    Parameters
+    ----------
+    task
+        Images and settings.
+
+    Returns
+    -------
+    list of Registration
+        The working points that are tried; at least one.
+    """
+    settings, rig, images = task.settings, task.rig, task.images
+    frame = int(task.outputs[len(task.outputs) // 2])
+    camera = int(np.argmin(np.abs(rig.positions)))
+    largest = largest_disparity(task)
+    disparity, flow = settings.working_point_px, settings.flow_working_point_px
+    if not rig.sees_depth:
+        disparity = 0
+    if not rig.sees_motion:
+        flow = (0, 0)
+    coarse: list[Registration] = []
+    if settings.pyramid_levels > 0 and (disparity == "per_pixel" or flow == "auto"):
+        coarse = [
+            Registration(
+                disparity if isinstance(disparity, int) else item.disparity,
+                flow if flow != "auto" else item.flow,
+                item.cells,
+                item.fits,
+            )
+            for item in _coarse_registrations(task, frame, largest)
+        ]
+    flows: list[tuple[int, int]]
+    if flow == "auto":
+        frames = images[:, camera, frame - rig.before : frame - rig.before + rig.frames]
+        most = find_working_point_of_flow(frames)
+        flows = [(0, 0)] if most == (0, 0) else [(0, 0), most]
+    else:
+        flows = [flow]
+    if disparity == "per_pixel":
+        along = registrations_along_surfaces(images[:, :, frame], rig.positions, largest)
+        # A coarse estimate does not see fine texture: what the images tell by themselves is tried as well.
+        return _merge([*(replace(one, flow=item) for item in flows for one in along), *coarse])
+    if disparity == "auto":
+        disparity = find_working_point(np.concatenate(images[:, :, frame], axis=1), rig.positions)
+    return _merge([*(Registration(int(disparity), item) for item in flows), *coarse])
+
+
+def _merge(registrations: Iterable[Registration]) -> list[Registration]:
+    """Join the cells of equal registrations."""
+    merged: dict[tuple[int, tuple[int, int]], Registration] = {}
+    for item in registrations:
+        key = (item.disparity, item.flow)
+        known = merged.get(key, item)
+        merged[key] = replace(item, cells=_either(known.cells, item.cells), fits=_either(known.fits, item.fits))
+    return list(merged.values())
+
+
+def _either(one: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    return other if one is None or other is None else one | other
+
+
+def _coarse_registrations(task: EstimationInputs, frame: int, largest: int) -> list[Registration]:
+    """Estimate one frame at half the resolution, and return the registrations for what it finds."""
+    smaller = _halve(task.images[:, :, frame - task.rig.before : frame - task.rig.before + task.rig.frames])
+    settings = task.settings.model_copy(
+        update={
+            "pyramid_levels": task.settings.pyramid_levels - 1,
+            "working_point_px": "per_pixel",
+            "flow_working_point_px": "auto",
+            "tau": 0.0,
+        }
+    )
+    fine = task.intrinsics
+    (c_x, c_y), height, width = fine.principal_point_px, *smaller.shape[-2:]
+    if axis_problems(settings, 2, 2, width, height):
+        return []
+    coarse = replace(
+        task,
+        images=smaller,
+        settings=settings,
+        intrinsics=replace(fine, focal_length_px=fine.focal_length_px / 2, principal_point_px=(c_x / 2, c_y / 2)),
+        outputs=task.rig.outputs(smaller.shape[2]),
+    )
+    maps = run(coarse, choose_registrations(coarse), None)
+    known = maps.kind[0] > 0
+    disparity = np.nan_to_num(maps.disparity[0])
+    flow = np.nan_to_num(maps.flow[:, 0])
+    return registrations_from_coarse(disparity, flow, known, task.images.shape[-2:], largest)
+
+
+def _halve(images: NDArray[Any]) -> NDArray[np.float32]:
+    """Smooth and take every second row and column."""
+    weights = np.array([1, 4, 6, 4, 1], dtype=np.float32) / 16
+    rows = correlate1d(images.astype(np.float32), weights, axis=-2, mode="nearest")[..., ::2, :]
+    return np.ascontiguousarray(correlate1d(rows, weights, axis=-1, mode="nearest")[..., ::2])
+
 
 # Maps of the estimate: their dimensions beside frame and pixels, and their type.
 _MAPS: Mapping[str, tuple[tuple[int, ...], DTypeLike]] = {
@@ -53,7 +296,7 @@ def blank_estimate(recording: xr.Dataset, settings: StructureTensorSettings) -> 
     Parameters
     ----------
     recording
-        A checked recording, of all pixels of the camera, of a part of them, or of every n-th (`pixel_grid_of`).
+        A checked recording, of all pixels of the camera, of a part of them, or of every n-th (`compute_pixel_grid`).
     settings
         Window along t, which decides the frames.
 
@@ -69,13 +312,13 @@ def blank_estimate(recording: xr.Dataset, settings: StructureTensorSettings) -> 
     EstimateError
         If the recording is too small for the filters, or the positions of its cameras are impossible.
     """
-    rig = _rig(recording, settings)
+    rig = _acquisition_axes(recording, settings)
     outputs = rig.outputs(recording.sizes["t"])
     shape = (len(outputs), recording.sizes["y"], recording.sizes["x"])
     return label(
         "estimate",
         {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in _MAPS.items()},
-        intrinsics_of(recording),
+        read_intrinsics(recording),
         t=recording["t"].values[outputs],
         **{name: recording[name].values for name in ("x", "y") if name in recording.coords},
         attrs={
@@ -128,17 +371,17 @@ def fill_estimate(
     EstimateWarning
         If the threshold τ is too high for many pixels.
     """
-    rig = _rig(recording, settings)
+    rig = _acquisition_axes(recording, settings)
     images = FrameReader(recording)
     missing = images.missing()
     if missing:
         message = f"holds {missing} values that are not finite in float32; the filters would spread them"
         raise EstimateError([Problem("image", message)])
     # The filters work in columns and rows of the recording, not in pixels of the camera.
-    grid, intrinsics = pixel_grid_of(recording), intrinsics_of(recording)
+    grid, intrinsics = compute_pixel_grid(recording), read_intrinsics(recording)
     outputs, groups = rig.outputs(images.shape[2]), _groups(rig, images)
     middle = int(outputs[len(outputs) // 2]) - rig.before
-    task = make_task(
+    task = make_inputs(
         images.frames(middle, middle + rig.frames),
         rig,
         _in_columns(settings, grid),
@@ -148,7 +391,7 @@ def fill_estimate(
     registrations = choose_registrations(task)
     check_common_view(task, registrations)
     task, sigma = with_threshold(_at(task, images, groups[0]), registrations)
-    dim, usual = DimPixels(task), Counter[int]()
+    dim, usual = LowTextureCount(task), Counter[int]()
     steps = [step_count(len(group), images.shape[-2:]) * len(registrations) for group in groups]
     for number, group in enumerate(groups):
         told = None if progress is None else _later(progress, sum(steps[:number]), sum(steps))
@@ -171,12 +414,12 @@ def fill_estimate(
     }
 
 
-def _rig(recording: xr.Dataset, settings: StructureTensorSettings) -> Rig:
+def _acquisition_axes(recording: xr.Dataset, settings: StructureTensorSettings) -> AcquisitionAxes:
     """Return the rig of a recording that has been checked for what the estimator needs."""
     sizes = recording["image"].sizes
     count_s, count_t = sizes["s"], sizes["t"]
-    problems = requirements(settings, count_s, count_t, sizes["x"], sizes["y"])
-    baseline_mm = intrinsics_of(recording).baseline_mm if count_s > 1 else 1.0
+    problems = axis_problems(settings, count_s, count_t, sizes["x"], sizes["y"])
+    baseline_mm = read_intrinsics(recording).baseline_mm if count_s > 1 else 1.0
     stage_x_mm = recording["stage_x_mm"].values
     positions = stage_x_mm / baseline_mm
     if np.any(np.diff(positions) <= 1e-6):
@@ -186,17 +429,17 @@ def _rig(recording: xr.Dataset, settings: StructureTensorSettings) -> Rig:
         problems.append(Problem("stage_x_mm", "must be 0 at s = 0", stage_x_mm.tolist()))
     if problems:
         raise EstimateError(problems)
-    return rig_of(positions, count_t, settings)
+    return choose_acquisition_axes(positions, count_t, settings)
 
 
-def _groups(rig: Rig, images: FrameReader) -> list[NDArray[np.int64]]:
+def _groups(rig: AcquisitionAxes, images: FrameReader) -> list[NDArray[np.int64]]:
     """Return the frames to estimate, as places along t, in groups of bounded memory."""
     outputs = rig.outputs(images.shape[2])
     count = frames_at_a_time(images.shape[-2:])
     return [outputs[first : first + count] for first in range(0, len(outputs), count)]
 
 
-def _at(task: Task, images: FrameReader, outputs: NDArray[np.int64]) -> Task:
+def _at(task: EstimationInputs, images: FrameReader, outputs: NDArray[np.int64]) -> EstimationInputs:
     """Return a task for some frames, with the images that their filters and windows need."""
     first = int(outputs[0]) - task.rig.before
     window = images.frames(first, first + task.rig.frames + len(outputs) - 1)
@@ -208,7 +451,7 @@ def _later(progress: Progress, before: int, steps: int) -> Progress:
     return lambda what, done, _: progress(what, before + done, steps)
 
 
-def _put(maps: Maps, first: int, step: np.float32, put: Put, *, last: bool) -> None:
+def _put(maps: EstimateMaps, first: int, step: np.float32, put: Put, *, last: bool) -> None:
     """Put the maps of a group of frames in their places, from a place along t on, in the camera's pixels."""
     for name, (components, dtype) in _MAPS.items():
         values = getattr(maps, name)

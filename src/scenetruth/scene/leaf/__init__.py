@@ -1,1 +1,1 @@
-"""Leaves: their margin, form and mesh, and what is seen on them."""
+"""Leaves: their outline, mesh, veins and texture."""

@@ -1,4 +1,4 @@
-"""The large veins of a leaf: midrib, or one for each lobe, and side veins that curve to the tip near the margin."""
+"""Courses and widths of the veins of a leaf."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scene.leaf.form import LeafForm
-from scenetruth.scene.leaf.lobes import LobeSide
-from scenetruth.scene.leaf.look import LeafLook
-from scenetruth.scene.leaf.outline import entire_margin
+from scenetruth.scene.leaf.leaf_model import LeafAppearance, LeafForm, LobeSide
+from scenetruth.scene.leaf.margin import compute_entire_margin
 
-__all__ = ["Vein", "main_veins_of", "midrib_of", "side_veins_of"]
+__all__ = ["Vein", "make_main_veins", "make_midrib", "make_side_veins"]
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +44,7 @@ class Vein:
     strength: Floats
 
 
-def midrib_of(leaf: LeafForm) -> Vein:
+def make_midrib(leaf: LeafForm) -> Vein:
     """Return the midrib, with the petiole before it."""
     length = leaf.length_mm
     a = np.linspace(0, length, 200)
@@ -60,9 +58,9 @@ def midrib_of(leaf: LeafForm) -> Vein:
     return Vein(np.column_stack([a, np.zeros_like(a)]), width, strength)
 
 
-def main_veins_of(leaf: LeafForm) -> list[Vein]:
+def make_main_veins(leaf: LeafForm) -> list[Vein]:
     """Return the midrib, and the veins that lead to the tips of the other lobes of a palmate leaf."""
-    veins = [midrib_of(leaf)]
+    veins = [make_midrib(leaf)]
     for side in leaf.lobe_sides:
         if side.hand > 0 and side.azimuth_rad > 0:
             share = np.linspace(0, 1, 200)
@@ -72,7 +70,7 @@ def main_veins_of(leaf: LeafForm) -> list[Vein]:
     return veins
 
 
-def side_veins_of(leaf: LeafForm, texture: LeafLook, generator: np.random.Generator) -> list[Vein]:
+def make_side_veins(leaf: LeafForm, texture: LeafAppearance, generator: np.random.Generator) -> list[Vein]:
     """Return the side veins of both sides, each a little different.
 
     Parameters
@@ -84,7 +82,7 @@ def side_veins_of(leaf: LeafForm, texture: LeafLook, generator: np.random.Genera
     """
     if leaf.lobe_sides:
         return _veins_of_lobes(leaf.lobe_sides, texture, generator)
-    blade = _Blade(leaf.length_mm, leaf.full_width_mm, entire_margin(leaf, 800))
+    blade = _Blade(leaf.length_mm, leaf.full_width_mm, compute_entire_margin(leaf, 800))
     return _veins_of_blade(blade, texture.secondary_veins, texture, generator, leaf.outline == "cordate")
 
 
@@ -97,7 +95,7 @@ class _Blade:
     margin_mm: Floats
 
 
-def _veins_of_lobes(sides: tuple[LobeSide, ...], texture: LeafLook, generator: np.random.Generator) -> list[Vein]:
+def _veins_of_lobes(sides: tuple[LobeSide, ...], texture: LeafAppearance, generator: np.random.Generator) -> list[Vein]:
     """Return the side veins of a palmate leaf: each side of a lobe is a blade from the insertion to the tip.
 
     Towards the neighbouring lobe the line through the sinus is its margin.
@@ -118,7 +116,7 @@ def _veins_of_lobes(sides: tuple[LobeSide, ...], texture: LeafLook, generator: n
 
 
 def _veins_of_blade(
-    blade: _Blade, count: int, texture: LeafLook, generator: np.random.Generator, lobed_base: bool
+    blade: _Blade, count: int, texture: LeafAppearance, generator: np.random.Generator, lobed_base: bool
 ) -> list[Vein]:
     length = blade.length_mm
     depth = _Depth(blade)
@@ -189,7 +187,7 @@ class _Depth:
     def __init__(self, blade: _Blade) -> None:
         from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-        from scenetruth.scene.leaf.kernels import inside
+        from scenetruth.scene.leaf.leaf_kernels import inside
 
         margin, length, width = blade.margin_mm, blade.length_mm, blade.width_mm
         behind = -float(margin[:, 0].min())

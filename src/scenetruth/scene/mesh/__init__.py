@@ -1,5 +1,5 @@
-"""Meshes: every kind of shape is a module that holds its model and its maker."""
+"""Triangle meshes: generated, or read from files."""
 
-from scenetruth.scene.mesh.base import MeshModel, MeshSize, TriangleMesh
+from scenetruth.scene.mesh.mesh_model import MeshModel, MeshSize, TriangleMesh
 
 __all__ = ["MeshModel", "MeshSize", "TriangleMesh"]

@@ -1,15 +1,23 @@
-"""Motions in the world: every kind is a module that holds its model and its map."""
+"""Motions in the world: each type is a model and the map of points that it defines."""
 
-from scenetruth.scene.motion.base import MotionModel, Moved, PointMap, Points
-from scenetruth.scene.motion.maps import apply, compose, moved_of, pose_map
+from scenetruth.scene.motion.point_maps import (
+    MotionModel,
+    MovedPoints,
+    PointMap,
+    Points,
+    apply,
+    compose,
+    pose_map,
+    to_moved_points,
+)
 
 __all__ = [
     "MotionModel",
-    "Moved",
+    "MovedPoints",
     "PointMap",
     "Points",
     "apply",
     "compose",
-    "moved_of",
     "pose_map",
+    "to_moved_points",
 ]

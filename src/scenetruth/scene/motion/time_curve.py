@@ -1,4 +1,4 @@
-"""Numbers that change with time: constant, linear, harmonic, or drawn through keyframes."""
+"""Numbers that change with time: constant, linear, harmonic, or interpolated between keyframes."""
 
 from __future__ import annotations
 
@@ -7,12 +7,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from scenetruth.kinds import kind_in_lower_case
-from scenetruth.model import Finite, FrozenModel, Positive
-from scenetruth.scene.jets import Field as JetField
-from scenetruth.scene.jets import compose, values_of
+from scenetruth.discovery import kind_in_lower_case
+from scenetruth.scene.taylor import JetField, compose, strip_derivatives
+from scenetruth.validated_model import Finite, FrozenModel, Positive
 
-__all__ = ["HarmonicCurve", "KeyframeCurve", "LinearCurve", "SplineThrough", "TimeCurve", "increasing", "value_at"]
+__all__ = [
+    "HarmonicCurve",
+    "KeyframeCurve",
+    "LinearCurve",
+    "SplineThrough",
+    "TimeCurve",
+    "check_increasing",
+    "evaluate_curve",
+]
 
 
 class LinearCurve(FrozenModel):
@@ -62,7 +69,7 @@ class KeyframeCurve(FrozenModel):
     @field_validator("times_frames")
     @classmethod
     def _in_order(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        return increasing(value)
+        return check_increasing(value)
 
     @model_validator(mode="after")
     def _as_many(self) -> KeyframeCurve:
@@ -83,7 +90,7 @@ TimeCurve = Finite | _Curve
 """A number, or a curve of numbers over time in frames."""
 
 
-def increasing(times: tuple[float, ...]) -> tuple[float, ...]:
+def check_increasing(times: tuple[float, ...]) -> tuple[float, ...]:
     """Refuse times of keyframes that are fewer than two, or out of order."""
     if len(times) < 2:
         msg = "needs at least two keyframes"
@@ -95,7 +102,7 @@ def increasing(times: tuple[float, ...]) -> tuple[float, ...]:
     return times
 
 
-def value_at(curve: TimeCurve, t: JetField) -> Any:
+def evaluate_curve(curve: TimeCurve, t: JetField) -> Any:
     """Return a curve at times t.
 
     Parameters
@@ -133,7 +140,7 @@ class SplineThrough:
 
     def __call__(self, t: JetField) -> Any:
         """Return the curve at times t, an array of any precision or a jet."""
-        at = np.asarray(values_of(t))
+        at = np.asarray(strip_derivatives(t))
         piece = np.clip(np.searchsorted(self._knots, at, side="right") - 1, 0, len(self._knots) - 2)
         c3, c2, c1, c0 = self._coefficients[:, piece]
         h = at - self._knots[piece]

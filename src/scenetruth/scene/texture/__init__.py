@@ -1,5 +1,5 @@
-"""Textures: every kind is a module that holds its model and how it is painted."""
+"""Textures: the radiance of surfaces."""
 
-from scenetruth.scene.texture.base import Painted, SurfaceTexture, TextureModel
+from scenetruth.scene.texture.texture_model import Painted, SurfaceTexture, TextureModel
 
 __all__ = ["Painted", "SurfaceTexture", "TextureModel"]

@@ -1,6 +1,6 @@
-"""The figures of an estimate, after figure 3 of the seed paper, and those that tell where its errors lie."""
+"""The figures of an estimate, after figure 3 of the seed paper, and those that show where its errors lie."""
 
-from scenetruth.scoring.figures._common import FigureInfo
-from scenetruth.scoring.figures.draw import FIGURES, draw_all, draw_one
+from scenetruth.scoring.figures.figure_set import FIGURES, plot_all, plot_one
+from scenetruth.scoring.figures.figure_style import FigureInfo
 
-__all__ = ["FIGURES", "FigureInfo", "draw_all", "draw_one"]
+__all__ = ["FIGURES", "FigureInfo", "plot_all", "plot_one"]

@@ -1,5 +1,5 @@
-"""One page that holds everything about an estimate: numbers, figures, definitions and where it comes from."""
+"""The report of an estimate: one HTML page with numbers, figures, definitions and provenance."""
 
-from scenetruth.scoring.report.page import is_made_of, write_report
+from scenetruth.scoring.report.score_report import matches_fingerprint, write_report
 
-__all__ = ["is_made_of", "write_report"]
+__all__ = ["matches_fingerprint", "write_report"]

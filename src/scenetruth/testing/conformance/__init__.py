@@ -1,15 +1,21 @@
-"""Whether an estimator keeps to the contract of methods, and to what must hold for any images."""
+"""Conformance of an estimator with the contract of methods, and with what holds for any images."""
 
-from scenetruth.testing.conformance.report import ConformanceError, ConformanceReport, Outcome
-from scenetruth.testing.conformance.run import EstimatorCheck, check_estimator, estimator_checks
-from scenetruth.testing.conformance.scenes import Plane
+from scenetruth.testing.conformance.check_runner import (
+    CheckOutcome,
+    ConformanceError,
+    ConformanceReport,
+    EstimatorCheck,
+    check_estimator,
+    estimator_checks,
+)
+from scenetruth.testing.conformance.synthetic_plane import SyntheticPlane
 
 __all__ = [
+    "CheckOutcome",
     "ConformanceError",
     "ConformanceReport",
     "EstimatorCheck",
-    "Outcome",
-    "Plane",
+    "SyntheticPlane",
     "check_estimator",
     "estimator_checks",
 ]

@@ -1,9 +1,9 @@
-"""Where a method is tried: its recordings, its estimate of the plain one, and how large its own error is there."""
+"""The bench: a method with its settings and recordings, and the requirements of a check."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,22 +12,32 @@ import xarray as xr
 
 from scenetruth.errors import EstimateError, ScenetruthError
 from scenetruth.estimators import Estimator, find_method, requirements, validate_settings
-from scenetruth.estimators.returned import returned_problems
-from scenetruth.model import FrozenModel
+from scenetruth.estimators.estimation import output_problems
 from scenetruth.progress import Progress
 from scenetruth.schema import check_dataset
-from scenetruth.testing.conformance.comparing import FLOOR, LEAST_KEPT, Maps, agree, reach_of, rms_of, scalar_maps
-from scenetruth.testing.conformance.deviation import Deviation, NotApplicable
-from scenetruth.testing.conformance.scenes import Plane
+from scenetruth.testing.conformance.map_comparison import (
+    FLOOR,
+    MIN_RETAINED_FRACTION,
+    CheckFailure,
+    Maps,
+    NotApplicable,
+    compute_magnitude,
+    compute_rms,
+    require_agreement,
+    scalar_maps,
+)
+from scenetruth.testing.conformance.synthetic_plane import SyntheticPlane
+from scenetruth.validated_model import FrozenModel
 
-__all__ = ["Bench"]
+__all__ = ["CheckRequirement", "ConformanceBench", "ConformanceCheck", "conformance_check"]
+
 
 _FACTOR = 3.0
 """How many times a method's own error two of its estimates may differ by. Errors that have nothing to do with each
 other make 1.4, errors that change their sign with the image 2."""
 
 
-class Bench:
+class ConformanceBench:
     """A method with its settings, and the recordings on which it is tried.
 
     Parameters
@@ -72,7 +82,7 @@ class Bench:
         return any(getattr(item, "thread_safe", False) is True for item in (self.method, self._given))
 
     @cached_property
-    def plane(self) -> Plane:
+    def plane(self) -> SyntheticPlane:
         """The scene of the plain recording."""
         needs = self.method.needs
         cameras = self._cameras or max(3, needs.cameras + (needs.cameras + 1) % 2)
@@ -80,7 +90,7 @@ class Bench:
         while not self._frames and cameras * frames < needs.images:
             frames += 2
         channels = needs.channels if (needs.channels or 1) > 1 else None
-        plane = Plane(cameras=cameras, frames=frames, channels=channels)
+        plane = SyntheticPlane(cameras=cameras, frames=frames, channels=channels)
         return plane if self._size is None else replace(plane, size=self._size)
 
     def recording(self) -> xr.Dataset:
@@ -110,7 +120,7 @@ class Bench:
             raise EstimateError(problems)
         found: object = self.method.estimate(recording, self.settings, progress)
         if not isinstance(found, xr.Dataset):
-            raise Deviation(
+            raise CheckFailure(
                 "the method was called",
                 "an xarray.Dataset",
                 f"a {type(found).__name__}",
@@ -138,7 +148,7 @@ class Bench:
             found = self.estimate(self.recording())
         except Exception as error:  # whatever the method raises; the check of the plain recording tells it
             return error
-        problems = returned_problems(found, self.recording(), frozenset())
+        problems = output_problems(found, self.recording(), frozenset())
         problems = [problem for problem in problems if not problem.path.endswith(".units")]
         return EstimateError(problems) if problems else found.copy(deep=True)
 
@@ -152,7 +162,7 @@ class Bench:
             If there is none of the agreed form: then that is the first thing to mend.
         """
         if isinstance(self._plain, Exception):
-            msg = "the plain recording has no estimate yet to compare with: see 'gives_what_it_promises' and 'form'"
+            msg = "the plain recording has no estimate yet to compare with: see 'declared_outputs' and 'output_schema'"
             raise NotApplicable(msg)
         return self._plain
 
@@ -165,7 +175,7 @@ class Bench:
     def own_error(self) -> dict[str, float]:
         """The rms error of each of `maps`, in its unit."""
         truth = self.plane.truth()
-        return {name: rms_of((item - truth[name]).values) for name, item in self.maps.items()}
+        return {name: compute_rms((item - truth[name]).values) for name, item in self.maps.items()}
 
     def tolerances(self, factor: float = _FACTOR) -> dict[str, float]:
         """Return by how much estimates may differ, rms.
@@ -176,7 +186,7 @@ class Bench:
             How many times the method's own error, beside a floor of 0.2 % of the quantity.
         """
         truth = self.plane.truth()
-        return {name: factor * error + FLOOR * reach_of(truth, name) for name, error in self.own_error.items()}
+        return {name: factor * error + FLOOR * compute_magnitude(truth, name) for name, error in self.own_error.items()}
 
     def agrees(
         self,
@@ -187,10 +197,10 @@ class Bench:
         expectation: str,
         remedy: str,
         factor: float = _FACTOR,
-        least_kept: float = LEAST_KEPT,
+        least_kept: float = MIN_RETAINED_FRACTION,
     ) -> None:
         """Demand that maps agree with those of the plain recording, or with others that are expected; see `agree`."""
-        agree(
+        require_agreement(
             found,
             self.maps if expected is None else expected,
             self.tolerances(factor),
@@ -203,3 +213,107 @@ class Bench:
     def known_of(self, truth: Maps) -> dict[str, xr.DataArray]:
         """Return a truth, where the estimate of the plain recording knows anything."""
         return {name: truth[name].where(np.isfinite(item)) for name, item in self.maps.items()}
+
+
+@dataclass(frozen=True)
+class CheckRequirement:
+    """What a method must give, and its recordings must have, for a check to say anything.
+
+    Parameters
+    ----------
+    any_of
+        Quantities of which the estimate of the plain recording must know at least one somewhere, as of
+        `comparing.scalar_maps`; none if empty.
+    plain
+        Whether the plain recording must have an estimate.
+    odd_cameras, odd_frames
+        Whether the recording must have an odd number of cameras or frames, so that the reference is in the middle.
+    cameras, frames
+        Least number of cameras and frames of the plain recording.
+    """
+
+    any_of: tuple[str, ...] = ()
+    plain: bool = True
+    odd_cameras: bool = False
+    odd_frames: bool = False
+    cameras: int = 1
+    frames: int = 1
+
+    def __str__(self) -> str:
+        parts = [" or ".join(self.any_of)] if self.any_of else []
+        parts += [f"{self.cameras} cameras"] if self.cameras > 1 else []
+        parts += [f"{self.frames} frames"] if self.frames > 1 else []
+        parts += ["an odd number of cameras"] if self.odd_cameras else []
+        parts += ["an odd number of frames"] if self.odd_frames else []
+        return ", ".join(parts) or "nothing"
+
+    def demand(self, bench: ConformanceBench) -> None:
+        """Leave if the check says nothing of a method.
+
+        Raises
+        ------
+        NotApplicable
+            With the reason.
+        """
+        plane = bench.plane
+        for name, least, odd, count in (
+            ("cameras", self.cameras, self.odd_cameras, plane.cameras),
+            ("frames", self.frames, self.odd_frames, plane.frames),
+        ):
+            if count < least or (odd and count % 2 == 0):
+                msg = f"needs {f'{least} {name}' if count < least else f'an odd number of {name}'}, not {count}"
+                raise NotApplicable(msg)
+        if self.plain:
+            known = bench.maps
+            if self.any_of and not any(name in known for name in self.any_of):
+                msg = f"the method gives no {' and no '.join(self.any_of)}"
+                raise NotApplicable(msg)
+
+
+CheckFunction = Callable[[ConformanceBench], None]
+"""Raises `CheckFailure` if a method does not meet the check, `NotApplicable` if it does not apply."""
+
+
+@dataclass(frozen=True)
+class ConformanceCheck:
+    """One demand on a method.
+
+    Parameters
+    ----------
+    name
+        Its name: that of its function, without ``check_``.
+    says
+        What it demands, one sentence: the first line of the function's docstring.
+    needs
+        When it applies.
+    function
+        The function.
+    """
+
+    name: str
+    says: str
+    needs: CheckRequirement
+    function: CheckFunction
+
+    def run(self, bench: ConformanceBench) -> None:
+        """Try a method."""
+        self.needs.demand(bench)
+        self.function(bench)
+
+
+def conformance_check(**needs: Any) -> Callable[[CheckFunction], CheckFunction]:
+    """Return a decorator that makes a function ``check_NAME(bench)`` a conformance check.
+
+    Parameters
+    ----------
+    **needs
+        Fields of `CheckRequirement`: when the check applies.
+    """
+
+    def attach(function: CheckFunction) -> CheckFunction:
+        says = (function.__doc__ or "").strip().splitlines()[0]
+        check = ConformanceCheck(function.__name__.removeprefix("check_"), says, CheckRequirement(**needs), function)
+        vars(function)["conformance_check"] = check
+        return function
+
+    return attach

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.camera.sensor.effects.bayer_filter import BayerFilter, BayerOrder
+from scenetruth.camera.sensor.effects import BayerFilter, BayerOrder
 from tests.sensors import applied
 
 RED, GREEN, BLUE = 0.5, 0.8, 0.25

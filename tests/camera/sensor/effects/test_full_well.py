@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenetruth.camera.sensor.effects.full_well import FullWell
+from scenetruth.camera.sensor.effects import FullWell
 from tests.sensors import applied
 
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from scenetruth.camera.sensor.effects.gain import Gain
+from scenetruth.camera.sensor.effects import Gain
 from tests.sensors import assert_converts
 
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from scenetruth.camera.sensor.effects.gamma import Gamma
+from scenetruth.camera.sensor.effects import Gamma
 from tests.sensors import applied, assert_converts, uniform
 
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from scenetruth.camera.sensor.effects.photon_conversion import PhotonConversion
+from scenetruth.camera.sensor.effects import PhotonConversion
 from tests.sensors import applied, assert_converts, uniform
 
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from scenetruth.camera.sensor.effects.quantum_efficiency import QuantumEfficiency
+from scenetruth.camera.sensor.effects import QuantumEfficiency
 from tests.sensors import assert_converts
 
 

@@ -11,8 +11,8 @@ from hypothesis.extra.numpy import arrays
 
 import scenetruth as st
 from scenetruth.camera import LinearImage, SensorChain
-from scenetruth.camera.sensor.effects.readout_lag import ReadoutLag
-from scenetruth.randomness import generator_for
+from scenetruth.camera.sensor.effects import ImageLag
+from scenetruth.random_streams import generator_for
 from tests.scenes import cube
 from tests.sensors import Array, applied
 
@@ -29,7 +29,7 @@ LAG = {"kind": "readout_lag", "lag": 0.1}
     some.floats(0, 0.99), some.lists(arrays(np.float64, (2, 3), elements=some.floats(0, 1e6)), min_size=1, max_size=5)
 )
 def test_no_electron_is_lost(lag: float, collected: list[Array]) -> None:
-    effect = ReadoutLag(kind="readout_lag", lag=lag)
+    effect = ImageLag(kind="readout_lag", lag=lag)
     # A dark image at the end reads what the last one has left.
     series = [*collected, np.zeros((2, 3))]
     read = [applied(effect, one, previous=before) for one, before in zip(series, [None, *series[:-1]], strict=True)]
@@ -37,7 +37,7 @@ def test_no_electron_is_lost(lag: float, collected: list[Array]) -> None:
 
 
 def test_a_dark_image_shows_its_share_of_the_bright_one_before() -> None:
-    effect = ReadoutLag(kind="readout_lag", lag=0.03)
+    effect = ImageLag(kind="readout_lag", lag=0.03)
     bright, dark = np.full((2, 3), 5000.0), np.zeros((2, 3))
     np.testing.assert_allclose(applied(effect, dark, previous=bright), 150.0)
     np.testing.assert_allclose(applied(effect, bright), 4850.0)

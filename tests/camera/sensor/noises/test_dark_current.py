@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scenetruth.camera.sensor.noises.dark_current import DarkCurrent
+from scenetruth.camera.sensor.noise_sources import DarkCurrent
 from tests.sensors import applied, assert_converts, uniform
 
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenetruth.camera.sensor.noises.dark_signal_nonuniformity import DarkSignalNonuniformity
+from scenetruth.camera.sensor.noise_sources import DarkSignalNonuniformity
 from tests.sensors import applied, assert_random, uniform
 
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenetruth.camera.sensor.noises.gaussian_noise import GaussianNoise
+from scenetruth.camera.sensor.noise_sources import GaussianNoise
 from tests.sensors import applied, assert_random, uniform
 
 

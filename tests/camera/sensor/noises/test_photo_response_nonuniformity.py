@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenetruth.camera.sensor.noises.photo_response_nonuniformity import PhotoResponseNonuniformity
+from scenetruth.camera.sensor.noise_sources import PhotoResponseNonuniformity
 from tests.sensors import applied, assert_random, uniform
 
 

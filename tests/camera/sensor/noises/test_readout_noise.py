@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenetruth.camera.sensor.noises.readout_noise import ReadoutNoise
+from scenetruth.camera.sensor.noise_sources import ReadoutNoise
 from tests.sensors import applied, assert_random, uniform
 
 

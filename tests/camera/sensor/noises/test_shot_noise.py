@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.camera.sensor.noises.shot_noise import ShotNoise
+from scenetruth.camera.sensor.noise_sources import ShotNoise
 from tests.sensors import applied, assert_random, uniform
 
 

@@ -17,7 +17,7 @@ Make = Callable[..., xr.Dataset]
 
 def test_neither_attributes_nor_the_way_here_count(simulated: xr.Dataset, tmp_path: Path) -> None:
     key = recording_key(simulated)
-    st.save(simulated, tmp_path / "recording.zarr")
+    st.save_store(simulated, tmp_path / "recording.zarr")
     assert recording_key(st.open_store(tmp_path / "recording.zarr", "recording")) == key
     attrs = simulated.attrs
     own = st.make_recording(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.estimators.external import read_results
-from scenetruth.export.raster import write_flo, write_pfm
+from scenetruth.exporters.image_files import write_flo, write_pfm
 
 Array = NDArray[Any]
 Make = Callable[..., xr.Dataset]

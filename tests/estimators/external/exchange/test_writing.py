@@ -11,8 +11,8 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
+from scenetruth.estimators.estimation import is_in_memory
 from scenetruth.estimators.external import write_recording
-from scenetruth.estimators.returned import is_in_memory
 from tests.estimators.external.exchange.folders import camera_in, images_in, masks_in
 
 pytest.importorskip("cv2")
@@ -165,7 +165,7 @@ def test_nothing_of_the_scene_is_written(simulated: xr.Dataset, tmp_path: Path) 
 def test_a_store_is_read_frame_by_frame(
     form: Literal["png", "tiff", "npy"], simulated: xr.Dataset, tmp_path: Path
 ) -> None:
-    st.save(simulated, tmp_path / "recording.zarr")
+    st.save_store(simulated, tmp_path / "recording.zarr")
     opened = st.open_store(tmp_path / "recording.zarr", "recording")
     seen = []
     write_recording(opened, tmp_path / "in", form, progress=lambda *told: seen.append(told))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 import scenetruth as st
-from scenetruth.estimators.refined.settings import CorrectionPriors
+from scenetruth.estimators.method_settings import CorrectionPriors
 from tests.estimators.refined.surface import MovingPlane
 from tests.nightly import nightly
 

@@ -5,14 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.estimators.refined.cameras.equations import Blocks, Elimination, blocks_of
-from scenetruth.estimators.refined.cameras.points import moves_of
-from scenetruth.estimators.refined.cameras.shifts import BLOCK_PX, Shifts
-from scenetruth.estimators.refined.kernels.shifts import add_shifts
-from scenetruth.estimators.refined.kernels.warp import View
+from scenetruth.estimators.refined.kernels.photo_consistency import add_shifts
+from scenetruth.estimators.refined.kernels.warp import ImageView
+from scenetruth.estimators.refined.pose_corrections import (
+    BLOCK_PX,
+    Blocks,
+    Elimination,
+    ShiftObservations,
+    compute_point_derivatives,
+    select_blocks,
+)
 
 S, T = (each.ravel() for each in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
-VIEW = View(S, np.zeros(9), T, np.zeros((9, 4)), 300.0, 40.0, 30.0)
+VIEW = ImageView(S, np.zeros(9), T, np.zeros((9, 4)), 300.0, 40.0, 30.0)
 COUNT, POINTS = 9, 30
 
 
@@ -29,7 +34,7 @@ def blocks() -> Blocks:
 
 def dense(blocks: Blocks) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and right side of the least squares over all points' own parameters and all corrections."""
-    moves = moves_of(VIEW, blocks.fields, blocks.at)
+    moves = compute_point_derivatives(VIEW, blocks.fields, blocks.at)
     own = moves.by_point.shape[-1]
     rows, side = [], []
     for p in range(POINTS):
@@ -68,7 +73,7 @@ def test_what_images_cannot_tell_is_not_told(blocks: Blocks) -> None:
 
 
 def test_points_that_agree_leave_noise(blocks: Blocks) -> None:
-    moves = moves_of(VIEW, blocks.fields, blocks.at)
+    moves = compute_point_derivatives(VIEW, blocks.fields, blocks.at)
     generator = np.random.default_rng(5)
     corrections = generator.normal(0, 0.1, (COUNT, 4)) * [1, 1, 0.01, 0.01]
     own = generator.normal(0, 0.01, (POINTS, moves.by_point.shape[-1])) * [1, 0.1, 0.1, 1, 1, 1]
@@ -89,7 +94,7 @@ def test_sums_over_blocks_are_those_of_plain_loops() -> None:
     warped = generator.normal(0, 1, (count, height, width)).astype(np.float32)
     warped[generator.random(warped.shape) < 0.2] = np.nan
     gradient = generator.normal(0, 1, (2, height, width)).astype(np.float32)
-    shifts = Shifts.blank((first + height, width), count)
+    shifts = ShiftObservations.blank((first + height, width), count)
     for row in range(len(shifts.sums)):
         add_shifts(warped, gradient, least, first, BLOCK_PX, shifts.sums, (row, row + 1))
     expected = np.zeros_like(shifts.sums)
@@ -105,8 +110,8 @@ def test_sums_over_blocks_are_those_of_plain_loops() -> None:
 
 
 def test_blocks_without_pixels_say_nothing() -> None:
-    shifts = Shifts.blank((24, 24), 2)
+    shifts = ShiftObservations.blank((24, 24), 2)
     shifts.sums[..., 6] = BLOCK_PX**2
     shifts.sums[1, 1, :, 6] = 3
-    found = blocks_of(shifts, np.ones((4, 24, 24)))
+    found = select_blocks(shifts, np.ones((4, 24, 24)))
     assert len(found.shift) == 8

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.cameras.points import moves_of
-from scenetruth.estimators.refined.kernels.warp import View
+from scenetruth.estimators.refined.kernels.warp import ImageView
+from scenetruth.estimators.refined.pose_corrections import compute_point_derivatives
 
 Array = NDArray[np.float64]
-VIEW = View(
+VIEW = ImageView(
     np.array([-1.0, 0.0, 2.0, 1.0]),
     np.array([0.0, 1.0, 0.0, -1.0]),
     np.array([0.0, 1.0, -2.0, 3.0]),
@@ -34,7 +34,7 @@ def places(fields: Array, at: Array, acceleration: Array) -> Array:
 
 
 def test_derivatives_are_those_of_projected_points() -> None:
-    found = moves_of(VIEW, FIELDS, AT, accelerated=True).by_point
+    found = compute_point_derivatives(VIEW, FIELDS, AT, accelerated=True).by_point
     # Central differences err by the square of the step times third derivatives, which are of the order of 1.
     step = 1e-4
     for k in range(8):
@@ -53,7 +53,7 @@ def test_derivatives_are_those_of_projected_points() -> None:
 
 
 def test_corrections_move_turn_and_enlarge() -> None:
-    found = moves_of(VIEW, FIELDS, AT).by_image
+    found = compute_point_derivatives(VIEW, FIELDS, AT).by_image
     at = places(FIELDS, AT, np.zeros((2, 2)))
     angle, share = 1e-6, 1e-6
     turned = at @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]) - at

@@ -13,7 +13,7 @@ import scenetruth as st
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators import Method, MethodSettings, Needs
 from scenetruth.progress import Progress
-from scenetruth.schema import pixel_grid_of
+from scenetruth.schema import compute_pixel_grid
 
 __all__ = ["BlockMatching"]
 
@@ -56,7 +56,7 @@ class BlockMatching(Method):
             if progress is not None:
                 progress("match", len(found), recording.sizes["t"])
         # From columns of the array to pixels of the camera.
-        disparity = np.stack(found) * pixel_grid_of(recording).step_px
+        disparity = np.stack(found) * compute_pixel_grid(recording).step_px
         return st.make_estimate(like=recording, disparity=disparity)
 
     @staticmethod

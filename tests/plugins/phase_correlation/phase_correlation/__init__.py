@@ -12,7 +12,7 @@ import scenetruth as st
 from scenetruth.errors import Problem
 from scenetruth.estimators import Method, MethodSettings, Needs
 from scenetruth.progress import Progress
-from scenetruth.schema import pixel_grid_of
+from scenetruth.schema import compute_pixel_grid
 
 __all__ = ["PhaseCorrelation"]
 
@@ -53,7 +53,7 @@ class PhaseCorrelation(Method):
             flow.append(_shift_of_blocks(before, after, settings.block_px) / 2)
             if progress is not None:
                 progress("correlate", done, len(inner))
-        found = np.stack(flow, axis=1) * pixel_grid_of(recording).step_px
+        found = np.stack(flow, axis=1) * compute_pixel_grid(recording).step_px
         return st.make_estimate(like=recording, flow=found, t=inner)
 
 

@@ -1,1 +1,1 @@
-"""Kernels of the refined estimator."""
+"""Numba kernels of the method ``refined``."""

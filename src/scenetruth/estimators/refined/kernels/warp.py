@@ -1,4 +1,7 @@
-"""Kernels that fetch every image where a pixel's own surface and motion say that its point is seen."""
+"""Kernels that interpolate images.
+
+At the points that surface and motion of a pixel predict, and at defective pixels.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +18,17 @@ __all__ = [
     "REACH",
     "STEADY",
     "TAPS",
-    "View",
+    "ImageView",
     "corrected",
     "cubic_weights",
     "mean_of_row",
     "mean_texture",
     "place_of",
     "quintic_weights",
+    "smooth_over",
     "warp_rows",
 ]
+
 
 # Reassociation and contraction only: NaN must stay NaN.
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -36,7 +41,7 @@ TAPS = 6
 REACH = 2  # taps before the sample's whole coordinate
 
 
-class View(NamedTuple):
+class ImageView(NamedTuple):
     """Which camera took each image when, and how cameras see; the reference is s = 0 at t = 0."""
 
     s: NDArray[np.float64]
@@ -206,7 +211,7 @@ _WARPS = {
 
 def warp_rows(
     coefficients: NDArray[np.float32],
-    view: View,
+    view: ImageView,
     fields: NDArray[np.float64],
     hidden: NDArray[np.uint8],
     bad: NDArray[np.uint8],
@@ -282,3 +287,42 @@ def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.fl
     for row in range(rows[0], rows[1]):
         mean_of_row(warped, row, least, mean)
         texture[row] = mean
+
+
+_jit_exact = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@numba.njit(inline="always")
+def _inside(n: Any, size: Any) -> Any:
+    """Return a place within the image: beyond its ends, the image is mirrored at its last pixels."""
+    n = abs(n)
+    return max(2 * (size - 1) - n, 0) if n >= size else n
+
+
+@_jit_exact
+def smooth_over(image: NDArray[np.float64], pixels: NDArray[np.int64], sweeps: int) -> None:
+    """Bring some pixels to where the squared Laplacian of the image is least, the others being fixed.
+
+    One pixel alone gets, after one sweep, what continues any polynomial of third degree: (8 a - 2 b - c) / 20 with the
+    sums a over the four next to it, b over the four across the corners, c over the four two pixels away.
+
+    Parameters
+    ----------
+    image
+        Finite grey values, shape (y, x); these pixels are changed.
+    pixels
+        Rows and columns of the pixels, shape (n, 2).
+    sweeps
+        How often each is brought there in turn.
+    """
+    height, width = image.shape
+    for _ in range(sweeps):
+        for n in range(len(pixels)):
+            y, x = pixels[n]
+            up, down = _inside(y - 1, height), _inside(y + 1, height)
+            left, right = _inside(x - 1, width), _inside(x + 1, width)
+            near = image[up, x] + image[down, x] + image[y, left] + image[y, right]
+            across = image[up, left] + image[up, right] + image[down, left] + image[down, right]
+            far = image[_inside(y - 2, height), x] + image[_inside(y + 2, height), x]
+            far += image[y, _inside(x - 2, width)] + image[y, _inside(x + 2, width)]
+            image[y, x] = (8.0 * near - 2.0 * across - far) / 20.0

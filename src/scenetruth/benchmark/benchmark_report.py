@@ -1,0 +1,235 @@
+"""The HTML report of a benchmark, with images of the regions of the largest errors."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenetruth.benchmark.benchmark_result import BenchmarkResult
+from scenetruth.benchmark.cases.case import ALL, BOUND, SUITES, Case
+from scenetruth.benchmark.design_point import PICTURED_QUANTITIES, CaseErrorMaps
+from scenetruth.benchmark.error_statistics import INLIER_PX
+from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
+from scenetruth.html import render_page
+from scenetruth.output import write_atomically
+
+__all__ = ["PAGE", "WorstRegion", "describe_colour_scale", "select_worst_regions", "write_benchmark_report"]
+
+
+_MOST = 3
+_SCALE_PX = 0.5
+"""Errors that are drawn in full colour."""
+
+
+@dataclass(frozen=True)
+class WorstRegion:
+    """A picture of where a method is at its worst.
+
+    Parameters
+    ----------
+    method
+        Its label.
+    title
+        Which case and value.
+    alt
+        What the picture shows, in words.
+    picture
+        A PNG, in base64.
+    """
+
+    method: str
+    title: str
+    alt: str
+    picture: str
+
+
+def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float], CaseErrorMaps]) -> list[WorstRegion]:
+    """Return pictures of the values at which each method has the fewest good pixels, at most one of each case.
+
+    Parameters
+    ----------
+    found
+        The comparison.
+    maps
+        What is pictured, by case and value.
+    """
+    titles = {case.kind: case for case in found.cases}
+    pictures = []
+    for label in found.methods:
+        shares = sorted(
+            (
+                (row.number, row.case, row.value, row.quantity)
+                for row in found.rows
+                if row.method == label
+                and row.pixels == ALL
+                and row.statistic == "good"
+                and row.quantity in PICTURED_QUANTITIES
+            ),
+        )
+        seen: set[str] = set()
+        for share, kind, value, quantity in shares:
+            case = titles[kind]
+            one = maps.get((kind, value))
+            if kind in seen or len(seen) == _MOST or share > _FINE:
+                continue
+            if one is None or one.quantity != quantity or label not in one.errors:
+                continue
+            seen.add(kind)
+            good = f"{100 * share:.0f} % of {quantity} within {INLIER_PX:g} px"
+            title = f"{case.title}, {case.varied} = {case.label_of(value)}: {good}"
+            words = f"Image of the reference camera beside the errors of {one.quantity} by {label}; {title}."
+            pictures.append(WorstRegion(label, title, words, _drawn(one, label)))
+    return pictures
+
+
+_FINE = 0.95
+"""Where more pixels are good, nothing is worth a picture."""
+
+
+def _drawn(maps: CaseErrorMaps, label: str) -> str:
+    """Draw image and errors side by side; grey is what is not told."""
+    from matplotlib import colormaps
+    from PIL import Image
+
+    image = maps.image
+    low, high = np.percentile(image, [0.5, 99.5])
+    grey = np.clip((image - low) / max(float(high - low), 1e-9), 0, 1)
+    shown = np.repeat(grey[..., None], 3, axis=-1)
+    error = maps.errors[label]
+    colours = colormaps["RdBu_r"](np.clip(np.nan_to_num(error) / (2 * _SCALE_PX) + 0.5, 0, 1))[..., :3]
+    colours[~np.isfinite(error)] = 0.6
+    both = np.concatenate([shown, np.ones((len(image), 6, 3)), colours], axis=1)
+    picture = Image.fromarray((255 * both).astype(np.uint8)).resize((2 * both.shape[1], 2 * both.shape[0]), 0)
+    stream = io.BytesIO()
+    picture.save(stream, "PNG", optimize=True)
+    return base64.b64encode(stream.getvalue()).decode("ascii")
+
+
+def describe_colour_scale() -> Sequence[str]:
+    """Return what the colours mean, in words."""
+    return (
+        f"blue is {-_SCALE_PX:g} px and less",
+        "white is right",
+        f"red is {_SCALE_PX:g} px and more",
+        "grey is not told",
+    )
+
+
+PAGE = "index.html"
+
+
+def write_benchmark_report(
+    found: BenchmarkResult,
+    words: Sequence[Sequence[str]],
+    folder: str | Path,
+    suite: str,
+    maps: Mapping[tuple[str, float], CaseErrorMaps] | None = None,
+) -> Path:
+    """Write the page of a comparison.
+
+    Parameters
+    ----------
+    found
+        The comparison.
+    words
+        What the command line calls each of its methods: a word, or an option and its value.
+    folder
+        Where the page goes.
+    suite
+        The suite.
+    maps
+        What is pictured of where methods are at their worst, by case and value.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+    """
+    sections = [_section(found, case, words, suite) for case in found.cases]
+    charts = {chart.name: {"data": chart.data, "layout": chart.layout} for one in sections for chart in one["charts"]}
+    text = render_page(
+        "scenetruth.benchmark",
+        "comparison.html.j2",
+        charts,
+        methods=list(zip(found.methods, map(shlex.join, words), strict=True)),
+        suite=suite,
+        sections=sections,
+        summary=_summary(found),
+        leads=compute_rank_leaders(found),
+        efficiency=_efficiency(found),
+        efficiency_short=_efficiency_short(found),
+        failures=found.failures,
+        slips=found.slips,
+        worst=select_worst_regions(found, maps or {}),
+        scale="; ".join(describe_colour_scale()),
+    )
+    path = Path(folder) / PAGE
+    with write_atomically(path, overwrite=True) as aside:
+        aside.write_text(text, encoding="utf-8")
+    return path
+
+
+def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]], suite: str) -> dict[str, Any]:
+    rows = [row for row in found.rows if row.case == case.kind]
+    values = sorted({row.value for row in rows if math.isfinite(row.value)})
+    table = [
+        [row.method, case.label_of(row.value), row.quantity, row.pixels, row.statistic, _number(row.number), row.unit]
+        for row in rows
+        if row.quantity and row.statistic in _SUMMARY_STATISTICS and row.method != BOUND
+    ]
+    chosen = ["--suite", suite] if suite != SUITES[0] else []
+    named = [word for one in words for word in one]
+    again = ["scenetruth", "compare", *named, *chosen, "--case", case.kind, "--value", "VALUE", "-o", "again"]
+    concluded = [
+        (row.method, row.statistic.replace("_", " "), _number(row.number), row.unit)
+        for row in rows
+        if not math.isfinite(row.value)
+    ]
+    return {
+        "case": case,
+        "charts": build_charts(found, case),
+        "table": table,
+        "concluded": concluded,
+        "again": shlex.join(again),
+        "values": ", ".join(map(case.label_of, values)),
+    }
+
+
+_SUMMARY_STATISTICS = ("bias", "rms", "median", "noise", "density", "good", "calibration", "share_left")
+
+
+def _summary(found: BenchmarkResult) -> dict[str, Any]:
+    frame = found.summary()
+    lines = []
+    for name, cells in frame.iterrows():
+        numbers = [float(one) for one in cells]
+        lines.append([str(name), *(_number(one) for one in numbers)])
+    return {"columns": [str(one) for one in frame.columns], "lines": lines}
+
+
+def _efficiency(found: BenchmarkResult) -> list[list[str]]:
+    frame = found.efficiency()
+    return [
+        [str(one) if isinstance(one, str) else _number(one) for one in cells] for cells in frame.itertuples(index=False)
+    ]
+
+
+def _efficiency_short(found: BenchmarkResult) -> dict[str, Any]:
+    frame = found.efficiency()
+    table = frame.pivot_table(
+        index="quantity", columns="method", values="efficiency_percent", aggfunc="median", sort=False
+    )
+    lines = [[str(name), *(_number(float(one)) for one in cells)] for name, cells in table.iterrows()]
+    return {"columns": [str(one) for one in table.columns], "lines": lines}
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else ("–" if math.isnan(value) else "∞" if value > 0 else "-∞")

@@ -1,0 +1,236 @@
+"""The result of a benchmark and the ranking of methods."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scenetruth.benchmark.cases.case import BOUND, COMMON, OWN, BenchmarkRecord, Case
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["BenchmarkResult", "RankedMethod", "Ranking"]
+
+
+@dataclass(frozen=True)
+class RankedMethod:
+    """Figures of methods that can be set side by side. Less is better: errors, or a period that is lost.
+
+    Parameters
+    ----------
+    case
+        The case.
+    quantity, statistic
+        What was measured.
+    label
+        Of which value, if it is of one; empty if it is the median over all.
+    unit
+        Unit of the figures.
+    numbers
+        A figure for each method, by label, that told anything; NaN if there is none at some value. Also the bound.
+    """
+
+    case: Case
+    quantity: str
+    statistic: str
+    label: str
+    unit: str
+    numbers: Mapping[str, float]
+
+    @property
+    def of_methods(self) -> dict[str, float]:
+        """The figures of those methods that told something, the best first."""
+        told = {label: one for label, one in self.numbers.items() if label != BOUND and not math.isnan(one)}
+        return dict(sorted(told.items(), key=lambda pair: pair[1]))
+
+
+class Ranking:
+    """Figures of a comparison by what they are of.
+
+    Parameters
+    ----------
+    rows
+        All of its rows.
+    methods
+        Labels, in their order.
+    """
+
+    def __init__(self, rows: Sequence[BenchmarkRecord], methods: Sequence[str]) -> None:
+        self._methods = [*methods, BOUND]
+        self._rows: dict[tuple[str, str, str], list[BenchmarkRecord]] = {}
+        for row in rows:
+            self._rows.setdefault((row.case, row.quantity, row.statistic), []).append(row)
+
+    def standing(self, case: Case, quantity: str, statistic: str, value: float | None = None) -> RankedMethod | None:
+        """Return what methods stand at; None if nobody told anything.
+
+        Parameters
+        ----------
+        case, quantity, statistic
+            What was measured.
+        value
+            At this value alone; the median over all if not given.
+        """
+        rows = self._rows.get((case.kind, quantity, statistic), ())
+        rows = [row for row in rows if value is None or row.value == value]
+        numbers = {}
+        for label in self._methods:
+            mine = [row for row in rows if row.method == label]
+            figures = [abs(row.number) for row in mine if row.pixels == COMMON] or [
+                abs(row.number) for row in mine if row.pixels == OWN
+            ]
+            if figures:
+                # What there is not at some value is not counted.
+                there = [one for one in figures if not math.isnan(one)]
+                numbers[label] = statistics.median(there) if there else math.nan
+        label = "" if value is None else case.label_of(value)
+        return RankedMethod(case, quantity, statistic, label, rows[0].unit, numbers) if numbers else None
+
+
+@dataclass(frozen=True)
+class BenchmarkResult:
+    """Figures of methods over the cases of a suite.
+
+    Parameters
+    ----------
+    methods
+        Their labels, in the order in which they were given.
+    cases
+        The cases.
+    rows
+        All figures.
+    failures
+        Why a method has given nothing, by case, value and label: lines to read.
+    folder
+        Where it lies; None if it was not kept.
+    own
+        Labels of the methods whose algorithms are scenetruth's own.
+    slips
+        Likely slips of convention in what all other methods gave, as of
+        `scenetruth.scoring.detect_convention_mismatches`: lines to read.
+
+    See Also
+    --------
+    scenetruth.compare : Measures the methods, and returns one.
+
+    Examples
+    --------
+    Two guesses at a wall, which stands 720 mm away:
+
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> def near(recording):
+    ...     return {"depth": np.full(recording["image"].shape[-2:], 500.0)}
+    >>> def far(recording):
+    ...     return {"depth": np.full(recording["image"].shape[-2:], 800.0)}
+    >>> found = st.compare([near, far], cases=["disparity"], values=[1.3])
+    >>> found
+    BenchmarkResult(methods=['near', 'far'], folder=None, own=[])
+    >>> found.summary().round(2).to_dict("index")
+    {'Range of disparity: disparity rms': {'near': 0.57, 'far': 0.13}}
+    >>> row = found.figure("disparity", "far", "depth", "bias")
+    >>> round(row.number, 1), row.unit
+    (80.0, 'mm')
+    >>> frame = found.to_frame()
+    >>> frame[(frame.method == "near") & (frame.quantity == "depth") & (frame.statistic == "density")].number.tolist()
+    [1.0]
+    """
+
+    methods: Sequence[str]
+    cases: Sequence[Case] = field(repr=False)
+    rows: Sequence[BenchmarkRecord] = field(repr=False)
+    failures: Sequence[str] = field(default=(), repr=False)
+    folder: Path | None = None
+    own: Sequence[str] = ()
+    slips: Sequence[str] = field(default=(), repr=False)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return all figures, a row each.
+
+        Columns are the fields of `scenetruth.benchmark.cases.case.BenchmarkRecord`, and after ``value`` its ``label``:
+        what the value is called, as the name of a scene; empty for figures of all values.
+        """
+        import pandas as pd
+
+        frame = pd.DataFrame([asdict(row) for row in self.rows], columns=list(BenchmarkRecord.__dataclass_fields__))
+        cases = {case.kind: case for case in self.cases}
+        labels = [cases[row.case].label_of(row.value) if math.isfinite(row.value) else "" for row in self.rows]
+        frame.insert(frame.columns.get_loc("value") + 1, "label", pd.Series(labels, dtype=object))
+        return frame
+
+    def figure(
+        self,
+        case: str,
+        method: str,
+        quantity: str,
+        statistic: str,
+        value: float | str | None = None,
+        pixels: str = OWN,
+    ) -> BenchmarkRecord:
+        """Return one figure.
+
+        Parameters
+        ----------
+        case, method, quantity, statistic, value, pixels
+            What tells it from others; without a value, or what that is called, the first one.
+
+        Raises
+        ------
+        KeyError
+            If there is none.
+        """
+        if isinstance(value, str):
+            value = next((one.value_of(value) for one in self.cases if one.kind == case), math.nan)
+        for row in self.rows:
+            told = (row.case, row.method, row.quantity, row.statistic, row.pixels)
+            if told == (case, method, quantity, statistic, pixels) and (
+                value is None or math.isclose(row.value, value)
+            ):
+                return row
+        msg = f"there is no {statistic} of {quantity} by {method} in case {case} at {value}, on {pixels} pixels"
+        raise KeyError(msg)
+
+    def summary(self) -> pd.DataFrame:
+        """Return what stands for each case, in the median over its values: a row per case, a column per method.
+
+        Where several methods tell the quantity, figures are those of the pixels that all of them tell.
+        """
+        import pandas as pd
+
+        found: dict[str, dict[str, float]] = {}
+        for one in self.headlines():
+            found[f"{one.case.title}: {one.quantity} {one.statistic.replace('_', ' ')}"] = dict(one.numbers)
+        return pd.DataFrame.from_dict(found, orient="index", columns=None).reindex(
+            columns=[*self.methods, *([BOUND] if any(BOUND in one for one in found.values()) else [])]
+        )
+
+    def headlines(self) -> list[RankedMethod]:
+        """Return what stands for each case, in the median over its values; cases that nobody tells are left out."""
+        standings = Ranking(self.rows, self.methods)
+        found = (standings.standing(case, *case.headline) for case in self.cases)
+        return [one for one in found if one is not None]
+
+    def efficiency(self) -> pd.DataFrame:
+        """Return noise beside the Cramér-Rao bound: columns case, value, method, quantity, noise, bound, efficiency.
+
+        Efficiency is (bound / noise)², in %: the share of the images' information that a method uses. Above 100 %, its
+        window is larger than that of the bound, or it is biased.
+        """
+        import pandas as pd
+
+        bounds = {(row.case, row.value, row.quantity): row.number for row in self.rows if row.method == BOUND}
+        cells = [
+            (row.case, row.value, row.method, row.quantity, row.number, bound, 100 * (bound / row.number) ** 2)
+            for row in self.rows
+            if row.statistic == "noise"
+            and row.method != BOUND
+            and row.number > 0
+            and (bound := bounds.get((row.case, row.value, row.quantity), math.nan)) == bound
+        ]
+        columns = ["case", "value", "method", "quantity", "noise", "bound", "efficiency_percent"]
+        return pd.DataFrame(cells, columns=columns)

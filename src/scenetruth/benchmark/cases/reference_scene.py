@@ -1,0 +1,94 @@
+"""The scene from which the cases are derived."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["DISTANCE_MM", "FOCAL_PX", "apply_changes", "build_reference_scene", "build_wall"]
+
+FOCAL_PX = 720.0
+DISTANCE_MM = 720.0
+"""As many mm as the focal length has px: in the middle of the image 1 px is 1 mm."""
+_MARGIN_MM = 40.0
+_TEXTURE = {"kind": "noise", "wavelength_mm": [4, 20], "rms_contrast": 0.15}
+
+
+def build_wall(
+    name: str = "sheet",
+    *,
+    distance_mm: float = DISTANCE_MM,
+    velocity: tuple[float, float, float] = (0.3, -0.2, 0.1),
+    size_mm: tuple[float, float] = (144 + 2 * _MARGIN_MM, 108 + 2 * _MARGIN_MM),
+    centre_mm: tuple[float, float] = (0.0, 0.0),
+) -> dict[str, Any]:
+    """Return a textured plane across the optical axis.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    distance_mm
+        Its depth.
+    velocity
+        U_X, U_Y, U_Z in mm per frame.
+    size_mm
+        Its width and height.
+    centre_mm
+        X and Y of its middle.
+    """
+    return {
+        "name": name,
+        "mesh": {"kind": "plane", "size_mm": list(size_mm)},
+        "pose": {"position_mm": [*centre_mm, distance_mm]},
+        "texture": copy.deepcopy(_TEXTURE),
+        "motion": [{"kind": "velocity", "velocity_mm_per_frame": list(velocity)}],
+    }
+
+
+def build_reference_scene(
+    changes: Mapping[str, Any] | None = None, *, baseline_mm: float = 4.3, seed: int = 1
+) -> dict[str, Any]:
+    """Return the scene that all cases begin with: five positions, five frames, an ideal sensor.
+
+    Parameters
+    ----------
+    changes
+        Values by path: ``{"objects.0.texture.rms_contrast": 0.1}``.
+    baseline_mm
+        Distance of two positions; as many px of disparity per step.
+    seed
+        Of the texture.
+    """
+    scene = {
+        "camera": {"width": 144, "height": 108, "focal_length_px": FOCAL_PX},
+        "stage": {"positions": 5, "baseline_mm": baseline_mm},
+        "frames": {"count": 5, "frame_interval_s": 60.0},
+        "objects": [build_wall()],
+        "sensor": "ideal",
+        # Needs no system library, and gives the same bytes everywhere.
+        "render": {"backend": "raycast"},
+        "seed": seed,
+    }
+    return apply_changes(scene, changes or {})
+
+
+def apply_changes(scene: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scene with other values at some paths; what is not there is made.
+
+    Parameters
+    ----------
+    scene
+        A scene as plain values.
+    changes
+        Values by path.
+    """
+    found: dict[str, Any] = copy.deepcopy(dict(scene))
+    for path, value in changes.items():
+        *above, last = path.split(".")
+        place: Any = found
+        for key in above:
+            place = place[int(key)] if isinstance(place, list) else place.setdefault(key, {})
+        place[int(last) if isinstance(place, list) else last] = copy.deepcopy(value)
+    return found

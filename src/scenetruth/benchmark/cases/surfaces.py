@@ -1,0 +1,348 @@
+"""Cases that vary the surface: slope, curvature, discontinuities, sinusoids, growth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, CaseEstimates, Mask, mask_interior
+from scenetruth.benchmark.cases.reference_scene import DISTANCE_MM, build_reference_scene, build_wall
+from scenetruth.benchmark.error_statistics import compute_growth_records
+from scenetruth.benchmark.spatial_resolution import compute_amplitude_records, compute_cutoff_records
+
+__all__ = ["GrowthIntervalCase", "build_growing_scene"]
+
+
+class CurvatureCase(Case):
+    """Upright cylinders, thinner and thinner."""
+
+    kind = "curvature"
+    title = "Curvature"
+    question = "How curved may a surface be?"
+    varied = "curvature, 1/m"
+    core = (20.0,)
+    full = (2.0, 5.0, 10.0, 20.0, 40.0)
+    logarithmic = True
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return a cylinder whose nearest line is where the sheet would be, before a background."""
+        radius = 1000.0 / value
+        round_one = build_wall("cylinder")
+        # Its axis is Z of its own, and stands upright here.
+        round_one["mesh"] = {"kind": "cylinder", "radius_mm": radius, "length_mm": 240, "resolution_mm": 2.0}
+        round_one["pose"] = {
+            "position_mm": [0.0, 0.0, DISTANCE_MM + radius],
+            "rotations": [{"axis": [1, 0, 0], "angle_deg": 90}],
+        }
+        behind = build_wall("behind", distance_mm=DISTANCE_MM + 2.5 * radius, size_mm=(1200, 900))
+        return build_reference_scene({"objects": [round_one, behind]}, baseline_mm=12.3)
+
+
+_STEP_WIDTH_PX = 1.0
+"""Pixels within so much of a distance are measured."""
+
+
+class DepthDiscontinuityCase(Case):
+    """A sheet with an upright edge before another; pixels at one distance from the edge after the other."""
+
+    kind = "edge_of_depth"
+    title = "Outline"
+    question = "How close to an outline does it measure?"
+    varied = "distance from the outline, px"
+    core = (1.5, 4.5, 9.5)
+    full = (0.5, 1.5, 2.5, 3.5, 4.5, 6.5, 9.5, 14.5)
+    margin_px = 22.0
+    one_scene = True
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return two sheets, a sixth of the distance apart, that move against each other."""
+        near = build_wall("near", distance_mm=640.0, size_mm=(60, 300), velocity=(0.3, -0.2, 0.1))
+        far = build_wall("far", distance_mm=760.0, size_mm=(320, 240), velocity=(-0.2, 0.3, 0.0))
+        return build_reference_scene({"objects": [near, far]}, baseline_mm=8.3)
+
+    def region_at(self, truth: xr.Dataset, value: float) -> Mask:
+        """Return the pixels at a distance from the outline."""
+        off = np.abs(truth["boundary_distance"].values - value)
+        return np.asarray(
+            np.isfinite(truth["depth"].values) & mask_interior(truth, self.margin_px) & (off <= _STEP_WIDTH_PX)
+        )
+
+
+def build_growing_scene(rate_per_hour: float, interval_min: float) -> Mapping[str, Any]:
+    """Return the sheet, turned by 20 degrees, that grows.
+
+    Parameters
+    ----------
+    rate_per_hour
+        Relative growth rate of its area.
+    interval_min
+        Time between frames in minutes.
+    """
+    return build_reference_scene(
+        {
+            "frames.frame_interval_s": 60 * interval_min,
+            "objects.0.motion": [],
+            "objects.0.mesh.resolution_mm": 2.0,
+            "objects.0.pose.rotations": [{"axis": [0, 1, 0], "angle_deg": 20}],
+            "objects.0.deformation": [{"kind": "growth", "rate_per_hour": rate_per_hour, "along_share": 0.5}],
+        },
+        baseline_mm=12.3,
+    )
+
+
+class GrowthIntervalCase(Case):
+    """A sheet that grows at 3 % per hour, looked at more and more seldom."""
+
+    kind = "growth"
+    title = "Growth over intervals"
+    question = "How well is growth measured, over 20 px, at which interval?"
+    varied = "interval between frames, minutes"
+    core = (2.0, 15.0)
+    full = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
+    headline = ("growth_rate_windowed", "rms")
+    logarithmic = True
+    quantities = ("velocity_z", "flow_x")
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the sheet that grows at 3 % per hour."""
+        return build_growing_scene(0.03, value)
+
+    def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
+        """Return the errors of the growth rate over windows, in % per hour."""
+        return compute_growth_records(self, found)
+
+
+class OcclusionCase(Case):
+    """Bars before a sheet; pixels that all images show, or that some of them do not."""
+
+    kind = "occlusion"
+    title = "Occlusion"
+    question = "Does it measure what some cameras do not see?"
+    varied = "which images see it"
+    core = (0.0, 1.0)
+    margin_px = 22.0
+    one_scene = True
+
+    def labels(self) -> Mapping[float, str]:
+        """Return what both values mean."""
+        return {0.0: "some", 1.0: "all"}
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return three upright bars before a sheet."""
+        bars = [
+            build_wall(f"bar-{n}", distance_mm=600.0, size_mm=(12, 260), centre_mm=(x, 0.0), velocity=(0.2, 0.0, 0.0))
+            for n, x in enumerate((-40.0, 0.0, 40.0))
+        ]
+        return build_reference_scene(
+            {"objects": [build_wall(distance_mm=760.0, size_mm=(320, 240)), *bars]}, baseline_mm=8.3
+        )
+
+    def region_at(self, truth: xr.Dataset, value: float) -> Mask:
+        """Return the pixels of the sheet that all images show, or those that some do not."""
+        there = (
+            np.isfinite(truth["depth"].values) & (truth["object_id"].values == 0) & mask_interior(truth, self.margin_px)
+        )
+        # Right at an outline a pixel is half of each.
+        there &= truth["boundary_distance"].values >= 1.5
+        return np.asarray(there & (truth["seen_throughout"].values == bool(value)))
+
+
+_INTERVAL_MIN = 10.0
+
+
+class GrowthRateCase(Case):
+    """A sheet that grows faster and faster, looked at every ten minutes."""
+
+    kind = "rate_of_growth"
+    title = "Growth over growth"
+    question = "How well is growth measured, over 20 px, at which rate?"
+    varied = "growth rate of the area, % per hour, a frame every 10 minutes"
+    full = (0.0, 1.0, 3.0, 10.0, 30.0)
+    headline = ("growth_rate_windowed", "rms")
+    quantities = ("velocity_z", "flow_x")
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the sheet that grows at this rate."""
+        return build_growing_scene(value / 100, _INTERVAL_MIN)
+
+    def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
+        """Return the errors of the growth rate over windows, in % per hour."""
+        return compute_growth_records(self, found)
+
+
+class SlopeCase(Case):
+    """A sheet that is turned about the vertical."""
+
+    kind = "slope"
+    title = "Slope"
+    question = "How steep may a surface be?"
+    varied = "angle to the image plane, degrees"
+    core = (30.0, 60.0)
+    full = (0.0, 15.0, 30.0, 45.0, 60.0, 70.0)
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the sheet, turned, and so large that it fills the image."""
+        turned = build_wall(size_mm=(700, 260))
+        turned["pose"]["rotations"] = [{"axis": [0, 1, 0], "angle_deg": value}]
+        return build_reference_scene({"objects": [turned]}, baseline_mm=12.3)
+
+
+_STAR_WIDTH_PX, _STAR_HEIGHT_PX = 384, 96
+_MESH_MM = (_STAR_WIDTH_PX + 80.0, _STAR_HEIGHT_PX + 80.0)
+_PERIODS_MM = (120.0, 4.0)
+"""At the left and at the right edge of the sheet: it falls by 1 px in 4 px, from 110 px to 14 px within the image."""
+_BELOW_PX = 12.0
+"""Middle of the star below that of the image: on the optical axis a method may find more than anywhere else."""
+_WITHIN = 0.1
+"""Columns count to a period whose own differs by so much of it at most."""
+
+
+class StarPatternCase(Case):
+    """A sheet that moves up and down as a cosine, whose period falls from left to right; its middle is measured."""
+
+    kind = "star"
+    title = "Star"
+    question = "Along the middle of a star, down to which period is a displacement found but for 10 %?"
+    varied = "period of the displacement, px"
+    core = (20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
+    headline = ("flow_y", "period_at_10_percent_loss_first")
+    logarithmic = True
+    quantities = ("flow_y", "velocity_y")
+    one_scene = True
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the star, whose displacement is 0.2 px per frame at most."""
+        star = build_wall(size_mm=_MESH_MM, centre_mm=(0.0, _BELOW_PX))
+        star["mesh"]["resolution_mm"] = 1.0
+        star["motion"] = []
+        amplitude = {"kind": "linear", "rate_per_frame": 0.2}
+        star["deformation"] = [{"kind": "star", "amplitude_mm": amplitude, "period_mm": list(_PERIODS_MM)}]
+        return build_reference_scene(
+            {"camera.width": _STAR_WIDTH_PX, "camera.height": _STAR_HEIGHT_PX, "stage.positions": 3, "objects": [star]},
+        )
+
+    def noise_std(self, value: float) -> float:
+        """Return none: what is lost is no noise."""
+        return 0.0
+
+    def region_at(self, truth: xr.Dataset, value: float) -> Mask:
+        """Return the pixels of nearly this period around the star's middle row, an eighth of it to either side."""
+        y, x = np.mgrid[: truth.sizes["y"], : truth.sizes["x"]]
+        # 1 px is 1 mm.
+        along = (x - (truth.sizes["x"] - 1) / 2) / _MESH_MM[0] + 0.5
+        period = _PERIODS_MM[0] + along * (_PERIODS_MM[1] - _PERIODS_MM[0])
+        near = np.abs(period - value) <= _WITHIN * value
+        middle = np.abs(y - (truth.sizes["y"] - 1) / 2 - _BELOW_PX) <= value / 8
+        return np.asarray(np.isfinite(truth["depth"].values) & mask_interior(truth, self.margin_px) & near & middle)
+
+    def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
+        """Return the share of the displacement that is left."""
+        return compute_amplitude_records(self, found, "flow_y", of_mean=True)
+
+    def conclusions(self, rows: Sequence[BenchmarkRecord]) -> Iterable[BenchmarkRecord]:
+        """Return the periods at which the share crosses 90 %."""
+        return compute_cutoff_records(self, rows, "flow_y")
+
+
+class MotionDiscontinuityCase(Case):
+    """Two sheets in one plane whose edges meet, which move apart along the edge."""
+
+    kind = "step_of_motion"
+    title = "Step of motion"
+    question = "How close to a step of velocity does it measure?"
+    varied = "distance from the step, px"
+    core = (1.5, 4.5, 9.5)
+    full = (0.5, 1.5, 2.5, 3.5, 4.5, 6.5, 9.5, 14.5)
+    margin_px = 18.0
+    quantities = ("velocity_y", "flow_y")
+    headline = ("flow_y", "rms")
+    one_scene = True
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the sheets, side by side."""
+        left = build_wall("left", size_mm=(130, 260), centre_mm=(-65.0, 0.0), velocity=(0.0, 0.4, 0.0))
+        right = build_wall("right", size_mm=(130, 260), centre_mm=(65.0, 0.0), velocity=(0.0, -0.4, 0.0))
+        return build_reference_scene({"objects": [left, right]})
+
+    def region_at(self, truth: xr.Dataset, value: float) -> Mask:
+        """Return the pixels at a distance from the step."""
+        off = np.abs(truth["boundary_distance"].values - value)
+        return np.asarray(np.isfinite(truth["depth"].values) & mask_interior(truth, self.margin_px) & (off <= 1.0))
+
+
+_STEEPNESS = 1 / 15
+"""Amplitude over period; slopes are below 23 degrees."""
+
+
+class DepthResolutionCase(Case):
+    """A corrugated sheet with shorter and shorter waves."""
+
+    kind = "waves_of_depth"
+    title = "Resolution of depth"
+    question = "Down to which period is a relief found, 10 % of its amplitude being lost at most?"
+    varied = "period of the relief, px"
+    core = (20.0, 32.0, 48.0, 96.0)
+    full = (16.0, 20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
+    headline = ("depth", "period_at_10_percent_loss_first")
+    logarithmic = True
+    quantities = ("depth", "disparity")
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the sheet with waves along Y, which cameras along X see alike."""
+        relief = {
+            "kind": "relief",
+            "size_mm": [240, 200],
+            "amplitude_mm": _STEEPNESS * value,
+            "wavelength_mm": [None, value],
+            "resolution_mm": 1.0,
+        }
+        # It is at rest: more frames would show the same.
+        changes = {"objects.0.mesh": relief, "objects.0.motion": [], "frames.count": 3}
+        return build_reference_scene(changes, baseline_mm=12.3)
+
+    def noise_std(self, value: float) -> float:
+        """Return none: what is lost is no noise."""
+        return 0.0
+
+    def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
+        """Return the share of the relief that is left."""
+        return compute_amplitude_records(self, found, "depth")
+
+    def conclusions(self, rows: Sequence[BenchmarkRecord]) -> Iterable[BenchmarkRecord]:
+        """Return the periods at which the share crosses 90 %."""
+        return compute_cutoff_records(self, rows, "depth")
+
+
+class DisplacementResolutionCase(Case):
+    """A sheet whose points move up and down as a cosine across it."""
+
+    kind = "waves_of_motion"
+    title = "Resolution of motion"
+    question = "Down to which period is a displacement found, 10 % of its amplitude being lost at most?"
+    varied = "period of the displacement, px"
+    core = (32.0, 48.0, 96.0)
+    full = (16.0, 20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
+    headline = ("flow_y", "period_at_10_percent_loss_first")
+    logarithmic = True
+    quantities = ("flow_y", "velocity_y")
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the sheet whose displacement is 0.2 px per frame at most."""
+        wave = {"kind": "star", "amplitude_mm": {"kind": "linear", "rate_per_frame": 0.2}, "period_mm": [value, value]}
+        changes = {"objects.0.motion": [], "objects.0.mesh.resolution_mm": 1.0, "objects.0.deformation": [wave]}
+        return build_reference_scene(changes)
+
+    def noise_std(self, value: float) -> float:
+        """Return none: what is lost is no noise."""
+        return 0.0
+
+    def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
+        """Return the share of the wave that is left."""
+        return compute_amplitude_records(self, found, "flow_y")
+
+    def conclusions(self, rows: Sequence[BenchmarkRecord]) -> Iterable[BenchmarkRecord]:
+        """Return the periods at which the share crosses 90 %."""
+        return compute_cutoff_records(self, rows, "flow_y")

@@ -1,0 +1,326 @@
+"""Statistics of errors: intervals from block bootstrap, stated uncertainty, growth, metrological efficiency."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.benchmark.cases.case import ALL, BOUND, COMMON, NOISE_STD, OWN, BenchmarkRecord, Case, CaseEstimates
+from scenetruth.random_streams import generator_for
+from scenetruth.scoring import get_units
+from scenetruth.scoring.error_pairs import EstimateTruthPairs
+from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
+from scenetruth.settings import ScoreSettings
+
+__all__ = [
+    "BLOCK_PX",
+    "COVERAGE_FACTORS",
+    "INLIER_PX",
+    "SPARSIFICATION_FRACTIONS",
+    "IntervalStatistic",
+    "compute_coverage",
+    "compute_efficiency_records",
+    "compute_growth_records",
+    "compute_interval_statistics",
+    "compute_rms_z",
+    "compute_sparsification",
+    "compute_statistic_records",
+]
+
+
+BLOCK_PX = 18
+"""Side of a block: three standard deviations of the usual window, over which errors have become independent."""
+_DRAWS = 400
+_FEWEST_BLOCKS = 6
+"""With fewer blocks an interval says nothing."""
+
+Map = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class IntervalStatistic:
+    """A figure with its 95 % confidence interval, NaN where there are too few blocks for one."""
+
+    number: float
+    low: float = float("nan")
+    high: float = float("nan")
+
+
+def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[str, IntervalStatistic]:
+    """Return bias, root of the mean square, standard deviation and median of the absolute errors.
+
+    Parameters
+    ----------
+    errors
+        Estimate minus truth, shape (seed, y, x).
+    kept
+        Which of them count, same shape; all of these are finite.
+
+    Returns
+    -------
+    dict
+        By the names of the statistics; empty if no pixel counts. Intervals are of blocks drawn again with replacement
+        (B. Efron: Bootstrap methods, Annals of Statistics 7, 1979), the same draws each time.
+    """
+    values = errors[kept]
+    if not values.size:
+        return {}
+    blocks, number = _blocks_of(kept)
+    median = float(np.median(np.abs(values)))
+    count = np.bincount(blocks, minlength=number).astype(np.float64)
+    sums = [np.bincount(blocks, each, number).astype(np.float64) for each in (values, values**2)]
+    found = {
+        name: IntervalStatistic(float(each(count.sum(), *(one.sum() for one in sums))))
+        for name, each in _FIGURES.items()
+    }
+    found["median"] = IntervalStatistic(median)
+    if number >= _FEWEST_BLOCKS:
+        drawn = generator_for(0, "blocks", number).multinomial(number, np.full(number, 1 / number), size=_DRAWS)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            totals: list[Map] = [drawn @ one for one in (count, *sums)]
+            for name, each in _FIGURES.items():
+                low, high = np.nanpercentile(each(*totals), [2.5, 97.5])
+                found[name] = IntervalStatistic(found[name].number, float(low), float(high))
+    return found
+
+
+def _blocks_of(kept: NDArray[np.bool_]) -> tuple[NDArray[np.intp], int]:
+    """Return the number of its block for each pixel that counts, and how many blocks have any."""
+    seed, y, x = np.nonzero(kept)
+    wide = kept.shape[2] // BLOCK_PX + 1
+    high = kept.shape[1] // BLOCK_PX + 1
+    names, number = np.unique((seed * high + y // BLOCK_PX) * wide + x // BLOCK_PX, return_inverse=True)
+    return number, len(names)
+
+
+def _rms(count: Map, total: Map, squares: Map) -> Map:
+    return np.sqrt(squares / count)
+
+
+def _std(count: Map, total: Map, squares: Map) -> Map:
+    return np.sqrt(np.maximum(squares / count - (total / count) ** 2, 0.0))
+
+
+_FIGURES: Mapping[str, Callable[[Map, Map, Map], Map]] = {
+    "bias": lambda count, total, squares: total / count,
+    "rms": _rms,
+    "std": _std,
+}
+
+
+SPARSIFICATION_FRACTIONS: Sequence[float] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+"""Shares of the pixels that are kept, the surest first."""
+COVERAGE_FACTORS: Sequence[float] = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0)
+"""Numbers of standard deviations at which errors are counted."""
+
+
+def compute_sparsification(errors: Map, std: Map, kept: Sequence[float] = SPARSIFICATION_FRACTIONS) -> list[float]:
+    """Return the root of the mean square error of the surest pixels, for each share that is kept.
+
+    Parameters
+    ----------
+    errors, std
+        Errors and stated standard deviations of the pixels, shape (n,).
+    kept
+        Shares, above 0 and at most 1.
+
+    Examples
+    --------
+    >>> compute_sparsification(np.array([1.0, 3.0]), np.array([0.1, 0.2]), [0.5, 1.0])
+    [1.0, 2.23606797749979]
+    """
+    squares = np.square(errors[np.argsort(std, kind="stable")])
+    means = np.cumsum(squares) / np.arange(1, len(squares) + 1)
+    places = np.maximum(np.ceil(np.asarray(kept) * len(squares)).astype(int), 1) - 1
+    return [float(value) for value in np.sqrt(means[places])]
+
+
+def compute_coverage(errors: Map, std: Map, within: Sequence[float] = COVERAGE_FACTORS) -> list[float]:
+    """Return the share of errors within so many stated standard deviations, for each number of them."""
+    scaled = np.abs(errors) / std
+    return [float(np.mean(scaled <= number)) for number in within]
+
+
+def compute_rms_z(errors: Map, std: Map) -> float:
+    """Return the root of the mean square of error over stated standard deviation: 1 is honest, above is too sure."""
+    return float(np.sqrt(np.mean(np.square(errors / std))))
+
+
+INLIER_PX = 0.1
+"""An estimate is good that is off by so much at most, in px per step or per frame."""
+_IN_PX = ("disparity", "flow_x", "flow_y")
+
+Mask = NDArray[np.bool_]
+
+
+def compute_statistic_records(case: Case, value: float, found: Sequence[CaseEstimates]) -> Iterator[BenchmarkRecord]:
+    """Give the figures of all methods at one value.
+
+    Parameters
+    ----------
+    case
+        The case.
+    value
+        What was varied.
+    found
+        What was found, for each noise.
+    """
+    region = case.region_at(found[0].truth.isel(t=0), value)
+    for quantity in case.quantities:
+        errors, told, std = _stacks(found, quantity, region)
+        common = np.logical_and.reduce(list(told.values())) if told else np.zeros(0, dtype=bool)
+        for label, known in told.items():
+            rows = _rows_of(errors[label], known, common, region, std.get(label), alone=len(told) == 1)
+            for pixels, statistic, size, at in rows:
+                unit = "1" if statistic in _SHARES else get_units(quantity)
+                if quantity in _IN_PX or statistic != "good":
+                    yield BenchmarkRecord(
+                        case.kind, value, label, quantity, pixels, statistic, size.number, size.low, size.high, at, unit
+                    )
+
+
+_SHARES = ("density", "good", "within", "calibration")
+
+
+def _stacks(
+    found: Sequence[CaseEstimates], quantity: str, region: Mask
+) -> tuple[dict[str, Map], dict[str, Mask], dict[str, Map]]:
+    """Return errors, where they are known, and stated standard deviations by method, shape (seed, y, x)."""
+    errors: dict[str, list[Map]] = {}
+    told: dict[str, list[Mask]] = {}
+    stated: dict[str, list[Map]] = {}
+    for one in found:
+        for label, estimate in one.estimates.items():
+            pairs = EstimateTruthPairs(estimate, one.truth)
+            if quantity not in pairs:
+                continue
+            pair = pairs[quantity]
+            with np.errstate(invalid="ignore"):
+                error = pair.estimate[0] - pair.truth[0]
+            known = region & np.isfinite(error) & (True if pair.full is None else pair.full[0])
+            errors.setdefault(label, []).append(np.where(known, error, 0.0))
+            told.setdefault(label, []).append(known)
+            if pair.std is not None:
+                stated.setdefault(label, []).append(pair.std[0])
+    return (
+        {label: np.stack(maps) for label, maps in errors.items()},
+        {label: np.stack(maps) for label, maps in told.items()},
+        {label: np.stack(maps) for label, maps in stated.items() if len(maps) == len(errors[label])},
+    )
+
+
+def _rows_of(
+    errors: Map, known: Mask, common: Mask, region: Mask, std: Map | None, *, alone: bool
+) -> Iterator[tuple[str, str, IntervalStatistic, float]]:
+    """Give (pixels, statistic, figure, at) of one method and quantity."""
+    there = len(errors) * np.count_nonzero(region)
+    if not there:
+        return
+    yield OWN, "density", IntervalStatistic(np.count_nonzero(known) / there), math.nan
+    good = np.count_nonzero(known & (np.abs(errors) <= INLIER_PX))
+    yield ALL, "good", IntervalStatistic(good / there), math.nan
+    for name, size in compute_interval_statistics(errors, known).items():
+        yield OWN, name, size, math.nan
+    if not alone:
+        for name, size in compute_interval_statistics(errors, common).items():
+            yield COMMON, name, size, math.nan
+    noise = _noise(errors, known)
+    if noise is not None:
+        yield OWN, "noise", noise, math.nan
+    if std is None:
+        return
+    kept = known & np.isfinite(std) & (std > 0)
+    if not kept.any():
+        return
+    off, bars = errors[kept], std[kept]
+    yield OWN, "calibration", IntervalStatistic(compute_rms_z(off, bars)), math.nan
+    for at, share in zip(COVERAGE_FACTORS, compute_coverage(off, bars), strict=True):
+        yield OWN, "within", IntervalStatistic(share), at
+    for at, left in zip(SPARSIFICATION_FRACTIONS, compute_sparsification(off, bars), strict=True):
+        yield OWN, "rms_of_surest", IntervalStatistic(left), at
+
+
+def _noise(errors: Map, known: Mask) -> IntervalStatistic | None:
+    """Return the root of the mean variance over noises, of pixels that are known with all; None of a single noise."""
+    count = len(errors)
+    always: Mask = np.asarray(known.all(axis=0))
+    if count < 2 or not always.any():
+        return None
+    variance = errors[:, always].var(axis=0, ddof=1)
+    # Blocks are drawn again as for other errors; squares and not errors are averaged.
+    deviations = np.zeros(always.shape)
+    deviations[always] = np.sqrt(variance)
+    return compute_interval_statistics(deviations[None], always[None])["rms"]
+
+
+def group_by_case(rows: Sequence[BenchmarkRecord]) -> Mapping[str, list[BenchmarkRecord]]:
+    """Return rows by their case."""
+    found: dict[str, list[BenchmarkRecord]] = {}
+    for row in rows:
+        found.setdefault(row.case, []).append(row)
+    return found
+
+
+def compute_growth_records(case: Case, found: CaseEstimates) -> Iterator[BenchmarkRecord]:
+    """Give sizes of the errors of growth over windows, for methods that give depth and velocity.
+
+    Parameters
+    ----------
+    case, found
+        The case, and what was found.
+    """
+    region = case.region_at(found.truth.isel(t=0), found.value)
+    for label, estimate in found.estimates.items():
+        if not has_growth_rate(estimate, found.truth):
+            continue
+        for quantity, pair in compute_growth_pairs(estimate, found.truth, ScoreSettings()).items():
+            kept = region & np.isfinite(pair.estimate[0]) & np.isfinite(pair.truth[0])
+            kept &= True if pair.full is None else pair.full[0]
+            errors = np.where(kept, pair.estimate[0] - pair.truth[0], 0.0)
+            for statistic, size in compute_interval_statistics(errors[None], kept[None]).items():
+                yield BenchmarkRecord(
+                    case.kind,
+                    found.value,
+                    label,
+                    quantity,
+                    OWN,
+                    statistic,
+                    size.number,
+                    size.low,
+                    size.high,
+                    unit="%/h",
+                )
+
+
+_PAIRS: Mapping[str, str] = {"star": "flow_y", "waves_of_motion": "flow_y", "waves_of_depth": "disparity"}
+"""Which noise goes with which resolution; of both, px times px."""
+_PERIOD = "period_at_10_percent_loss_"
+
+
+def compute_efficiency_records(rows: Sequence[BenchmarkRecord]) -> Iterator[BenchmarkRecord]:
+    """Give the product of noise and period, for both readings of the period.
+
+    Parameters
+    ----------
+    rows
+        All rows of a comparison; noise is that of the sheet at rest with the usual noise. Where it was not measured, or
+        a period lies outside of what was, there is no product.
+    """
+    noise = {
+        (row.method, row.quantity): row.number
+        for row in rows
+        if row.case == "noise" and row.statistic == "noise" and row.method != BOUND and row.value == NOISE_STD
+    }
+    for row in rows:
+        if row.statistic.startswith(_PERIOD) and row.case in _PAIRS:
+            quantity = _PAIRS[row.case]
+            product = row.number * noise.get((row.method, quantity), math.nan)
+            if math.isfinite(product) and product > 0:
+                reading = row.statistic.removeprefix(_PERIOD)
+                yield BenchmarkRecord(
+                    row.case, math.nan, row.method, quantity, OWN, f"noise_times_period_{reading}", product, unit="px²"
+                )

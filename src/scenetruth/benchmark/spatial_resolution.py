@@ -1,0 +1,170 @@
+"""Spatial resolution: amplitude ratios of sinusoids, and the period at which they are attenuated by 10 %."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.benchmark.cases.case import OWN, BenchmarkRecord, Case, CaseEstimates
+from scenetruth.scoring.error_pairs import EstimateTruthPairs
+
+__all__ = [
+    "MIN_AMPLITUDE_RATIO",
+    "MIN_VALID_FRACTION",
+    "compute_amplitude_ratio",
+    "compute_amplitude_records",
+    "compute_cutoff_periods",
+    "compute_cutoff_records",
+    "compute_peak_ratio",
+]
+
+
+MIN_AMPLITUDE_RATIO = 0.9
+"""A period is resolved where at least so much of an amplitude is left."""
+
+_LEAST_LOG = 0.05
+"""Less than this is as good as nothing, and may be negative."""
+
+Map = NDArray[np.float64]
+
+
+def compute_amplitude_ratio(found: Map, true: Map) -> float:
+    """Return the share of a wave that is found: the slope of found over true, both without their mean.
+
+    Parameters
+    ----------
+    found, true
+        Values at the same pixels, shape (n,).
+
+    Examples
+    --------
+    >>> wave = np.sin(np.arange(100.0))
+    >>> round(compute_amplitude_ratio(0.8 * wave + 5, wave), 12)
+    0.8
+    """
+    centred = true - true.mean()
+    return float(np.sum((found - found.mean()) * centred) / np.sum(centred**2))
+
+
+def compute_peak_ratio(found: Map, true: Map) -> float:
+    """Return the share of a crest that is found: the slope of found over true, through the origin.
+
+    Parameters
+    ----------
+    found, true
+        Values at the same pixels, shape (n,).
+
+    Examples
+    --------
+    >>> crest = np.array([0.8, 1.0, 0.8])
+    >>> round(compute_peak_ratio(0.9 * crest, crest), 12)
+    0.9
+    """
+    return float(np.sum(found * true) / np.sum(true**2))
+
+
+def compute_cutoff_periods(
+    periods: Sequence[float], left: Sequence[float], least: float = MIN_AMPLITUDE_RATIO
+) -> tuple[float, float]:
+    """Return the first and the last period at which a curve of shares crosses the least one, from long to short.
+
+    Between two periods p, the logarithm of the share is a straight line over 1/p², as it is of a Gaussian window. NaN
+    is nothing found: too little is left.
+
+    Parameters
+    ----------
+    periods
+        Periods in any order.
+    left
+        Share left at each.
+    least
+        The least share.
+
+    Returns
+    -------
+    tuple of float
+        Both are the same if the curve crosses once. 0 if enough is left at all periods, inf if at none: the period is
+        then outside of what was measured.
+
+    Examples
+    --------
+    >>> first, last = compute_cutoff_periods([80, 40, 20], [0.98, 0.95, 0.85])
+    >>> round(first, 3), first == last
+    (25.512, True)
+    """
+    order = np.argsort(periods)[::-1]
+    squares = np.asarray(periods, dtype=np.float64)[order] ** -2
+    shares = np.nan_to_num(np.asarray(left, dtype=np.float64)[order], nan=0.0)
+    enough = shares >= least
+    if enough.all():
+        return 0.0, 0.0
+    if not enough[0] and not enough.any():
+        return float("inf"), float("inf")
+    places = np.flatnonzero(enough[1:] != enough[:-1])
+    found = []
+    for place in places:
+        one, other = np.log(np.maximum(shares[place : place + 2], _LEAST_LOG)) - np.log(least)
+        crossing = squares[place] + one / (one - other) * (squares[place + 1] - squares[place])
+        found.append(float(crossing**-0.5))
+    if not enough[0]:
+        found.insert(0, float("inf"))
+    return found[0], found[-1]
+
+
+MIN_VALID_FRACTION = 0.5
+"""If less than this share of the pixels is told, a period counts as not resolved."""
+
+
+def compute_amplitude_records(
+    case: Case, found: CaseEstimates, quantity: str, *, of_mean: bool = False
+) -> Iterator[BenchmarkRecord]:
+    """Give the share of a wave that each method leaves; NaN where it tells too little.
+
+    Parameters
+    ----------
+    case, found
+        The case, and what was found.
+    quantity
+        The quantity that has the wave, a key of `scenetruth.scoring.QUANTITIES`.
+    of_mean
+        Whether a crest alone is measured, whose mean is its amplitude; else the mean of a wave is left out.
+    """
+    share = compute_peak_ratio if of_mean else compute_amplitude_ratio
+    region = case.region_at(found.truth.isel(t=0), found.value)
+    for label, estimate in found.estimates.items():
+        pairs, left = EstimateTruthPairs(estimate, found.truth), math.nan
+        if quantity not in pairs:
+            continue
+        pair = pairs[quantity]
+        got, true = pair.estimate[0], pair.truth[0]
+        told = region & np.isfinite(got) & (True if pair.full is None else pair.full[0])
+        if np.count_nonzero(told) >= MIN_VALID_FRACTION * np.count_nonzero(region):
+            left = share(got[told], true[told])
+        yield BenchmarkRecord(case.kind, found.value, label, quantity, OWN, "share_left", left, unit="1")
+
+
+def compute_cutoff_records(case: Case, rows: Sequence[BenchmarkRecord], quantity: str) -> Iterator[BenchmarkRecord]:
+    """Give the first and the last period, from long to short, at which the share crosses 90 %.
+
+    Parameters
+    ----------
+    case
+        The case.
+    rows
+        All its rows.
+    quantity
+        The quantity that has the wave.
+    """
+    curves: dict[str, dict[float, float]] = {}
+    for row in rows:
+        if (row.case, row.statistic, row.quantity) == (case.kind, "share_left", quantity):
+            curves.setdefault(row.method, {})[row.value] = row.number
+    for label, curve in curves.items():
+        first, last = compute_cutoff_periods(list(curve), list(curve.values()))
+        for name, period in (("first", first), ("last", last)):
+            yield BenchmarkRecord(
+                case.kind, math.nan, label, quantity, OWN, f"period_at_10_percent_loss_{name}", period, unit="px"
+            )

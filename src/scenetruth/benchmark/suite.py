@@ -1,0 +1,327 @@
+"""The suite: run over all its cases, or written as recordings for other programs."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Literal
+
+from scenetruth.benchmark.benchmark_report import write_benchmark_report
+from scenetruth.benchmark.benchmark_result import BenchmarkResult
+from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, list_design_points, measure_point, read_point_result
+from scenetruth.benchmark.cases.case import SUITES, BenchmarkRecord, Case, all_cases, select_cases
+from scenetruth.benchmark.design_point import add_noise, ignore_scene_warnings, read_error_maps
+from scenetruth.benchmark.error_statistics import compute_efficiency_records
+from scenetruth.benchmark.method_specs import MethodLike, MethodSpec, parse_methods
+from scenetruth.dataset.scheduler import for_each
+from scenetruth.dataset.worker_setup import collect_versions
+from scenetruth.errors import EstimateError, OutputExistsError, Problem, RecipeError
+from scenetruth.estimators.external import recording_key, write_recording
+from scenetruth.output import lock_output, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.progress import Progress
+from scenetruth.scene import scene_from_plain
+from scenetruth.simulation import simulate
+
+__all__ = ["INDEX", "compare", "select_available_cases", "write_recordings"]
+
+
+INDEX = "comparison.json"
+"""What a folder of a comparison is known by."""
+
+
+def compare(
+    methods: Iterable[MethodLike] | MethodLike,
+    suite: str = "core",
+    folder: str | Path | None = None,
+    *,
+    cases: Sequence[str] | None = None,
+    values: Sequence[float | str] | None = None,
+    workers: int = 0,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> BenchmarkResult:
+    """Find out how accurate methods are, over the cases of the metrology suite.
+
+    Every case varies one thing: noise, contrast, wavelength, slope, disparity, motion, the distance from an outline,
+    and more. All methods get the same images. What is done stays in the folder, and is not done again;
+    what failed is, and what a method of your own gave before its code changed.
+
+    Parameters
+    ----------
+    methods
+        One or several: names, ``"module:function"``, methods or functions; with settings in brackets,
+        ``"refined[window_sigma_px: 4]"``, and labels before them, ``"fine=refined[window_sigma_px: 4]"``.
+    suite
+        ``"core"``, for every day, or ``"full"``, with more values and more noises.
+    folder
+        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a
+        file for each scene. If not given, nothing is kept.
+    cases
+        Only these cases, by their kinds.
+    values
+        Only these values of what is varied, for a single case; labels where values have some, as names of scenes.
+    workers
+        Processes of this machine, of one thread each; 0 does all in this one.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Comparison
+        All figures.
+
+    Raises
+    ------
+    EstimateError
+        If there is no such method, a setting is impossible, or a function cannot be sent to another process.
+    RecipeError
+        If there is no such suite, case or value, or a case needs what is not there.
+    OutputExistsError
+        If the folder holds a comparison of other methods, or something else.
+
+    See Also
+    --------
+    score : One estimate against one truth.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> found = st.compare("structure_tensor", cases=["noise"], values=[0.005])
+    >>> row = found.figure("noise", "structure_tensor", "flow_x", "rms")
+    >>> bool(row.low < row.number < row.high), row.unit
+    (True, 'px/frame')
+    """
+    contestants = parse_methods(methods)
+    chosen = select_available_cases(suite, cases, values, notice)
+    if workers:
+        _refuse_what_cannot_travel(contestants)
+    with ExitStack() as stack:
+        if folder is None:
+            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
+        else:
+            place = Path(folder)
+            _begin(place, contestants, suite)
+            stack.enter_context(lock_output(place / "run"))
+        points = list_design_points(chosen, suite, values)
+        job = BenchmarkTask(
+            str((place / "points").resolve()),
+            tuple(points),
+            tuple(contestants),
+            tuple(sorted(collect_versions().items())),
+        )
+        missing = [number for number in range(len(points)) if not job.is_done(number)]
+        if notice is not None and len(missing) < len(points):
+            kept = len(points) - len(missing)
+            notice(f"kept from earlier: {kept} of {len(points)} scenes; {len(missing)} to be measured")
+        done = for_each(
+            missing,
+            measure_point,
+            (job,),
+            present=len(points) - len(missing),
+            workers=workers,
+            what="scenes",
+            progress=progress,
+            notice=notice,
+        )
+        rows: list[BenchmarkRecord] = []
+        failures = list(done.failed.values())
+        slips: Counter[str] = Counter()
+        for number, point in enumerate(points):
+            if number in done.failed:
+                continue
+            measured = read_point_result(job.path(number))
+            rows += measured.rows
+            failures += [f"{point.case} at {point.name}: {label}: {why}" for label, why in measured.failures.items()]
+            slips.update(f"{label}: {told}" for label, found_here in measured.slips.items() for told in found_here)
+        for case in chosen:
+            rows += list(case.conclusions([row for row in rows if row.case == case.kind]))
+        rows += list(compute_efficiency_records(rows))
+        found = BenchmarkResult(
+            [one.label for one in contestants],
+            chosen,
+            rows,
+            failures,
+            None if folder is None else place,
+            [one.label for one in contestants if one.is_own],
+            [f"{told} (at {count} of {len(points)} scenes)" for told, count in slips.most_common()],
+        )
+        if folder is not None:
+            _write_tables(found, place)
+            maps = {
+                (point.case, value): one
+                for number, point in enumerate(points)
+                if (one := read_error_maps(job.path(number).with_suffix(".npz"))) is not None
+                for value in point.values
+            }
+            write_benchmark_report(found, [one.words for one in contestants], place, suite, maps)
+    return found
+
+
+def select_available_cases(
+    suite: str,
+    cases: Sequence[str] | None,
+    values: Sequence[float | str] | None,
+    notice: Callable[[str], None] | None = None,
+) -> list[Case]:
+    """Return the cases that are asked for; of all, those that a suite has and that can be measured here.
+
+    Parameters
+    ----------
+    suite, cases, values
+        As of `compare`.
+    notice
+        Called with what is left out for want of something.
+
+    Raises
+    ------
+    RecipeError
+        If there is no such suite, case or value, values are given for several cases, or a case that is named has none
+        in the suite, or needs what is not there.
+    """
+    problems = []
+    if suite not in SUITES:
+        problems.append(Problem("suite", f"must be one of {', '.join(SUITES)}", suite))
+    if values is not None and (cases is None or len(cases) != 1):
+        problems.append(Problem("values", "are those of one case: name it", list(values)))
+    chosen: list[Case] = []
+    try:
+        chosen = select_cases(cases)
+    except RecipeError as error:
+        problems += error.problems
+    named = cases is not None
+    if named and not problems:
+        problems += [problem for case in chosen for problem in _unfit(case, suite, values)]
+    if problems:
+        raise RecipeError(problems)
+    if not named and notice is not None:
+        for case in chosen:
+            if case.lacks() and suite == "full":
+                notice(f"case {case.kind} is left out: it {case.lacks()}")
+    return chosen if named else [case for case in chosen if case.values(suite) and not case.lacks()]
+
+
+def _unfit(case: Case, suite: str, values: Sequence[float | str] | None) -> Iterable[Problem]:
+    """Give what is wrong with a case that is named, and with its values."""
+    if case.lacks():
+        yield Problem("cases", case.lacks(), case.kind)
+    elif values is None:
+        if not case.values(suite):
+            yield Problem(
+                "cases", f"has no values in the suite {suite}: choose the suite full, or name values", case.kind
+            )
+    else:
+        for value in values:
+            try:
+                case.value_of(value)
+            except RecipeError as error:
+                yield from error.problems
+
+
+def _refuse_what_cannot_travel(contestants: Sequence[MethodSpec]) -> None:
+    problems = []
+    for one in contestants:
+        try:
+            pickle.dumps(one)
+        except Exception as error:  # whatever pickling raises
+            message = f"cannot be sent to another process ({error}); give 'module:function', or workers=0"
+            problems.append(Problem("methods", message, one.label))
+    if problems:
+        raise EstimateError(problems)
+
+
+def _begin(folder: Path, contestants: Sequence[MethodSpec], suite: str) -> None:
+    """Claim a folder for a comparison, or find that it is one of the same methods."""
+    index = folder / INDEX
+    wanted = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
+    if index.exists():
+        try:
+            there = parse_json(index.read_bytes())
+        except ValueError as error:
+            raise OutputExistsError(index, f"is damaged: {error}; choose another folder") from error
+        if there != wanted:
+            held = (
+                f"suite {there.get('suite')} of {there.get('methods')}" if isinstance(there, dict) else "something else"
+            )
+            raise OutputExistsError(folder, f"holds another comparison: {held}; choose another folder")
+        return
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise OutputExistsError(folder, "exists, and is no folder of a comparison; choose another")
+    folder.mkdir(parents=True, exist_ok=True)
+    with write_atomically(index) as aside:
+        aside.write_text(json.dumps(wanted, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _write_tables(found: BenchmarkResult, folder: Path) -> None:
+    frame = found.to_frame()
+    with write_atomically(folder / "results.parquet", overwrite=True) as aside:
+        frame.to_parquet(aside)
+    with write_atomically(folder / "results.csv", overwrite=True) as aside:
+        frame.to_csv(aside, index=False)
+    with write_atomically(folder / "summary.csv", overwrite=True) as aside:
+        found.summary().to_csv(aside)
+
+
+def write_recordings(
+    folder: str | Path,
+    suite: str = "core",
+    *,
+    cases: Sequence[str] | None = None,
+    values: Sequence[float | str] | None = None,
+    images: Literal["png", "tiff", "npy"] = "png",
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write all recordings of a suite, each into a folder that is named by its key.
+
+    What a program finds of them goes into folders of the same names, which
+    `scenetruth.estimators.external.ResultsFolder` reads. Recordings that are there are not written again.
+
+    Parameters
+    ----------
+    folder
+        Where they go.
+    suite, cases, values
+        Which, as of `compare`.
+    images
+        How images are written; see `scenetruth.estimators.external.write_recording`.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    list of pathlib.Path
+        The folders of the recordings.
+
+    Raises
+    ------
+    RecipeError
+        If there is no such suite or case.
+    """
+    if Path(folder).is_file():
+        raise EstimateError([Problem("recordings", "must be a folder", folder)])
+    points = list_design_points(select_available_cases(suite, cases, values), suite, values)
+    written = []
+    for done, point in enumerate(points):
+        if progress is not None:
+            progress("recordings", done, len(points))
+        case = all_cases()[point.case]
+        noise_std = case.noise_std(point.values[0])
+        with ignore_scene_warnings():
+            ideal = simulate(scene_from_plain(case.scene(point.values[0])))[0]
+        for seed in range(point.seeds if noise_std else 1):
+            recording = add_noise(ideal, noise_std, case.kind, seed)
+            place = Path(folder) / recording_key(recording)
+            if not place.exists():
+                place.parent.mkdir(parents=True, exist_ok=True)
+                write_recording(recording, place, images)
+            written.append(place)
+    if progress is not None:
+        progress("recordings", len(points), len(points))
+    return written

@@ -1,0 +1,375 @@
+"""Fisher information of every pixel, its sums over analysis windows, and the covariance that follows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.bound.image_gradients import SignedTexture
+from scenetruth.bound.surface_geometry import ImageTimes, ReferencePoints
+from scenetruth.bound.unknowns import Columns, Vector, WindowUnknowns
+
+__all__ = [
+    "Window",
+    "WindowSums",
+    "compute_brightness_modes",
+    "compute_pixel_information",
+    "compute_sensitivity",
+    "compute_variances",
+    "compute_window_sums",
+    "index_pairs",
+    "normal_matrix",
+    "window_weights",
+]
+
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Rows that are worked on at a time: their arrays stay in a processor's cache.
+_ROWS_PER_BAND = 16
+# Edge-on, a surface shrinks to nothing in an image.
+_LEAST_AREA = 1e-3
+
+
+def index_pairs(fields: int) -> dict[tuple[int, int], int]:
+    """Return a number for each pair of fields, the first at most as large as the second."""
+    return {pair: n for n, pair in enumerate((k, m) for k in range(fields) for m in range(k, fields))}
+
+
+def compute_brightness_modes(views: ImageTimes) -> Map:
+    """Return the ways in which brightness may change over the images, shape (number, n).
+
+    A gain and an offset of every image may change in as many ways as there are images. Those that can be taken for
+    depth or motion change as the surface's places in the images do, but for perspective: in proportion to s and s_y
+    (disparity), to t (motion), and to their products (motion in depth changes the disparity).
+    """
+    s, s_y, t = (each - each.mean() for each in (views.s, views.s_y, views.t))
+    ways = (each - each.mean() for each in (s, s_y, t, s * t, s_y * t))
+    return np.array([way / np.abs(way).max() for way in ways if np.ptp(way) > 0])
+
+
+def compute_pixel_information(
+    points: ReferencePoints, views: ImageTimes, shown: Mask, layers: Sequence[SignedTexture], model: WindowUnknowns
+) -> Map:
+    """Return the Fisher information of every pixel, its texture eliminated.
+
+    With a_i, the derivatives of what image i shows of the pixel's point by its fields, and their mean ā over the images
+    that show it, it is Σ_i (a_i - ā)(a_i - ā)ᵀ / σ². Each image counts with one sample for a pixel, whether it shows
+    the surface larger or smaller.
+
+    Parameters
+    ----------
+    points, views
+        Where the images show which points.
+    shown
+        Which do, shape (n, y, x).
+    layers
+        The texture.
+    model
+        Tells which fields there are.
+
+    Returns
+    -------
+    numpy.ndarray
+        The products of each pair of fields, in the order of `index_pairs`, shape (pairs, y, x).
+    """
+    height, width = points.d.shape
+    pairs = index_pairs(model.fields)
+    ways = compute_brightness_modes(views) if model.brightness else np.zeros((0, len(views)))
+    found = np.zeros((len(pairs), height, width))
+    for top in range(0, height, _ROWS_PER_BAND):
+        rows = slice(top, min(top + _ROWS_PER_BAND, height))
+        band = points.at((rows, slice(None)))
+        first = np.zeros((len(layers), model.fields, *band.d.shape))
+        second = np.zeros((len(layers), len(pairs), *band.d.shape))
+        for i in range(len(views)):
+            if not shown[i, rows].any():
+                continue
+            inverse, moves = compute_sensitivity(band, views.s[i], views.s_y[i], views.t[i], shown[i, rows])
+            for number, layer in enumerate(layers):
+                t_x, t_y = layer.gradient[:, rows]
+                along = inverse[0] * t_x + inverse[1] * t_y
+                down = inverse[2] * t_x + inverse[3] * t_y
+                own = [along * moves[0] + down * moves[1]]
+                if model.moving:
+                    own += [along * moves[2], down * moves[2], along * moves[3] + down * moves[4]]
+                own += [layer.one * way * shown[i, rows] for way in ways[:, i]]
+                own += [layer.grey[rows] * way * shown[i, rows] for way in ways[:, i]]
+                for k, one in enumerate(own):
+                    first[number, k] += one
+                for (k, m), n in pairs.items():
+                    second[number, n] += own[k] * own[m]
+        count = np.maximum(shown[:, rows].sum(axis=0), 1)
+        for number, layer in enumerate(layers):
+            for (k, m), n in pairs.items():
+                left = second[number, n] - first[number, k] * first[number, m] / count
+                found[n, rows] += layer.weight[rows] * left
+    return found
+
+
+def compute_sensitivity(
+    points: ReferencePoints, s: float | Map, s_y: float | Map, t: float | Map, shown: Mask
+) -> tuple[Map, Map]:
+    """Return how an image's gradient follows from the texture's, and how its places follow from disparity and velocity.
+
+    Parameters
+    ----------
+    points
+        The points.
+    s, s_y, t
+        Where and when the image was taken; of several images, arrays that broadcast with those of the points.
+    shown
+        Whether it shows the points.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        The inverse of the places' derivatives along x and y, transposed, as xx, xy, yx, yy: shape (4, ...). Then
+        derivatives of the places: x and y by d; x by q_X, which is y by q_Y too; x and y by q_Z: shape (5, ...). The
+        former are 0 where the image does not show the point.
+    """
+    x, y, scale = points.place(s, s_y, t)
+    ahead = t * scale / points.focal
+    along, down = t * points.q[0] - s, t * points.q[1] - s_y
+    nearer_x = ahead * (points.d_x * points.q[2] + points.d * points.q_x[2])
+    nearer_y = ahead * (points.d_y * points.q[2] + points.d * points.q_y[2])
+    x_x = scale * (1.0 + points.d_x * along + points.d * t * points.q_x[0]) - x * nearer_x
+    x_y = scale * (points.d_y * along + points.d * t * points.q_y[0]) - x * nearer_y
+    y_x = scale * (points.d_x * down + points.d * t * points.q_x[1]) - y * nearer_x
+    y_y = scale * (1.0 + points.d_y * down + points.d * t * points.q_y[1]) - y * nearer_y
+    area = x_x * y_y - x_y * y_x
+    share = shown / np.where(np.abs(area) > _LEAST_AREA, area, np.inf)
+    inverse = np.stack([y_y, -y_x, -x_y, x_x]) * share
+    by_q = scale * points.d * t
+    by_d = [scale * along - x * ahead * points.q[2], scale * down - y * ahead * points.q[2]]
+    return inverse, np.stack([*by_d, by_q, -x * by_q / points.focal, -y * by_q / points.focal])
+
+
+Window = Literal["gaussian", "even"]
+
+# Gaussian windows reach this many times their standard deviation, as those of the methods do.
+_CUT = 2.0
+_POWERS = 3
+# Rows of an image that are summed up at a time.
+_ROWS_PER_SUM = 128
+
+
+def window_weights(window: Window, sigma_px: float) -> Map:
+    """Return a window's weights along one axis, times the powers 0 to 2 of the distance.
+
+    Parameters
+    ----------
+    window
+        ``"gaussian"``: of standard deviation ``sigma_px``, cut off at twice that. ``"even"``: as wide as gives the same
+        standard deviation, to the next odd number of pixels.
+    sigma_px
+        The standard deviation.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (3, 2 r + 1); the largest weight is 1.
+    """
+    # n even weights have the variance (n² - 1) / 12.
+    even = window == "even"
+    reach = max(1, round((math.sqrt(12 * sigma_px**2 + 1) - 1) / 2) if even else math.ceil(_CUT * sigma_px))
+    at = np.arange(-reach, reach + 1, dtype=np.float64)
+    weights = np.ones_like(at) if even else np.exp(-0.5 * (at / sigma_px) ** 2)
+    return np.asarray(weights * at ** np.arange(_POWERS)[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class WindowSums:
+    """Windows around some pixels: their sums.
+
+    Parameters
+    ----------
+    rows, columns
+        The pixels, each of shape (n,).
+    sums
+        Sums of products over the windows, by the pair of fields and the powers of the distance along x and y, each of
+        shape (n,).
+    squares
+        The same with squared weights.
+    """
+
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    sums: dict[tuple[int, int, int], Map]
+    squares: dict[tuple[int, int, int], Map]
+
+
+def compute_window_sums(
+    products: Map, pieces: NDArray[np.int64], weights: Map, model: WindowUnknowns, every_px: int
+) -> Iterator[WindowSums]:
+    """Sum up products over the windows around pixels, piece by piece and band by band.
+
+    Parameters
+    ----------
+    products
+        As of `compute_pixel_information`, shape (pairs, y, x).
+    pieces
+        The piece of surface that each pixel belongs to; windows take pixels of their centre's piece only.
+    weights
+        As of `window_weights`.
+    model
+        Tells which powers of the distance are needed.
+    every_px
+        Only pixels in each n-th row and column are wanted.
+    """
+    from scipy.ndimage import find_objects
+
+    reach = weights.shape[1] // 2
+    # The square of a weight times a power is not the power of the squared weight.
+    squared = weights[0] * weights
+    for number, box in enumerate(find_objects(pieces + 1)):
+        if box is None:
+            continue
+        top, bottom, left, right = box[0].start, box[0].stop, box[1].start, box[1].stop
+        for first in range(top, bottom, _ROWS_PER_SUM):
+            last = min(first + _ROWS_PER_SUM, bottom)
+            around = slice(max(first - reach, top), min(last + reach, bottom))
+            mask = pieces[around, left:right] == number
+            wanted = np.zeros_like(mask)
+            above = around.start
+            rows = slice(first + (-first) % every_px - above, last - above, every_px)
+            columns = slice((-left) % every_px, None, every_px)
+            wanted[rows, columns] = mask[rows, columns]
+            if not wanted.any():
+                continue
+            at = np.nonzero(wanted[rows, columns])
+            inside = np.where(mask, products[:, around, left:right], 0.0)
+            sums, squares = (_sums(inside, each, model, (rows, columns), at) for each in (weights, squared))
+            y, x = np.nonzero(wanted)
+            yield WindowSums(y + above, x + left, sums, squares)
+
+
+def _sums(
+    products: Map, weights: Map, model: WindowUnknowns, chosen: tuple[slice, slice], at: tuple[NDArray[np.int64], ...]
+) -> dict[tuple[int, int, int], Map]:
+    """Sum up products around chosen rows and columns, and of these at some places."""
+    from scipy.ndimage import correlate1d
+
+    found = {}
+    for (k, m), n in index_pairs(model.fields).items():
+        degree = model.degree_of(k) + model.degree_of(m)
+        for j in range(degree + 1):
+            along = correlate1d(products[n], weights[j], axis=1, mode="constant")[:, chosen[1]]
+            for i in range(degree + 1 - j):
+                both = correlate1d(along, weights[i], axis=0, mode="constant")[chosen[0]]
+                found[n, j, i] = np.asarray(both[at])
+    return found
+
+
+# Of a matrix with ones on its diagonal: less is lost in rounding, or in what noise leaves of its own products.
+_LEAST_PIVOT = 1e-9
+
+
+def normal_matrix(sums: dict[tuple[int, int, int], Map], columns: Columns, model: WindowUnknowns) -> Map:
+    """Return the information on what is unknown, Cᵀ F C with that on all parameters F.
+
+    Parameters
+    ----------
+    sums
+        Sums over windows, as of `Part`.
+    columns
+        What is unknown, the columns of C.
+    model
+        The parameters.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (unknowns, unknowns, windows).
+    """
+    pairs = index_pairs(model.fields)
+
+    def full(p: int, q: int) -> Map:
+        one, other = sorted((model.field_of(p), model.field_of(q)))
+        (x, y), (more_x, more_y) = model.powers_of(p), model.powers_of(q)
+        return sums[pairs[one, other], x + more_x, y + more_y]
+
+    count = len(columns)
+    windows = len(next(iter(sums.values())))
+    found = np.empty((count, count, windows))
+    for j, column in enumerate(columns):
+        times: dict[int, Map] = {}
+        for i in range(j + 1):
+            total = np.zeros(windows)
+            for p, share in columns[i]:
+                if p not in times:
+                    times[p] = sum((part * full(p, q) for q, part in column), np.zeros(windows))
+                total += share * times[p]
+            found[i, j] = found[j, i] = total
+    return found
+
+
+def compute_variances(normal: Map, scatter: Map, columns: Columns, functionals: Sequence[Vector]) -> Map:
+    """Return the variances of linear functions of what is unknown, whose covariance is H⁻¹ S H⁻¹.
+
+    Parameters
+    ----------
+    normal, scatter
+        H and S, as of `normal_matrix`.
+    columns
+        What is unknown.
+    functionals
+        Linear functions of the parameters.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (functionals, windows); NaN where H is singular, so that the images do not tell all that is unknown.
+    """
+    count, windows = normal.shape[1:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = 1.0 / np.sqrt(np.einsum("iin->in", normal))
+        factor = _factorised(normal * scale[:, None] * scale)
+        rights = np.zeros((len(functionals), count, windows))
+        for k, functional in enumerate(functionals):
+            parts = dict(functional)
+            for i, column in enumerate(columns):
+                for p, share in column:
+                    if p in parts:
+                        rights[k, i] += share * parts[p]
+        solved = _solved(factor, rights * scale) * scale
+        total = np.zeros((len(functionals), windows))
+        for i in range(count):
+            for j in range(count):
+                total += solved[:, i] * scatter[i, j] * solved[:, j]
+        # What noise leaves of its own products may be negative where there is hardly any texture.
+        return np.where(total > 0, total, np.nan)
+
+
+def _factorised(matrix: Map) -> Map:
+    """Return L with L Lᵀ the matrix, shape (n, n, windows); NaN where it is not positive definite."""
+    count = len(matrix)
+    factor = np.zeros_like(matrix)
+    for j in range(count):
+        left = matrix[j:, j].copy()
+        for k in range(j):
+            left -= factor[j:, k] * factor[j, k]
+        pivot = np.sqrt(np.where(left[0] > _LEAST_PIVOT, left[0], np.nan))
+        factor[j:, j] = left / pivot
+    return factor
+
+
+def _solved(factor: Map, rights: Map) -> Map:
+    """Solve L Lᵀ v = r for several r, shape (several, n, windows)."""
+    found = rights.copy()
+    count = len(factor)
+    for i in range(count):
+        for k in range(i):
+            found[:, i] -= factor[i, k] * found[:, k]
+        found[:, i] /= factor[i, i]
+    for i in reversed(range(count)):
+        for k in range(i + 1, count):
+            found[:, i] -= factor[k, i] * found[:, k]
+        found[:, i] /= factor[i, i]
+    return found

@@ -1,0 +1,216 @@
+"""Surface points of the reference camera's pixels, their positions in every image, and connected surface segments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import Intrinsics
+
+__all__ = [
+    "ImagePosition",
+    "ImageTimes",
+    "ReferencePoints",
+    "compute_image_times",
+    "compute_interior_mask",
+    "compute_reference_points",
+    "label_surface_segments",
+]
+
+
+Map = NDArray[np.float64]
+
+
+class ImagePosition(NamedTuple):
+    """Where an image shows points, from the principal point in px, and by what share they are smaller there."""
+
+    x: Map
+    y: Map
+    scale: Map
+
+
+@dataclass(frozen=True, eq=False)
+class ReferencePoints:
+    """Surface points that pixels show at the reference time, and how they move.
+
+    All arrays have the shape of the pixels; the velocity and its slopes come with their three components first.
+
+    Parameters
+    ----------
+    x, y
+        The pixels, from the principal point, in px.
+    d, d_x, d_y
+        Disparity in px per step, and its slopes along x and y.
+    q, q_x, q_y
+        Velocity in baselines per frame, and its slopes along x and y, shape (3, ...).
+    focal
+        Focal length in px.
+    """
+
+    x: Map
+    y: Map
+    d: Map
+    d_x: Map
+    d_y: Map
+    q: Map
+    q_x: Map
+    q_y: Map
+    focal: float
+
+    def at(self, where: tuple[slice | NDArray[np.int64], ...]) -> ReferencePoints:
+        """Return some of the points."""
+        parts: dict[str, Any] = {
+            item.name: getattr(self, item.name)[(..., *where)] for item in fields(self) if item.name != "focal"
+        }
+        return replace(self, **parts)
+
+    def place(self, s: float | Map, s_y: float | Map, t: float | Map) -> ImagePosition:
+        """Return where the camera at a position shows the points at a time.
+
+        Parameters
+        ----------
+        s, s_y
+            The camera's position along and across the stage, in baselines.
+        t
+            The time in frames.
+        """
+        scale = 1.0 / (1.0 + self.d * (t * self.q[2]) / self.focal)
+        x = (self.x + self.d * (t * self.q[0] - s)) * scale
+        y = (self.y + self.d * (t * self.q[1] - s_y)) * scale
+        return ImagePosition(x, y, scale)
+
+    def tangents(self) -> tuple[Map, Map]:
+        """Return how the surface p = (x, y, f) / d changes along x and y, in baselines, each of shape (3, ...)."""
+        p = np.stack([self.x, self.y, np.full_like(self.x, self.focal)]) / self.d
+        along, down = -p * self.d_x / self.d, -p * self.d_y / self.d
+        along[0] += 1.0 / self.d
+        down[1] += 1.0 / self.d
+        return along, down
+
+
+@dataclass(frozen=True, eq=False)
+class ImageTimes:
+    """Where and when every image was taken: positions in baselines and times in frames, each of shape (n,).
+
+    ``frame_of`` tells the images among the recording's: indices along s_y, s and t, shape (n, 3).
+    """
+
+    s: Map
+    s_y: Map
+    t: Map
+    frame_of: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.s)
+
+    def nearest(self, most: int) -> NDArray[np.int64]:
+        """Return the numbers of so many images that are nearest to the reference, itself the first."""
+        distance = np.abs(self.s) + np.abs(self.s_y) + np.abs(self.t)
+        return np.argsort(distance, kind="stable")[:most]
+
+
+def compute_image_times(recording: xr.Dataset, baseline_mm: float) -> ImageTimes:
+    """Return where and when the images of a recording were planned to be taken."""
+    along = np.asarray(recording["stage_x_mm"].values, dtype=np.float64) / baseline_mm
+    rows = "s_y" in recording["image"].dims
+    across = np.asarray(recording["stage_y_mm"].values, dtype=np.float64) / baseline_mm if rows else np.zeros(1)
+    times = np.asarray(recording["t"].values, dtype=np.float64)
+    index = np.stack(np.meshgrid(*(np.arange(len(part)) for part in (across, along, times)), indexing="ij"), axis=-1)
+    numbers = index.reshape(-1, 3)
+    return ImageTimes(along[numbers[:, 1]], across[numbers[:, 0]], times[numbers[:, 2]], numbers)
+
+
+def compute_reference_points(truth: xr.Dataset, intrinsics: Intrinsics, pieces: NDArray[np.int64]) -> ReferencePoints:
+    """Return the points of one camera and frame.
+
+    Parameters
+    ----------
+    truth
+        Its maps ``depth``, ``velocity`` and ``normal``, dimensions (y, x) behind their components.
+    intrinsics
+        Of the camera.
+    pieces
+        The piece of surface of each pixel, negative where there is none: slopes of the velocity are taken within one.
+
+    Returns
+    -------
+    Points
+        What is not known there is 0; the disparity 1.
+    """
+    focal, (c_x, c_y) = intrinsics.focal_length_px, intrinsics.principal_point_px
+    x, y = np.meshgrid(truth["x"].values - c_x, truth["y"].values - c_y)
+    on = pieces >= 0
+    depth = np.where(on, truth["depth"].values, np.nan)
+    d = focal * intrinsics.baseline_mm / depth
+    n_x, n_y, n_z = np.asarray(truth["normal"].values, dtype=np.float64)
+    # On the plane N · P = c, d is proportional to N · (x, y, f).
+    toward = n_x * x + n_y * y + n_z * focal
+    q = np.asarray(truth["velocity"].values, dtype=np.float64) / intrinsics.baseline_mm
+    with np.errstate(invalid="ignore", divide="ignore"):
+        d_x, d_y = d * n_x / toward, d * n_y / toward
+    q_x, q_y = (_slope(q, pieces, axis) for axis in (-1, -2))
+    d_x, d_y, q = (np.where(on & np.isfinite(part), part, 0.0) for part in (d_x, d_y, q))
+    return ReferencePoints(x, y, np.where(on, d, 1.0), d_x, d_y, q, q_x, q_y, focal)
+
+
+def _slope(values: Map, pieces: NDArray[np.int64], axis: int) -> Map:
+    """Return half the difference of the two neighbours along an axis; 0 where they are not of the pixel's own piece."""
+    slope = np.zeros_like(values)
+    middle, before, after = (
+        (..., part) if axis == -1 else (..., part, slice(None))
+        for part in (slice(1, -1), slice(None, -2), slice(2, None))
+    )
+    own = pieces[middle]
+    same = (own >= 0) & (pieces[before] == own) & (pieces[after] == own)
+    with np.errstate(invalid="ignore"):
+        slope[middle] = np.where(same, 0.5 * (values[after] - values[before]), 0.0)
+    return slope
+
+
+# The spline of the derivative reaches further: a step 3 px away counts by a tenth of itself.
+_REACH_PX = 2
+
+
+def label_surface_segments(truth: xr.Dataset) -> NDArray[np.int64]:
+    """Give numbers to the connected pieces of surface that the reference camera sees at the reference time.
+
+    A piece ends at silhouettes and sharp edges, whose pixels belong to none, and where another object begins.
+
+    Parameters
+    ----------
+    truth
+        Maps of one camera and frame, dimensions (y, x): ``depth``, ``mixed``, and ``object_id`` if there is one.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (y, x): 0, 1, ... for the pieces, and -1 where there is none.
+    """
+    from scipy.ndimage import label
+
+    depth = truth["depth"].values
+    seen = np.isfinite(depth) & (depth > 0) & ~truth["mixed"].values.astype(bool)
+    objects = truth["object_id"].values if "object_id" in truth else np.zeros(depth.shape, dtype=np.int64)
+    pieces = np.full(depth.shape, -1, dtype=np.int64)
+    count = 0
+    for number in np.unique(objects[seen]):
+        labels, found = label(seen & (objects == number))
+        pieces[labels > 0] = labels[labels > 0] + count - 1
+        count += found
+    return pieces
+
+
+def compute_interior_mask(pieces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Tell which pixels are at least 2 px away from all that is not of their own piece; beyond the image, nothing is.
+
+    Elsewhere derivatives of the image are those of outlines, not of the surface's texture.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    size = 2 * _REACH_PX + 1
+    same = maximum_filter(pieces, size, mode="nearest") == minimum_filter(pieces, size, mode="nearest")
+    return np.asarray(same & (pieces >= 0))

@@ -1,0 +1,331 @@
+"""Unknowns of an analysis window (surface, motion, brightness), and the quantities derived from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.bound.surface_geometry import ReferencePoints
+from scenetruth.schema import Intrinsics
+
+__all__ = [
+    "FIELDS",
+    "MOTION",
+    "Brightness",
+    "Columns",
+    "Motion",
+    "Surface",
+    "Vector",
+    "WindowUnknowns",
+    "add_error_products",
+    "compute_columns",
+    "compute_eigenvalue_bias",
+    "compute_functionals",
+]
+
+
+Map = NDArray[np.float64]
+Surface = Literal["constant", "plane"]
+Motion = Literal["translation", "rigid", "growing", "affine"]
+Brightness = Literal["fixed", "per_image"]
+
+Vector = list[tuple[int, "Map | float"]]
+"""A sparse vector over the parameters of a window: which of them, and its coefficient at every pixel."""
+Columns = list[Vector]
+"""What may be unknown, each as a direction among the parameters of a window."""
+
+FIELDS = 4
+"""Fields of a point: the disparity d and the velocity q_X, q_Y, q_Z in baselines per frame."""
+MOTION = 3
+"""The first parameter of motion."""
+# Each field has a value in the window's middle, and slopes along x and y.
+_PER_FIELD = 3
+
+
+@dataclass(frozen=True)
+class WindowUnknowns:
+    """What an estimator does not know of a window.
+
+    The parameters of a window are d, d_x, d_y, then q_X and its slopes along x and y, q_Y and q_Z alike, and then one
+    for each field of brightness. Only directions of `compute_columns` among them are unknown.
+
+    Parameters
+    ----------
+    surface
+        ``"constant"``: the disparity; ``"plane"``: its slopes too.
+    motion
+        ``"translation"``: the velocity; ``"rigid"``: a rotation too; ``"growing"``: a rotation and an isotropic growth;
+        ``"affine"``: any velocity gradient along the surface.
+    moving
+        Whether there is motion to be known: several frames.
+    brightness
+        Number of fields of brightness.
+    stereo
+        Whether disparity is unknown and can be seen. Of one camera it is neither: its windows have a flow that is
+        linear in the image, in all of q_X and q_Y.
+    """
+
+    surface: Surface
+    motion: Motion
+    moving: bool
+    brightness: int
+    stereo: bool = True
+
+    @property
+    def fields(self) -> int:
+        """Number of fields of a pixel: disparity, velocity, brightness."""
+        return (FIELDS if self.moving else 1) + self.brightness
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters of a window."""
+        return _PER_FIELD * (self.fields - self.brightness) + self.brightness
+
+    def field_of(self, parameter: int) -> int:
+        """Return the field that a parameter belongs to."""
+        several = self.fields - self.brightness
+        own = parameter // _PER_FIELD
+        return own if own < several else several + parameter - _PER_FIELD * several
+
+    def powers_of(self, parameter: int) -> tuple[int, int]:
+        """Return the powers of the distance along x and y with which a parameter counts."""
+        if parameter >= _PER_FIELD * (self.fields - self.brightness):
+            return 0, 0
+        side = parameter % _PER_FIELD
+        return int(side == 1), int(side == 2)
+
+    def degree_of(self, field: int) -> int:
+        """Return the highest power of the distance that a field has."""
+        if field == 0:
+            return int(self.surface == "plane")
+        return int(field < FIELDS and self.moving and (self.motion != "translation" or not self.stereo))
+
+
+def compute_columns(model: WindowUnknowns, points: ReferencePoints) -> Columns:
+    """Return what is unknown.
+
+    Parameters
+    ----------
+    model
+        The model.
+    points
+        The surface in the windows' middles: its tangents say how a rotation and a growth change the velocity.
+
+    Returns
+    -------
+    list
+        d, then its slopes; q_X, q_Y, q_Z; the velocity gradient; the brightness.
+    """
+    first = model.parameters - model.brightness
+    if not model.stereo:
+        flow: Columns = [[(MOTION + k, 1.0)] for k in range(2 * _PER_FIELD)]
+        return flow + [[(first + k, 1.0)] for k in range(model.brightness)]
+    found: Columns = [[(0, 1.0)]]
+    if model.surface == "plane":
+        found += [[(1, 1.0)], [(2, 1.0)]]
+    if model.moving:
+        found += [[(MOTION + _PER_FIELD * k, 1.0)] for k in range(3)]
+        found += _gradient(model.motion, points)
+    return found + [[(first + k, 1.0)] for k in range(model.brightness)]
+
+
+def _gradient(motion: Motion, points: ReferencePoints) -> Columns:
+    """Return the directions in which the velocity's slopes may change: those of A p_x and A p_y with a matrix A."""
+    if motion == "translation":
+        return []
+    slopes = [[MOTION + _PER_FIELD * k + 1 + side for k in range(3)] for side in range(2)]
+    if motion == "affine":
+        return [[(place, 1.0)] for side in slopes for place in side]
+    tangents = points.tangents()
+    found: Columns = []
+    for axis in range(3):
+        one, other = (axis + 1) % 3, (axis + 2) % 3
+        # e_k x p, with the axes k, one, other in their cyclic order.
+        turned = ((side[one], -p[other]) for side, p in zip(slopes, tangents, strict=True))
+        back = ((side[other], p[one]) for side, p in zip(slopes, tangents, strict=True))
+        found.append([*turned, *back])
+    if motion == "growing":
+        found.append([(side[k], p[k]) for side, p in zip(slopes, tangents, strict=True) for k in range(3)])
+    return found
+
+
+def compute_functionals(points: ReferencePoints, intrinsics: Intrinsics, model: WindowUnknowns) -> dict[str, Vector]:
+    """Return what is told, as linear functions of the parameters.
+
+    Parameters
+    ----------
+    points
+        The surface in the windows' middles.
+    intrinsics
+        Of the camera.
+    model
+        The parameters.
+
+    Returns
+    -------
+    dict
+        ``disparity`` in px per step, ``depth`` in mm, ``slope``, ``flow`` in px per frame, ``velocity`` in mm per
+        frame and ``growth_rate`` per frame, as far as the model has them; components are numbered: ``velocity.2``. Of
+        one camera, the flow alone. Of any velocity gradient, also ``growth_principal``, the growth of length along the
+        true directions of its largest and least, ``growth_apart``, half their difference, and ``growth_shear``, what
+        turns these directions; ``growth_tilt`` and ``growth_turn`` are for `add_error_products`.
+
+    Notes
+    -----
+    The largest and the least growth of what is measured are those along its own directions. To first order that is the
+    same, as long as they are farther apart than their noise. Noise pushes them apart: see `compute_eigenvalue_bias`.
+    """
+    d, focal = points.d, points.focal
+    baseline = intrinsics.baseline_mm
+    found: dict[str, Vector] = {}
+    if model.stereo:
+        found |= {"disparity": [(0, 1.0)], "depth": [(0, -focal * baseline / d**2)]}
+    if model.stereo and model.surface == "plane":
+        # The plane's normal is (f d_x, f d_y, m).
+        m = d - points.x * points.d_x - points.y * points.d_y
+        for k, slope in enumerate((points.d_x, points.d_y)):
+            share = focal * slope / m**2
+            vector: Vector = [(0, share), (1, -share * points.x), (2, -share * points.y)]
+            vector[1 + k] = (1 + k, vector[1 + k][1] - focal / m)
+            found[f"slope.{k}"] = vector
+    if model.moving:
+        for k, at in enumerate((points.x, points.y)):
+            ahead = at / focal
+            found[f"flow.{k}"] = [(0, points.q[k] - ahead * points.q[2]), (3 + 3 * k, d), (9, -ahead * d)]
+    if model.moving and model.stereo:
+        found |= {f"velocity.{k}": [(3 + 3 * k, baseline)] for k in range(3)}
+        if model.motion in ("growing", "affine"):
+            one, other = points.tangents()
+            e, f, g = ((a * b).sum(axis=0) for a, b in ((one, one), (one, other), (other, other)))
+            area = e * g - f * f
+            # The divergence of q in the surface, with its dual tangents.
+            along, down = (g * one - f * other) / area, (e * other - f * one) / area
+            found["growth_rate"] = [
+                (4 + side + 3 * k, dual[k]) for side, dual in enumerate((along, down)) for k in range(3)
+            ]
+            if model.motion == "affine":
+                _add_affine_growth(found, points, (one, other), (along, down))
+    return found
+
+
+def _add_affine_growth(
+    found: dict[str, Vector], points: ReferencePoints, tangents: tuple[Map, Map], duals: tuple[Map, Map]
+) -> None:
+    """Add the growth of length along the true principal directions, and what tells how well these are known.
+
+    Along a unit vector e = Σ v_i P_i of the surface, growth is λ = e · q_e with q_e = Σ v_i q_i. Errors δP_i of the
+    tangents add δe · (q_e - 2 λ e) to it, with δe = Σ v_i δP_i. What the turn's own error adds is of second order.
+    """
+    slopes = (points.q_x, points.q_y)
+    first = tangents[0] / np.sqrt((tangents[0] ** 2).sum(axis=0))
+    # The second dual tangent is across the first tangent.
+    second = duals[1] / np.sqrt((duals[1] ** 2).sum(axis=0))
+
+    def change(one: Map, other: Map) -> Map:
+        return np.asarray(
+            sum(
+                (one * slope).sum(axis=0) * (dual * other).sum(axis=0)
+                for slope, dual in zip(slopes, duals, strict=True)
+            )
+        )
+
+    def vector(terms: list[tuple[float, Map, Map]]) -> Vector:
+        return [
+            (4 + side + 3 * k, sum(share * one[k] * (dual * other).sum(axis=0) for share, one, other in terms))
+            for side, dual in enumerate(duals)
+            for k in range(3)
+        ]
+
+    half = 0.5 * (change(first, first) - change(second, second))
+    angle = 0.5 * np.arctan2(0.5 * (change(first, second) + change(second, first)), half)
+    axes = (np.cos(angle) * first + np.sin(angle) * second, np.cos(angle) * second - np.sin(angle) * first)
+    normal = np.cross(first, second, axis=0)
+    place = np.stack([points.x, points.y, np.full_like(points.x, points.focal)]) / points.d
+
+    def by_shape(along: Map, shares: list[Map]) -> Vector:
+        # The surface P = (x, y, f) / d has δP_i = -P_i δ / d - P δ_i / d + P δ d_i / d².
+        far = (place * along).sum(axis=0) / points.d
+        own = sum(share * (side * along).sum(axis=0) for share, side in zip(shares, tangents, strict=True))
+        bent = shares[0] * points.d_x + shares[1] * points.d_y
+        return [(0, (far * bent - own) / points.d), (1, -far * shares[0]), (2, -far * shares[1])]
+
+    area: Vector = []
+    for k, axis in enumerate(axes):
+        shares = [(dual * axis).sum(axis=0) for dual in duals]
+        moved = shares[0] * slopes[0] + shares[1] * slopes[1]
+        rate = (moved * axis).sum(axis=0)
+        shape = by_shape(moved - 2 * rate * axis, shares)
+        area = _added(area, shape)
+        found[f"growth_principal.{k}"] = [*vector([(1.0, axis, axis)]), *shape]
+        found[f"growth_tilt.{k}"] = by_shape(normal, shares)
+        found[f"growth_turn.{k}"] = vector([(1.0, normal, axis)])
+    found["growth_rate"] = [*found["growth_rate"], *area]
+    found["growth_apart"] = vector([(0.5, axes[0], axes[0]), (-0.5, axes[1], axes[1])])
+    found["growth_shear"] = vector([(0.5, axes[0], axes[1]), (0.5, axes[1], axes[0])])
+
+
+def _added(vector: Vector, more: Vector) -> Vector:
+    known = dict(vector)
+    return [(place, known.get(place, 0.0) + share) for place, share in more]
+
+
+def add_error_products(std: dict[str, Map]) -> dict[str, Map]:
+    """Return standard deviations with what products of errors add: of the surface's inclination and of its turn.
+
+    Parameters
+    ----------
+    std
+        By the names of `compute_functionals`.
+
+    Returns
+    -------
+    dict
+        The same, with the variance of these products in those of growth, if any velocity gradient may be; without
+        ``growth_tilt`` and ``growth_turn``.
+    """
+    kept = {name: values for name, values in std.items() if not name.startswith(("growth_tilt", "growth_turn"))}
+    if "growth_tilt.0" not in std:
+        return kept
+    tilt, turn = ([std[f"growth_{name}.{k}"] ** 2 for k in range(2)] for name in ("tilt", "turn"))
+    own = [tilt[k] * turn[k] for k in range(2)]
+    crossed = tilt[0] * turn[1] + tilt[1] * turn[0]
+    more = {
+        "growth_rate": own[0] + own[1],
+        "growth_principal.0": own[0],
+        "growth_principal.1": own[1],
+        "growth_apart": 0.25 * (own[0] + own[1]),
+        "growth_shear": 0.25 * crossed,
+    }
+    return kept | {name: np.sqrt(kept[name] ** 2 + variance) for name, variance in more.items()}
+
+
+def compute_eigenvalue_bias(half: Map, apart_std: Map, shear_std: Map) -> Map:
+    """Return by how much noise makes the largest growth of length too large in the mean, and the least too small.
+
+    Half the difference of the two is the length of a vector: half the difference along the true directions, and the
+    shear between them. Normal errors of equal variance make its length Rice's distribution (1945, Bell System
+    Technical Journal 24, 46); the two variances are replaced by their mean.
+
+    Parameters
+    ----------
+    half
+        Half the true difference.
+    apart_std, shear_std
+        Standard deviations of half the difference along the true directions, and of the shear.
+
+    Returns
+    -------
+    numpy.ndarray
+        Mean of the length less what it is without noise: σ √(π/2) where nothing grows differently along one direction
+        than along another, σ² / 2h where half the difference h is large.
+    """
+    from scipy.special import i0e, i1e
+
+    sigma = np.sqrt(0.5 * (apart_std**2 + shear_std**2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        y = (half / (2 * sigma)) ** 2
+        mean = sigma * np.sqrt(np.pi / 2) * ((1 + 2 * y) * i0e(y) + 2 * y * i1e(y))
+    return np.asarray(np.where(sigma > 0, mean - half, 0.0))

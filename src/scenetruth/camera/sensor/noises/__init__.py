@@ -1,1 +1,0 @@
-"""The noises and patterns of sensors, one a module; each is found by its kind."""

@@ -1,0 +1,248 @@
+"""What `scenetruth check` prints: contents of a scene, resources, expected precision."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from scenetruth.camera import Frames, Stage
+from scenetruth.cli.console import print_warning
+from scenetruth.errors import MachineError, SceneError, visible
+from scenetruth.resources import Forecast, Limits, Machine, ObjectWorkload
+from scenetruth.scene import Scene
+from scenetruth.scene.scene_report import SceneReport
+
+if TYPE_CHECKING:
+    from scenetruth.design.prediction import Prediction
+
+__all__ = ["print_check"]
+
+_MOST_NAMES, _MOST_OBJECTS = 5, 40
+_DAY_S = 86_400.0
+_UNKNOWN = "unknown"
+_MOST_PRECISIONS, _GROWTH, _NO_GROWTH = 3, "Growth", 1e-7
+_NOT_IN_CHECK = ("Slope", "Optical flow", _GROWTH)
+_MOST_PRECISE = "refined"
+
+
+def print_check(scene: Scene, file: Path, limits: Limits) -> None:
+    """Validate a scene and print what will be made from it, and what that takes; nothing large is made for it."""
+    from scenetruth.pipeline import STAGES, compute_method_workload, run_problems
+    from scenetruth.resources import compute_workload, estimate_cost, inspect_machine, limited_objects, machine_problems
+    from scenetruth.resources.limits import find_unit_errors
+    from scenetruth.resources.quick_preview import make_quick_preview, without_interior
+    from scenetruth.scene.scene_report import describe_scene
+
+    try:
+        parts = limited_objects(scene, limits)
+        glimpse = make_quick_preview(scene, parts)
+        report = describe_scene(scene, glimpse.world, glimpse.depth, glimpse.times)
+    except SceneError as error:
+        raise SceneError(error.problems, source=file) from error
+    demand = replace(compute_workload(scene, parts), effort=compute_method_workload([scene.estimate]))
+    forecast, machine = estimate_cost(demand, STAGES), inspect_machine(Path())
+    _print_table(scene, file, report, {part.item.name: part.size.faces for part in parts})
+    _print_forecast(forecast, machine)
+    problems = machine_problems(forecast, machine, limits)
+    if problems:
+        raise MachineError(problems)
+    messages = [*find_unit_errors(scene), *report.warnings, *_print_precision(scene, parts)]
+    if without := without_interior(glimpse, scene.score.interior_margin_px):
+        messages.append(_interior_warning(without, scene.score.interior_margin_px))
+    if glimpse.left_out:
+        messages.append(f"objects: {_listed(glimpse.left_out)} not looked at, because that takes long; a run will")
+    messages += [f"cannot be estimated: {problem}" for problem in run_problems(scene, [scene.estimate])]
+    for message in messages:
+        print_warning(message)
+    print(
+        "the scene is valid" if not messages else f"the scene is valid, with {len(messages)} warnings", file=sys.stdout
+    )
+
+
+def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload]) -> list[str]:
+    """Print how precisely depth, motion and growth can be known, and return what that warns of."""
+    from scenetruth.cli.design_analysis import precision_rows
+    from scenetruth.design.prediction.method_models import all_method_models
+    from scenetruth.design.prediction.predictor import predict_quickly, recommend
+
+    own = scene.estimate.method
+    try:
+        found = predict_quickly(scene, parts, own if own in all_method_models() else _MOST_PRECISE)
+        # Of methods that do not tell growth, nothing is foretold of it; what is possible is.
+        growing = found if found.method == _MOST_PRECISE else predict_quickly(scene, parts, _MOST_PRECISE)
+    except SceneError as error:
+        # A scene without noise, or without anything that is quickly looked at, may still be made.
+        print(f"precision is not predicted: {'; '.join(map(str, error.problems))}", file=sys.stdout)
+        return []
+    table = Table(title=f"predicted precision per pixel, {found.method}", title_justify="left")
+    for heading in ("", "precision", "there is", "ratio"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    for region in _most_moving(found):
+        name = region.removeprefix("object_")
+        rows = [row for row in precision_rows(found, region) if not row[0].startswith(_NOT_IN_CHECK)]
+        if _grows(growing, region):
+            grown = [row for row in precision_rows(growing, region) if row[0].startswith(_GROWTH)]
+            rows += [(f"{row[0]}, {growing.method}", *row[1:]) for row in grown]
+        for title, precision, there, ratio in rows:
+            table.add_row(*map(visible, (f"'{name}': {title}", precision, there, ratio)))
+    if table.row_count:
+        _console().print(table)
+    for note in found.notes:
+        print(f"note: {visible(note)}", file=sys.stdout)
+    messages = recommend(scene, found, parts, painting=False)
+    if growing is not found:
+        messages += recommend(scene, growing, parts, painting=False, growth_alone=True)
+    return messages
+
+
+def _most_moving(found: Prediction) -> list[str]:
+    """Return the regions of the objects that move most, the first ones of those that are at rest."""
+    regions = [region for region in found.regions if region.startswith("object_")]
+    quantity = next((name for name in ("velocity_endpoint", "flow_x") if name in found.quantities), None)
+    if quantity is not None:
+        regions.sort(key=lambda region: found.figure(quantity, region).signal or 0.0, reverse=True)
+    return regions[:_MOST_PRECISIONS]
+
+
+def _grows(found: Prediction, region: str) -> bool:
+    if "growth_rate" not in found.quantities or region not in found.regions:
+        return False
+    return (found.figure("growth_rate", region).signal or 0.0) > _NO_GROWTH
+
+
+def _interior_warning(names: Sequence[str], margin_px: float) -> str:
+    return (
+        f"objects: {_listed(names)} hardly with interior pixels: all that is seen at the reference frame is less than "
+        f"about {margin_px:g} px from an edge, so that scores of the interior say little of it; use a nearer camera, a "
+        "longer focal length or a smaller score.interior_margin_px"
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(f"'{name}'" for name in names[:_MOST_NAMES])
+    return shown if len(names) <= _MOST_NAMES else f"{shown} and {len(names) - _MOST_NAMES} more"
+
+
+def _print_table(scene: Scene, file: Path, report: SceneReport, faces: Mapping[str, int]) -> None:
+    camera, stage, frames = scene.camera, scene.stage, scene.frames
+    table = Table(title=visible(scene.description or str(file)), show_header=False, title_justify="left")
+    rows = {
+        "images": f"{report.image_count} of {camera.width} x {camera.height} px "
+        f"({_positions(stage)}; {frames.count} frames)",
+        **_stage_rows(stage, frames),
+        "focal length": f"{camera.focal_px:g} px",
+        **_lens_rows(scene, report),
+        "recording": _megabytes(report.recording_bytes),
+        "truth": _megabytes(report.truth_bytes),
+    }
+    if report.objects:
+        rows |= {
+            "mean disparity": f"about {report.mean_disparity_px:.3g} px per step",
+            "working point": f"{report.working_point_px} px per step",
+            "residual disparity": "about {:+.2f} to {:+.2f} px per step".format(*report.residual_disparity_px),
+        }
+    for item in report.objects[:_MOST_OBJECTS]:
+        text = "about {} faces, depth {:.5g} to {:.5g} mm, disparity {:.3g} to {:.3g} px per step".format(
+            faces[item.name], *item.depth_mm, *item.disparity_px
+        )
+        if item.wavelength_px is not None:
+            text += ", texture wavelengths {:.2f} to {:.2f} px".format(*item.wavelength_px)
+        rows[f"object '{item.name}'"] = text
+    if len(report.objects) > _MOST_OBJECTS:
+        rows[f"and {len(report.objects) - _MOST_OBJECTS} more"] = ""
+    for name, text in rows.items():
+        table.add_row(visible(name), visible(text))
+    _console().print(table)
+
+
+def _print_forecast(forecast: Forecast, machine: Machine) -> None:
+    table = Table(title="foreseen", title_justify="left")
+    for heading in ("", "memory", "disk", "at most", "time"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    for name, stage in forecast.stages.items():
+        table.add_row(
+            name,
+            _size(stage.memory_bytes),
+            _size(stage.disk_bytes),
+            _size(stage.disk_at_most_bytes),
+            _time(stage.seconds),
+        )
+    free = [_UNKNOWN if value is None else _size(value) for value in (machine.memory_bytes, machine.disk_bytes)]
+    table.add_row("this machine has", *free, "", f"{machine.processors} processors")
+    _console().print(table)
+
+
+def _console() -> Console:
+    return Console(highlight=False, markup=False, emoji=False)
+
+
+def _size(count: float) -> str:
+    return _megabytes(int(count)) if count < 1e9 else f"{count / 1e9:.1f} GB"
+
+
+def _time(seconds: float) -> str:
+    for size, unit in ((_DAY_S, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def _positions(stage: Stage) -> str:
+    if stage.positions_mm is None:
+        text = f"{stage.positions} positions, {stage.baseline_mm:g} mm apart"
+    else:
+        text = f"{stage.positions} positions at {', '.join(f'{x:g}' for x in stage.positions_mm)} mm"
+    return text if stage.rows == 1 else f"{stage.rows} rows, {stage.row_spacing_mm:g} mm apart, of {text}"
+
+
+def _stage_rows(stage: Stage, frames: Frames) -> dict[str, str]:
+    """Say what distinguishes the stage from one that is perfect and takes no time."""
+    rows, errors = {}, stage.errors
+    if stage.time_per_position_s > 0:
+        rows["scan"] = (
+            f"{stage.scan}, {stage.time_per_position_s:g} s per position; a frame needs {stage.scan_interval_s:g} s "
+            f"of its {frames.frame_interval_s:g} s"
+        )
+    if errors is not None:
+        name = f"{errors.preset}: " if errors.preset else ""
+        rows["stage errors"] = (
+            f"{name}repeatability {errors.repeatability_um:g} µm, backlash {errors.backlash_um:g} µm, "
+            f"straightness {errors.straightness_um:g} µm, pitch {errors.pitch_urad:g}, yaw {errors.yaw_urad:g}, "
+            f"roll {errors.roll_urad:g} µrad"
+        )
+    return rows
+
+
+def _lens_rows(scene: Scene, report: SceneReport) -> dict[str, str]:
+    """Say what distinguishes lens and shutter from a pinhole that is open for no time."""
+    rows, camera, optics, shutter = {}, scene.camera, scene.optics, scene.shutter
+    if camera.distortion is not None:
+        corner = np.array([[camera.width - 1, camera.height - 1]], dtype=np.float64)
+        shift = camera.without_distortion().project(camera.ray_directions(corner)) - corner
+        rows["distortion"] = f"{np.linalg.norm(shift):.2f} px in the lower right corner"
+    if optics.psf is not None:
+        size = optics.psf.sigma_px if optics.psf.kind == "gaussian" else optics.psf.radius_px
+        what = "standard deviation" if optics.psf.kind == "gaussian" else "radius of the first dark ring"
+        rows["point spread"] = f"{optics.psf.kind}, {what} {size:.2f} px"
+    if optics.defocus is not None:
+        depths = np.array([item.depth_mm for item in report.objects])
+        blur = optics.defocus.blur_diameter_px(depths, camera.focal_px)
+        rows["defocus"] = f"discs of up to {blur.max():.2f} px; images are means of {optics.defocus.samples} sharp ones"
+    if optics.vignetting is not None:
+        rows["vignetting"] = f"{100 * (1 - optics.vignetting.factor(camera)[-1, -1]):.1f} % in the lower right corner"
+    if shutter.exposure_time_s > 0 or shutter.readout_time_s > 0:
+        rows["shutter"] = f"open for {shutter.exposure_time_s:g} s" + (
+            f", last row {shutter.readout_time_s:g} s after the first" if shutter.readout_time_s > 0 else ""
+        )
+    return rows
+
+
+def _megabytes(count: int) -> str:
+    return f"{count / 1e6:.1f} MB"

@@ -1,1 +1,0 @@
-"""A scene file to start from: every block with what it means, its units, and what to change first."""

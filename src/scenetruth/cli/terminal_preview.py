@@ -1,0 +1,147 @@
+"""The depth map and the reference image of a run, drawn with coloured characters."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
+
+    from scenetruth.pipeline import RunDirectory
+
+__all__ = ["downsample", "print_picture", "render_rows", "shows_pictures"]
+
+_COLOURS = ("truecolor", "256")
+_MOST_COLUMNS, _LEAST_COLUMNS, _GAP = 100, 40, 2
+_UPPER, _LOWER = "▀", "▄"
+_TAILS = (2, 98)
+"""Percentiles of the depths that have the darkest and the brightest colour."""
+
+
+def shows_pictures(console: Console) -> bool:
+    """Tell whether a console is a terminal, and no pipe, that says it has the colours and the characters."""
+    if not (console.is_terminal and sys.stdout.isatty()) or console.no_color:
+        return False
+    return console.color_system in _COLOURS and "utf" in console.encoding.lower() and console.width >= _LEAST_COLUMNS
+
+
+def print_picture(folder: RunDirectory, method: str, console: Console) -> None:
+    """Print the image of the reference camera at the reference frame, and the depth that a method finds there.
+
+    Parameters
+    ----------
+    folder
+        The folder of a run.
+    method
+        The method, whose estimate is in the folder.
+    console
+        Where to; nothing is read if it shows no pictures.
+    """
+    if not shows_pictures(console):
+        return
+    from matplotlib import colormaps
+
+    from scenetruth.storage import open_store
+
+    estimate = open_store(folder.of(method).estimate, "estimate")
+    frame = _nearest_zero(estimate["t"].values)
+    image = _plane(open_store(folder.recording, "recording")["image"], float(estimate["t"][frame]))
+    panels, captions = [_grey(image)], ["image"]
+    if "depth" in estimate:
+        depth = np.asarray(estimate["depth"].isel(t=frame).values, dtype=np.float64)
+        if np.isfinite(depth).any():
+            low, high = np.nanpercentile(depth, _TAILS)
+            part = np.clip((depth - low) / max(high - low, 1e-300), 0, 1)
+            panels.append(np.where(np.isfinite(depth)[..., None], colormaps["cividis"](part)[..., :3], np.nan))
+            captions.append(f"depth, {low:.4g} (dark) to {high:.4g} mm")
+    columns = (min(console.width, _MOST_COLUMNS) - _GAP) // 2
+    rows = [render_rows(downsample(panel, columns)) for panel in panels]
+    for line in zip(*rows, strict=False):
+        for number, piece in enumerate(line):
+            console.print(piece, end="\n" if number == len(line) - 1 else " " * _GAP)
+    console.print("".join(f"{caption:{columns + _GAP}}" for caption in captions).rstrip(), soft_wrap=True)
+
+
+def downsample(picture: NDArray[np.floating[Any]], columns: int) -> NDArray[np.float64]:
+    """Return a picture with so many columns, or its own if it has fewer: means of what each of its pixels covers.
+
+    Parameters
+    ----------
+    picture
+        Values, shape (height, width, channels); NaN where there is nothing.
+    columns
+        Width of what is returned.
+
+    Returns
+    -------
+    numpy.ndarray
+        Means of the values that are there; NaN where less than half of them are.
+    """
+    height, width, _ = picture.shape
+    columns = min(columns, width)
+    lines = max(round(height * columns / width), 1)
+    # A pixel belongs to the one that its centre falls into.
+    down, across = (np.arange(height) * lines // height, np.arange(width) * columns // width)
+    cells = (down[:, None] * columns + across[None]).ravel()
+    there = np.isfinite(picture).all(axis=2).ravel()
+    values = np.where(there[:, None], picture.reshape(-1, picture.shape[2]), 0.0)
+    counts = np.bincount(cells, weights=there, minlength=lines * columns)
+    sums = [np.bincount(cells, weights=channel, minlength=lines * columns) for channel in values.T]
+    enough = counts >= np.bincount(cells, minlength=lines * columns) / 2
+    means = np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None]
+    return np.asarray(np.where(enough[:, None], means, np.nan).reshape(lines, columns, -1), dtype=np.float64)
+
+
+def render_rows(picture: NDArray[np.float64]) -> list[Text]:
+    """Return lines of characters, each of which is two pixels, one above the other; NaN is left as the terminal is.
+
+    Parameters
+    ----------
+    picture
+        Red, green and blue in [0, 1], shape (height, width, 3).
+    """
+    from rich.text import Text
+
+    if len(picture) % 2:
+        picture = np.concatenate([picture, np.full_like(picture[:1], np.nan)])
+    there: NDArray[np.bool_] = np.asarray(np.isfinite(picture).all(axis=2))
+    bytes_ = np.rint(255 * np.clip(np.where(there[..., None], picture, 0), 0, 1)).astype(int)
+    lines = []
+    for upper in range(0, len(picture), 2):
+        line = Text(no_wrap=True)
+        for column in range(picture.shape[1]):
+            above, below = (
+                f"#{''.join(f'{part:02x}' for part in bytes_[row, column])}" if there[row, column] else ""
+                for row in (upper, upper + 1)
+            )
+            if above:
+                line.append(_UPPER, style=f"{above} on {below}" if below else above)
+            else:
+                line.append(_LOWER if below else " ", style=below)
+        lines.append(line)
+    return lines
+
+
+def _nearest_zero(times: NDArray[Any]) -> int:
+    return int(np.argmin(np.abs(times)))
+
+
+def _plane(images: Any, t: float) -> NDArray[np.float64]:
+    """Return the image nearest to the reference camera at a frame."""
+    found = images.sel(t=t, method="nearest")
+    for name in ("s", "s_y"):
+        if name in found.dims:
+            found = found.isel({name: _nearest_zero(found[name].values)})
+    return np.asarray(found.values, dtype=np.float64)
+
+
+def _grey(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an image as red, green and blue, its brightest percent white."""
+    values = image - min(float(np.nanmin(image)), 0.0)
+    part = np.clip(values / max(float(np.nanpercentile(values, 99)), 1e-300), 0, 1)
+    return np.repeat(part[..., None], 3, axis=2)

@@ -1,1 +1,0 @@
-"""Cases that vary what is seen: slopes, curvature, outlines, waves, growth."""

@@ -1,1 +1,0 @@
-"""Cases that vary everything at once: scenes of the library."""

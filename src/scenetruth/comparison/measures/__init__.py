@@ -1,1 +1,0 @@
-"""Figures of an estimate's errors: sizes with confidence intervals, what confidence is worth, steps and waves."""

@@ -1,1 +1,0 @@
-"""The page of a comparison: tables that sort, plots that answer, and the line that makes each point again."""

@@ -1,0 +1,284 @@
+"""Acceptance criteria: conditions on the geometry of a draw, evaluated before anything is rendered."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from scenetruth.camera import Camera
+from scenetruth.raycast import RayCaster, Topology
+from scenetruth.scene import Scene
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.scene_report import check_scene
+from scenetruth.schema import IncrementalDataset
+from scenetruth.truth import TruthOptions, blank_truth, fill_truth
+from scenetruth.validated_model import Finite, FrozenModel, Name
+
+__all__ = ["GeometryPreview"]
+
+
+_WIDTH_PX = 160
+"""Most pixels along a side: shares of an object of a tenth of the image's width are then known to a few per cent."""
+_FARTHEST = 4.0
+"""How far beyond the image, in its sizes, silhouettes are followed."""
+
+
+class GeometryPreview:
+    """What the reference camera sees of a scene at the reference frame.
+
+    Meshes, motions and rays are those of the truth; the image has at most 160 px along a side, pixels count by their
+    centres.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be made, or nothing of it can be seen.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._small = scene.shrunk_to(_WIDTH_PX)
+        self.scale = scene.camera.width / self._small.camera.width
+        """Pixels of the camera per pixel of this picture."""
+        self.world = build_scene(scene, painted=False)
+        with warnings.catch_warnings():
+            # Of textures; they are told of when the sample is made.
+            warnings.simplefilter("ignore")
+            check_scene(scene, self.world)
+        self.names = [body.name for body in self.world.bodies]
+
+    def truth(self, name: str) -> NDArray[Any]:
+        """Return a map of the truth, lengths in its small pixels: times `scale` they are the camera's."""
+        found: NDArray[Any] = self._truth[name].values[..., 0, :, :]
+        return found
+
+    @property
+    def object_id(self) -> NDArray[Any]:
+        """Which object every pixel shows, -1 for none."""
+        return self.truth("object_id")
+
+    @cached_property
+    def _truth(self) -> Any:
+        filling = IncrementalDataset(blank_truth(self._small, TruthOptions(), {}))
+        fill_truth(self._small, self.world, TruthOptions(), filling.put)
+        return filling.dataset()
+
+    def visible_share(self, number: int) -> float:
+        """Return how much of an object's silhouette is seen, from 0 to 1."""
+        alone = self._silhouette(number)
+        return float(np.count_nonzero(self.object_id == number) / alone) if alone else 0.0
+
+    def wavelengths_mm(self, number: int) -> tuple[float, float] | None:
+        """Return the shortest and longest wavelength of an object's texture; None for one without."""
+        items = {item.name: item for _, item in self.scene.parts}
+        return items[self.names[number]].texture.shortest_and_longest_mm
+
+    def _silhouette(self, number: int) -> int:
+        """Return how many pixels an object would cover alone, in an image that is as large as it needs."""
+        body, camera = self.world.bodies[number], self._small.camera
+        vertices = body.vertices_mm
+        pixels = camera.project(vertices)
+        size = np.array([camera.width, camera.height])
+        low = np.maximum(np.floor(pixels.min(axis=0)), -_FARTHEST * size).astype(int)
+        high = np.minimum(np.ceil(pixels.max(axis=0)), (1 + _FARTHEST) * size).astype(int)
+        if (high < low).any():
+            return 0
+        whole = _moved(camera, low, high)
+        caster = RayCaster(vertices, Topology.of(vertices, body.faces, np.asarray(body.mesh.crease_deg)))
+        hits = caster.cast(np.zeros(3), whole.ray_directions(whole.pixel_grid()).reshape(-1, 3), grid_width=whole.width)
+        return int(np.count_nonzero(hits.face >= 0))
+
+
+def _moved(camera: Camera, low: NDArray[np.int_], high: NDArray[np.int_]) -> Camera:
+    """Return the camera with an image that reaches from one pixel to another, outside of its own too."""
+    x, y = camera.principal_point
+    width, height = (int(b - a + 1) for a, b in zip(low, high, strict=True))
+    return camera.model_copy(
+        update={"width": width, "height": height, "principal_point_px": (x - float(low[0]), y - float(low[1]))}
+    )
+
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["AcceptanceCriterion", "ObjectCriterion"]
+
+
+class AcceptanceCriterion(FrozenModel):
+    """Bounds of something that geometry tells."""
+
+    unit: ClassVar[str] = ""
+    """Unit of what is measured, with a space before it, for messages."""
+
+    at_least: Finite | None = None
+    """It must not be less."""
+    at_most: Finite | None = None
+    """It must not be more."""
+
+    @model_validator(mode="after")
+    def _some_bound(self) -> Self:
+        if self.at_least is None and self.at_most is None:
+            msg = "bounds nothing: give at_least, at_most, or both"
+            raise ValueError(msg)
+        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
+            msg = f"can never hold: at_least = {self.at_least:g} is more than at_most = {self.at_most:g}"
+            raise ValueError(msg)
+        return self
+
+    def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
+        """Return what is measured: each value with what it is of, as ``("visible share of leaf-3", 0.2)``."""
+        raise NotImplementedError
+
+    def refusal(self, look: GeometryPreview) -> str:
+        """Return why a draw is refused, the same text for the same cause; empty if it is not."""
+        for what, value in self.measured(look):
+            if self.at_least is not None and not value >= self.at_least:
+                return f"{what} under {self.at_least:g}{self.unit}"
+            if self.at_most is not None and not value <= self.at_most:
+                return f"{what} over {self.at_most:g}{self.unit}"
+        return ""
+
+
+class ObjectCriterion(AcceptanceCriterion):
+    """Bounds of something that geometry tells of single objects."""
+
+    object: Name = "*"
+    """Names of the objects; ``*`` stands for any letters."""
+
+    def _matching(self, look: GeometryPreview) -> list[int]:
+        return [number for number, name in enumerate(look.names) if fnmatchcase(name, self.object)]
+
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["DepthRangeCriterion"]
+
+
+class DepthRangeCriterion(ObjectCriterion):
+    """Depth of everything that the reference camera sees of an object at the reference frame, in mm."""
+
+    unit: ClassVar[str] = " mm"
+
+    kind: Literal["depth"] = "depth"
+
+    def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
+        """Return the least and the largest depth of every object that is seen."""
+        for number in self._matching(look):
+            seen = look.truth("depth")[look.object_id == number]
+            if seen.size:
+                yield f"depth of {look.names[number]}", float(seen.min())
+                yield f"depth of {look.names[number]}", float(seen.max())
+
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["ImageMotionCriterion"]
+
+
+class ImageMotionCriterion(ObjectCriterion):
+    """Largest motion in the image of what is seen of an object at the reference frame, px per frame."""
+
+    unit: ClassVar[str] = " px per frame"
+
+    kind: Literal["image_motion"] = "image_motion"
+
+    def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
+        """Return the length of the fastest flow of every object that is seen."""
+        speed = np.hypot(*look.truth("flow")) * look.scale
+        for number in self._matching(look):
+            seen = speed[look.object_id == number]
+            if seen.size:
+                yield f"image motion of {look.names[number]}", float(seen.max())
+
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["OccludedFractionCriterion"]
+
+
+class OccludedFractionCriterion(AcceptanceCriterion):
+    """Share of what the reference camera sees, at the reference frame, that is hidden from another camera, 0 to 1."""
+
+    kind: Literal["occluded_share"] = "occluded_share"
+
+    def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
+        """Return the share."""
+        seen = look.object_id >= 0
+        yield "occluded share", float(np.mean(look.truth("occluded_in_s")[seen])) if seen.any() else 0.0
+
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["ResidualDisparityCriterion"]
+
+
+class ResidualDisparityCriterion(AcceptanceCriterion):
+    """Largest disparity that remains after registration by the whole number nearest to the mean, px per step."""
+
+    unit: ClassVar[str] = " px per step"
+
+    kind: Literal["residual_disparity"] = "residual_disparity"
+
+    def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
+        """Return the largest absolute value over all that is seen."""
+        disparity = look.truth("disparity")[look.object_id >= 0] * look.scale
+        yield "residual disparity", float(np.abs(disparity - np.round(disparity.mean())).max(initial=0.0))
+
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["VisibleFractionCriterion"]
+
+
+class VisibleFractionCriterion(ObjectCriterion):
+    """Share of an object's silhouette that the reference camera sees at the reference frame, from 0 to 1.
+
+    What other objects hide and what lies outside the image is not seen; what the object hides of itself does not count.
+    """
+
+    kind: Literal["visible_share"] = "visible_share"
+
+    def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
+        """Return the share of every object."""
+        for number in self._matching(look):
+            yield f"visible share of {look.names[number]}", look.visible_share(number)
+
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["TextureWavelengthCriterion"]
+
+
+class TextureWavelengthCriterion(ObjectCriterion):
+    """Shortest and longest wavelength of an object's texture in the image, px, where it is farthest and nearest."""
+
+    unit: ClassVar[str] = " px"
+
+    kind: Literal["wavelength"] = "wavelength"
+
+    def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
+        """Return both ends for every object that is seen and whose texture has them; foreshortening does not count."""
+        for number in self._matching(look):
+            ends, seen = look.wavelengths_mm(number), look.truth("depth")[look.object_id == number]
+            if ends is not None and seen.size:
+                focal = look.scene.camera.focal_px
+                yield f"wavelength of {look.names[number]}", ends[0] * focal / float(seen.max())
+                yield f"wavelength of {look.names[number]}", ends[1] * focal / float(seen.min())

@@ -1,0 +1,297 @@
+"""The catalogue: one row per sample, and the scores of methods."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scenetruth.dataset.layout import RECORDING, SCENE, TRUTH, DatasetFolder
+from scenetruth.dataset.sampler import Sampler
+from scenetruth.dataset.samples import STATISTICS
+from scenetruth.errors import StoreError
+from scenetruth.output import is_full_disk, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.scoring import Score
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow
+
+__all__ = [
+    "FILES",
+    "CatalogueWriter",
+    "build_catalogue_schema",
+    "build_catalogue_table",
+    "flatten_score",
+    "list_catalogued",
+    "load_scores",
+    "merge_parts",
+    "read_catalogue",
+    "score_file",
+    "write_scores",
+]
+
+
+FILES = {SCENE: "scene", RECORDING: "recording", TRUTH: "truth"}
+"""Files of a sample, and what columns call them."""
+
+_OBJECT_COLUMNS = ("image_share", "seen_by_all", "depth_min_mm", "depth_max_mm", "growth_median_per_hour")
+
+
+def build_catalogue_schema(sampler: Sampler) -> pyarrow.Schema:
+    """Return the columns of a recipe's catalogue.
+
+    Parameters
+    ----------
+    sampler
+        The recipe. Values that are always numbers have columns of numbers, ``value.PATH``; others have their text, or
+        their JSON.
+    """
+    import pyarrow as pa
+
+    text, number, whole = pa.string(), pa.float64(), pa.int64()
+    fields: list[tuple[str, Any]] = [
+        ("sample", whole),
+        ("draw", whole),
+        ("step", pa.int32()),
+        ("factor", text),
+        ("split", text),
+        ("base", pa.int32()),
+        ("attempts", pa.int32()),
+        ("rejected", pa.list_(text)),
+        ("scene_seed", pa.int64()),
+        ("scene_hash", text),
+        ("recording_hash", text),
+        ("backend", text),
+        ("seconds", number),
+        ("warnings", pa.list_(text)),
+        ("bytes", whole),
+    ]
+    for name in FILES.values():
+        fields += [(f"{name}_sha256", text), (f"{name}_bytes", whole)]
+    fields += [(name, number) for name in STATISTICS]
+    each = [
+        ("name", text),
+        *((part, number) for part in _OBJECT_COLUMNS),
+    ]
+    fields.append(("objects", pa.list_(pa.struct(each))))
+    fields += [(f"value.{key}", number if numeric else text) for key, numeric in _values(sampler).items()]
+    return pa.schema(fields)
+
+
+def build_catalogue_table(rows: Iterable[Mapping[str, Any]], sampler: Sampler) -> pyarrow.Table:
+    """Return rows of the catalogue as a table.
+
+    Parameters
+    ----------
+    rows
+        What ``sample.json`` says of samples, perhaps with ``seconds``.
+    sampler
+        The recipe.
+    """
+    import pyarrow as pa
+
+    numeric = _values(sampler)
+    return pa.Table.from_pylist([_flat(row, numeric) for row in rows], schema=build_catalogue_schema(sampler))
+
+
+def _values(sampler: Sampler) -> dict[str, bool]:
+    """Return the keys of all values, and whether each is always a number."""
+    found = {item.key: item.distribution.is_number for item in sampler.varied}
+    for factor, _, value in sampler.ladders:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        found[factor] = found.get(factor, True) and number
+    return found
+
+
+def _flat(row: Mapping[str, Any], numeric: Mapping[str, bool]) -> dict[str, Any]:
+    flat = {name: value for name, value in row.items() if name not in ("values", "statistics", "files")}
+    files = row["files"]
+    flat["bytes"] = sum(one["bytes"] for one in files.values())
+    for file, name in FILES.items():
+        flat[f"{name}_sha256"], flat[f"{name}_bytes"] = files[file]["sha256"], files[file]["bytes"]
+    flat |= row["statistics"]
+    for key, is_number in numeric.items():
+        value = row["values"].get(key)
+        flat[f"value.{key}"] = value if value is None else float(value) if is_number else _text(value)
+    seconds = row.get("seconds")
+    flat["seconds"] = None if seconds is None or math.isnan(seconds) else seconds
+    return flat
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+_REGIONS = ("all", "interior")
+_STATISTICS = ("bias", "rms", "median_abs", "density", "calibration", "within_2_std", "count")
+
+
+def flatten_score(score: Score) -> dict[str, Any]:
+    """Return a score as columns: ``interior.depth.rms``, and so on."""
+    return {
+        f"{region}.{quantity}.{name}": found.get(name)
+        for region in _REGIONS
+        for quantity, found in score.regions.get(region, {}).items()
+        for name in _STATISTICS
+        if name in found
+    }
+
+
+def score_file(folder: DatasetFolder, method: str, number: int) -> Path:
+    """Return the file that holds the score of one sample."""
+    return folder.scores(method) / f"{number // 1000:05d}" / f"{number:08d}.json"
+
+
+def write_scores(folder: DatasetFolder, method: str) -> None:
+    """Put the scores of all samples into one table."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = []
+    for path in sorted(folder.scores(method).glob("*/*.json")):
+        if not re.fullmatch(r"[0-9]{8}", path.stem):
+            continue
+        try:
+            rows.append(dict(parse_json(path.read_bytes())))
+        except (OSError, ValueError, TypeError) as error:
+            raise StoreError(path, f"is damaged: {error}; remove it, and estimate again") from error
+    if not rows:
+        return
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    schema = pa.schema([(name, pa.int64() if name == "sample" else pa.float64()) for name in names])
+    with write_atomically(folder.scores_table(method), overwrite=True) as aside:
+        pq.write_table(pa.Table.from_pylist(rows, schema=schema), aside, compression="zstd")
+
+
+def load_scores(folder: DatasetFolder) -> dict[str, pd.DataFrame]:
+    """Return the tables of all methods, by the method's name, with ``sample`` as index."""
+    import pandas as pd
+
+    return {
+        name: pd.read_parquet(folder.scores_table(name)).set_index("sample")
+        for name in folder.scored()
+        if folder.scores_table(name).exists()
+    }
+
+
+_ROWS, _SECONDS = 1000, 60.0
+"""A part is written when it has so many rows, or so long after the one before."""
+_PART = re.compile(r"part-[0-9a-z-]+\.parquet")
+
+
+class CatalogueWriter:
+    """Writes rows of the catalogue in parts.
+
+    Parameters
+    ----------
+    folder
+        The data set.
+    sampler
+        Its recipe.
+    label
+        What distinguishes the parts of this run from those of others that work on the same data set.
+    """
+
+    def __init__(self, folder: DatasetFolder, sampler: Sampler, label: str = "1of1") -> None:
+        self._folder, self._sampler, self._label = folder, sampler, label
+        self._rows: list[Mapping[str, Any]] = []
+        self._written = time.monotonic()
+        self._next = 1 + max((int(name.rpartition("-")[2][:-8]) for name in self._own_parts()), default=-1)
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """Take a row; it is on disk after `flush`, or when enough have come together and there is room."""
+        self._rows.append(row)
+        if len(self._rows) >= _ROWS or time.monotonic() - self._written > _SECONDS:
+            self.flush_if_there_is_room()
+
+    def flush(self) -> None:
+        """Write what has come together."""
+        if self._rows:
+            _write(
+                build_catalogue_table(self._rows, self._sampler),
+                self._folder.parts / f"part-{self._label}-{self._next:06d}.parquet",
+            )
+            self._rows, self._next = [], self._next + 1
+        self._written = time.monotonic()
+
+    def flush_if_there_is_room(self) -> None:
+        """Write what has come together, or keep it if the disk is full."""
+        try:
+            self.flush()
+        except (OSError, StoreError) as error:
+            if not is_full_disk(error):
+                raise
+            self._written = time.monotonic()
+
+    def _own_parts(self) -> list[str]:
+        return [path.name for path in _parts(self._folder) if path.name.startswith(f"part-{self._label}-")]
+
+
+def list_catalogued(folder: DatasetFolder) -> set[int]:
+    """Return the numbers of the samples that are in the catalogue."""
+    import pyarrow.parquet as pq
+
+    found: set[int] = set()
+    for path in _files(folder):
+        try:
+            found.update(pq.read_table(path, columns=["sample"])["sample"].to_pylist())
+        except (OSError, ValueError, KeyError) as error:
+            raise StoreError(path, f"is damaged: {error}; remove it, it is made again from the samples") from error
+    return found
+
+
+def read_catalogue(folder: DatasetFolder, sampler: Sampler) -> pyarrow.Table:
+    """Return all rows of the catalogue in order, each sample once."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    schema = build_catalogue_schema(sampler)
+    tables = []
+    for path in _files(folder):
+        try:
+            tables.append(pq.read_table(path).select(schema.names).cast(schema))
+        except (OSError, ValueError, KeyError) as error:
+            raise StoreError(path, f"is damaged: {error}; remove it, it is made again from the samples") from error
+    whole = pa.concat_tables([schema.empty_table(), *tables]).sort_by("sample")
+    return whole.take(_first_of_each(whole["sample"].to_pylist()))
+
+
+def merge_parts(folder: DatasetFolder, sampler: Sampler) -> None:
+    """Put all parts together into one file, and remove them."""
+    parts = _parts(folder)
+    if not parts and folder.catalogue.exists():
+        return
+    _write(read_catalogue(folder, sampler), folder.catalogue)
+    for path in parts:
+        path.unlink(missing_ok=True)
+    if folder.parts.is_dir() and not os.listdir(folder.parts):
+        folder.parts.rmdir()
+
+
+def _first_of_each(numbers: Iterable[int]) -> list[int]:
+    seen: set[int] = set()
+    return [place for place, number in enumerate(numbers) if not (number in seen or seen.add(number))]  # type: ignore[func-returns-value]
+
+
+def _parts(folder: DatasetFolder) -> list[Path]:
+    if not folder.parts.is_dir():
+        return []
+    return sorted(path for path in folder.parts.iterdir() if _PART.fullmatch(path.name))
+
+
+def _files(folder: DatasetFolder) -> list[Path]:
+    return [*([folder.catalogue] if folder.catalogue.exists() else []), *_parts(folder)]
+
+
+def _write(table: pyarrow.Table, path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    with write_atomically(path, overwrite=True) as aside:
+        pq.write_table(table, aside, compression="zstd")

@@ -1,0 +1,183 @@
+"""Estimation and scoring of all samples of a data set by one method."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenetruth.dataset.catalogue import flatten_score, score_file, write_scores
+from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
+from scenetruth.dataset.layout import DatasetFolder, compute_shard_number, extract_sample
+from scenetruth.dataset.samples import SampleResult, SampleStore
+from scenetruth.dataset.scheduler import ParallelResult, for_each
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators import MethodChoice, choose
+from scenetruth.estimators.code_fingerprint import compute_code_fingerprint
+from scenetruth.output import write_atomically
+from scenetruth.pipeline import PipelineRunner, RunDirectory, run_problems
+from scenetruth.progress import Progress
+from scenetruth.resources import Limits
+from scenetruth.scoring import Score
+
+__all__ = ["estimate_dataset", "try_estimate"]
+
+
+def estimate_dataset(
+    folder: str | Path,
+    method: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    numbers: Sequence[int] | None = None,
+    workers: int = 1,
+    threads: int = 1,
+    scheduler: str | None = None,
+    retries: int = 0,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> ParallelResult:
+    """Estimate samples of a data set by a method, and score them.
+
+    Estimates and scores lie in the samples' folders as those of runs do; of samples in tar files, the score alone is
+    kept. Scores come into the catalogue as columns ``score.METHOD.REGION.QUANTITY.STATISTIC``. What has a score
+    already is not estimated again, unless the code of a method of your own has changed since: then all of its scores
+    are removed first.
+
+    Parameters
+    ----------
+    folder
+        The data set.
+    method
+        The method; that of the first base scene if not given.
+    settings
+        Its settings; those of the scene, or its defaults, where not given.
+    numbers
+        Numbers of the samples; all that are there if not given.
+    workers, threads, scheduler, retries
+        As of `run_dataset`.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Each
+        How many were estimated, and what went wrong.
+
+    Raises
+    ------
+    EstimateError
+        If there is no such method, settings do not fit, or scores of other settings are there.
+    StoreError
+        If there is no data set.
+    """
+    places = DatasetFolder(folder)
+    identity, sampler = read_fingerprint(places), open_sampler(places)
+    own = sampler.bases[0].estimate
+    chosen = own if method in (None, own.method) and not settings else _choice(own, method, settings or {})
+    problems = run_problems(sampler.bases[0], [chosen])
+    if problems:
+        raise EstimateError(problems)
+    shelf = SampleStore.of(places, sampler, identity)
+    there = shelf.present(range(identity.count))
+    wanted = sorted(there if numbers is None else there.intersection(numbers))
+    code = compute_code_fingerprint(chosen.method)
+    _remove_scores_of_other_code(places, chosen.method, code, notice)
+    _refuse_other_settings(places, chosen)
+    missing = [number for number in wanted if not score_file(places, chosen.method, number).exists()]
+    arguments = (str(places.path.resolve()), chosen.model_dump_json(), sampler.recipe.samples_per_shard, bool(code))
+    found = for_each(
+        missing,
+        try_estimate,
+        arguments,
+        present=len(wanted) - len(missing),
+        workers=workers,
+        threads=threads,
+        scheduler=scheduler,
+        retries=retries,
+        what="estimate",
+        progress=progress,
+        notice=notice,
+    )
+    write_scores(places, chosen.method)
+    return found
+
+
+def _choice(own: MethodChoice, method: str | None, settings: Mapping[str, Any]) -> MethodChoice:
+    name = method or own.method
+    known = own.settings.model_dump(mode="json") if name == own.method else {}
+    return choose({"method": name, **known, **settings})
+
+
+def _remove_scores_of_other_code(
+    places: DatasetFolder, method: str, code: str, notice: Callable[[str], None] | None
+) -> None:
+    """Remove the scores of a method of one's own that were made by other code than it has now."""
+    folder = places.scores(method)
+    file = folder / "made_of.txt"
+    if not code or (file.exists() and file.read_text(encoding="utf-8").strip() == code):
+        return
+    scores = sorted(folder.glob("*/*.json"))
+    if scores and notice is not None:
+        changed = "has changed" if file.exists() else "may have changed"
+        notice(f"the code of '{method}' {changed}: {len(scores):,} scores of what it was are made again")
+    # The mark comes last: whoever is interrupted before removes the rest.
+    for one in (places.scores_table(method), folder / "settings.json", *scores):
+        one.unlink(missing_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    with write_atomically(file, overwrite=True) as aside:
+        aside.write_text(code + "\n", encoding="utf-8")
+
+
+def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
+    """Refuse to mix scores of one method with different settings."""
+    file = places.scores(chosen.method) / "settings.json"
+    text = json.dumps(chosen.settings.model_dump(mode="json"), sort_keys=True, indent=1) + "\n"
+    if file.exists():
+        if file.read_text(encoding="utf-8") != text:
+            message = f"has scores with other settings in {file.parent}; remove that folder to estimate anew"
+            raise EstimateError([Problem("settings", message)])
+        return
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with write_atomically(file) as aside:
+        aside.write_text(text, encoding="utf-8")
+
+
+def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: int) -> SampleResult:
+    """Estimate and score one sample, for whoever works through many: what goes wrong is returned.
+
+    ``anew``: an estimate that lies there may be of other code, and is not used.
+    """
+    start = time.perf_counter()
+    places, given = DatasetFolder(folder), json.loads(choice)
+    chosen = choose({"method": given["method"], **{key: value for key, value in given.items() if key != "method"}})
+    shard = places.shard(compute_shard_number(number, per_shard))
+    try:
+        if shard.exists():
+            with extract_sample(shard, number) as files:
+                score = _scored(files, chosen, anew)
+        else:
+            score = _scored(places.sample(number), chosen, anew)
+        target = score_file(places, chosen.method, number)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        row = {"sample": number, "seconds": time.perf_counter() - start, **flatten_score(score)}
+        with write_atomically(target, overwrite=True) as aside:
+            aside.write_text(json.dumps(row) + "\n", encoding="utf-8")
+    except Exception as error:  # whatever it is, the others go on
+        return SampleResult(number, failure={"sample": number, "error": type(error).__name__, "message": str(error)})
+    return SampleResult(number, row, seconds=time.perf_counter() - start)
+
+
+def _scored(folder: Path, chosen: MethodChoice, anew: bool) -> Score:
+    from scenetruth.scoring import score_settings
+
+    with PipelineRunner(RunDirectory(folder), overwrite=True, limits=Limits()) as runner:
+        files = runner.folder.of(chosen.method)
+        if anew or not files.estimate.exists():
+            runner.estimate(chosen)
+        scene = json.loads(runner.recording.attrs["scene"])
+        runner.score(chosen.method, score_settings(**scene.get("score", {})))
+        return runner.scores[chosen.method]

@@ -1,1 +1,0 @@
-"""What a varied field of a scene may be: one module per kind."""

@@ -1,1 +1,0 @@
-"""Many samples on one machine or a cluster, behind `concurrent.futures.Executor`."""

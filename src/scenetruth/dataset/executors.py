@@ -1,0 +1,286 @@
+"""Executors: serial, local processes and Dask, and an ordered map over them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import suppress
+from multiprocessing import resource_tracker
+from typing import Any, Protocol
+
+from scenetruth.dataset.worker_setup import run_with_threads, start_worker
+from scenetruth.errors import MachineError, Problem
+
+__all__ = [
+    "MIN_PARALLEL_S",
+    "DaskExecutor",
+    "ProcessExecutor",
+    "SerialExecutor",
+    "TaskExecutor",
+    "create_executor",
+    "ordered_map",
+]
+
+
+class TaskExecutor(Protocol):
+    """Takes work, and survives its processes."""
+
+    @property
+    def count(self) -> int:
+        """How many pieces of work go on at once."""
+        ...
+
+    @property
+    def lost(self) -> tuple[type[BaseException], ...]:
+        """Errors of a piece of work whose process has died."""
+        ...
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Hand in a piece of work."""
+        ...
+
+    def renew(self) -> None:
+        """Start anew after processes have died, or to give back what they have gathered; nothing must be under way."""
+        ...
+
+    def refuse_unfit(self) -> None:
+        """Refuse to go on where no process can be started at all.
+
+        Raises
+        ------
+        MachineError
+            If so; says what to do.
+        """
+        ...
+
+    def close(self) -> None:
+        """End all processes at once; what they were working on vanishes."""
+        ...
+
+
+class ProcessExecutor:
+    """Processes of this machine, started by spawning.
+
+    Parameters
+    ----------
+    count
+        How many.
+    threads
+        How many threads each may use.
+    """
+
+    lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
+
+    def __init__(self, count: int, threads: int = 1) -> None:
+        self.count, self._threads = count, threads
+        self._pool: ProcessPoolExecutor | None = None
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Hand in a piece of work."""
+        if self._pool is None:
+            _track_quietly()
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self.count, context, start_worker, (self._threads,))
+        try:
+            return self._pool.submit(work, *arguments)
+        except BrokenExecutor as error:
+            # As if it had been taken, and its process had died.
+            failed: Future[Any] = Future()
+            failed.set_exception(error)
+            return failed
+
+    def renew(self) -> None:
+        """Start anew."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+    def refuse_unfit(self) -> None:
+        """Refuse to go on where no process can be started at all."""
+        try:
+            self.submit(os.getpid).result()
+        except BrokenExecutor as error:
+            message = (
+                "no process can be started here; in a script, call it below `if __name__ == '__main__':`, as all that "
+            )
+            message += "starts processes by spawning must be called, or do without: workers=0"
+            raise MachineError([Problem("workers", message, self.count)]) from error
+
+    def close(self) -> None:
+        """End all processes at once."""
+        pool, self._pool = self._pool, None
+        if pool is None:
+            return
+        # There is no public way to end processes that are at work before Python 3.14.
+        processes = list((getattr(pool, "_processes", None) or {}).values())
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            with suppress(Exception):
+                process.kill()
+        for process in processes:
+            with suppress(Exception):
+                process.join(10)
+
+
+def _track_quietly() -> None:
+    """Start the process that removes the locks of killed processes, so that it does it without a warning."""
+    option = "ignore:resource_tracker:UserWarning"
+    sys.warnoptions.append(option)
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(option)
+
+
+class SerialExecutor:
+    """Does the work in this process, when it is handed in: to look for errors, and for a few small samples."""
+
+    lost: tuple[type[BaseException], ...] = ()
+    count = 1
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Do a piece of work."""
+        future: Future[Any] = Future()
+        future.set_result(work(*arguments))
+        return future
+
+    def renew(self) -> None:
+        """Do nothing."""
+
+    def refuse_unfit(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class DaskExecutor:
+    """The workers of a Dask cluster.
+
+    Parameters
+    ----------
+    address
+        Of its scheduler: ``tcp://host:8786``, or the path of a scheduler file.
+    threads
+        Threads that each piece of work may use.
+    at_once
+        Pieces of work that are handed in at once for each worker.
+
+    Raises
+    ------
+    MachineError
+        If Dask is not installed, or there is no such scheduler.
+    """
+
+    def __init__(self, address: str, threads: int = 1, at_once: int = 2) -> None:
+        try:
+            from distributed import Client, KilledWorker
+            from distributed.client import FutureCancelledError
+        except ImportError as error:
+            message = "needs Dask: pip install 'scenetruth[cluster]'"
+            raise MachineError([Problem("--scheduler", message, address)]) from error
+        self.lost: tuple[type[BaseException], ...] = (KilledWorker, FutureCancelledError)
+        try:
+            named = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+            self._client = Client(**named, timeout=_PATIENCE_S)
+        except (OSError, ValueError, TimeoutError) as error:
+            message = f"no scheduler answers there: {error}"
+            raise MachineError([Problem("--scheduler", message, address)]) from error
+        self.dashboard: str = self._client.dashboard_link
+        self._threads, self._at_once, self._address = threads, at_once, address
+        self._executor: Executor = self._client.get_executor(pure=False, retries=0)
+
+    @property
+    def count(self) -> int:
+        """How many pieces of work go on at once."""
+        threads = sum(self._client.nthreads().values())
+        return max(int(threads), 1) * self._at_once
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Hand in a piece of work."""
+        return self._executor.submit(run_with_threads, self._threads, work, *arguments)
+
+    def renew(self) -> None:
+        """Do nothing: the cluster looks after its workers itself."""
+
+    def refuse_unfit(self) -> None:
+        """Refuse to go on without a scheduler."""
+        if self._client.status != "running":
+            message = "the scheduler does not answer any more; what is done stays: start it, and run the same command"
+            raise MachineError([Problem("--scheduler", message, self._address)])
+
+    def close(self) -> None:
+        """Take back what has not begun, and leave the cluster."""
+        with suppress(Exception):
+            self._executor.shutdown(wait=False, cancel_futures=True)
+        with suppress(Exception):
+            self._client.close(timeout=_PATIENCE_S)
+
+
+_PATIENCE_S = 20
+
+
+def create_executor(count: int, threads: int = 1, scheduler: str | None = None) -> TaskExecutor:
+    """Return who works.
+
+    Parameters
+    ----------
+    count
+        Processes of this machine; 0 for this process itself.
+    threads
+        Threads of each process.
+    scheduler
+        Address of a Dask scheduler, whose workers are taken instead.
+    """
+    if scheduler is not None:
+        return DaskExecutor(scheduler, threads)
+    return ProcessExecutor(count, threads) if count > 0 else SerialExecutor()
+
+
+MIN_PARALLEL_S = 10.0
+"""Work that takes longer than this is worth the start of processes, which takes some seconds."""
+
+
+def ordered_map(work: Callable[..., Any], shared: Any, things: Iterable[Any], workers: int = 0) -> Iterator[Any]:
+    """Give ``work(shared, thing)`` for each thing.
+
+    Parameters
+    ----------
+    work
+        A function of a module.
+    shared
+        What every call gets first.
+    things
+        What each call gets then.
+    workers
+        Processes of one thread each, where there is work for them; 0 does it here, when it is asked for.
+
+    Raises
+    ------
+    MachineError
+        If no process can be started here.
+    """
+    left = list(things)
+    seconds = 0.0
+    # The first call may load or compile; the second tells how long it takes.
+    for thing in left[:2] if workers else left:
+        start = time.perf_counter()
+        yield work(shared, thing)
+        seconds = time.perf_counter() - start
+    if not workers:
+        return
+    left = left[2:]
+    if seconds * len(left) < MIN_PARALLEL_S:
+        yield from (work(shared, thing) for thing in left)
+        return
+    crew = create_executor(workers)
+    try:
+        crew.refuse_unfit()
+        futures: list[Future[Any]] = [crew.submit(work, shared, thing) for thing in left]
+        yield from (future.result() for future in futures)
+    finally:
+        crew.close()

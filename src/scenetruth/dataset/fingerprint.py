@@ -1,0 +1,279 @@
+"""The fingerprint of a data set: everything that its samples depend on, and the refusal to mix two."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from scenetruth.dataset.layout import DatasetFolder
+from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.sampler import Sampler
+from scenetruth.dataset.worker_setup import collect_versions
+from scenetruth.errors import MismatchError, Problem, RecipeError, StoreError
+from scenetruth.input_files import collect_input_files
+from scenetruth.output import lock_output, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.provenance import content_hash, scene_hash
+from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, read_yaml
+from scenetruth.schema import digest
+
+__all__ = [
+    "DatasetFingerprint",
+    "begin_dataset",
+    "compute_fingerprint",
+    "open_sampler",
+    "read_fingerprint",
+    "select_backend",
+]
+
+_WORDS = ("name", "description", "licence", "citation", "creators", "format", "samples", "set")
+"""What no sample depends on: words, and how many there are; what is set for all is in the base scenes already."""
+_STORED = ("description", "estimate", "score", "storage")
+"""Sections of a scene that images do not depend on, but that lie in every sample's files."""
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class DatasetFingerprint:
+    """What all samples of a data set share.
+
+    Parameters
+    ----------
+    recipe_hash
+        Hash of everything that samples depend on: the recipe without its words and the number of samples, base scenes,
+        contents of files.
+    samples
+        How many samples are drawn.
+    count
+        How many samples there are, with those of ladders.
+    backend, platform
+        What renders them all.
+    versions
+        Versions of what made them.
+    format
+        Version of the format of data sets.
+    """
+
+    recipe_hash: str
+    samples: int
+    count: int
+    backend: str
+    platform: str
+    versions: Mapping[str, str] = field(default_factory=dict)
+    format: int = FORMAT
+
+    def to_json(self) -> str:
+        """Return the identity as JSON."""
+        return json.dumps(asdict(self), indent=2) + "\n"
+
+
+def compute_fingerprint(sampler: Sampler, backend: tuple[str, str] | None = None) -> DatasetFingerprint:
+    """Return what a data set of a recipe is.
+
+    Parameters
+    ----------
+    sampler
+        The recipe with its base scenes.
+    backend
+        Backend and platform; found out if not given.
+    """
+    name, on = backend or select_backend(sampler)
+    recipe = sampler.recipe
+    return DatasetFingerprint(compute_recipe_hash(sampler), recipe.samples, recipe.count, name, on, collect_versions())
+
+
+def compute_recipe_hash(sampler: Sampler) -> str:
+    """Return a hash of everything that samples depend on but their number, 16 hexadecimal digits."""
+    recipe = sampler.recipe
+    plain = {name: value for name, value in recipe.to_plain().items() if name not in _WORDS}
+    plain["base"] = [[_base_hash(scene), entry.weight] for scene, entry in zip(sampler.bases, recipe.base, strict=True)]
+    # Their order is that of the dimensions of Sobol's sequence, and of the axes of grids.
+    plain["order"] = [item.key for item in sampler.varied]
+    plain["files"] = [content_hash(file) for _, file in collect_input_files(recipe) if file.suffix.lower() == ".csv"]
+    entries = (*plain["vary"].values(), *plain["values"].values())
+    for entry in entries:
+        # Tables count by what they hold, not by where they lie.
+        entry.pop("file", None)
+    if any(entry.get("plan") == "latin_hypercube" for entry in entries):
+        plain["samples"] = recipe.samples
+    return digest(plain)
+
+
+def _base_hash(scene: Scene) -> str:
+    plain = scene.to_plain()
+    return digest([scene_hash(scene), {name: plain[name] for name in _STORED}])
+
+
+def select_backend(sampler: Sampler) -> tuple[str, str]:
+    """Return the backend, and its platform, that renders every base scene on this machine."""
+    from scenetruth.render import choose_renderer
+    from scenetruth.scene.built_scene import build_scene
+
+    found = []
+    for number in range(len(sampler.bases)):
+        scene = scene_from_plain(sampler.middle(number))
+        choice = choose_renderer(scene, build_scene(scene, painted=False))
+        with choice.renderer as renderer:
+            found.append(renderer.name)
+    if any(name == "raycast" for name in found):
+        return "raycast", "auto"
+    return "pyrender", found[0].partition("(")[2].rstrip(")") or "auto"
+
+
+def read_fingerprint(folder: DatasetFolder) -> DatasetFingerprint:
+    """Return what the data set in a folder is.
+
+    Raises
+    ------
+    StoreError
+        If there is none, or it is damaged.
+    """
+    try:
+        found = parse_json(folder.identity.read_bytes())
+        identity = DatasetFingerprint(**found)
+    except FileNotFoundError as error:
+        raise StoreError(folder.path, "is no data set: it has no dataset.json") from error
+    except (OSError, ValueError, TypeError) as error:
+        raise StoreError(folder.identity, f"is damaged: {error}") from error
+    if identity.format > FORMAT:
+        raise StoreError(folder.identity, f"has the format {identity.format}; this scenetruth reads {FORMAT}")
+    return identity
+
+
+def open_sampler(folder: DatasetFolder) -> Sampler:
+    """Return the recipe of the data set in a folder.
+
+    Raises
+    ------
+    StoreError
+        If there is none, or it is damaged.
+    """
+    try:
+        text = folder.recipe.read_text(encoding="utf-8")
+        plain, problems = read_yaml(text)
+    except (OSError, ValueError) as error:
+        raise StoreError(folder.recipe, f"cannot be read: {error}") from error
+    if problems:
+        raise StoreError(folder.recipe, f"is damaged: {problems[0]}")
+    return recipe_from_plain(plain, source=folder.recipe)
+
+
+def begin_dataset(folder: DatasetFolder, sampler: Sampler, *, extend: bool = False) -> DatasetFingerprint:
+    """Put recipe and identity into the folder of a data set, or check that they are the same as before.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    sampler
+        The recipe with its base scenes.
+    extend
+        Whether a data set may get more samples than it had.
+
+    Raises
+    ------
+    MismatchError
+        If the folder holds a data set of another recipe, or of other versions.
+    StoreError
+        If it holds something else, or cannot be written.
+    """
+    place = folder.identity
+    # Several parts may begin at once.
+    with lock_output(place):
+        if not folder.identity.exists():
+            if folder.path.is_dir() and any(not entry.name.startswith(".") for entry in folder.path.iterdir()):
+                raise StoreError(folder.path, "holds other things than a data set; give another folder")
+            return _write(folder, sampler, compute_fingerprint(sampler))
+        found = read_fingerprint(folder)
+        wanted = compute_fingerprint(sampler, (found.backend, found.platform))
+        problems = _differences(folder, found, wanted, sampler, extend)
+        if problems:
+            raise _OtherRecipeError(problems)
+        if wanted.count > found.count:
+            return _write(folder, sampler, wanted)
+        return found
+
+
+class _OtherRecipeError(MismatchError):
+    """A folder that holds another data set."""
+
+    _noun = "data set"
+
+    def __str__(self) -> str:
+        return super(MismatchError, self).__str__()
+
+
+def _differences(
+    folder: DatasetFolder, found: DatasetFingerprint, wanted: DatasetFingerprint, sampler: Sampler, extend: bool
+) -> list[Problem]:
+    problems = []
+    if found.recipe_hash != wanted.recipe_hash:
+        changed = _changed(folder, sampler)
+        told = f": {', '.join(changed)} changed" if changed else ""
+        message = f"holds a data set of another recipe ({found.recipe_hash}, not {wanted.recipe_hash}){told}"
+        if extend and changed == ["samples"]:
+            message += "; a Latin hypercube has a fixed number of samples, and cannot be extended"
+        problems.append(Problem(str(folder.path), f"{message}; give another folder, or the former recipe"))
+    elif wanted.samples < found.samples:
+        message = f"has {found.samples:,} samples, and the recipe asks for fewer; give another folder"
+        problems.append(Problem(str(folder.path), message, wanted.samples))
+    elif wanted.samples > found.samples and not extend:
+        message = f"has {found.samples:,} samples, and the recipe asks for more; allow it: --extend"
+        problems.append(Problem(str(folder.path), message, wanted.samples))
+    recipe = sampler.recipe
+    if (
+        not problems
+        and recipe.layout == "shards"
+        and wanted.count > found.count
+        and found.count % recipe.samples_per_shard
+    ):
+        message = f"has {found.count:,} samples, and its last tar file is not full: it cannot be extended"
+        problems.append(Problem(str(folder.path), f"{message}; make the others a data set of their own"))
+    for name, one in found.versions.items():
+        other = wanted.versions.get(name)
+        if other != one:
+            message = f"was begun with {name} {one}, and this is {other}: samples would differ; install the former"
+            problems.append(Problem(str(folder.path), message))
+    return problems
+
+
+def _changed(folder: DatasetFolder, sampler: Sampler) -> list[str]:
+    """Return the sections of the recipe that differ from those in a folder."""
+    try:
+        former = open_sampler(folder)
+    except (StoreError, RecipeError):
+        return []
+    one, other = former.recipe.to_plain(), sampler.recipe.to_plain()
+    words = {*_WORDS, "base"} - {"samples"}
+    changed = [name for name in one if name not in words and one[name] != other[name]]
+    same = [_base_hash(scene) for scene in former.bases] == [_base_hash(scene) for scene in sampler.bases]
+    return changed if same else ["base or set", *changed]
+
+
+def resolve_recipe(sampler: Sampler) -> dict[str, Any]:
+    """Return the recipe with its base scenes in it, as plain values: it makes the same samples anywhere."""
+    plain = {name: value for name, value in sampler.recipe.to_plain().items() if value not in ({}, [], "")}
+    plain["base"] = [
+        {"scene": scene.to_plain(), "weight": entry.weight}
+        for scene, entry in zip(sampler.bases, sampler.recipe.base, strict=True)
+    ]
+    # What all samples share is in the scenes already.
+    plain.pop("set", None)
+    return plain
+
+
+def _write(folder: DatasetFolder, sampler: Sampler, identity: DatasetFingerprint) -> DatasetFingerprint:
+    text = yaml.safe_dump(resolve_recipe(sampler), sort_keys=False, allow_unicode=True)
+    if len(text) > MAX_YAML_BYTES:
+        message = f"has {len(text):,} characters with its base scenes, more than {MAX_YAML_BYTES:,}"
+        raise RecipeError([Problem("", message)])
+    for path, content in ((folder.recipe, text), (folder.identity, identity.to_json())):
+        with write_atomically(path, overwrite=True) as aside:
+            Path(aside).write_text(content, encoding="utf-8")
+    return identity

@@ -1,0 +1,441 @@
+"""Generation of a data set from its recipe, its status, and the verification of the result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from scenetruth.dataset.catalogue import FILES, CatalogueWriter, list_catalogued, merge_parts, read_catalogue
+from scenetruth.dataset.executors import create_executor
+from scenetruth.dataset.fingerprint import DatasetFingerprint, begin_dataset, open_sampler, read_fingerprint
+from scenetruth.dataset.layout import SAMPLE, DatasetFolder, claim_sample, compute_shard_number, extract_sample
+from scenetruth.dataset.recipe_validation import refuse_recipe
+from scenetruth.dataset.sampler import Sampler
+from scenetruth.dataset.samples import Partition, SampleResult, SampleStore, build_sample_scene, make_sample, try_sample
+from scenetruth.dataset.scheduler import ResourceGuard, SampleScheduler, write_with_retry
+from scenetruth.errors import ScenetruthError, StoreError
+from scenetruth.output import lock_output, remove_leftovers, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.progress import Progress
+from scenetruth.random_streams import generator_for
+from scenetruth.resources import (
+    Forecast,
+    Limits,
+    compute_workload,
+    estimate_cost,
+    inspect_machine,
+    limited_objects,
+    refuse_resources,
+)
+
+__all__ = [
+    "DatasetRunResult",
+    "DatasetStatus",
+    "VerificationFailure",
+    "estimate_sample_cost",
+    "read_status",
+    "run_dataset",
+    "verify_dataset",
+]
+
+
+@dataclass
+class DatasetRunResult:
+    """What a run has made.
+
+    Parameters
+    ----------
+    folder
+        The data set.
+    made
+        How many samples it has made.
+    present
+        How many of its part were there before.
+    failed
+        Numbers of the samples that failed.
+    """
+
+    folder: DatasetFolder
+    made: int = 0
+    present: int = 0
+    failed: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class DatasetStatus:
+    """How far a data set is.
+
+    Parameters
+    ----------
+    count
+        Samples in all.
+    done
+        Samples that are there.
+    failed
+        Numbers of those that failed, with what went wrong.
+    """
+
+    count: int
+    done: int
+    failed: dict[int, str]
+
+    @property
+    def missing(self) -> int:
+        """Samples that are not there."""
+        return self.count - self.done
+
+
+def run_dataset(
+    sampler: Sampler | None,
+    folder: str | Path,
+    *,
+    workers: int = 1,
+    threads: int = 1,
+    scheduler: str | None = None,
+    part: Partition | None = None,
+    retries: int = 1,
+    recycle: int = 500,
+    extend: bool = False,
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> DatasetRunResult:
+    """Make what is missing of a data set.
+
+    Samples appear whole, or not at all; what is there stays. It can be killed at any moment, and run again.
+
+    Parameters
+    ----------
+    sampler
+        The recipe with its base scenes, as `load_recipe` makes it; None to go on with the one in the folder.
+    folder
+        The data set.
+    workers
+        Processes of this machine; 0 to do all in this one.
+    threads
+        Threads of each.
+    scheduler
+        Address of a Dask scheduler, whose workers are taken instead. They must see the folder by the same path.
+    part
+        Which part to make, for several machines that share the folder; all if not given.
+    retries
+        How often a sample that failed is tried again.
+    recycle
+        Samples after which a process is started anew.
+    extend
+        Whether the data set may get more samples than it had.
+    limits
+        Bounds of what a sample may ask for and take; those by default if not given.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Outcome
+        How many samples were made, and which failed; why is told by their files in ``failed/``.
+
+    Raises
+    ------
+    RecipeError
+        If the recipe makes no samples, as far as ranges and the first draws tell; before any work.
+    MachineError
+        If a sample takes more than the machine has; before any work.
+    MismatchError
+        If the folder holds a data set of another recipe.
+    OutputExistsError
+        If another run makes this part.
+
+    See Also
+    --------
+    load_recipe : A recipe from a file.
+    open_dataset : Read a data set.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
+    >>> far = {"objects.0.pose.position_mm.2": {"kind": "uniform", "low": 90, "high": 110}}
+    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 2, "vary": far})
+    >>> with TemporaryDirectory() as folder:
+    ...     outcome = st.run_dataset(recipe, f"{folder}/walls", workers=0)
+    ...     dataset = st.open_dataset(f"{folder}/walls")
+    ...     print(outcome.made, dataset[1].truth.depth.sizes)
+    2 Frozen({'t': 1, 'y': 25, 'x': 30})
+    """
+    places, whole = DatasetFolder(folder), part or Partition()
+    say = notice or (lambda _: None)
+    if sampler is None:
+        sampler = open_sampler(places)
+        identity = read_fingerprint(places)
+    else:
+        refuse_recipe(sampler)
+        identity = begin_dataset(places, sampler, extend=extend)
+    forecast = estimate_sample_cost(sampler, identity, limits or Limits(), places.path)
+    outcome = DatasetRunResult(places)
+    with lock_output(places.path / f"run-{whole.label}"):
+        for group in places.groups_with_leftovers():
+            remove_leftovers(group, claim_sample)
+        shelf = SampleStore.of(places, sampler, identity)
+        numbers = shelf.numbers(whole)
+        done = shelf.present(numbers)
+        outcome.present = len(done)
+        writer = CatalogueWriter(places, sampler, whole.label)
+        _catalogue_missing(shelf, writer, done)
+        shelf.pack(numbers)
+        crew = create_executor(workers, threads, scheduler)
+        if dashboard := getattr(crew, "dashboard", ""):
+            say(f"dashboard: {dashboard}")
+        work = _Work(places, shelf, writer, outcome, len(numbers), progress, say)
+        room = ResourceGuard(places.path, 2 * crew.count * forecast.disk_wanted_bytes, forecast.memory_bytes)
+        try:
+            drive = SampleScheduler(
+                crew, try_sample, (str(places.path.resolve()),), work.made, work.failed, say, room, retries, recycle
+            )
+            work.tell()
+            drive.run(number for number in numbers if number not in done)
+            crew.renew()
+            write_with_retry(writer.flush, "the catalogue", say)
+        finally:
+            crew.close()
+            for group in places.groups_with_leftovers():
+                remove_leftovers(group, claim_sample)
+            writer.flush_if_there_is_room()
+        if len(shelf.present(range(identity.count))) == identity.count:
+            write_with_retry(lambda: merge_parts(places, sampler), "the catalogue", say)
+    return outcome
+
+
+def estimate_sample_cost(
+    sampler: Sampler, identity: DatasetFingerprint | None, limits: Limits, folder: Path
+) -> Forecast:
+    """Return what one sample takes, and refuse more than the machine has.
+
+    Parameters
+    ----------
+    sampler
+        The recipe; its first sample stands for all.
+    identity
+        The data set, if there is one already.
+    limits
+        What may be taken.
+    folder
+        Where samples go.
+
+    Raises
+    ------
+    MachineError
+        If it is more than the machine has, or than is allowed.
+    SceneError
+        If it passes a bound.
+    """
+    draw = sampler.draw(0)
+    scene = draw.scene() if identity is None else build_sample_scene(sampler, identity, draw)
+    truth = sampler.recipe.truth
+    demand = compute_workload(
+        scene,
+        limited_objects(scene, limits),
+        views=scene.stage.positions * scene.stage.rows if truth.views == "all" else 1,
+        complete=truth.content == "complete",
+        ideal=sampler.recipe.ideal,
+    )
+    forecast = estimate_cost(demand, ["render"])
+    refuse_resources(forecast, inspect_machine(folder), limits)
+    return forecast
+
+
+def read_status(folder: str | Path) -> DatasetStatus:
+    """Return how far a data set is, from what lies in its folder.
+
+    Raises
+    ------
+    StoreError
+        If there is none.
+    """
+    places = DatasetFolder(folder)
+    identity = read_fingerprint(places)
+    done = SampleStore.of(places, open_sampler(places), identity).present(range(identity.count))
+    failed = {number: _message(places.failure(number)) for number in places.failures() if number not in done}
+    return DatasetStatus(identity.count, len(done), failed)
+
+
+def _message(path: Path) -> str:
+    try:
+        found = parse_json(path.read_bytes())
+        return str(found["message"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        return f"cannot be read: {error}"
+
+
+def _catalogue_missing(shelf: SampleStore, writer: CatalogueWriter, done: set[int]) -> None:
+    """Put samples into the catalogue whose run was killed before it did."""
+    for row in shelf.rows(done - list_catalogued(shelf.folder)):
+        writer.add(row)
+    writer.flush()
+
+
+@dataclass
+class _Work:
+    """Takes what workers have made; a sample is in the catalogue, or still to be told of, before its folder goes."""
+
+    places: DatasetFolder
+    shelf: SampleStore
+    writer: CatalogueWriter
+    outcome: DatasetRunResult
+    total: int
+    progress: Progress | None
+    say: Callable[[str], None]
+
+    def made(self, found: SampleResult) -> None:
+        self.writer.add({**found.row, "seconds": found.seconds})
+        self.places.failure(found.number).unlink(missing_ok=True)
+        self.outcome.made += 1
+        write_with_retry(lambda: self.shelf.added(found.number), "a tar file", self.say)
+        self.tell()
+
+    def failed(self, found: SampleResult, attempts: int) -> None:
+        failure: dict[str, Any] = {**found.failure, "attempts": attempts}
+        failure.setdefault("again", f"scenetruth dataset sample {self.places.recipe} {found.number} -o sample")
+        write_with_retry(lambda: self._tell_of(found.number, failure), "what went wrong", self.say)
+        self.outcome.failed.append(found.number)
+        lines = str(failure["message"]).splitlines()
+        self.say(f"sample {found.number} failed: {lines[0] if len(lines) == 1 else ' '.join(lines[:3])}")
+        self.tell()
+
+    def _tell_of(self, number: int, failure: Mapping[str, Any]) -> None:
+        self.places.failed.mkdir(exist_ok=True)
+        with write_atomically(self.places.failure(number), overwrite=True) as aside:
+            aside.write_text(json.dumps(failure, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+    def tell(self) -> None:
+        if self.progress is not None:
+            done = self.outcome.made + self.outcome.present + len(self.outcome.failed)
+            self.progress("samples", done, self.total)
+
+
+@dataclass(frozen=True)
+class VerificationFailure:
+    """A sample that is not as it was made.
+
+    Parameters
+    ----------
+    number
+        Its number.
+    problem
+        What is wrong.
+    """
+
+    number: int
+    problem: str
+
+
+def verify_dataset(
+    folder: str | Path, *, again: int = 3, seed: int = 0, progress: Progress | None = None
+) -> list[VerificationFailure]:
+    """Hash every file of a data set, and make a few samples again, to the same bytes.
+
+    Parameters
+    ----------
+    folder
+        The data set.
+    again
+        How many samples, drawn at random, are made again.
+    seed
+        Seed of that draw.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    list of Damage
+        What is wrong; samples that are missing count. Empty if nothing is.
+
+    Raises
+    ------
+    StoreError
+        If there is no data set, or its catalogue is damaged.
+    """
+    places = DatasetFolder(folder)
+    identity, sampler = read_fingerprint(places), open_sampler(places)
+    rows = {row["sample"]: row for row in read_catalogue(places, sampler).to_pylist()}
+    found = [
+        VerificationFailure(number, "is not in the catalogue: it was never made, or its run was killed")
+        for number in range(identity.count)
+        if number not in rows
+    ]
+    for done, (number, row) in enumerate(rows.items()):
+        if progress is not None:
+            progress("hash", done, len(rows))
+        try:
+            found += [VerificationFailure(number, problem) for problem in _changed(places, sampler, number, row)]
+        except ScenetruthError as error:
+            found.append(VerificationFailure(number, str(error)))
+    if progress is not None:
+        progress("hash", len(rows), len(rows))
+    chosen = _some(rows, again, seed)
+    for done, number in enumerate(chosen):
+        if progress is not None:
+            progress("make again", done, len(chosen))
+        found += [VerificationFailure(number, problem) for problem in _differs(sampler, identity, number, rows[number])]
+    if progress is not None:
+        progress("make again", len(chosen), len(chosen))
+    return sorted(found, key=lambda one: one.number)
+
+
+def _some(numbers: Iterable[int], count: int, seed: int) -> list[int]:
+    every = sorted(numbers)
+    if not every:
+        return []
+    chosen = generator_for(seed, "verify").choice(every, min(count, len(every)), replace=False)
+    return sorted(int(number) for number in chosen)
+
+
+def _changed(places: DatasetFolder, sampler: Sampler, number: int, row: dict[str, Any]) -> list[str]:
+    """Return which files of a sample are not those of the catalogue."""
+    shard = places.shard(compute_shard_number(number, sampler.recipe.samples_per_shard))
+    if shard.exists():
+        with extract_sample(shard, number) as files:
+            return _unlike(files, row)
+    own = places.sample(number)
+    return _unlike(own, row) if own.is_dir() else ["is missing; run the data set again"]
+
+
+def _unlike(folder: Path, row: dict[str, Any]) -> list[str]:
+    problems = []
+    for file, name in FILES.items():
+        path = folder / file
+        try:
+            with path.open("rb") as stream:
+                found = hashlib.file_digest(stream, "sha256").hexdigest()
+        except OSError as error:
+            problems.append(f"{file} cannot be read: {error.strerror}; remove the sample, and run the data set again")
+            continue
+        if found != row[f"{name}_sha256"]:
+            problems.append(f"{file} is not as it was made; remove the sample, and run the data set again")
+    if not (folder / SAMPLE).is_file():
+        problems.append(f"{SAMPLE} is missing; remove the sample, and run the data set again")
+    return problems
+
+
+def _differs(sampler: Sampler, identity: DatasetFingerprint, number: int, row: dict[str, Any]) -> list[str]:
+    """Return what differs if a sample is made again."""
+    with TemporaryDirectory(prefix="scenetruth-") as scratch:
+        try:
+            made = make_sample(sampler, identity, number, Path(scratch) / "again")
+        except (StoreError, ScenetruthError) as error:
+            return [f"cannot be made again: {error}"]
+    return [
+        f"{file} has other bytes when it is made again"
+        for file, name in FILES.items()
+        if made["files"][file]["sha256"] != row[f"{name}_sha256"]
+    ]

@@ -1,0 +1,332 @@
+"""The card of a data set: its contents, with images and statistics, and its files."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.dataset.catalogue import read_catalogue
+from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
+from scenetruth.dataset.layout import DatasetFolder
+from scenetruth.dataset.pages.croissant import VALUE, Publication, build_croissant
+from scenetruth.dataset.pages.figures import (
+    MOST_CHARTS,
+    ON_A_SHEET,
+    THUMBNAIL_PX,
+    PlotQuantity,
+    collect_quantities,
+    draw_contact_sheet,
+    draw_histograms,
+    draw_pairs,
+    select_paired,
+    to_display_grey,
+)
+from scenetruth.dataset.pages.page_text import (
+    describe_criterion,
+    describe_splits,
+    format_size,
+    render_html,
+    render_markdown,
+    split_unit,
+    tabulate_distributions,
+    tabulate_paired_factors,
+    tabulate_rejections,
+)
+from scenetruth.dataset.reading import SceneDataset
+from scenetruth.dataset.recipe_validation import select_numbers
+from scenetruth.dataset.sampler import Sampler
+from scenetruth.dataset.samples import STATISTICS
+from scenetruth.errors import StoreError
+from scenetruth.output import check_output, claim_file, claim_pictures, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.progress import Progress
+from scenetruth.scoring.number_format import format_count, format_number
+
+if TYPE_CHECKING:
+    import pyarrow
+
+__all__ = ["build_card_contents", "load_thumbnails", "write_card"]
+
+
+def load_thumbnails(
+    folder: DatasetFolder, table: pyarrow.Table, places: Sequence[int], progress: Progress | None = None
+) -> list[NDArray[np.float32]]:
+    """Return the images of the reference camera at t = 0, small, from 0 to 1 of full scale.
+
+    Parameters
+    ----------
+    folder, table
+        The data set and its catalogue.
+    places
+        Rows of the catalogue.
+    progress
+        Called with (what, done, total).
+    """
+    dataset = SceneDataset(folder, table.select(["sample"]).to_pandas())
+    found = []
+    for done, place in enumerate(places):
+        if progress is not None:
+            progress("images", done, len(places))
+        found.append(_small(dataset.sample(place).recording))
+    if progress is not None:
+        progress("images", len(places), len(places))
+    return found
+
+
+def _small(recording: xr.Dataset) -> NDArray[np.float32]:
+    """Return one image: means over pixels, with the shape of a thumbnail."""
+    from PIL import Image
+
+    image = recording["image"]
+    # Of all the images, only this one is read.
+    image = image.sel({name: 0 for name in ("s_y", "s", "t") if name in image.dims})
+    values = np.asarray(image, dtype=np.float32) / np.float32(recording.attrs.get("full_scale", 1.0))
+    height, width = values.shape
+    share = min(THUMBNAIL_PX / max(width, height), 1.0)
+    size = max(round(width * share), 1), max(round(height * share), 1)
+    return np.asarray(Image.fromarray(values).resize(size, Image.Resampling.BOX))
+
+
+SHEET, VALUES, PAIRS, STATED = "contact_sheet.png", "values.png", "pairs.png", "statistics.png"
+_IMAGES = "Images of the reference camera (s = 0) at t = 0, made smaller, all on one scale of grey."
+_MOST_WARNINGS = 10
+
+
+def build_card_contents(
+    folder: DatasetFolder,
+    sampler: Sampler,
+    identity: DatasetFingerprint,
+    table: pyarrow.Table,
+    pictures: Path,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Draw the pictures of a card, and return what its templates show.
+
+    Parameters
+    ----------
+    folder, sampler, identity
+        The data set.
+    table
+        Its catalogue.
+    pictures
+        Where pictures go, a folder that exists.
+    progress
+        Called with (what, done, total).
+    """
+    recipe = sampler.recipe
+    quantities = collect_quantities(sampler, _values_of(table))
+    paired = select_paired(quantities)
+    statistics = [_statistic(name, table[name].to_pylist()) for name in STATISTICS if name in table.column_names]
+    statistics = [one for one in statistics if one.numbers]
+    _draw_sheet(folder, table, pictures / SHEET, progress)
+    if quantities:
+        draw_histograms(quantities, pictures / VALUES)
+    if paired:
+        draw_pairs(paired, pictures / PAIRS)
+    drawn = [one for one in statistics if not one.is_constant]
+    if drawn:
+        draw_histograms(drawn, pictures / STATED)
+    sizes = np.array(table["bytes"].to_pylist(), dtype=np.int64)
+    attempts = [number for number, step in zip(*_columns(table, "attempts", "step"), strict=True) if step == 0]
+    return {
+        "recipe": recipe,
+        "identity": identity,
+        "count": table.num_rows,
+        "bytes": format_size(int(sizes.sum())),
+        "bytes_each": format_size(float(np.median(sizes))),
+        "notices": _notices(sampler),
+        "bases": [str(base) for base in sampler.bases],
+        "varied": tabulate_distributions(sampler),
+        "ladders": tabulate_paired_factors(sampler),
+        "bounds": [describe_criterion(bound) for bound in recipe.accept],
+        "draws": sum(attempts),
+        "rejected": sum(attempts) - len(attempts),
+        "reasons": _reasons(table),
+        "splits": _split_rows(sampler, table),
+        "origin": _origin(sampler, identity),
+        "warnings": _warnings(table),
+        "statistics": _statistics_rows(statistics),
+        "sheet": SHEET,
+        "images": _IMAGES,
+        "values": VALUES if quantities else "",
+        "left_out": max(len(quantities) - MOST_CHARTS, 0),
+        "pairs": PAIRS if paired else "",
+        "stated": STATED if drawn else "",
+    }
+
+
+def _reasons(table: pyarrow.Table) -> list[tuple[str, str]]:
+    """Return why draws were refused, each draw once, whatever steps its ladder has."""
+    found = Counter[str]()
+    for reasons, step in zip(*_columns(table, "rejected", "step"), strict=True):
+        found.update(reasons if step == 0 else ())
+    return [(reason, format_count(count)) for reason, count in tabulate_rejections(found)]
+
+
+def _values_of(table: pyarrow.Table) -> dict[str, list[Any]]:
+    """Return drawn values by key, of samples as they were drawn."""
+    import pyarrow.compute as pc
+
+    drawn = table.filter(pc.equal(table["step"], 0))
+    return {
+        name.removeprefix(VALUE): [_read(value) for value in drawn[name].to_pylist()]
+        for name in drawn.column_names
+        if name.startswith(VALUE)
+    }
+
+
+def _read(value: Any) -> Any:
+    """Return what a text of the catalogue stands for: its JSON, or itself."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return parse_json(value.encode())
+    except ValueError:
+        return value
+
+
+def _statistic(name: str, values: Sequence[float | None]) -> PlotQuantity:
+    title, unit = split_unit(name)
+    return PlotQuantity(title, unit, tuple(value for value in values if value is not None))
+
+
+def _statistics_rows(statistics: Sequence[PlotQuantity]) -> list[tuple[str, ...]]:
+    told = {split_unit(name)[0]: words for name, words in STATISTICS.items()}
+    return [
+        (
+            one.label,
+            told[one.title],
+            *(format_number(float(value)) for value in np.quantile(one.numbers, (0.0, 0.5, 1.0))),
+        )
+        for one in statistics
+    ]
+
+
+def _draw_sheet(folder: DatasetFolder, table: pyarrow.Table, path: Path, progress: Progress | None) -> None:
+    """Draw a contact sheet of samples all over the data set, each with the steps of its ladders."""
+    numbers, draws, splits = _columns(table, "sample", "draw", "split")
+    each = len(draws) // len(set(draws))
+    chosen = [
+        draw * each + step
+        for draw in select_numbers(len(set(draws)), max(ON_A_SHEET // each, 1))
+        for step in range(min(each, ON_A_SHEET))
+    ]
+    images = to_display_grey(load_thumbnails(folder, table, chosen, progress))
+    captions = [" · ".join(filter(None, (str(numbers[place]), splits[place]))) for place in chosen]
+    draw_contact_sheet(list(zip(captions, images, strict=True)), _IMAGES, path)
+
+
+def _columns(table: pyarrow.Table, *names: str) -> list[list[Any]]:
+    return [table[name].to_pylist() for name in names]
+
+
+def _split_rows(sampler: Sampler, table: pyarrow.Table) -> list[tuple[str, str, str, str]]:
+    words = describe_splits(sampler)
+    counts, sizes = Counter[str](), Counter[str]()
+    for split, size in zip(*_columns(table, "split", "bytes"), strict=True):
+        counts[split] += 1
+        sizes[split] += size
+    return [(name, told, format_count(counts[name]), format_size(sizes[name])) for name, told in words.items()]
+
+
+def _warnings(table: pyarrow.Table) -> list[tuple[str, str]]:
+    found = Counter[str]()
+    for entries in table["warnings"].to_pylist():
+        found.update(set(entries or ()))
+    most = sorted(found.items(), key=lambda one: (-one[1], one[0]))[:_MOST_WARNINGS]
+    return [(text, format_count(count)) for text, count in most]
+
+
+def _notices(sampler: Sampler) -> list[str]:
+    recipe = sampler.recipe
+    found = [] if recipe.licence else ["No licence is given: nobody may use a data set without one."]
+    return found if recipe.citation else [*found, "It is not said how to cite it."]
+
+
+def _origin(sampler: Sampler, identity: DatasetFingerprint) -> list[tuple[str, str]]:
+    recipe = sampler.recipe
+    every = recipe.scene_seed == "per_sample"
+    return [
+        ("recipe", f"dataset.yaml, with its base scenes in it; hash {identity.recipe_hash}"),
+        ("seed", f"{recipe.seed}; textures and noise {'differ' if every else 'have the same seed'} in every sample"),
+        ("backend", identity.backend + (f" ({identity.platform})" if identity.platform != "auto" else "")),
+        ("truth", f"{recipe.truth.views} camera views, {recipe.truth.poses} poses, {recipe.truth.content} content"),
+        ("linear images before the sensor", "kept" if recipe.ideal else "not kept"),
+        ("versions", ", ".join(f"{name} {version}" for name, version in identity.versions.items())),
+    ]
+
+
+def write_card(
+    folder: str | Path,
+    publication: Publication | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Path:
+    """Describe a data set: a card for people, with real images and distributions, and metadata for machines.
+
+    All of it is the same for the same data set.
+
+    Parameters
+    ----------
+    folder
+        The data set, with all its samples. Into it go ``card.html``, ``card.md``, their pictures in ``card``, and
+        ``croissant.json``.
+    publication
+        Version, date and address; version 1.0.0 if not given.
+    overwrite
+        Whether earlier ones may be replaced.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    pathlib.Path
+        The card, ``card.html``.
+
+    Raises
+    ------
+    StoreError
+        If there is no data set, or samples of it are missing.
+    OutputExistsError
+        If it has a card, and that may not be replaced.
+    """
+    places = DatasetFolder(folder)
+    identity = read_fingerprint(places)
+    sampler = open_sampler(places)
+    if not places.catalogue.exists():
+        remedy = f"make the rest first: scenetruth dataset run {places.recipe} -o {places.path}"
+        raise StoreError(places.path, f"is not whole, and has no catalogue yet; {remedy}")
+    targets = {
+        places.card_pictures: claim_pictures,
+        places.card: claim_file,
+        places.card_text: claim_file,
+        places.croissant: claim_file,
+    }
+    for target, claim in targets.items():
+        check_output(target, overwrite=overwrite, claim=claim)
+    table = read_catalogue(places, sampler)
+    published = publication or Publication()
+    with ExitStack() as stack:
+        # They come to their places when all are whole, the page after its pictures.
+        asides = [
+            stack.enter_context(write_atomically(target, overwrite=overwrite, claim=claim))
+            for target, claim in reversed(targets.items())
+        ]
+        croissant, text, page, pictures = asides
+        pictures.mkdir()
+        contents = build_card_contents(places, sampler, identity, table, pictures, progress)
+        contents |= {"published": published, "pictures": places.card_pictures.name}
+        page.write_text(render_html("card.html.j2", **contents), encoding="utf-8")
+        text.write_text(render_markdown("card.md.j2", **contents), encoding="utf-8")
+        metadata = build_croissant(places, sampler, table, published)
+        croissant.write_text(json.dumps(metadata, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return places.card

@@ -1,0 +1,363 @@
+"""Text of pages: labels of fields, descriptions of distributions and rejections, HTML and Markdown."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from scenetruth.dataset.acceptance import AcceptanceCriterion
+from scenetruth.dataset.distributions import Distribution, FormulaDistribution, RandomDistribution
+from scenetruth.dataset.sampler import HELD_OUT, Sampler
+from scenetruth.errors import visible
+from scenetruth.html import template_environment
+from scenetruth.scene.field_paths import PathError, value_at
+from scenetruth.scoring.number_format import format_count, format_number
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+__all__ = [
+    "RawMarkdown",
+    "describe_criterion",
+    "describe_distribution",
+    "describe_splits",
+    "escape_markdown",
+    "format_code",
+    "format_label",
+    "format_size",
+    "format_title",
+    "render_html",
+    "render_markdown",
+    "split_unit",
+    "tabulate_distributions",
+    "tabulate_paired_factors",
+    "tabulate_rejections",
+]
+
+
+_UNITS = {
+    "_mm_per_frame2": "mm per frame²",
+    "_mm_per_frame": "mm per frame",
+    "_px_per_frame": "px per frame",
+    "_deg_per_frame": "° per frame",
+    "_rate_per_hour": "1 per hour",
+    "_per_hour": "1 per hour",
+    "_per_frame": "per frame",
+    "_per_mm2": "1 per mm²",
+    "_per_mm": "1 per mm",
+    "_per_px": "1 per px",
+    "_frames": "frames",
+    "_share": "share",
+    "_mm": "mm",
+    "_um": "µm",
+    "_nm": "nm",
+    "_px": "px",
+    "_deg": "°",
+    "_ms": "ms",
+    "_us": "µs",
+    "_s": "s",
+}
+"""Ends of names that tell a unit, the longer first."""
+_AXES = ("X", "Y", "Z")
+_OMITTED = ("lighting",)
+"""Parts of a scene whose parts tell enough."""
+_UNIT_VECTORS = ([1, 0, 0], [0, 1, 0], [0, 0, 1])
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Return a name in words, and the unit that it ends with; an empty text for none.
+
+    Examples
+    --------
+    >>> split_unit("focal_length_px"), split_unit("rate_per_hour"), split_unit("seen_share"), split_unit("seed")
+    (('focal length', 'px'), ('rate', '1 per hour'), ('seen share', ''), ('seed', ''))
+    """
+    for end, unit in _UNITS.items():
+        if name.endswith(end) and len(name) > len(end):
+            kept = name.removesuffix(end) if unit != "share" else name
+            kept += "_rate" if end == "_rate_per_hour" else ""
+            return kept.replace("_", " "), "" if unit == "share" else unit
+    if name == "rate_per_hour":
+        return "rate", "1 per hour"
+    return name.replace("_", " "), ""
+
+
+def format_label(path: str, plain: Mapping[str, Any]) -> tuple[str, str]:
+    """Return a field in words, and its unit.
+
+    Parameters
+    ----------
+    path
+        Its path in a scene, or the name of a value.
+    plain
+        A scene with that field, as plain values: objects are told by their names, parts by their kinds.
+
+    Examples
+    --------
+    >>> scene = {"objects": [{"name": "cube", "pose": {"position_mm": [0, 0, 600]}, "motion": [{"kind": "velocity"}]}]}
+    >>> paths = "objects.0.pose.position_mm.2", "objects.0.motion.0.velocity_mm_per_frame"
+    >>> tuple(format_label(path, scene) for path in paths)
+    (('cube: pose position Z', 'mm'), ('cube: motion velocity', 'mm per frame'))
+    """
+    words: list[str] = []
+    unit, above = "", list[str]()
+    for key in path.split("."):
+        if re.fullmatch(r"[0-9]+", key) and above:
+            words = _with_index(words, int(key), _at(plain, above))
+        else:
+            told, own = split_unit(key)
+            unit = f"{unit} {own}" if unit and own.startswith("per ") else own
+            # A velocity's velocity need not be told twice.
+            words += [] if key in _OMITTED or (words and told == words[-1]) else [told]
+        above.append(key)
+    return " ".join(words), unit
+
+
+def format_title(title: str, unit: str) -> str:
+    """Return a title with its unit in brackets, if it has one."""
+    return f"{title} [{unit}]" if unit else title
+
+
+def _with_index(words: list[str], index: int, around: Any) -> list[str]:
+    """Add an entry of a list to words: by its name, its kind, its axis, or its number."""
+    if isinstance(around, Sequence) and not isinstance(around, str) and index < len(around):
+        entry = around[index]
+        if isinstance(entry, Mapping) and isinstance(entry.get("name"), str):
+            return [*words[:-1], f"{entry['name']}:"]
+        if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str):
+            return [*words, entry["kind"].replace("_", " ")]
+        if isinstance(entry, Mapping) and entry.get("axis") in _UNIT_VECTORS:
+            return [*words, f"about {_AXES[_UNIT_VECTORS.index(entry['axis'])]}"]
+        if len(around) == len(_AXES) and all(isinstance(one, int | float) for one in around):
+            return [*words, _AXES[index]]
+    return [*words, f"({index})"]
+
+
+def _at(plain: Mapping[str, Any], keys: Sequence[str]) -> Any:
+    try:
+        return value_at(plain, ".".join(keys))
+    except PathError:
+        return None
+
+
+_LONGEST = 300
+_DESCRIBED_SEPARATELY = ("kind", "name", "together", "plan")
+
+
+def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
+    """Return what varies: label, path or name, and the distribution in words."""
+    plain = sampler.bases[0].to_plain()
+    return [
+        (format_title(*format_label(item.key, plain)), item.key, describe_distribution(item.distribution))
+        for item in sampler.varied
+    ]
+
+
+def describe_distribution(distribution: Distribution) -> str:
+    """Return a distribution in words.
+
+    Examples
+    --------
+    >>> from scenetruth.dataset.distributions import UniformDistribution
+    >>> describe_distribution(UniformDistribution(low=2, high=4, plan="sobol"))
+    'uniform: low 2, high 4 (sobol)'
+    """
+    told = distribution.model_dump(mode="json", exclude_defaults=True)
+    if isinstance(distribution, FormulaDistribution):
+        return _cut(f"= {distribution.formula}" + (", rounded" if distribution.whole else ""))
+    kind = str(getattr(distribution, "kind", "")).replace("_", " ")
+    values = ", ".join(
+        f"{name.replace('_', ' ')} {_value(told[name])}" for name in told if name not in _DESCRIBED_SEPARATELY
+    )
+    words = f"{kind}: {values}" if values else kind
+    if isinstance(distribution, RandomDistribution) and distribution.plan != "independent":
+        words += f" ({distribution.plan.replace('_', ' ')})"
+    return _cut(words)
+
+
+def describe_criterion(bound: AcceptanceCriterion) -> str:
+    """Return a bound of geometry in words.
+
+    Examples
+    --------
+    >>> from scenetruth.dataset.acceptance import VisibleFractionCriterion
+    >>> describe_criterion(VisibleFractionCriterion(object="leaf-*", at_least=0.2))
+    'visible share of leaf-*: at least 0.2'
+    """
+    kind = str(getattr(bound, "kind", "")).replace("_", " ")
+    told = bound.model_dump(mode="json", exclude_none=True)
+    of = f" of {told['object']}" if told.get("object", "*") != "*" else ""
+    ends = [
+        f"{word} {value:g}{bound.unit}"
+        for word, value in (("at least", bound.at_least), ("at most", bound.at_most))
+        if value is not None
+    ]
+    others = [
+        f"{name.replace('_', ' ')} {_value(value)}"
+        for name, value in told.items()
+        if name not in ("kind", "object", "at_least", "at_most")
+    ]
+    return f"{kind}{of}: {', '.join([*ends, *others])}"
+
+
+def tabulate_paired_factors(sampler: Sampler) -> list[tuple[str, str, str]]:
+    """Return ladders: label, path, and the values of their steps."""
+    plain = sampler.bases[0].to_plain()
+    return [
+        (format_title(*format_label(path, plain)), path, ", ".join(map(_value, values)))
+        for path, values in sampler.recipe.paired.items()
+    ]
+
+
+def describe_splits(sampler: Sampler) -> dict[str, str]:
+    """Return what each split is for, by its name: its share, or the values that are held out."""
+    recipe = sampler.recipe
+    total = sum(recipe.splits.values())
+    words = {
+        name: f"{format_number(100 * share / total)} % of what is not held out" for name, share in recipe.splits.items()
+    }
+    if recipe.hold_out:
+        held = "; ".join(f"{key}: {', '.join(map(_value, values))}" for key, values in recipe.hold_out.items())
+        words[HELD_OUT] = f"all samples with {held}"
+    if not recipe.hold_out:
+        words = {name: told.replace(" of what is not held out", "") for name, told in words.items()}
+    return words
+
+
+def _cut(words: str) -> str:
+    return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "none"}[value]
+    if isinstance(value, float):
+        return f"{value:.10g}"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_value(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return str(value)
+
+
+_MAX_LISTED = 20
+_NUMBER = re.compile(r"(?<![\w.])-?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?(?![\w]|\.\w)")
+
+
+def tabulate_rejections(reasons: Mapping[str, int]) -> list[tuple[str, int]]:
+    """Return why draws were refused and how many, the most frequent first.
+
+    Parameters
+    ----------
+    reasons
+        The reasons as a draw tells them. Of scenes that cannot be made, numbers do not count.
+
+    Examples
+    --------
+    >>> counts = {"depth of cube over 9 mm": 4, "cannot be made: at frame 3": 3, "cannot be made: at frame 12": 2}
+    >>> tabulate_rejections(counts)
+    [('cannot be made: at frame …', 5), ('depth of cube over 9 mm', 4)]
+    """
+    found = Counter[str]()
+    for reason, count in reasons.items():
+        unmade = reason.startswith("cannot be made")
+        found[_NUMBER.sub("…", reason) if unmade else reason] += count
+    return sorted(found.items(), key=lambda one: (-one[1], one[0]))[:_MAX_LISTED]
+
+
+_SPECIAL = re.compile(r"([\\`*_{}\[\]#!|~$])")
+_AT_BEGIN = re.compile(r"^([-+=]|[0-9]+(?=[.)]))")
+
+
+class RawMarkdown(str):
+    """Markdown that stays as it is."""
+
+    __slots__ = ()
+
+
+def render_html(template: str, **content: Any) -> str:
+    """Return a page.
+
+    Parameters
+    ----------
+    template
+        Name of a template of this room.
+    **content
+        What it shows; texts may hold anything.
+    """
+    environment = _environment(autoescape=True)
+    return environment.get_template(template).render(content)
+
+
+def render_markdown(template: str, **content: Any) -> str:
+    """Return a text in Markdown.
+
+    Parameters
+    ----------
+    template
+        Name of a template of this room.
+    **content
+        What it shows; texts may hold anything.
+    """
+    environment = _environment(autoescape=False, finalize=_finalized)
+    environment.filters |= {"code": format_code, "verbatim": RawMarkdown}
+    return environment.get_template(template).render(content)
+
+
+def _environment(**options: Any) -> Environment:
+    environment = template_environment("scenetruth.dataset.pages", keep_trailing_newline=True, **options)
+    environment.filters |= {"number": format_number, "count": format_count, "size": format_size}
+    return environment
+
+
+def escape_markdown(text: str) -> str:
+    r"""Return a text on one line in which nothing acts as Markdown or HTML.
+
+    Examples
+    --------
+    >>> print(escape_markdown("*bold* <b>\nnext"))
+    \*bold\* &lt;b&gt; next
+    >>> print(escape_markdown("1. first"), escape_markdown("- 2"), escape_markdown("1.5 mm"))
+    1\. first \- 2 1\.5 mm
+    """
+    plain = visible(" ".join(text.split()), lines=False)
+    plain = plain.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    begun = _AT_BEGIN.match(plain)
+    # A number and a point at the beginning of a line would make it part of a list.
+    head = "" if begun is None else (f"{begun[1]}\\" if begun[1].isdecimal() else f"\\{begun[1]}")
+    return head + _SPECIAL.sub(r"\\\1", plain[0 if begun is None else begun.end() :])
+
+
+def format_code(text: Any) -> RawMarkdown:
+    """Return a text as code on one line, whatever it holds.
+
+    Examples
+    --------
+    >>> print(format_code("a`b"))
+    ``a`b``
+    """
+    plain = visible(" ".join(str(text).split()), lines=False).replace("|", "\\|")
+    longest = max((len(run) for run in re.findall("`+", plain)), default=0)
+    fence = "`" * (longest + 1)
+    space = " " if plain.startswith("`") or plain.endswith("`") else ""
+    return RawMarkdown(f"{fence}{space}{plain}{space}{fence}") if plain else RawMarkdown("–")
+
+
+def format_size(count: float) -> str:
+    """Return a number of bytes as people read it.
+
+    Examples
+    --------
+    >>> format_size(999), format_size(1_234_567)
+    ('999 B', '1.23 MB')
+    """
+    for size, unit in ((1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
+        if count >= size:
+            return f"{format_number(count / size)} {unit}"
+    return f"{int(count)} B"
+
+
+def _finalized(value: Any) -> Any:
+    return value if isinstance(value, RawMarkdown) or not isinstance(value, str) else escape_markdown(value)

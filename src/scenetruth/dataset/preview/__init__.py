@@ -1,1 +1,0 @@
-"""What a recipe would make, seen before anything is made."""

@@ -1,0 +1,340 @@
+"""Reading of data sets: a sequence of samples whose images and maps are loaded when they are used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, cast, overload
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from scenetruth.dataset.catalogue import load_scores, read_catalogue
+from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
+from scenetruth.dataset.layout import RECORDING, SCENE, TRUTH, DatasetFolder, compute_shard_number, extract_sample
+from scenetruth.errors import Problem, RecipeError, StoreError
+from scenetruth.pipeline import RunDirectory
+from scenetruth.scene import Scene, load_scene
+from scenetruth.storage import load_store, open_store
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Sample", "SceneDataset", "open_dataset"]
+
+
+_VALUE = "value."
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One sample of a data set.
+
+    Parameters
+    ----------
+    number
+        Its number in the data set.
+    folder
+        The data set.
+    shard
+        The tar file that holds it; None if it has a folder of its own.
+    row
+        What the catalogue tells of it.
+    """
+
+    number: int
+    folder: DatasetFolder
+    shard: Path | None
+    row: dict[str, Any] = field(repr=False)
+
+    @property
+    def run(self) -> RunDirectory:
+        """Its folder, which is that of a run.
+
+        Raises
+        ------
+        StoreError
+            If it lies in a tar file.
+        """
+        if self.shard is not None:
+            raise StoreError(self.shard, "holds many samples; this one has no folder of its own")
+        return RunDirectory(self.folder.sample(self.number))
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """What was drawn, by path or name."""
+        return {key.removeprefix(_VALUE): value for key, value in self.row.items() if key.startswith(_VALUE)}
+
+    @cached_property
+    def recording(self) -> xr.Dataset:
+        """The recording; images are read when they are used, of a tar file all at once."""
+        return self._opened(RECORDING, "recording")
+
+    @cached_property
+    def truth(self) -> xr.Dataset:
+        """The truth; maps are read when they are used, of a tar file all at once."""
+        return self._opened(TRUTH, "truth")
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+        if self.shard is None:
+            return load_scene(self.folder.sample(self.number) / SCENE)
+        with extract_sample(self.shard, self.number) as files:
+            return load_scene(files / SCENE)
+
+    def estimate(self, method: str | None = None) -> xr.Dataset:
+        """Return the estimate of a method, made by ``scenetruth dataset estimate``.
+
+        Parameters
+        ----------
+        method
+            The method; that of the scene if not given.
+
+        Raises
+        ------
+        StoreError
+            If there is none.
+        """
+        run = self.run
+        return open_store(run.of(method or run.own_method).estimate, "estimate")
+
+    def _opened(self, name: str, kind: Literal["recording", "truth"]) -> xr.Dataset:
+        if self.shard is None:
+            return open_store(self.folder.sample(self.number) / name, kind)
+        with extract_sample(self.shard, self.number) as files:
+            return load_store(files / name, kind)
+
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["stack_lazily"]
+
+
+def stack_lazily(
+    variable: str, of: Literal["recording", "truth"], samples: Sequence[Sample], source: Path
+) -> xr.DataArray:
+    """Return a variable of samples in one array; see `SceneDataset.stack`.
+
+    Parameters
+    ----------
+    variable, of
+        Name of the variable, and where it is.
+    samples
+        The samples.
+    source
+        The data set, for messages.
+    """
+    if not samples:
+        raise StoreError(source, "has no samples to stack")
+    first = getattr(samples[0], of)
+    if variable not in first:
+        raise StoreError(source, f"has no '{variable}' in its {of}; it has {', '.join(map(str, first.data_vars))}")
+    like = first[variable]
+    values = indexing.LazilyIndexedArray(_Stack(variable, of, samples, source, like))
+    coords = {name: one for name, one in like.coords.items() if "sample" not in one.dims}
+    coords["sample"] = xr.DataArray([sample.number for sample in samples], dims="sample")
+    data = xr.Variable(("sample", *like.dims), values, dict(like.attrs), fastpath=True)
+    return xr.DataArray(data, coords, name=variable)
+
+
+class _Stack(BackendArray):
+    """The values of one variable of many samples."""
+
+    def __init__(self, variable: str, of: str, samples: Sequence[Sample], source: Path, like: xr.DataArray) -> None:
+        self._variable, self._of, self._samples, self._source = variable, of, samples, source
+        self.shape, self.dtype = (len(samples), *like.shape), np.dtype(like.dtype)
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> NDArray[Any]:
+        """Read what a selection of xarray's asks for."""
+        support = indexing.IndexingSupport.OUTER
+        return np.asarray(indexing.explicit_indexing_adapter(key, self.shape, support, self._read))
+
+    def _read(self, key: tuple[Any, ...]) -> NDArray[Any]:
+        first, *rest = key
+        places = np.arange(self.shape[0])[first]
+        inside = dict(zip(range(len(rest)), rest, strict=True))
+        if np.ndim(places) == 0:
+            return self._of_sample(int(places), inside)
+        parts = [self._of_sample(int(place), inside) for place in places]
+        return np.stack(parts) if parts else np.empty((0, *self.shape[1:]), self.dtype)
+
+    def _of_sample(self, place: int, inside: dict[int, Any]) -> NDArray[Any]:
+        sample = self._samples[place]
+        found = getattr(sample, self._of)[self._variable]
+        if found.shape != self.shape[1:]:
+            message = f"sample {sample.number} has a '{self._variable}' of shape {found.shape}, and the first "
+            raise StoreError(self._source, f"{message}{self.shape[1:]}: select samples that are alike first")
+        return np.asarray(found.isel({found.dims[axis]: one for axis, one in inside.items()}).values)
+
+
+class SceneDataset(Sequence[Any]):
+    """The samples of a data set, in the order of their numbers.
+
+    It has a length, is indexed and sliced, and can be pickled: what PyTorch calls a map-style data set.
+
+    Parameters
+    ----------
+    folder
+        The data set.
+    catalogue
+        Its samples, one row for each.
+    transform
+        What is made of every sample that is asked for by its index; the sample itself if not given.
+
+    See Also
+    --------
+    open_dataset : Opens one.
+    """
+
+    def __init__(
+        self, folder: DatasetFolder, catalogue: pd.DataFrame, transform: Callable[[Sample], Any] | None = None
+    ) -> None:
+        self.folder, self.catalogue, self._transform = folder, catalogue, transform
+
+    def __repr__(self) -> str:
+        return f"SceneDataset({str(self.folder.path)!r}, {len(self)} samples)"
+
+    def __len__(self) -> int:
+        return len(self.catalogue)
+
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Any: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> SceneDataset: ...
+
+    def __getitem__(self, index: SupportsIndex | slice) -> Any:
+        """Return a sample, or what the transform makes of it; of a slice, those samples."""
+        if isinstance(index, slice):
+            return SceneDataset(self.folder, self.catalogue.iloc[index], self._transform)
+        sample = self.sample(index)
+        return sample if self._transform is None else self._transform(sample)
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[index] for index in range(len(self)))
+
+    def sample(self, index: SupportsIndex) -> Sample:
+        """Return a sample by its place in the sequence, negative from the end.
+
+        Raises
+        ------
+        IndexError
+            If there is none.
+        """
+        place = range(len(self))[int(index)]
+        row: dict[str, Any] = {str(key): value for key, value in self.catalogue.iloc[place].to_dict().items()}
+        number = int(row["sample"])
+        shard = self.folder.shard(compute_shard_number(number, self._per_shard))
+        # What still lies in a folder beside its tar file is about to be removed.
+        return Sample(number, self.folder, shard if shard.exists() else None, row)
+
+    def select(self, query: str) -> SceneDataset:
+        r"""Return the samples that a query of the catalogue finds.
+
+        Parameters
+        ----------
+        query
+            As of `pandas.DataFrame.query`: ``"split == 'train' and depth_min_mm > 600"``; names with dots stand in
+            backticks, ``"`value.objects.0.pose.position_mm.2` < 650"``.
+
+        Raises
+        ------
+        RecipeError
+            If it cannot be understood.
+        """
+        try:
+            found = self.catalogue.query(query)
+        except Exception as error:  # pandas raises many kinds
+            message = f"cannot be understood: {error}; columns: {', '.join(map(str, self.catalogue.columns[:60]))}"
+            raise RecipeError([Problem("query", message, query)]) from error
+        return SceneDataset(self.folder, cast("pd.DataFrame", found), self._transform)
+
+    def split(self, name: str) -> SceneDataset:
+        """Return the samples of a split."""
+        return SceneDataset(self.folder, self.catalogue[self.catalogue["split"] == name], self._transform)
+
+    def stack(self, variable: str, of: Literal["recording", "truth"] = "truth") -> xr.DataArray:
+        """Return a variable of all samples in one array, whose samples are read when they are used.
+
+        Parameters
+        ----------
+        variable
+            Its name, such as ``depth``.
+        of
+            Where it is.
+
+        Returns
+        -------
+        xarray.DataArray
+            With ``sample`` before its own dimensions; ``.chunk()`` makes a Dask array of it.
+
+        Raises
+        ------
+        StoreError
+            If there are no samples, no such variable, or shapes that differ.
+        """
+        return stack_lazily(variable, of, [self.sample(index) for index in range(len(self))], self.folder.path)
+
+    @cached_property
+    def identity(self) -> DatasetFingerprint:
+        """What the data set is."""
+        return read_fingerprint(self.folder)
+
+    @cached_property
+    def _per_shard(self) -> int:
+        return open_sampler(self.folder).recipe.samples_per_shard
+
+
+def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | None = None) -> SceneDataset:
+    """Open a data set that ``scenetruth dataset run`` has made, or is making.
+
+    Parameters
+    ----------
+    folder
+        Its folder.
+    transform
+        What is made of every sample that is asked for by its index, such as a pair of arrays to learn from.
+
+    Returns
+    -------
+    SceneDataset
+        The samples that are in the catalogue, which has the scores of methods too: ``score.METHOD.interior.depth.rms``.
+
+    Raises
+    ------
+    StoreError
+        If there is no data set, or it is damaged.
+
+    See Also
+    --------
+    run_dataset : Make a data set.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
+    >>> far = {"objects.0.pose.position_mm.2": {"kind": "list", "values": [90, 100, 110]}}
+    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 3, "vary": far})
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = st.run_dataset(recipe, f"{folder}/walls", workers=0)
+    ...     near = st.open_dataset(f"{folder}/walls").select("depth_max_mm < 105")
+    ...     print(len(near), near[0].values, near.stack("depth").max("sample").values[0, 12, 15])
+    2 {'objects.0.pose.position_mm.2': 90.0} 100.0
+    """
+    places = DatasetFolder(folder)
+    read_fingerprint(places)
+    catalogue = read_catalogue(places, open_sampler(places)).to_pandas()
+    for method, scores in load_scores(places).items():
+        catalogue = catalogue.join(scores.add_prefix(f"score.{method}."), on="sample")
+    return SceneDataset(places, catalogue, transform)

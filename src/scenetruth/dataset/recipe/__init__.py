@@ -1,1 +1,0 @@
-"""What a recipe of a data set may say, and where it is read."""

@@ -1,0 +1,269 @@
+"""Loading of recipes from files and from plain values, with every problem listed."""
+
+from __future__ import annotations
+
+import difflib
+import errno
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from scenetruth.dataset.recipe_model import PATH_PATTERN, Recipe
+from scenetruth.dataset.sampler import Sampler
+from scenetruth.errors import Problem, RecipeError, SceneError
+from scenetruth.input_files import bundled_file, bundled_files, validation_context
+from scenetruth.plain_data import plain_problems
+from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene.field_paths import PathError, assign, expand
+from scenetruth.scene.suggestions import suggest_word
+from scenetruth.scene.yaml_reader import read_file
+
+__all__ = ["load_recipe", "recipe_from_plain"]
+
+_NOT_THERE = f"cannot be read: {os.strerror(errno.ENOENT)}"
+_MAPPING = "a mapping of name, base, samples, vary, ..."
+
+
+def load_recipe(file: str | Path) -> Sampler:
+    """Load a recipe of a data set.
+
+    Parameters
+    ----------
+    file
+        The YAML file, or the name of a recipe that is shipped, as ``"leaves"``, if no file has it. Relative paths in it
+        count from its folder.
+
+    Returns
+    -------
+    Sampler
+        The recipe with its base scenes, ready to draw samples.
+
+    Raises
+    ------
+    RecipeError
+        If the file cannot be read, or with every problem that its content, or a base scene, has.
+
+    See Also
+    --------
+    recipe_from_plain : A recipe from plain values.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> text = '''
+    ... name: walls
+    ... base:
+    ...   camera: {width: 40, height: 30, focal_length_px: 60}
+    ...   stage: {positions: 3, baseline_mm: 5}
+    ...   frames: {count: 2}
+    ...   objects: [{name: wall, mesh: {kind: plane, size_mm: [90, 90]}, texture: {kind: uniform},
+    ...              pose: {position_mm: [0, 0, 100]}}]
+    ... samples: 10
+    ... vary:
+    ...   objects.0.pose.position_mm.2: {kind: uniform, low: 90, high: 110}
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "walls.yaml").write_text(text)
+    ...     len(load_recipe(f"{folder}/walls.yaml"))
+    10
+    """
+    file = bundled_file(file, within="datasets") or file
+    plain, folder = read_file(file, "a recipe", RecipeError)
+    return recipe_from_plain(plain, source=file, folder=folder)
+
+
+def recipe_from_plain(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> Sampler:
+    """Validate a recipe given as plain values.
+
+    Parameters
+    ----------
+    plain
+        The values, as in a file.
+    source
+        Where they are from, for messages.
+    folder
+        Folder that relative paths of files count from; None leaves them as they are.
+
+    Returns
+    -------
+    Sampler
+        The recipe with its base scenes, ready to draw samples.
+
+    Raises
+    ------
+    RecipeError
+        With every problem and its path.
+
+    See Also
+    --------
+    load_recipe : A recipe from a file in YAML.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}}
+    >>> far = {"objects.0.pose.position_mm.2": {"kind": "integers", "low": 90, "high": 110}}
+    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 100, "vary": far})
+    >>> len(recipe), recipe.draw(41).values == recipe.draw(41).values, recipe.draw(41).scene()
+    (100, True, Scene(30 x 25 px; 2 positions x 1 frames; objects: wall))
+    """
+    if not isinstance(plain, Mapping):
+        raise RecipeError([Problem("", f"must be {_MAPPING}", plain)], source=source)
+    problems = plain_problems(plain)
+    if problems:
+        raise RecipeError(problems, source=source)
+    try:
+        recipe = Recipe.model_validate(dict(plain), context=validation_context(folder))
+    except ValidationError as error:
+        problems = [*_problems_of(error, plain), *_missing_bases(plain, folder)]
+        raise RecipeError(problems, source=source) from error
+    for where, entry in [(f"values.{key}", item) for key, item in recipe.values.items()] + [
+        (f"vary.{key}", item) for key, item in recipe.vary.items()
+    ]:
+        problems += [Problem(f"{where}.{one.path}", one.message, one.value) for one in entry.problems()]
+    bases = [_base(recipe, number, folder, problems) for number in range(len(recipe.base))]
+    if problems:
+        raise RecipeError(problems, source=source)
+    try:
+        return Sampler(recipe, [base for base in bases if base is not None])
+    except RecipeError as error:
+        raise RecipeError(error.problems, source=source) from error
+
+
+def _base(recipe: Recipe, number: int, folder: Path | None, problems: list[Problem]) -> Scene | None:
+    """Return a base scene with the changes that all samples share, or add what is wrong with it."""
+    given = recipe.base[number].scene
+    where = f"base.{number}"
+    try:
+        scene = load_scene(given) if isinstance(given, str) else scene_from_plain(given, folder=folder)
+        return _changed(scene, recipe.set)
+    except SceneError as error:
+        for one in error.problems:
+            path = one.path if one.path.startswith("set.") else ".".join(filter(None, (where, one.path)))
+            if isinstance(given, str) and not one.path and one.message == _NOT_THERE:
+                problems.append(Problem(path, _no_such_scene(given), given))
+                continue
+            told = f"{one.message} ({given})" if isinstance(given, str) else one.message
+            problems.append(Problem(path, told, one.value))
+        return None
+
+
+def _missing_bases(plain: Mapping[str, Any], folder: Path | None) -> list[Problem]:
+    """Return which files of base scenes are missing in a recipe that cannot be validated as a whole."""
+    given = plain.get("base")
+    entries = given if isinstance(given, list | tuple) else [given]
+    files = [entry.get("scene") if isinstance(entry, Mapping) else entry for entry in entries]
+    return [
+        Problem(f"base.{number}", _no_such_scene(file), file)
+        for number, file in enumerate(files)
+        if isinstance(file, str) and not (bundled_file(file, folder) or (folder or Path()) / file).exists()
+    ]
+
+
+def _no_such_scene(given: str) -> str:
+    """Return why a base scene is not there, and which of those that are shipped may be meant."""
+    path, shipped = Path(given), bundled_files()
+    if path.suffix:
+        known = path.suffix in (".yaml", ".yml") and path.stem in shipped
+        remedy = (
+            f"; a scene of this name is shipped, and called without folder and suffix: {path.stem}" if known else ""
+        )
+        return f"{_NOT_THERE}{remedy}"
+    near = [f"'{name}'" for name in difflib.get_close_matches(path.name.lower(), shipped, n=3)]
+    question = f"; did you mean {' or '.join(near)}?" if near else ";"
+    return f"no such file, and no scene of this name is shipped{question} `scenetruth scenes` lists all"
+
+
+def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+    if not changes:
+        return scene
+    plain = scene.to_plain()
+    problems = []
+    for path, value in changes.items():
+        try:
+            for place in expand(plain, path):
+                assign(plain, place, value)
+        except PathError as error:
+            problems.append(Problem(f"set.{path}", str(error), value))
+    if problems:
+        raise SceneError(problems)
+    return scene_from_plain(plain)
+
+
+def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> Sequence[Problem]:
+    found: dict[tuple[str, str], Problem] = {}
+    for entry in error.errors(include_url=False)[:_MAX_LISTED]:
+        path = _path_in(plain, entry["loc"])
+        message = entry["msg"].removeprefix("Value error, ")
+        if entry["type"] == "extra_forbidden":
+            message = "unknown key" + _suggest_key(str(entry["loc"][-1]), entry["loc"])
+        elif entry["type"] == "missing":
+            message = "is missing"
+        elif entry["type"] == "union_tag_invalid":
+            tag, kinds = entry["ctx"]["tag"], entry["ctx"]["expected_tags"]
+            message = f"is of no known kind: '{tag}' is none of {kinds}" + suggest_word(tag, kinds)
+        elif entry["type"] == "union_tag_not_found":
+            message = "needs a kind, such as {kind: uniform, low: 1, high: 2}"
+        elif entry["type"] == "string_pattern_mismatch":
+            message = _letters_allowed(path, str(entry["input"]))
+            path = path.removesuffix(f".{_KEY}")
+        # Of a recipe as a whole nothing can be shown.
+        value = None if entry["type"] == "missing" or not path else entry.get("input")
+        problem = Problem(path, message[:1].lower() + message[1:], value)
+        found.setdefault((path, problem.message), problem)
+    problems = list(found.values())
+    if any(problem.message == "is missing" for problem in problems):
+        # What is missing may stand there under a wrong name, which is what is to be mended.
+        problems.sort(key=lambda problem: not problem.message.startswith("unknown key; did you mean"))
+    return problems
+
+
+_MAX_LISTED = 100
+_KEY = "[key]"
+"""What pydantic calls the key of a mapping."""
+
+
+def _letters_allowed(path: str, given: str) -> str:
+    """Say in words of which letters a name, or a path of a field, is made, and how the given one would be spelled."""
+    if path == "name":
+        spelled = re.sub(r"[^A-Za-z0-9_.-]+", "-", given).strip("-._")
+        allowed = "must consist of the letters A to Z and a to z, digits, points, dashes and underscores, and begin "
+        return f"{allowed}with a letter or a digit" + (f", as in {spelled:.100}" if spelled else "")
+    if path.endswith(_KEY):
+        spelled = re.sub(r"\[(\d+|\*)\]", r".\1", given)
+        remedy = f"; write {spelled:.200}" if spelled != given and re.fullmatch(PATH_PATTERN, spelled) else ""
+        return f"is no path of a field: keys and indices with dots between them, as objects.0.mesh.size_mm{remedy}"
+    return "must consist of the letters A to Z and a to z, digits and underscores, and not begin with a digit"
+
+
+def _suggest_key(key: str, loc: Sequence[Any]) -> str:
+    if len(loc) != 1:
+        return ""
+    near = difflib.get_close_matches(key, list(Recipe.model_fields), n=1)
+    return f"; did you mean '{near[0]}'?" if near else f"; known here: {', '.join(Recipe.model_fields)}"
+
+
+def _path_in(plain: Any, loc: Sequence[Any]) -> str:
+    """Spell a location as keys of the file, leaving out the kinds that pydantic puts in between."""
+    keys, here = list[str](), plain
+    for index, key in enumerate(loc):
+        inside = isinstance(here, Mapping) and key in here
+        listed = isinstance(here, list | tuple) and isinstance(key, int) and key < len(here)
+        if inside or listed:
+            here = here[key]
+        elif index < len(loc) - 1 or _is_kind(here, key):
+            continue
+        keys.append(str(key))
+    return ".".join(keys)
+
+
+def _is_kind(here: Any, key: Any) -> bool:
+    """Whether the last part of a location names the kind of what is wrong as a whole, and no key of it."""
+    return isinstance(here, Mapping) and str(here.get("kind", "")).lower() == key

@@ -1,0 +1,295 @@
+"""Trial draws of a recipe: ranges that the fields of a scene forbid, and counts of rejected draws."""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from scenetruth.dataset.distributions import DerivedDistribution
+from scenetruth.dataset.executors import ordered_map
+from scenetruth.dataset.sampler import Draw, Sampler
+from scenetruth.errors import Problem, RecipeError, SceneError
+from scenetruth.progress import Progress
+from scenetruth.random_streams import generator_for
+from scenetruth.scene import scene_from_plain
+from scenetruth.scene.field_paths import PathError, assign
+
+__all__ = [
+    "AcceptedDraws",
+    "DrawReport",
+    "draw_samples",
+    "range_problems",
+    "refuse_recipe",
+    "select_numbers",
+    "try_draws",
+]
+
+
+_TRIED = 16
+"""Draws that are made into scenes before the first sample: what ends of single ranges do not show."""
+_MAX_LISTED = 40
+
+
+@dataclass(frozen=True)
+class DrawReport:
+    """What became of some draws.
+
+    Parameters
+    ----------
+    accepted
+        How many samples were accepted.
+    drawn
+        How many draws that took.
+    reasons
+        Why draws were refused, and how many.
+    problems
+        Samples that cannot be drawn.
+    """
+
+    accepted: int
+    drawn: int
+    reasons: Mapping[str, int]
+    problems: tuple[Problem, ...] = ()
+
+    def __str__(self) -> str:
+        if not self.reasons:
+            return f"rejected: none of {self.drawn}"
+        rejected = self.drawn - self.accepted
+        told = ", ".join(
+            f"{reason}" + (f" ({count})" if len(self.reasons) > 1 else "")
+            for reason, count in sorted(self.reasons.items(), key=lambda one: (-one[1], one[0]))[:_REASONS]
+        )
+        more = f", and {len(self.reasons) - _REASONS} more reasons" if len(self.reasons) > _REASONS else ""
+        return f"rejected: {rejected} of {self.drawn}: {told}{more}"
+
+
+_REASONS = 6
+
+
+def refuse_recipe(sampler: Sampler, *, tried: int = _TRIED) -> None:
+    """Refuse a recipe of which single values, or some of the first samples, make no scene.
+
+    Parameters
+    ----------
+    sampler
+        The recipe with its base scenes.
+    tried
+        How many of the first samples are made into scenes.
+
+    Raises
+    ------
+    RecipeError
+        With every value that a scene's field forbids, and every sample among the first that makes no scene.
+    """
+    problems = range_problems(sampler) or _first_problems(sampler, tried)
+    if problems:
+        raise RecipeError(problems)
+
+
+def range_problems(sampler: Sampler) -> list[Problem]:
+    """Return what scenes' fields forbid of what they may be given: both ends of ranges, every choice, every step.
+
+    Parameters
+    ----------
+    sampler
+        The recipe with its base scenes; each value is tried with all others in the middle of their ranges.
+
+    Returns
+    -------
+    list of Problem
+        One for each value that is forbidden, with where it stands in the recipe.
+    """
+    problems: dict[tuple[str, str], Problem] = {}
+
+    def add(where: str, message: str, value: Any) -> None:
+        problems.setdefault((where, message), Problem(where, message, value))
+
+    for number in range(len(sampler.bases)):
+        of = f" (in base {number})" if len(sampler.bases) > 1 else ""
+        try:
+            middle = sampler.middle(number)
+            known = {(one.path, one.message) for one in _scene_problems(middle)}
+        except SceneError as error:
+            for one in error.problems:
+                add(one.path, f"{one.message}{of}", one.value)
+            continue
+        tried = [
+            (f"{item.where}.{part}", item.places, value)
+            for item in sampler.varied
+            if item.places and not isinstance(item.distribution, DerivedDistribution)
+            for part, value in item.distribution.trials()
+        ]
+        tried += [(f"paired.{path}", places, value) for path, places, value in sampler.ladders]
+        told = set[tuple[str, str]]()
+        for where, places, value in tried:
+            for one in _problems_with(middle, places, value):
+                own = any(_is_inside(one.path, place) for place in places)
+                if own or (one.path, one.message) not in known:
+                    add(where, f"{one.message if one.path in places else f'{one.path}: {one.message}'}{of}", one.value)
+                    told.add((one.path, one.message))
+        for one in _scene_problems(middle):
+            if (one.path, one.message) not in told:
+                add(one.path, f"{one.message}, with every value in the middle of its range{of}", one.value)
+    return list(problems.values())[:_MAX_LISTED]
+
+
+def try_draws(
+    sampler: Sampler,
+    samples: int | Sequence[int],
+    progress: Progress | None = None,
+    keep: Callable[[Draw], None] | None = None,
+    workers: int = 0,
+) -> DrawReport:
+    """Draw some samples, and count what is accepted.
+
+    Parameters
+    ----------
+    sampler
+        The recipe with its base scenes.
+    samples
+        How many of the first samples, or numbers of draws.
+    progress
+        Called with (what, done, total).
+    keep
+        Called with every draw that was accepted.
+    workers
+        Processes that look at the geometry, where bounds ask for it; 0 for this one.
+    """
+    drawn, reasons, problems = 0, Counter[str](), list[Problem]()
+    numbers = range(min(samples, sampler.recipe.samples)) if isinstance(samples, int) else samples
+    count = len(numbers)
+    # Without bounds a draw takes less time than handing it to a process.
+    drawings = ordered_map(_drawn, sampler, numbers, workers if sampler.recipe.accept else 0)
+    for done, (draw, found) in enumerate(zip(numbers, drawings, strict=True)):
+        if progress is not None:
+            progress("draw", done, count)
+        if isinstance(found, RecipeError):
+            problems += found.problems
+            drawn += sampler.recipe.most_draws
+            continue
+        if isinstance(found, SceneError):
+            problems += [_sample_problems(draw, one) for one in found.problems]
+            continue
+        drawn += found.attempts
+        reasons.update(found.rejected)
+        if keep is not None:
+            keep(found)
+    if progress is not None:
+        progress("draw", count, count)
+    return DrawReport(count - len(problems), drawn, reasons, tuple(problems[:_MAX_LISTED]))
+
+
+def _drawn(sampler: Sampler, draw: int) -> Draw | RecipeError | SceneError:
+    try:
+        return sampler.draw(draw * sampler.recipe.steps)
+    except (RecipeError, SceneError) as error:
+        return error
+
+
+def _problems_with(middle: Mapping[str, Any], places: tuple[str, ...], value: Any) -> tuple[Problem, ...]:
+    """Return what is wrong with a scene in which some fields have a value."""
+    plain = copy.deepcopy(dict(middle))
+    try:
+        for place in places:
+            assign(plain, place, copy.deepcopy(value))
+    except PathError as error:
+        return (Problem(places[0], str(error), value),)
+    return _scene_problems(plain)
+
+
+def _is_inside(path: str, place: str) -> bool:
+    return path == place or path.startswith(f"{place}.")
+
+
+def _scene_problems(plain: Mapping[str, Any]) -> tuple[Problem, ...]:
+    try:
+        scene_from_plain(plain)
+    except SceneError as error:
+        return error.problems
+    return ()
+
+
+def _first_problems(sampler: Sampler, tried: int) -> list[Problem]:
+    """Return what is wrong with the scenes of the first samples."""
+    problems: list[Problem] = []
+    for draw in range(min(tried, sampler.recipe.samples)):
+        try:
+            for step in range(sampler.recipe.steps):
+                sampler.draw(draw * sampler.recipe.steps + step).scene()
+        except RecipeError as error:
+            # One that cannot be accepted is as good as many.
+            return [*problems, *error.problems]
+        except SceneError as error:
+            problems += [_sample_problems(draw, one) for one in error.problems]
+    return problems[:_MAX_LISTED]
+
+
+def _sample_problems(draw: int, problem: Problem) -> Problem:
+    return Problem(problem.path, f"{problem.message} (in sample {draw})", problem.value)
+
+
+_FREE, _BOUNDED = 500, 48
+"""Draws that are shown if not given: looking at the geometry of each takes a thousand times as long."""
+
+
+@dataclass(frozen=True)
+class AcceptedDraws:
+    """Some draws that were accepted, and what became of the others.
+
+    Parameters
+    ----------
+    trial
+        How many draws it took, and why others were refused.
+    draws
+        Those that were accepted, by number.
+    """
+
+    trial: DrawReport
+    draws: list[Draw] = field(default_factory=list)
+
+    def values(self) -> dict[str, list[object]]:
+        """Return the values of all draws by key."""
+        keys = self.draws[0].values if self.draws else {}
+        return {key: [draw.values[key] for draw in self.draws] for key in keys}
+
+
+def draw_samples(
+    sampler: Sampler, count: int | None = None, progress: Progress | None = None, workers: int = 0
+) -> AcceptedDraws:
+    """Draw some samples of a recipe, the same each time.
+
+    Parameters
+    ----------
+    sampler
+        The recipe with its base scenes.
+    count
+        How many; if not given, 500, or 48 if the geometry of each must be looked at.
+    progress
+        Called with (what, done, total).
+    workers
+        Processes that look at the geometry; 0 for this one.
+    """
+    wanted = count or (_BOUNDED if sampler.recipe.accept else _FREE)
+    draws: list[Draw] = []
+    trial = try_draws(sampler, select_numbers(sampler.recipe.samples, wanted), progress, draws.append, workers)
+    return AcceptedDraws(trial, draws)
+
+
+def select_numbers(total: int, wanted: int) -> list[int]:
+    """Return some of the numbers from 0 to a total in order: at random, so that no grid or list is met in step.
+
+    Examples
+    --------
+    >>> select_numbers(3, 5), select_numbers(10**9, 3) == select_numbers(10**9, 3)
+    ([0, 1, 2], True)
+    """
+    if wanted >= total:
+        return list(range(total))
+    chosen = generator_for(0, "some", total, wanted)
+    found: set[int] = set()
+    while len(found) < wanted:
+        found.update(chosen.integers(total, size=wanted - len(found)).tolist())
+    return sorted(found)

@@ -1,0 +1,468 @@
+"""Samples: simulated, described by statistics of their truth, partitioned between machines, and stored."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+import traceback
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
+from scenetruth.dataset.layout import (
+    RECORDING,
+    SAMPLE,
+    SCENE,
+    TRUTH,
+    DatasetFolder,
+    claim_sample,
+    compute_shard_number,
+    list_shard_samples,
+    pack_shard,
+    read_shard_records,
+)
+from scenetruth.dataset.sampler import Draw, Sampler
+from scenetruth.dataset.worker_setup import explain_missing_backend, refuse_other_versions
+from scenetruth.errors import (
+    BackendUnavailableError,
+    MachineError,
+    Problem,
+    RecipeError,
+    ScenetruthError,
+    SceneWarning,
+    StoreError,
+)
+from scenetruth.output import is_full_disk, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.scene import Scene
+from scenetruth.storage import open_store
+
+__all__ = [
+    "STATISTICS",
+    "Partition",
+    "SampleResult",
+    "SampleStore",
+    "build_sample_scene",
+    "compute_truth_statistics",
+    "make_sample",
+    "read_sample",
+    "try_sample",
+]
+
+
+STATISTICS = {
+    "depth_min_mm": "least depth that the reference camera sees at the reference frame",
+    "depth_max_mm": "largest depth",
+    "disparity_min_px": "least disparity, px per step",
+    "disparity_max_px": "largest disparity, px per step",
+    "flow_rms_px_per_frame": "root mean square of the flow of all that is seen, px per frame",
+    "flow_max_px_per_frame": "largest flow, px per frame",
+    "velocity_z_median_mm_per_frame": "median of U_Z over the objects that move, mm per frame; 0 if none does",
+    "growth_median_per_hour": "median growth rate of areas over the objects that grow, 1 per hour; 0 if none does",
+    "seen_share": "share of the image that shows a surface",
+    "occluded_share": "share of what is seen that another camera does not see",
+    "mixed_share": "share of the image whose pixels show an edge",
+}
+"""Columns, and what they mean; all of the reference camera at the reference frame."""
+_HOUR_S = 3600.0
+_STILL = 1e-9
+"""Rounding makes what does not grow grow by less than this per frame, and what rests move by less in mm."""
+
+
+def compute_truth_statistics(truth: xr.Dataset) -> dict[str, Any]:
+    """Return a truth in a few numbers.
+
+    Parameters
+    ----------
+    truth
+        The truth.
+
+    Returns
+    -------
+    dict
+        The values of `STATISTICS`, and under ``objects`` a list with name, image_share (of all pixels), seen_by_all
+        (share of its pixels that every camera sees), depth_min_mm, depth_max_mm and growth_median_per_hour of every
+        object.
+    """
+    at = {name: 0 for name in ("t", "s", "s_y") if name in truth["depth"].dims}
+    names = ("depth", "disparity", "flow", "velocity", "growth_rate", "object_id", "occluded_in_s", "mixed")
+    here = truth[[name for name in names if name in truth]].sel(at).load()
+    maps = {str(name): np.asarray(values) for name, values in here.items()}
+    seen = maps["object_id"] >= 0
+    depth, disparity = maps["depth"][seen], maps["disparity"][seen]
+    speed = np.hypot(*maps["flow"])[seen]
+    per_hour = _HOUR_S / float(truth.attrs["frame_interval_s"])
+    moving = _mask_objects_with(np.linalg.norm(maps["velocity"], axis=0), maps["object_id"])
+    growing = _mask_objects_with(np.abs(maps["growth_rate"]), maps["object_id"])
+    found: dict[str, Any] = {
+        "depth_min_mm": _least(depth),
+        "depth_max_mm": _largest(depth),
+        "disparity_min_px": _least(disparity),
+        "disparity_max_px": _largest(disparity),
+        "flow_rms_px_per_frame": float(np.sqrt(np.mean(speed**2))) if speed.size else float("nan"),
+        "flow_max_px_per_frame": _largest(speed),
+        "velocity_z_median_mm_per_frame": _masked_median(maps["velocity"][2], moving, seen),
+        "growth_median_per_hour": _masked_median(maps["growth_rate"], growing, seen) * per_hour,
+        "seen_share": float(seen.mean()),
+        "occluded_share": float(maps["occluded_in_s"][seen].mean()) if seen.any() else 0.0,
+        "mixed_share": float(maps["mixed"].mean()),
+    }
+    found["objects"] = [
+        {
+            "name": name,
+            "image_share": float(own.mean()),
+            "seen_by_all": float(1 - maps["occluded_in_s"][own].mean()) if own.any() else 0.0,
+            "depth_min_mm": _least(maps["depth"][own]),
+            "depth_max_mm": _largest(maps["depth"][own]),
+            "growth_median_per_hour": _median(maps["growth_rate"][own]) * per_hour,
+        }
+        for number, name in enumerate(json.loads(truth.attrs["object_names"]))
+        for own in [maps["object_id"] == number]
+    ]
+    return found
+
+
+def _least(values: NDArray[Any]) -> float:
+    return float(values.min()) if values.size else float("nan")
+
+
+def _largest(values: NDArray[Any]) -> float:
+    return float(values.max()) if values.size else float("nan")
+
+
+def _median(values: NDArray[Any]) -> float:
+    return float(np.median(values)) if values.size else float("nan")
+
+
+def _mask_objects_with(amount: NDArray[Any], object_id: NDArray[Any]) -> NDArray[np.bool_]:
+    """Tell where objects are seen that have any of an amount: most of an image may be what stands still behind them."""
+    return np.isin(object_id, np.unique(object_id[(object_id >= 0) & (amount > _STILL)]))
+
+
+def _masked_median(values: NDArray[Any], these: NDArray[np.bool_], seen: NDArray[np.bool_]) -> float:
+    return 0.0 if seen.any() and not these.any() else _median(values[these])
+
+
+@dataclass(frozen=True)
+class SampleResult:
+    """What became of a sample.
+
+    Parameters
+    ----------
+    number
+        Its number.
+    row
+        What the catalogue tells of it; empty if it failed.
+    failure
+        What went wrong, as plain values; empty if nothing did.
+    seconds
+        Time spent on it.
+    disk_full
+        Whether it failed because the disk was full: no fault of its own.
+    """
+
+    number: int
+    row: dict[str, Any] = field(default_factory=dict)
+    failure: dict[str, Any] = field(default_factory=dict)
+    seconds: float = math.nan
+    disk_full: bool = False
+
+
+def build_sample_scene(sampler: Sampler, identity: DatasetFingerprint, draw: Draw) -> Scene:
+    """Return the scene of a sample as it is rendered: by the data set's backend, into zip files.
+
+    Raises
+    ------
+    SceneError
+        If the values make no scene.
+    """
+    plain = dict(draw.plain)
+    plain["render"] = {**plain["render"], "backend": identity.backend, "platform": identity.platform}
+    plain["storage"] = {**plain["storage"], "form": "zip"}
+    return Draw(**{**draw.__dict__, "plain": plain}).scene()
+
+
+def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, target: Path) -> dict[str, Any]:
+    """Make a sample in a folder that does not exist yet; it appears whole, or not at all.
+
+    Parameters
+    ----------
+    sampler, identity
+        The recipe, and the data set that it belongs to.
+    number
+        Number of the sample.
+    target
+        The folder to make.
+
+    Returns
+    -------
+    dict
+        What ``sample.json`` says: what was drawn, hashes, and what the truth tells. The same each time.
+
+    Raises
+    ------
+    ScenetruthError
+        If the sample cannot be made.
+    """
+    from scenetruth.simulation import simulate_into
+    from scenetruth.truth import TruthOptions
+
+    draw = sampler.draw(number)
+    scene = build_sample_scene(sampler, identity, draw)
+    recipe = sampler.recipe
+    choice = TruthOptions(recipe.truth.views, recipe.truth.poses, recipe.truth.content)
+    with write_atomically(target, claim=claim_sample) as aside:
+        aside.mkdir()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            simulate_into(aside, scene, choice, ideal=recipe.ideal)
+        told = [str(one.message) for one in caught if issubclass(one.category, SceneWarning)]
+        row = _row(draw, scene, told, aside)
+        (aside / SAMPLE).write_text(_json(row), encoding="utf-8")
+    return row
+
+
+def _row(draw: Draw, scene: Scene, told: list[str], folder: Path) -> dict[str, Any]:
+    recording = open_store(folder / RECORDING, "recording")
+    truth = open_store(folder / TRUTH, "truth")
+    row = {
+        "sample": draw.number,
+        "draw": draw.draw,
+        "step": draw.step,
+        "factor": draw.factor,
+        "split": draw.split,
+        "base": draw.base,
+        "attempts": draw.attempts,
+        "rejected": list(draw.rejected),
+        "scene_seed": scene.seed,
+        "scene_hash": recording.attrs["scene_hash"],
+        "recording_hash": recording.attrs["recording_hash"],
+        "backend": recording.attrs["render_backend"],
+        "values": dict(draw.values),
+        "statistics": compute_truth_statistics(truth),
+        "warnings": told,
+        "files": {name: _file(folder / name) for name in (SCENE, RECORDING, TRUTH)},
+    }
+    return dict(_finite(row))
+
+
+def _file(path: Path) -> dict[str, Any]:
+    with path.open("rb") as stream:
+        found = hashlib.file_digest(stream, "sha256").hexdigest()
+    return {"sha256": found, "bytes": path.stat().st_size}
+
+
+def _json(row: dict[str, Any]) -> str:
+    return json.dumps(row, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """Return plain values with nothing in place of what is no number: JSON has no word for it."""
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read_sample(folder: Path) -> dict[str, Any]:
+    """Return what ``sample.json`` says.
+
+    Raises
+    ------
+    StoreError
+        If it is missing or damaged.
+    """
+    try:
+        found = parse_json((folder / SAMPLE).read_bytes())
+        return dict(found)
+    except (OSError, ValueError, TypeError) as error:
+        raise StoreError(folder / SAMPLE, f"is missing or damaged: {error}") from error
+
+
+def try_sample(folder: str, number: int) -> SampleResult:
+    """Make a sample of the data set in a folder, for whoever works through many: what goes wrong is returned.
+
+    Parameters
+    ----------
+    folder
+        The folder of the data set.
+    number
+        Number of the sample. One that is there already stays as it is.
+
+    Raises
+    ------
+    MachineError
+        If this machine cannot make samples of this data set: another one may.
+    """
+    start = time.perf_counter()
+    places = DatasetFolder(folder)
+    target = places.sample(number)
+    if target.exists():
+        return SampleResult(number, read_sample(target))
+    try:
+        sampler, identity = _opened(folder, places.identity.stat().st_mtime_ns)
+        row = make_sample(sampler, identity, number, target)
+    except BackendUnavailableError as error:
+        raise explain_missing_backend(error) from error
+    except MachineError:
+        raise
+    except Exception as error:  # whatever it is, the run goes on, and tells
+        seconds = time.perf_counter() - start
+        return SampleResult(
+            number, failure=_failure(folder, number, error), seconds=seconds, disk_full=is_full_disk(error)
+        )
+    return SampleResult(number, row, seconds=time.perf_counter() - start)
+
+
+@lru_cache(maxsize=4)
+def _opened(folder: str, version: int) -> tuple[Sampler, DatasetFingerprint]:
+    """Return recipe and identity of a data set; read again when its files have changed."""
+    places = DatasetFolder(folder)
+    identity = read_fingerprint(places)
+    refuse_other_versions(identity.versions)
+    return open_sampler(places), identity
+
+
+def _failure(folder: str, number: int, error: Exception) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    try:
+        places = DatasetFolder(folder)
+        values = dict(_opened(folder, places.identity.stat().st_mtime_ns)[0].draw(number).values)
+    except Exception:  # what it was made from may be what is wrong
+        values = {}
+    return {
+        "sample": number,
+        "error": type(error).__name__,
+        "message": str(error),
+        "values": values,
+        "again": f"scenetruth dataset sample {DatasetFolder(folder).recipe} {number} -o sample_{number:08d}",
+        # Of errors that are ours, the message tells all.
+        "traceback": "" if isinstance(error, ScenetruthError) else traceback.format_exc(),
+    }
+
+
+@dataclass(frozen=True)
+class Partition:
+    """Which part of a data set a run makes.
+
+    Parameters
+    ----------
+    number, count
+        The number-th of count parts, from 1.
+
+    Examples
+    --------
+    >>> [number for number in range(10) if number in Partition(2, 3).numbers(10)]
+    [3, 4, 5]
+    >>> Partition.read("2/3")
+    Partition(number=2, count=3)
+    """
+
+    number: int = 1
+    count: int = 1
+
+    @staticmethod
+    def read(text: str) -> Partition:
+        """Return the part that a text such as ``3/10`` names.
+
+        Raises
+        ------
+        RecipeError
+            If it names none.
+        """
+        first, separator, second = text.partition("/")
+        if separator and first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second) <= 1_000_000:
+            return Partition(int(first), int(second))
+        raise RecipeError([Problem("--part", "must read NUMBER/PARTS, as 3/10", text)])
+
+    def numbers(self, count: int, together: int = 1) -> range:
+        """Return the numbers of the samples of this part, of so many in all, of which some stay together."""
+        groups = -(-count // together)
+        first, last = groups * (self.number - 1) // self.count, groups * self.number // self.count
+        return range(min(first * together, count), min(last * together, count))
+
+    @property
+    def label(self) -> str:
+        """What distinguishes it in names of files."""
+        return f"{self.number}of{self.count}"
+
+
+@dataclass(frozen=True)
+class SampleStore:
+    """The samples of a data set, wherever they lie.
+
+    Parameters
+    ----------
+    folder
+        The data set.
+    count
+        How many samples it has when it is whole.
+    per_shard
+        Samples in a tar file; 0 if each has a folder of its own.
+    """
+
+    folder: DatasetFolder
+    count: int
+    per_shard: int
+
+    @staticmethod
+    def of(folder: DatasetFolder, sampler: Sampler, identity: DatasetFingerprint) -> SampleStore:
+        """Return the samples of a data set."""
+        per_shard = sampler.recipe.samples_per_shard if sampler.recipe.layout == "shards" else 0
+        return SampleStore(folder, identity.count, per_shard)
+
+    def numbers(self, part: Partition) -> range:
+        """Return the numbers of the samples of a part; those of a tar file stay together."""
+        return part.numbers(self.count, max(self.per_shard, 1))
+
+    def present(self, among: range) -> set[int]:
+        """Return the numbers of the samples that are there."""
+        found = {number for number in self.folder.done() if number in among}
+        if self.per_shard:
+            for shard in self.folder.done_shards():
+                found.update(number for number in self._in_shard(shard) if number in among)
+        return found
+
+    def rows(self, numbers: Iterable[int]) -> Iterator[dict[str, Any]]:
+        """Yield what ``sample.json`` says of some samples, in order."""
+        wanted = sorted(numbers)
+        packed: dict[int, dict[str, Any]] = {}
+        for number in wanted:
+            path = self.folder.shard(compute_shard_number(number, self.per_shard)) if self.per_shard else None
+            if path is None or not path.exists():
+                yield read_sample(self.folder.sample(number))
+                continue
+            if number not in packed:
+                packed = {row["sample"]: row for row in read_shard_records(path)}
+            yield packed[number]
+
+    def pack(self, among: range) -> None:
+        """Put samples into tar files where all of one are there, and finish what a run that was killed had begun."""
+        if not self.per_shard:
+            return
+        lying = {number for number in self.folder.done() if number in among}
+        for shard in sorted({compute_shard_number(number, self.per_shard) for number in lying}):
+            numbers = self._in_shard(shard)
+            if self.folder.shard(shard).exists() or lying.issuperset(numbers):
+                pack_shard(self.folder, shard, numbers)
+
+    def added(self, number: int) -> None:
+        """Put the samples of a tar file into it if a new one was the last that it waited for."""
+        if self.per_shard:
+            shard = compute_shard_number(number, self.per_shard)
+            if all(self.folder.sample(one).is_dir() for one in self._in_shard(shard)):
+                pack_shard(self.folder, shard, self._in_shard(shard))
+
+    def _in_shard(self, shard: int) -> range:
+        return list_shard_samples(shard, self.per_shard, self.count)

@@ -1,0 +1,323 @@
+"""Scheduling of many samples: retries, pauses while disk or memory are short, and a parallel map."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from scenetruth.dataset.executors import TaskExecutor, create_executor
+from scenetruth.dataset.samples import SampleResult
+from scenetruth.errors import ScenetruthError
+from scenetruth.output import is_full_disk
+from scenetruth.progress import Progress
+from scenetruth.resources.system import free_disk_bytes, free_memory_bytes
+
+__all__ = ["FULL_S", "ParallelResult", "ResourceGuard", "SampleScheduler", "for_each", "write_with_retry"]
+
+
+_RECHECK_S = 2.0
+FULL_S = 5.0
+"""Seconds until something is written again that found the disk full."""
+_SPARE_BYTES = 200e6
+"""What is left alone on the disk."""
+
+
+@dataclass
+class ResourceGuard:
+    """Tells whether another sample may be begun.
+
+    Parameters
+    ----------
+    folder
+        Where samples go.
+    disk_bytes
+        What the samples that are under way may take.
+    memory_bytes
+        What one sample takes.
+    """
+
+    folder: Path
+    disk_bytes: float
+    memory_bytes: float
+    _looked: float = -1e9
+    _reason: str = ""
+
+    def __call__(self) -> str:
+        """Return why no sample may be begun now; an empty text if one may."""
+        if time.monotonic() - self._looked > _RECHECK_S:
+            self._looked, self._reason = time.monotonic(), self._look()
+        return self._reason
+
+    def _look(self) -> str:
+        disk, memory = free_disk_bytes(self.folder), free_memory_bytes()
+        wanted = self.disk_bytes + _SPARE_BYTES
+        if disk is not None and disk < wanted:
+            return (
+                f"the disk is nearly full: {disk / 1e6:,.0f} MB are free, {wanted / 1e6:,.0f} are needed; "
+                "free some, it goes on by itself; or interrupt, and run it again later"
+            )
+        if memory is not None and memory < self.memory_bytes:
+            return (
+                f"memory is short: {memory / 1e6:,.0f} MB are free, a sample takes {self.memory_bytes / 1e6:,.0f}; "
+                "it goes on by itself when there is more; or interrupt, and run it again with fewer workers"
+            )
+        return ""
+
+
+def write_with_retry(write: Callable[[], None], what: str, say: Callable[[str], None]) -> None:
+    """Write, and where the disk is full, try again until it is not.
+
+    Parameters
+    ----------
+    write
+        Writes a file whole, or leaves nothing.
+    what
+        What it is, for the line that says so.
+    say
+        Called with that line.
+    """
+    told = False
+    while True:
+        try:
+            write()
+        except (OSError, ScenetruthError) as error:
+            if not is_full_disk(error):
+                raise
+            if not told:
+                say(f"paused: the disk is full, {what} waits to be written; free some, it goes on by itself")
+            told = True
+            time.sleep(FULL_S)
+        else:
+            if told:
+                say("goes on")
+            return
+
+
+_AHEAD = 2
+"""Samples per worker that are handed in: one is worked on, one is ready."""
+_POLL_S = 1.0
+_DIED = "its process died: killed, out of memory, or a crash of compiled code"
+
+
+@dataclass
+class SampleScheduler:
+    """Makes samples, each by one call in some worker.
+
+    Parameters
+    ----------
+    workers
+        Who works.
+    work
+        Makes a sample: called with ``arguments`` and its number, returns `SampleResult`.
+    arguments
+        What every call gets first.
+    retries
+        How often a sample that failed is tried again, after all others, in a new process. One that found the disk full
+        is tried until there is room.
+    recycle
+        Samples after which processes of one machine are started anew.
+    pause
+        Tells why no more samples may be begun now; an empty text if they may.
+    made
+        Called with every sample that is there.
+    failed
+        Called with every sample that failed for good.
+    said
+        Called with lines that a user may want to read.
+    """
+
+    workers: TaskExecutor
+    work: Callable[..., SampleResult]
+    arguments: tuple[Any, ...]
+    made: Callable[[SampleResult], None]
+    failed: Callable[[SampleResult, int], None]
+    said: Callable[[str], None]
+    pause: Callable[[], str] = lambda: ""
+    retries: int = 1
+    recycle: int = 500
+    _proven: bool = False
+    _full_until: float = -1e9
+
+    def run(self, numbers: Iterable[int]) -> None:
+        """Make samples; what fails is tried again when all others are done."""
+        left: deque[int] = deque(numbers)
+        attempts: dict[int, int] = {}
+        while left:
+            again: list[SampleResult] = []
+            if attempts:
+                self.workers.renew()
+            self._through(left, again)
+            for found in again:
+                if found.disk_full:
+                    left.append(found.number)
+                    continue
+                attempts[found.number] = attempts.get(found.number, 0) + 1
+                if attempts[found.number] > self.retries:
+                    self.failed(found, attempts[found.number])
+                else:
+                    left.append(found.number)
+
+    def _through(self, left: deque[int], again: list[SampleResult]) -> None:
+        """Make samples until none is left."""
+        under_way: dict[Future[Any], int] = {}
+        begun, suspects, paused = 0, list[int](), ""
+        while left or under_way or suspects:
+            due = begun >= self.recycle * self.workers.count
+            if not under_way and (due or suspects):
+                self.workers.renew()
+                if suspects and not self._proven:
+                    self.workers.refuse_unfit()
+                # All that were under way died with one of them: who it was shows when each is alone.
+                for number in suspects:
+                    self._by_itself(number, again)
+                begun, suspects = 0, []
+                continue
+            if left and not due and not suspects and len(under_way) < _AHEAD * self.workers.count:
+                paused = self._told_pause(paused)
+                if not paused:
+                    number = left.popleft()
+                    under_way[self.workers.submit(self.work, *self.arguments, number)] = number
+                    begun += 1
+                    continue
+            if not under_way:
+                time.sleep(_POLL_S)
+                continue
+            done, _ = wait(under_way, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+            for future in done:
+                number = under_way.pop(future)
+                try:
+                    self._take(future.result(), again)
+                except self.workers.lost:
+                    suspects.append(number)
+                except CancelledError:
+                    self.workers.refuse_unfit()
+                    suspects.append(number)
+
+    def _by_itself(self, number: int, again: list[SampleResult]) -> None:
+        """Make one sample with nothing else under way: if a process dies now, it is this sample's."""
+        future = self.workers.submit(self.work, *self.arguments, number)
+        while True:
+            done, _ = wait([future], timeout=_POLL_S)
+            if done:
+                break
+        try:
+            self._take(future.result(), again)
+        except self.workers.lost:
+            self.workers.renew()
+            again.append(_died(number))
+        except CancelledError:
+            self.workers.refuse_unfit()
+            again.append(_died(number))
+
+    def _take(self, found: SampleResult, again: list[SampleResult]) -> None:
+        self._proven = True
+        if found.disk_full:
+            self._full_until = time.monotonic() + FULL_S
+        if found.failure:
+            again.append(found)
+        else:
+            self.made(found)
+
+    def _told_pause(self, before: str) -> str:
+        """Return why nothing may be begun now, and tell when that changes."""
+        reason = self.pause()
+        if not reason and time.monotonic() < self._full_until:
+            reason = "the disk is full: a sample could not be written; free some, it goes on by itself"
+        if reason and not before:
+            self.said(f"paused: {reason}")
+        elif before and not reason:
+            self.said("goes on")
+        return reason
+
+
+def _died(number: int) -> SampleResult:
+    return SampleResult(number, failure={"sample": number, "error": "WorkerDied", "message": _DIED})
+
+
+@dataclass
+class ParallelResult:
+    """What became of the samples.
+
+    Parameters
+    ----------
+    done
+        How many pieces of work were done.
+    present
+        How many had been done before.
+    failed
+        What went wrong, by the number of the sample.
+    """
+
+    done: int = 0
+    present: int = 0
+    failed: dict[int, str] = field(default_factory=dict)
+
+
+def for_each(
+    numbers: Sequence[int],
+    work: Callable[..., SampleResult],
+    arguments: tuple[Any, ...],
+    *,
+    present: int = 0,
+    workers: int = 1,
+    threads: int = 1,
+    scheduler: str | None = None,
+    retries: int = 0,
+    what: str = "samples",
+    made: Callable[[SampleResult], None] | None = None,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> ParallelResult:
+    """Do a piece of work on samples.
+
+    Parameters
+    ----------
+    numbers
+        The samples.
+    work, arguments
+        Called with the arguments and a number, in some worker; returns `SampleResult`.
+    present
+        How many samples need no work any more.
+    workers, threads, scheduler, retries
+        As of `run_dataset`.
+    what
+        What progress calls the work.
+    made
+        Called with everything that was made.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+    """
+    found, say = ParallelResult(present=present), notice or (lambda _: None)
+    total = len(numbers) + present
+
+    def tell() -> None:
+        if progress is not None:
+            progress(what, found.done + found.present + len(found.failed), total)
+
+    def take(one: SampleResult) -> None:
+        found.done += 1
+        if made is not None:
+            made(one)
+        tell()
+
+    def failed(one: SampleResult, attempts: int) -> None:
+        message = " ".join(str(one.failure["message"]).split())
+        found.failed[one.number] = message
+        say(f"sample {one.number} failed: {message}")
+        tell()
+
+    crew = create_executor(workers, threads, scheduler)
+    try:
+        tell()
+        SampleScheduler(crew, work, arguments, take, failed, say, retries=retries).run(numbers)
+        crew.renew()
+    finally:
+        crew.close()
+    return found

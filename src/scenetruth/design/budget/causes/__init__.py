@@ -1,1 +1,0 @@
-"""Causes of errors, one module each."""

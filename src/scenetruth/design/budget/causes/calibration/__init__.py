@@ -1,1 +1,0 @@
-"""Causes in what an estimate is told of its camera."""

@@ -1,1 +1,0 @@
-"""Causes in images: the sensor, the lens, the light."""

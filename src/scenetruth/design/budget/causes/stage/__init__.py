@@ -1,1 +1,0 @@
-"""Causes in where and when images are taken: the stage, the scan, the shutter."""

@@ -1,1 +1,0 @@
-"""Causes in the surface, and in the method itself: what is left with ideal images."""

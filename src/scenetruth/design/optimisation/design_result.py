@@ -1,0 +1,475 @@
+"""The result of an optimisation: recommended rig, Pareto front, sensitivities, summary text, and its serialisation."""
+
+from __future__ import annotations
+
+import json
+import math
+import types
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from scenetruth.design.optimisation.design_records import (
+    ConstraintValue,
+    Discrepancy,
+    Objective,
+    PredictionInterval,
+    RankConsistency,
+    RigDesign,
+    RuleOfThumb,
+    Sensitivity,
+    compute_rig_interval,
+)
+from scenetruth.errors import StoreError
+from scenetruth.plain_data import parse_json
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "RESULT_FILE",
+    "SCREENING_FILE",
+    "SUFFICIENT_DENSITY",
+    "ConstraintValue",
+    "DesignResult",
+    "Discrepancy",
+    "Objective",
+    "PredictionInterval",
+    "RankConsistency",
+    "RigDesign",
+    "RuleOfThumb",
+    "Sensitivity",
+    "compose_summary",
+    "describe_rank_consistency",
+    "format_parameter",
+    "from_plain_data",
+    "read_screening_table",
+    "to_plain_data",
+    "write_screening_table",
+]
+
+
+def to_plain_data(value: Any) -> Any:
+    """Return plain values, as JSON has them.
+
+    Parameters
+    ----------
+    value
+        Dataclasses, mappings, lists, tuples, and what is in them.
+
+    Examples
+    --------
+    >>> to_plain_data({"low": math.nan, "high": math.inf, "seeds": (1, 2)})
+    {'low': None, 'high': 'inf', 'seeds': [1, 2]}
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        return {one.name: to_plain_data(getattr(value, one.name)) for one in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): to_plain_data(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_plain_data(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else "inf" if value > 0 else "-inf"
+    return value
+
+
+def from_plain_data(kind: Any, plain: Any) -> Any:
+    """Return what plain values stand for.
+
+    Parameters
+    ----------
+    kind
+        Its type: a dataclass, a mapping or tuple of a type, a number, or anything else as it is.
+    plain
+        As `to_plain_data` gives them.
+
+    Raises
+    ------
+    TypeError, ValueError, KeyError
+        If they are not of this type.
+    """
+    if kind is float:
+        return math.nan if plain is None else float(plain)
+    if is_dataclass(kind):
+        hints = get_type_hints(kind)
+        given = {one.name: plain[one.name] for one in fields(kind)}
+        return kind(**{name: from_plain_data(hints[name], one) for name, one in given.items()})  # type: ignore[operator]
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is tuple:
+        kinds = inner[:1] * len(plain) if inner[1:] == (...,) else inner
+        return tuple(from_plain_data(each, one) for each, one in zip(kinds, plain, strict=True))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return {key: from_plain_data(inner[1], one) for key, one in plain.items()}
+    if origin in (Union, types.UnionType):
+        return (
+            None
+            if plain is None
+            else from_plain_data(next(each for each in inner if each is not types.NoneType), plain)
+        )
+    if kind in (int, str, bool) and not isinstance(plain, kind):
+        message = f"{plain!r} is no {kind.__name__}"
+        raise TypeError(message)
+    if origin is Literal and plain not in inner:
+        message = f"{plain!r} is none of {inner}"
+        raise ValueError(message)
+    return plain
+
+
+_TEXT_COLUMNS = ("phase", "problem")
+
+
+def write_screening_table(table: pd.DataFrame, file: Path) -> None:
+    """Write all predictions; values that are neither numbers nor texts are written as JSON.
+
+    Parameters
+    ----------
+    table
+        The predictions.
+    file
+        The file, which is overwritten.
+    """
+    told = table.copy()
+    for name in told.columns:
+        if told[name].dtype == object and name not in _TEXT_COLUMNS:
+            told[name] = [_text(value) for value in told[name]]
+    told.to_csv(file, index=False)
+
+
+def read_screening_table(file: Path, free: Mapping[str, Any]) -> pd.DataFrame:
+    """Return all predictions of a file.
+
+    Parameters
+    ----------
+    file
+        The file.
+    free
+        What is free in the goal, as plain values: which choices texts stand for.
+    """
+    import pandas as pd
+
+    table = pd.read_csv(file, dtype=str, keep_default_na=False)
+    found = {}
+    for name in table.columns:
+        choices = {_text(value): value for value in _choices(free.get(name))}
+        is_text = name in _TEXT_COLUMNS or (name in free and not _is_range(free[name]))
+        found[name] = [choices.get(text, text) if is_text else _number(text) for text in table[name]]
+    return pd.DataFrame(found)
+
+
+def _choices(free: Any) -> list[Any]:
+    values = free.get("values") if isinstance(free, Mapping) else free
+    return list(values) if isinstance(values, list | tuple) else []
+
+
+def _text(value: Any) -> str:
+    is_plain = isinstance(value, str) or (isinstance(value, int | float) and not isinstance(value, bool))
+    return str(value) if is_plain else json.dumps(value, ensure_ascii=False)
+
+
+def _is_range(free: Any) -> bool:
+    return isinstance(free, Mapping) and free.get("from") is not None
+
+
+def _number(text: str) -> float | int | bool:
+    if text in ("True", "False"):
+        return text == "True"
+    try:
+        return int(text)
+    except ValueError:
+        return float(text or "nan")
+
+
+_MOST_LISTED = 3
+SUFFICIENT_DENSITY = 0.9
+"""Share of a region that must be told, or else it is said that it is not."""
+
+
+def compose_summary(
+    objectives: Sequence[Objective],
+    rig: RigDesign,
+    sensitivities: Sequence[Sensitivity],
+    discrepancies: Sequence[Discrepancy],
+    rules: Sequence[RuleOfThumb],
+    orders: Sequence[RankConsistency] = (),
+) -> tuple[str, ...]:
+    """Return a design in words, a line each.
+
+    Parameters
+    ----------
+    objectives, sensitivities, discrepancies, rules, orders
+        As of a design.
+    rig
+        The recommended rig.
+    """
+    values = ", ".join(f"{name} = {format_parameter(value)}" for name, value in rig.parameters.items())
+    found = [f"recommended, rig {rig.number}: {values}", *_reached(objectives, rig)]
+    if rig.limits:
+        found.append(f"limits: {rig.limits}")
+    found += _changed(objectives, sensitivities)
+    found += _compared(discrepancies)
+    found += describe_rank_consistency(objectives, orders)
+    broken = [one.title for one in rules if not one.holds]
+    return tuple(found + ([f"rules of thumb that are not kept: {', '.join(broken)}"] if broken else []))
+
+
+def format_parameter(value: Any) -> str:
+    """Return a value of a parameter as people write it."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def describe_rank_consistency(objectives: Sequence[Objective], orders: Sequence[RankConsistency]) -> Iterator[str]:
+    """Say whether simulated rigs keep the order of their predictions, objective by objective.
+
+    Parameters
+    ----------
+    objectives, orders
+        As of a design.
+    """
+    for objective in objectives:
+        own = [one for one in orders if one.objective == objective.title]
+        count = Counter(one.verdict for one in own)
+        if own:
+            yield (
+                f"{objective.title}: of {len(own)} pair{'s' if len(own) > 1 else ''} of simulated rigs, "
+                f"{count['kept']} keep the order that was predicted, {count['swapped']} have swapped it, and of "
+                f"{count['cannot be told']} it cannot be told from {min(one.seeds for one in own)} seeds"
+            )
+
+
+def _changed(objectives: Sequence[Objective], sensitivities: Sequence[Sensitivity]) -> Iterator[str]:
+    told = [one for one in sensitivities if math.isfinite(one.ten_percent)]
+    for objective in objectives:
+        own = sorted((one for one in told if one.objective == objective.title), key=lambda one: -abs(one.ten_percent))
+        parts = [f"{one.parameter} {_signed(one.ten_percent)} ({_signed(one.ten_percent_less)})" for one in own]
+        if parts:
+            most = ", ".join(parts[:_MOST_LISTED])
+            yield f"10 % more (less) of each parameter changes {objective.title.lower()} by: {most}"
+
+
+def _signed(share: float) -> str:
+    return f"{100 * share:+.1f} %" if math.isfinite(share) else "–"
+
+
+def _compared(discrepancies: Sequence[Discrepancy]) -> Iterator[str]:
+    notable = [one for one in discrepancies if one.notable]
+    if notable:
+        yield f"{len(notable)} of {len(discrepancies)} simulated figures differ notably from their prediction"
+    elif discrepancies:
+        yield f"all {len(discrepancies)} simulated figures agree with their prediction, as far as seeds tell"
+    yield from (f"rig {one.rig}: {one.says}" for one in notable)
+
+
+def _reached(objectives: Sequence[Objective], rig: RigDesign) -> Iterator[str]:
+    for one in objectives:
+        told = f"{one.title}: {one.told_in}, predicted {rig.predicted[one.title]:.3g} {one.unit}"
+        found = rig.simulated.get(one.title)
+        figure, known = rig.predicted[one.title], "predicted"
+        if found is not None:
+            figure, known = found.number, "simulated"
+            told += f", simulated {found.number:.3g} ({_seeds(found)}{_compare_rmse(rig, one)})"
+            if rig.density(one.title) < SUFFICIENT_DENSITY:
+                told += f"; only {100 * rig.density(one.title):.0f} % of the pixels are told"
+        if one.wanted is not None:
+            reached = "reached" if figure <= one.wanted else "NOT reached"
+            if found is not None and figure <= one.wanted < found.high:
+                reached = "reached, but another recording may miss it"
+            told += f"; wanted {one.wanted:g}: {reached} ({known})"
+        yield told
+
+
+def _seeds(found: PredictionInterval) -> str:
+    if found.seeds < 2 or not math.isfinite(found.low):
+        return f"from {'one seed' if found.seeds == 1 else f'{found.seeds} seeds'}: no interval"
+    return f"another recording: {found.low:.3g} to {found.high:.3g} with 95 %, from {found.seeds} seeds"
+
+
+def _compare_rmse(rig: RigDesign, objective: Objective) -> str:
+    """Return the rms error where it is not what the objective is of: it tells of places that are far off."""
+    rms = compute_rig_interval(rig, objective.title, "rms")
+    return f"; rms error {rms.number:.3g}" if objective.statistic != "rms" and rms.seeds else ""
+
+
+RESULT_FILE, SCREENING_FILE = "design.json", "screened.csv"
+"""Files of a folder: the answer as plain values, and all predictions."""
+_FORMAT = 2
+_PARTS: Mapping[str, Any] = {
+    "title": str,
+    "objectives": tuple[Objective, ...],
+    "front": tuple[RigDesign, ...],
+    "alternatives": tuple[RigDesign, ...],
+    "orders": tuple[RankConsistency, ...],
+    "sensitivities": tuple[Sensitivity, ...],
+    "rules": tuple[RuleOfThumb, ...],
+    "assumptions": tuple[str, ...],
+    "discrepancies": tuple[Discrepancy, ...],
+    "seconds": Mapping[str, float],
+}
+
+
+@dataclass(frozen=True, eq=False)
+class DesignResult:
+    """The answer: a rig, the front, alternatives, and what stands behind them.
+
+    Parameters
+    ----------
+    goal
+        The goal file as plain values.
+    title
+        What is designed.
+    objectives
+        What is to be known precisely.
+    recommended
+        The best rig: one of the front or of the alternatives.
+    front
+        Rigs of which no other is predicted to be better in every objective; sorted by the first objective. Those that
+        were simulated have ``simulated``.
+    screened
+        Every prediction: parameters by path, objectives by title, ``holds``, ``excess`` and ``phase``.
+    sensitivities
+        What parameters do to objectives.
+    rules
+        Rules of thumb, at the recommended rig.
+    assumptions
+        What was taken for granted, in words.
+    discrepancies
+        Prediction beside simulation, of every rig that was simulated.
+    folder
+        Where it lies; None if it was not kept.
+    seconds
+        What took how long: seconds by name.
+    alternatives
+        Rigs behind the front that are nearly as good and differ from those on it; none where the front has enough.
+    orders
+        Whether simulations keep the order of predictions: all pairs of rigs that were simulated.
+
+    See Also
+    --------
+    scenetruth.design.optimisation.optimise : Makes it.
+    scenetruth.design.optimisation.report.design_report.write_design_page : A page of it.
+
+    Examples
+    --------
+    >>> from scenetruth.design.optimisation import optimise
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 16]}}
+    >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
+    >>> scene |= {"stage": {"positions": 3, "baseline_mm": 4}, "frames": {"count": 3}, "sensor": {"noise_std": 0.01}}
+    >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
+    >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
+    >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
+    >>> design = optimise(goal, workers=0)
+    >>> print(design.words()[1])
+    Depth: typical error, predicted 0.162 mm
+    >>> for rig in design.rigs:
+    ...     print(f"baseline {rig.parameters['stage.baseline_mm']} mm: depth to {rig.predicted['Depth']:.2f} mm")
+    baseline 8 mm: depth to 0.16 mm
+    baseline 6 mm: depth to 0.22 mm
+    baseline 4 mm: depth to 0.32 mm
+
+    What does not keep the constraints was screened too:
+
+    >>> design.screened[["stage.baseline_mm", "holds"]].sort_values("stage.baseline_mm").values.tolist()
+    [[4, True], [6, True], [8, True], [10, False]]
+    """
+
+    goal: Mapping[str, Any] = field(repr=False)
+    title: str
+    objectives: tuple[Objective, ...]
+    recommended: RigDesign
+    front: tuple[RigDesign, ...]
+    screened: pd.DataFrame = field(repr=False)
+    sensitivities: tuple[Sensitivity, ...]
+    rules: tuple[RuleOfThumb, ...]
+    assumptions: tuple[str, ...]
+    discrepancies: tuple[Discrepancy, ...]
+    folder: Path | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    alternatives: tuple[RigDesign, ...] = ()
+    orders: tuple[RankConsistency, ...] = ()
+
+    @property
+    def rigs(self) -> tuple[RigDesign, ...]:
+        """The front and the alternatives, sorted by the first objective."""
+        titles = [one.title for one in self.objectives]
+        return tuple(sorted((*self.front, *self.alternatives), key=lambda rig: [rig.predicted[one] for one in titles]))
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the front and the alternatives, a rig each row.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``rig``, ``recommended``, ``front`` (whether it is on it), a column for each parameter; for each objective
+            ``TITLE``, ``TITLE simulated``, ``TITLE low``, ``TITLE high`` (missing where it was not simulated);
+            ``price`` and ``limits``.
+        """
+        import pandas as pd
+
+        nothing = PredictionInterval(math.nan, math.nan, math.nan, 0)
+        first = {rig.number for rig in self.front}
+        rows = []
+        for rig in self.rigs:
+            row: dict[str, Any] = {"rig": rig.number, "recommended": rig.number == self.recommended.number}
+            row |= {"front": rig.number in first, **rig.parameters}
+            for objective in self.objectives:
+                title, found = objective.title, rig.simulated.get(objective.title, nothing)
+                row |= {title: rig.predicted[title], f"{title} simulated": found.number}
+                row |= {f"{title} low": found.low, f"{title} high": found.high}
+            rows.append({**row, "price": rig.price, "limits": rig.limits})
+        return pd.DataFrame(rows)
+
+    def words(self) -> tuple[str, ...]:
+        """Return the answer in words, a line each."""
+        return compose_summary(
+            self.objectives, self.recommended, self.sensitivities, self.discrepancies, self.rules, self.orders
+        )
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return all but the screened predictions as plain values: what ``design.json`` holds.
+
+        Numbers that are not finite are None (not a number), ``"inf"`` and ``"-inf"``.
+        """
+        told = {name: to_plain_data(getattr(self, name)) for name in _PARTS}
+        more = {"recommended": self.recommended.number, "words": list(self.words())}
+        return {"format": _FORMAT, "goal": to_plain_data(self.goal), **told, **more}
+
+    @classmethod
+    def load(cls, folder: str | Path) -> DesignResult:
+        """Load what `optimise` left in a folder.
+
+        Parameters
+        ----------
+        folder
+            The folder; ``design.json`` and ``screened.csv`` of it are read.
+
+        Raises
+        ------
+        StoreError
+            If one of them is missing, damaged, or of another version.
+
+        Examples
+        --------
+        To write the page again, without optimising:
+
+        >>> from scenetruth.design.optimisation.report.design_report import write_design_page
+        >>> write_design_page(DesignResult.load("outputs/rig"), "outputs/rig")  # doctest: +SKIP
+        """
+        place = Path(folder)
+        file = place / RESULT_FILE
+        remedy = "run 'scenetruth design optimise' again; what is kept of predictions and simulations is used"
+        try:
+            plain = parse_json(file.read_bytes())
+            if isinstance(plain, dict) and plain.get("format") != _FORMAT:
+                raise StoreError(file, f"is of format {plain.get('format')}, and not {_FORMAT}: {remedy}")
+            parts = {name: from_plain_data(kind, plain[name]) for name, kind in _PARTS.items()}
+            goal = dict(plain["goal"])
+            (best,) = (rig for rig in (*parts["front"], *parts["alternatives"]) if rig.number == plain["recommended"])
+            file = place / SCREENING_FILE
+            table = read_screening_table(file, goal.get("free", {}))
+        except FileNotFoundError as error:
+            raise StoreError(file, f"is missing: {remedy}") from error
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise StoreError(file, f"is damaged ({type(error).__name__}: {error}): {remedy}") from error
+        return cls(goal=goal, recommended=best, screened=table, folder=place, **parts)

@@ -1,0 +1,509 @@
+"""The search: evaluation budget, global search with Optuna, local refinement, and sensitivity analysis."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.design.optimisation.design_records import Objective
+from scenetruth.design.optimisation.evaluation_log import EvaluationLog
+from scenetruth.design.optimisation.pareto_front import add_alternatives, find_pareto_front
+from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter, rank_evaluations
+from scenetruth.design.optimisation.specification import SearchSpec
+from scenetruth.errors import MachineError, Problem
+
+__all__ = [
+    "EvaluationBudget",
+    "SensitivityResult",
+    "SobolIndices",
+    "allocate_evaluations",
+    "analyse_sensitivity",
+    "import_optional",
+    "refine_locally",
+    "require_optional_libraries",
+    "search_with_optuna",
+]
+
+
+def import_optional(name: str) -> Any:
+    """Return a module of a library that only designs need.
+
+    Raises
+    ------
+    MachineError
+        If it is not installed; says how to get it.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        message = f"is not installed: pip install 'scenetruth[design]' ({error})"
+        raise MachineError([Problem(name.partition(".")[0], message)]) from error
+
+
+def require_optional_libraries() -> None:
+    """Refuse to begin without the libraries.
+
+    Raises
+    ------
+    MachineError
+        If one is not installed.
+    """
+    import_optional("optuna")
+    import_optional("SALib.sample.morris")
+
+
+_EVEN, _LAST = 0.25, 0.15
+_LEAST_SEARCHED = 0.3
+
+
+@dataclass(frozen=True)
+class EvaluationBudget:
+    """Numbers of predictions.
+
+    Parameters
+    ----------
+    even
+        Sobol's points, a power of two.
+    morris
+        Trajectories.
+    sobol
+        Base samples of Sobol' indices, a power of two; 0 for none.
+    search
+        Trials of the search.
+    last
+        Steps around the best.
+    """
+
+    even: int
+    morris: int
+    sobol: int
+    search: int
+    last: int
+
+
+def allocate_evaluations(search: SearchSpec, parameters: int) -> EvaluationBudget:
+    """Return how many predictions everything gets.
+
+    Sensitivity gets less than asked for where it would leave too few for the search.
+
+    Parameters
+    ----------
+    search
+        What the goal says.
+    parameters
+        How many are free.
+
+    Examples
+    --------
+    >>> allocate_evaluations(SearchSpec(), 8)
+    EvaluationBudget(even=512, morris=10, sobol=64, search=798, last=360)
+    """
+    total = search.predictions
+    even = _floor_power_of_two(int(_EVEN * total))
+    last = int(_LAST * total)
+    room = total - even - last - int(_LEAST_SEARCHED * total)
+    morris = min(search.morris, max(room, 0) // (parameters + 1))
+    room -= morris * (parameters + 1)
+    # Below eight base samples, indices say nothing.
+    sobol = _floor_power_of_two(min(search.sobol, max(room, 0) // (parameters + 2)))
+    sobol = sobol if sobol >= 8 else 0
+    used = even + last + morris * (parameters + 1) + sobol * (parameters + 2)
+    return EvaluationBudget(even, morris, sobol, total - used, last)
+
+
+def _floor_power_of_two(number: int) -> int:
+    """Return the largest power of two that is not above a number; 0 below 1."""
+    return 1 << (number.bit_length() - 1) if number >= 1 else 0
+
+
+_BATCH = 16
+_POPULATION = 48
+_SEARCH_STARTS = 48
+_FAR = 1e3
+"""Logarithm of the objectives of what cannot be made; finite, for samplers reckon with it."""
+_MOST_TPE = 400
+"""Trials of the tree-structured Parzen estimator, whose own time grows with their number."""
+
+
+def search_with_optuna(
+    ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], trials: int, seed: int
+) -> None:
+    """Search for rigs that are good in all objectives and satisfy the constraints.
+
+    One objective is searched by the tree-structured Parzen estimator, and from its 400th trial on by NSGA-II, as
+    several are from the first.
+
+    Parameters
+    ----------
+    ledger
+        Where predictions come from, and what was found before: the best of it is where the search starts.
+    space, objectives
+        What is designed.
+    trials
+        How many.
+    seed
+        Of the sampler.
+    """
+    if trials <= 0:
+        return
+    first = min(trials, _MOST_TPE) if len(objectives) == 1 else 0
+    if first:
+        _study(ledger, space, objectives, first, seed, evolving=False)
+    if trials > first:
+        _study(ledger, space, objectives, trials - first, seed + 1, evolving=True)
+
+
+def _study(
+    ledger: EvaluationLog,
+    space: DesignSpace,
+    objectives: Sequence[Objective],
+    trials: int,
+    seed: int,
+    *,
+    evolving: bool,
+) -> None:
+    optuna = import_optional("optuna")
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        samplers = optuna.samplers
+        if evolving:
+            sampler = samplers.NSGAIISampler(population_size=_POPULATION, constraints_func=_recorded_excess, seed=seed)
+        else:
+            sampler = samplers.TPESampler(
+                multivariate=True, constant_liar=True, n_startup_trials=1, constraints_func=_recorded_excess, seed=seed
+            )
+        study = optuna.create_study(directions=["minimize"] * len(objectives), sampler=sampler)
+        distributions = {one.name: _distribution(optuna, one) for one in space.parameters}
+        for one in _search_starts(ledger.evaluations):
+            _enqueue(study, space, one)
+        started = min(_SEARCH_STARTS, len(ledger.evaluations))
+        left = trials + started
+        while left > 0:
+            asked = [study.ask(distributions) for _ in range(min(_BATCH, left))]
+            points = [[_unit(one, trial.params[one.name]) for one in space.parameters] for trial in asked]
+            for trial, found in zip(asked, ledger.ask(points, "search"), strict=True):
+                trial.set_user_attr(_EXCESS, found.excess)
+                study.tell(trial, [_log_objective(found.predicted[one.title]) for one in objectives])
+            left -= len(asked)
+
+
+_EXCESS = "excess"
+
+
+def _recorded_excess(trial: Any) -> tuple[float]:
+    return (float(trial.user_attrs[_EXCESS]),)
+
+
+def _distribution(optuna: Any, parameter: Parameter) -> Any:
+    if parameter.choices:
+        return optuna.distributions.CategoricalDistribution(list(range(len(parameter.choices))))
+    if parameter.levels:
+        return optuna.distributions.IntDistribution(0, parameter.levels - 1)
+    return optuna.distributions.FloatDistribution(0.0, 1.0)
+
+
+def _unit(parameter: Parameter, told: float) -> float:
+    """Return the number from 0 to 1 that stands for what a sampler says."""
+    return (told + 0.5) / parameter.levels if parameter.levels else float(told)
+
+
+def _enqueue(study: Any, space: DesignSpace, one: Evaluation) -> None:
+    place = space.point(one.values)
+    told = {
+        parameter.name: min(int(unit * parameter.levels), parameter.levels - 1)
+        if parameter.levels
+        else min(max(unit, 0.0), 1.0)
+        for parameter, unit in zip(space.parameters, place, strict=True)
+    }
+    study.enqueue_trial(told)
+
+
+def _search_starts(found: Sequence[Evaluation]) -> list[Evaluation]:
+    """Return the best rigs so far: what the search starts from."""
+    return rank_evaluations(found)[:_SEARCH_STARTS]
+
+
+def _log_objective(value: float) -> float:
+    return math.log(value) if 0 < value < math.inf else _FAR
+
+
+_FIRST, _LEAST = 0.2, 0.002
+_REFINEMENT_STARTS = 2
+_POOL = 16
+_SINGLE, _DIFFERENCES, _HALVES = 8, 12, 4
+_CROSSED, _OTHER_CHOICE = 0.7, 0.15
+_PATIENCE = 3
+"""Rounds without a better rig after which the next start has its turn."""
+
+
+def refine_locally(
+    ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], count: int, seed: int
+) -> None:
+    """Step from the best rigs to better ones: by the product of the objectives, and by each of them.
+
+    Parameters
+    ----------
+    ledger
+        Where predictions come from.
+    space, objectives
+        What is designed.
+    count
+        How many predictions, at most.
+    seed
+        Of what is drawn.
+    """
+    end = len(ledger) + count
+    generator = np.random.default_rng(seed)
+    goals: list[tuple[Objective, ...]] = [tuple(objectives)]
+    goals += [(one,) for one in objectives] if len(objectives) > 1 else []
+    for number, wanted in enumerate(goals):
+        starts = _refinement_starts(ledger.evaluations, wanted, space)
+        for place, start in enumerate(starts):
+            share = (end - len(ledger)) // ((len(goals) - number) * (len(starts) - place))
+            _descend(ledger, space, wanted, start, len(ledger) + share, generator)
+
+
+def _refinement_starts(
+    found: Sequence[Evaluation], wanted: Sequence[Objective], space: DesignSpace
+) -> list[Evaluation]:
+    if len(wanted) == 1:
+        best = find_pareto_front(found, wanted)
+        return (
+            [found[number] for number in add_alternatives(found, wanted, space, best, _REFINEMENT_STARTS)]
+            if best
+            else []
+        )
+    return _pool(found, wanted)[:1]
+
+
+def _pool(found: Sequence[Evaluation], wanted: Sequence[Objective]) -> list[Evaluation]:
+    held = [one for one in found if one.holds]
+    return sorted(held, key=lambda one: _compute_merit(one, wanted))[:_POOL]
+
+
+def _compute_merit(one: Evaluation, wanted: Sequence[Objective]) -> float:
+    """Return what is to be small: logarithms of objectives, whether constraints hold or not."""
+    return sum(math.log(one.predicted[each.title]) if one.predicted[each.title] > 0 else math.inf for each in wanted)
+
+
+def _descend(
+    ledger: EvaluationLog,
+    space: DesignSpace,
+    wanted: Sequence[Objective],
+    start: Evaluation,
+    end: int,
+    generator: np.random.Generator,
+) -> None:
+    best, step, idle = start, _FIRST, 0
+    passed: list[list[float]] = []
+    while len(ledger) < end and idle < _PATIENCE:
+        place = space.point(best.values)
+        pool = [space.point(one.values) for one in _pool(ledger.evaluations, wanted)]
+        tried = [_halfway(place, other, space) for other in passed[:_HALVES]]
+        tried += [_single(place, space, step, generator) for _ in range(_SINGLE)]
+        tried += [_difference(place, pool, space, generator) for _ in range(_DIFFERENCES)]
+        tried = tried[: end - len(ledger)]
+        found = ledger.ask(tried, "last steps")
+        worth = _compute_merit(best, wanted)
+        held = [one for one in found if one.holds and _compute_merit(one, wanted) < worth - 1e-6]
+        near = [
+            (one.excess, point)
+            for one, point in zip(found, tried, strict=True)
+            if not one.holds and one.constraints and _compute_merit(one, wanted) < worth
+        ]
+        passed = [point for _, point in sorted(near)]
+        if held:
+            best, idle = min(held, key=lambda one: _compute_merit(one, wanted)), 0
+        elif step > _LEAST:
+            step /= 2
+        else:
+            idle += 1
+
+
+def _halfway(place: Sequence[float], other: Sequence[float], space: DesignSpace) -> list[float]:
+    """Return what lies between two rigs; its choices are those of the second."""
+    return [
+        b if parameter.choices else (a + b) / 2 for a, b, parameter in zip(place, other, space.parameters, strict=True)
+    ]
+
+
+def _single(place: Sequence[float], space: DesignSpace, step: float, generator: np.random.Generator) -> list[float]:
+    number = int(generator.integers(len(space)))
+    found = list(place)
+    found[number] = _stepped(space.parameters[number], place[number], step, generator)
+    return found
+
+
+def _stepped(parameter: Parameter, unit: float, step: float, generator: np.random.Generator) -> float:
+    levels = parameter.levels
+    if parameter.choices:
+        return (int(generator.integers(levels)) + 0.5) / levels
+    side = 1.0 if generator.random() < 0.5 else -1.0
+    if levels:
+        return _inside(unit + side * max(step, 1 / levels))
+    return _inside(unit + side * step)
+
+
+def _difference(
+    place: Sequence[float], pool: Sequence[Sequence[float]], space: DesignSpace, generator: np.random.Generator
+) -> list[float]:
+    """Return the best rig with the difference of two good ones added."""
+    one, other, third = (pool[int(generator.integers(len(pool)))] for _ in range(3))
+    size = generator.uniform(0.3, 1.2)
+    found = []
+    for number, parameter in enumerate(space.parameters):
+        unit = place[number]
+        if parameter.choices:
+            found.append(third[number] if generator.random() < _OTHER_CHOICE else unit)
+        elif generator.random() < _CROSSED:
+            found.append(_inside(unit + size * (one[number] - other[number])))
+        else:
+            found.append(unit)
+    return found
+
+
+def _inside(unit: float) -> float:
+    return min(max(unit, 0.0), 1.0)
+
+
+Array = NDArray[np.float64]
+
+_LEVELS = 4
+_FEWEST = 2
+_FEWEST_BASE = 8
+
+
+@dataclass(frozen=True)
+class SobolIndices:
+    """Sobol' indices of a parameter.
+
+    Parameters
+    ----------
+    first, total
+        Of the parameter alone, and with all its interactions.
+    first_half, total_half
+        Half widths of their intervals of 95 %, from resampling the base samples.
+    samples
+        Base samples that tell.
+    """
+
+    first: float
+    total: float
+    first_half: float
+    total_half: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class SensitivityResult:
+    """What sensitivity analyses say, by objective's title and parameter's name.
+
+    Parameters
+    ----------
+    morris
+        Mean size and scatter of elementary effects.
+    sobol
+        Sobol' indices.
+    left_out
+        Share of the trajectories and of the base samples that held a rig that cannot be made.
+    """
+
+    morris: Mapping[tuple[str, str], tuple[float, float]]
+    sobol: Mapping[tuple[str, str], SobolIndices]
+    left_out: tuple[float, float]
+
+
+def analyse_sensitivity(
+    ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], morris: int, sobol: int, seed: int
+) -> SensitivityResult:
+    """Return what parameters do to objectives, over their whole ranges and without regard to constraints.
+
+    Trajectories and base samples that hold a rig that cannot be made are left out.
+
+    Parameters
+    ----------
+    ledger
+        Where predictions come from.
+    space, objectives
+        What is designed.
+    morris
+        Trajectories of Morris' method, 0 for none.
+    sobol
+        Base samples of Sobol' indices, a power of two; 0 for none.
+    seed
+        Of the samples.
+    """
+    problem = {"num_vars": len(space), "names": space.names, "bounds": [[0.0, 1.0]] * len(space)}
+    found_morris: dict[tuple[str, str], tuple[float, float]] = {}
+    found_sobol: dict[tuple[str, str], SobolIndices] = {}
+    left_out = [0.0, 0.0]
+    if morris:
+        points = _quiet(import_optional("SALib.sample.morris").sample, problem, morris, num_levels=_LEVELS, seed=seed)
+        values = ledger.ask(points, "morris")
+        left_out[0] = _each(values, objectives, len(space) + 1, points, found_morris, problem, _morris)
+    if sobol:
+        points = _quiet(
+            import_optional("SALib.sample.sobol").sample, problem, sobol, calc_second_order=False, seed=seed
+        )
+        values = ledger.ask(points, "sobol")
+        left_out[1] = _each(values, objectives, len(space) + 2, points, found_sobol, problem, _sobol)
+    return SensitivityResult(found_morris, found_sobol, (left_out[0], left_out[1]))
+
+
+def _each(
+    values: Sequence[Evaluation],
+    objectives: Sequence[Objective],
+    block: int,
+    points: Array,
+    found: dict[tuple[str, str], Any],
+    problem: Mapping[str, Any],
+    analysed: Any,
+) -> float:
+    """Analyse every objective; return the largest share of blocks that were left out."""
+    lost = 0.0
+    for one in objectives:
+        logs = np.array([_log_finite(each.predicted[one.title]) for each in values])
+        whole = np.isfinite(logs).reshape(-1, block).all(axis=1)
+        lost = max(lost, 1.0 - float(whole.mean()))
+        kept = np.repeat(whole, block)
+        if whole.sum() >= _FEWEST:
+            for name, told in zip(problem["names"], analysed(problem, points[kept], logs[kept]), strict=True):
+                found[one.title, name] = told
+    return lost
+
+
+def _morris(problem: Mapping[str, Any], points: Array, logs: Array) -> list[tuple[float, float]]:
+    told = _quiet(
+        import_optional("SALib.analyze.morris").analyze, dict(problem), points, logs, num_levels=_LEVELS, seed=0
+    )
+    return [(float(mean), float(scatter)) for mean, scatter in zip(told["mu_star"], told["sigma"], strict=True)]
+
+
+def _sobol(problem: Mapping[str, Any], points: Array, logs: Array) -> list[SobolIndices]:
+    samples = len(logs) // (problem["num_vars"] + 2)
+    if samples < _FEWEST_BASE or float(logs.std()) < 1e-12:
+        return [SobolIndices(math.nan, math.nan, math.nan, math.nan, samples)] * problem["num_vars"]
+    told = _quiet(import_optional("SALib.analyze.sobol").analyze, dict(problem), logs, calc_second_order=False, seed=0)
+    each = zip(*(told[name] for name in ("S1", "ST", "S1_conf", "ST_conf")), strict=True)
+    return [
+        SobolIndices(float(s1), float(st), float(s1_half), float(st_half), samples) for s1, st, s1_half, st_half in each
+    ]
+
+
+def _quiet(work: Any, *arguments: Any, **named: Any) -> Any:
+    """Call a library that warns of what is no concern of ours."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        return work(*arguments, **named)
+
+
+def _log_finite(value: float) -> float:
+    return math.log(value) if 0 < value < math.inf else math.nan

@@ -1,0 +1,348 @@
+"""Runs an optimisation from specification to result: search, sensitivity, Pareto front, confirmation; resumable."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.dataset.executors import TaskExecutor, create_executor
+from scenetruth.dataset.worker_setup import collect_versions
+from scenetruth.design.optimisation.confirmation import ConfirmationResult, check_rank_consistency, simulate_candidates
+from scenetruth.design.optimisation.design_records import RigDesign, Sensitivity
+from scenetruth.design.optimisation.design_result import DesignResult
+from scenetruth.design.optimisation.design_search import (
+    SensitivityResult,
+    SobolIndices,
+    allocate_evaluations,
+    analyse_sensitivity,
+    refine_locally,
+    require_optional_libraries,
+    search_with_optuna,
+)
+from scenetruth.design.optimisation.evaluation_log import EvaluationLog
+from scenetruth.design.optimisation.interpretation import (
+    check_rules_of_thumb,
+    compute_local_sensitivities,
+    list_assumptions,
+    refuse_infeasible,
+    rig_from_evaluation,
+)
+from scenetruth.design.optimisation.pareto_front import (
+    add_alternatives,
+    find_pareto_front,
+    select_distinguishable,
+    select_recommended,
+    thin_front,
+)
+from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
+from scenetruth.design.optimisation.report.design_report import write_design_files
+from scenetruth.design.optimisation.rig_evaluation import Evaluation, build_rig, compute_rig_context, predict_scene
+from scenetruth.design.optimisation.specification import DesignSpec, design_spec_from_dict, load_design_spec
+from scenetruth.errors import OutputExistsError, StoreError
+from scenetruth.output import lock_output, remove_leftovers, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.progress import Progress
+from scenetruth.scene import scene_from_plain
+from scenetruth.schema import digest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["INDEX", "optimise"]
+
+INDEX = "goal.json"
+"""What a folder of a design is known by."""
+_PREDICTIONS = "predictions.jsonl"
+_MOST_SHOWN = 24
+
+
+def optimise(
+    goal: DesignSpec | Mapping[str, Any] | str | Path,
+    folder: str | Path | None = None,
+    *,
+    workers: int = 2,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> DesignResult:
+    """Find the rig that knows best what is to be known, within constraints.
+
+    Predictions from theory screen thousands of rigs: an even design, a search by Optuna, steps around the best, and
+    analyses of sensitivity. The best of the front are simulated, estimated and scored with several seeds; the
+    recommended rig is the best of these. What is done stays in the folder: an interrupted design goes on where it was,
+    and comes to the same end.
+
+    Parameters
+    ----------
+    goal
+        The goal, its plain values, or its file.
+    folder
+        Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
+        ``recommended_preview.yaml``, ``front.csv``, ``screened.csv``, ``design.json``. If not given, nothing is kept.
+    workers
+        Processes of this machine, of one thread each; 0 does all in this one.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Design
+        The recommended rig, the front, alternatives, and what stands behind them.
+
+    Raises
+    ------
+    RecipeError
+        If the goal cannot be followed, or no rig meets its constraints; lists all that is wrong.
+    MachineError
+        If Optuna or SALib is not installed.
+    OutputExistsError
+        If the folder holds something else.
+
+    See Also
+    --------
+    predict : The precision of one scene.
+    sweep : Simulations over whatever varies.
+    scenetruth.design.optimisation.load_design_spec : A goal from a file.
+
+    Examples
+    --------
+    Three positions before a wall, on a stage with 16 mm of travel; nothing is simulated:
+
+    >>> from scenetruth.design.optimisation import optimise
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 16]}}
+    >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
+    >>> scene |= {"stage": {"positions": 3, "baseline_mm": 4}, "frames": {"count": 3}, "sensor": {"noise_std": 0.01}}
+    >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
+    >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
+    >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
+    >>> best = optimise(goal, workers=0).recommended
+    >>> dict(best.parameters), f"depth to {best.predicted['Depth']:.2f} mm"
+    ({'stage.baseline_mm': 8}, 'depth to 0.16 mm')
+    >>> [f"{one.title}: {one.value:g} {one.unit}, {one.sense} {one.limit:g}" for one in best.constraints]
+    ['stage travel: 16 mm, at most 16']
+    """
+    require_optional_libraries()
+    known = goal if isinstance(goal, DesignSpec) else _load_specification(goal)
+    prepared = prepare_problem(known)
+    say = notice or (lambda _: None)
+    with ExitStack() as stack:
+        if folder is None:
+            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
+        else:
+            place = Path(folder)
+            _claim_folder(place, known, prepared)
+            stack.enter_context(lock_output(place / "run"))
+            remove_leftovers(place / "simulations")
+        run = _Run(known, prepared, place, progress, say)
+        crew = create_executor(workers)
+        try:
+            run.search(crew)
+        finally:
+            crew.close()
+        design = run.answer(workers)
+        if folder is not None:
+            design = replace(design, folder=place)
+            with run.timed("page"):
+                write_design_files(design, place)
+    return design
+
+
+def _load_specification(given: Mapping[str, Any] | str | Path) -> DesignSpec:
+    return design_spec_from_dict(given) if isinstance(given, Mapping) else load_design_spec(given)
+
+
+def _claim_folder(folder: Path, goal: DesignSpec, prepared: OptimisationProblem) -> None:
+    """Claim a folder for a design."""
+    index = folder / INDEX
+    key = _key(prepared)
+    if index.exists():
+        try:
+            same = parse_json(index.read_bytes())["key"] == key
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise StoreError(index, f"is damaged: {error}; remove the folder, or choose another") from error
+        if not same:
+            message = "is of a design with another scene, other constraints or objectives; choose another folder"
+            raise OutputExistsError(folder, message)
+        return
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise OutputExistsError(folder, "exists, and is no folder of a design; choose another")
+    (folder / "simulations").mkdir(parents=True, exist_ok=True)
+    with write_atomically(index) as aside:
+        told = {"format": 1, "key": key, "title": goal.title}
+        aside.write_text(json.dumps(told, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _key(prepared: OptimisationProblem) -> str:
+    """Return a hash of all that predictions depend on."""
+    task = prepared.task
+    depends = {
+        "scene": task.base.plain,
+        "places": task.base.places,
+        "light": None if task.base.light is None else task.base.light.model_dump(),
+        "entries": {kind: {k: v.model_dump() for k, v in task.base.entries.of(kind).items()} for kind in _KINDS},
+        "limits": [one.model_dump() for one in task.limits],
+        "objectives": [(one.quantity, one.region, one.statistic) for one in task.objectives],
+        "method": task.method,
+        "versions": collect_versions(),
+    }
+    return digest(json.loads(json.dumps(depends, default=str)))
+
+
+_KINDS = ("lens", "camera", "stage")
+
+
+@dataclass
+class _Run:
+    """A design in the making."""
+
+    goal: DesignSpec
+    prepared: OptimisationProblem
+    folder: Path
+    progress: Progress | None
+    say: Callable[[str], None]
+    seconds: dict[str, float] = field(default_factory=dict)
+    found: list[Evaluation] = field(default_factory=list)
+    phases: list[str] = field(default_factory=list)
+    effects: SensitivityResult = field(default_factory=lambda: SensitivityResult({}, {}, (0.0, 0.0)))
+
+    @contextmanager
+    def timed(self, what: str) -> Iterator[None]:
+        """Measure how long something takes."""
+        start = time.perf_counter()
+        yield
+        self.seconds[what] = round(time.perf_counter() - start, 2)
+
+    def search(self, crew: TaskExecutor) -> None:
+        """Make all predictions."""
+        from scipy.stats import qmc
+
+        space, objectives, search = self.prepared.space, self.prepared.task.objectives, self.goal.search
+        shares = allocate_evaluations(search, len(space))
+        file = self.folder / _PREDICTIONS
+        ledger = EvaluationLog(self.prepared.task, space, crew, file, self.progress, search.predictions)
+        try:
+            with self.timed("even design"):
+                points = qmc.Sobol(len(space), seed=np.random.default_rng(search.seed)).random(shares.even)
+                ledger.ask(points.tolist(), "even design")
+            with self.timed("search"):
+                search_with_optuna(ledger, space, objectives, shares.search, search.seed)
+                refuse_infeasible(self.goal, ledger.evaluations)
+                refine_locally(ledger, space, objectives, shares.last, search.seed)
+            with self.timed("sensitivity"):
+                self.effects = analyse_sensitivity(ledger, space, objectives, shares.morris, shares.sobol, search.seed)
+        finally:
+            ledger.close()
+        self.found, self.phases = ledger.evaluations, ledger.phases
+
+    def answer(self, workers: int) -> DesignResult:
+        """Simulate the best, and put all together."""
+        space, task = self.prepared.space, self.prepared.task
+        front = find_pareto_front(self.found, task.objectives)
+        first = select_recommended([self.found[number].predicted for number in front], task.objectives)
+        front = [front[place] for place in thin_front(self._logs(front), _MOST_SHOWN, first)]
+        shown = add_alternatives(self.found, task.objectives, space, front)
+        rigs = [rig_from_evaluation(number, self.found[number], self.prepared) for number in shown]
+        confirm = self.goal.confirm
+        chosen = [rigs[place] for place in select_distinguishable(self._logs(shown), len(front), confirm.rigs)]
+        with self.timed("simulations"):
+            simulated = simulate_candidates(
+                chosen, self.prepared, confirm, self.folder, workers, progress=self.progress, notice=self.say
+            )
+        by_number = {rig.number: simulated.rigs.get(rig.number, rig) for rig in rigs}
+        recommended = self._recommended(list(by_number.values()), simulated)
+        on_front = [by_number[number] for number in front]
+        on_front.sort(key=lambda rig: [rig.predicted[one.title] for one in task.objectives])
+        one = self.found[recommended.number]
+        scene = scene_from_plain(recommended.scene)
+        facts = compute_rig_context(
+            task, build_rig(task.base, one.values), scene, predict_scene(scene, task.method), one.values
+        )
+        assert facts is not None
+        with self.timed("ten percent"):
+            sensitivities = self._sensitivities(one)
+        return DesignResult(
+            goal=self.goal.model_dump(mode="json", by_alias=True),
+            title=self.goal.title,
+            objectives=task.objectives,
+            recommended=recommended,
+            front=tuple(on_front),
+            screened=self._screened(),
+            sensitivities=sensitivities,
+            rules=check_rules_of_thumb(facts),
+            assumptions=list_assumptions(self.goal, facts, simulated.changes, self.effects.left_out, sensitivities),
+            discrepancies=simulated.discrepancies,
+            seconds=self.seconds,
+            alternatives=tuple(by_number[number] for number in shown if number not in front),
+            orders=check_rank_consistency(list(by_number.values()), task.objectives),
+        )
+
+    def _logs(self, numbers: Sequence[int]) -> NDArray[np.float64]:
+        """Return logarithms of predictions, shape (rigs, objectives)."""
+        titles = [one.title for one in self.prepared.task.objectives]
+        return np.log([[self.found[number].predicted[title] for title in titles] for number in numbers])
+
+    def _recommended(self, rigs: list[RigDesign], simulated: ConfirmationResult) -> RigDesign:
+        """Return the best of the rigs that were simulated, as the simulations tell; else as predicted."""
+        objectives = self.prepared.task.objectives
+        told = [rig for rig in rigs if all(one.title in rig.simulated for one in objectives)]
+        if told:
+            figures = [{one.title: rig.simulated[one.title].number for one in objectives} for rig in told]
+            return told[select_recommended(figures, objectives)]
+        if simulated.rigs:
+            self.say("no simulation told all objectives; the recommended rig is that of the predictions")
+        return rigs[select_recommended([rig.predicted for rig in rigs], objectives)]
+
+    def _sensitivities(self, one: Evaluation) -> tuple[Sensitivity, ...]:
+        space, task = self.prepared.space, self.prepared.task
+        more = compute_local_sensitivities(one, self.prepared)
+        less = compute_local_sensitivities(one, self.prepared, 0.9)
+        nothing, no_indices = (math.nan, math.nan), SobolIndices(math.nan, math.nan, math.nan, math.nan, 0)
+        found = []
+        for objective in task.objectives:
+            for name in space.names:
+                key = (objective.title, name)
+                mean, scatter = self.effects.morris.get(key, nothing)
+                sobol = self.effects.sobol.get(key, no_indices)
+                told = Sensitivity(
+                    name,
+                    objective.title,
+                    mean,
+                    scatter,
+                    sobol.first,
+                    sobol.total,
+                    more.get(key, math.nan),
+                    less.get(key, math.nan),
+                    sobol.first_half,
+                    sobol.total_half,
+                    sobol.samples,
+                )
+                found.append(told)
+        return tuple(found)
+
+    def _screened(self) -> pd.DataFrame:
+        import pandas as pd
+
+        rows = [
+            {
+                **one.values,
+                **one.predicted,
+                "holds": one.holds,
+                "excess": one.excess,
+                "phase": phase,
+                "problem": one.problem,
+            }
+            for one, phase in zip(self.found, self.phases, strict=True)
+        ]
+        return pd.DataFrame(rows)

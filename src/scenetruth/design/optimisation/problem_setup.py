@@ -1,0 +1,374 @@
+"""From a design specification to the optimisation problem.
+
+Base scene, catalogues and design space, with all problems reported together.
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from scenetruth.benchmark.method_specs import parse_methods
+from scenetruth.design.optimisation.catalogues import CatalogueEntries, load_catalogues
+from scenetruth.design.optimisation.design_records import DesignSpecError, Objective
+from scenetruth.design.optimisation.rig_evaluation import (
+    BaseRig,
+    DesignSpace,
+    EvaluationTask,
+    Parameter,
+    build_rig,
+    predict_scene,
+)
+from scenetruth.design.optimisation.specification import (
+    CATALOGUES,
+    NAMED_VARIABLES,
+    DesignSpec,
+    DesignVariable,
+    ObjectiveSpec,
+)
+from scenetruth.design.prediction import Prediction
+from scenetruth.errors import EstimateError, Problem, SceneError
+from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene.field_paths import PathError, assign, expand, value_at
+from scenetruth.scoring import QUANTITIES
+from scenetruth.scoring.quantities import get_title
+
+__all__ = ["OptimisationProblem", "prepare_problem"]
+
+_NO_EFFECT = ("format", "description", "storage", "seed", "score")
+_MOST_TRIED = 64
+"""Rigs that are tried until one can be predicted."""
+
+
+@dataclass(frozen=True)
+class OptimisationProblem:
+    """A goal that can be followed.
+
+    Parameters
+    ----------
+    task
+        What evaluates rigs.
+    space
+        What is free.
+    scene
+        The base scene, with the goal's changes.
+    """
+
+    task: EvaluationTask
+    space: DesignSpace
+    scene: Scene
+
+
+def prepare_problem(goal: DesignSpec) -> OptimisationProblem:
+    """Return what is searched.
+
+    Parameters
+    ----------
+    goal
+        The goal.
+
+    Raises
+    ------
+    GoalError
+        With every problem: paths that lead nowhere, parameters that vary nothing, values that make no scene, names that
+        no catalogue has, objectives that are not predicted.
+    """
+    problems: list[Problem] = []
+    entries = _entries(goal, problems)
+    scene = _scene(goal, problems)
+    if scene is None or entries is None:
+        raise DesignSpecError(problems)
+    plain = scene.to_plain()
+    places, parameters = {}, []
+    for name, free in goal.free.items():
+        if name not in NAMED_VARIABLES:
+            found = _places(plain, name, problems)
+            if found:
+                places[name] = found
+                parameters.append(_parameter(name, free, plain, found, problems))
+        else:
+            parameters.append(_named(name, free, entries, problems))
+    problems += _overlaps(places)
+    problems += _find_undetermined(goal, scene, entries)
+    known = [one for one in parameters if one is not None]
+    if problems:
+        raise DesignSpecError(problems)
+    space = DesignSpace(tuple(known))
+    depth = _compute_depth(scene, goal)
+    base = BaseRig(plain, places, entries, goal.light, depth)
+    problems += _find_invalid_values(base, space)
+    problems += _find_ineffective(base, space)
+    if problems:
+        raise DesignSpecError(problems)
+    prediction = _predict_middle(base, space, scene.estimate.method)
+    objectives = []
+    for number, wanted in enumerate(goal.objectives):
+        problems += _not_predicted(f"objectives.{number}", wanted, prediction, scene.estimate.method)
+        units = QUANTITIES[wanted.quantity].units
+        objectives.append(Objective(wanted.quantity, wanted.region, units, "", wanted.within, wanted.statistic))
+    if problems:
+        raise DesignSpecError(problems)
+    task = EvaluationTask(
+        base, goal.constraints, tuple(_with_unique_title(one, objectives) for one in objectives), scene.estimate.method
+    )
+    return OptimisationProblem(task, space, scene)
+
+
+def _entries(goal: DesignSpec, problems: list[Problem]) -> CatalogueEntries | None:
+    try:
+        return load_catalogues(goal.catalogues)
+    except DesignSpecError as error:
+        problems += [Problem(f"catalogues: {one.path}", one.message, one.value) for one in error.problems]
+        return None
+
+
+def _scene(goal: DesignSpec, problems: list[Problem]) -> Scene | None:
+    """Return the base scene with the goal's changes and method."""
+    try:
+        scene = load_scene(goal.scene) if isinstance(goal.scene, str) else scene_from_plain(goal.scene)
+        plain = scene.to_plain()
+        for path, value in goal.set.items():
+            try:
+                for place in expand(plain, path):
+                    assign(plain, place, value)
+            except PathError as error:
+                problems.append(Problem(f"set.{path}", str(error), value))
+        one = parse_methods(goal.method, from_file=True)[0]
+        if "estimate" not in {path.split(".")[0] for path in goal.set}:
+            own = scene.estimate.settings.model_dump(mode="json") if scene.estimate.method == one.method else {}
+            plain["estimate"] = {"method": one.method, **own, **one.settings}
+        return scene_from_plain(plain)
+    except SceneError as error:
+        told = f" ({goal.scene})" if isinstance(goal.scene, str) else ""
+        problems += [
+            Problem(".".join(filter(None, ("scene", one.path))), f"{one.message}{told}", one.value)
+            for one in error.problems
+        ]
+    except EstimateError as error:
+        problems += [Problem(f"method.{one.path}", one.message, one.value) for one in error.problems]
+    return None
+
+
+def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tuple[str, ...]:
+    try:
+        found = tuple(expand(plain, path))
+        for place in found:
+            value_at(plain, place)
+    except PathError as error:
+        near = difflib.get_close_matches(path, NAMED_VARIABLES, n=1)
+        told = str(error).replace(", under 'set'", "")
+        problems.append(Problem(f"free.{path}", f"{told}; did you mean '{near[0]}'?" if near else told))
+        return ()
+    return found
+
+
+def _parameter(
+    name: str, free: DesignVariable, plain: Mapping[str, Any], places: tuple[str, ...], problems: list[Problem]
+) -> Parameter | None:
+    """Return a parameter that is a field of the scene."""
+    if free.values is not None:
+        return _choice(name, free, problems)
+    try:
+        there = [value_at(plain, place) for place in places]
+    except PathError as error:
+        problems.append(Problem(f"free.{name}", str(error)))
+        return None
+    whole = all(isinstance(value, int) and not isinstance(value, bool) for value in there)
+    return _range(name, free, problems, whole=whole)
+
+
+def _range(name: str, free: DesignVariable, problems: list[Problem], *, whole: bool) -> Parameter | None:
+    low, high = float(free.from_ or 0.0), float(free.to or 0.0)
+    if whole and math.ceil(low) >= math.floor(high):
+        problems.append(Problem(f"free.{name}", "takes whole numbers, of which there are not two", [low, high]))
+        return None
+    return Parameter(name, low, high, free.log, whole)
+
+
+def _choice(name: str, free: DesignVariable, problems: list[Problem]) -> Parameter | None:
+    if free.values == "all" or free.values is None:
+        problems.append(Problem(f"free.{name}", f"is none of {', '.join(CATALOGUES)}: list its values", free.values))
+        return None
+    values = list(free.values)
+    if any(value in values[:number] for number, value in enumerate(values)):
+        problems.append(Problem(f"free.{name}", "has a value twice", values))
+        return None
+    if len(values) < 2:
+        message = "does not vary anything: give two values or more, or set it under 'set'"
+        problems.append(Problem(f"free.{name}", message, values))
+        return None
+    return Parameter(name, choices=tuple(values))
+
+
+def _named(name: str, free: DesignVariable, entries: CatalogueEntries, problems: list[Problem]) -> Parameter | None:
+    """Return a parameter that goals know by name."""
+    if name not in CATALOGUES:
+        if free.values is not None:
+            return _choice(name, free, problems)
+        if (free.from_ or 0.0) <= 0:
+            problems.append(Problem(f"free.{name}", "must begin above 0", free.from_))
+            return None
+        return _range(name, free, problems, whole=False)
+    known = entries.of(name)
+    if free.values is None:
+        problems.append(Problem(f"free.{name}", "is chosen from a catalogue: list names of entries, or write all"))
+        return None
+    values = list(known) if free.values == "all" else list(free.values)
+    for one in values:
+        if one not in known:
+            near = difflib.get_close_matches(str(one), list(known), n=2)
+            told = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
+            problems.append(Problem(f"free.{name}", f"no catalogue has it; {told}", one))
+    if any(one not in known for one in values):
+        return None
+    return Parameter(name, choices=tuple(dict.fromkeys(values)))
+
+
+def _overlaps(places: Mapping[str, tuple[str, ...]]) -> Iterator[Problem]:
+    names = list(places)
+    for number, one in enumerate(names):
+        for other in names[:number]:
+            if any(
+                f"{here}.".startswith(f"{there}.") or f"{there}.".startswith(f"{here}.")
+                for here in places[one]
+                for there in places[other]
+            ):
+                yield Problem(f"free.{one}", f"sets what '{other}' sets, or a part of it: free one of them")
+
+
+_CHOSEN = {
+    "camera": ("camera.width", "camera.height", "camera.pixel_pitch_um", "camera.focal_length_px", "sensor"),
+    "lens": ("camera.focal_length_mm", "camera.focal_length_px", "camera.distortion", "optics.psf"),
+    "stage": ("stage.errors", "stage.time_per_position_s"),
+    "exposure_s": ("shutter.exposure_time_s",),
+}
+"""Fields that are no longer the scene's where a parameter is free."""
+
+
+def _find_undetermined(goal: DesignSpec, scene: Scene, entries: CatalogueEntries) -> Iterator[Problem]:
+    """Tell which parameters need others, or are decided by them."""
+    if "f_number" in goal.free and "lens" not in goal.free:
+        yield Problem("free.f_number", "needs a lens of the catalogue: let 'lens' be free too, if only one entry of it")
+    if "lens" in goal.free and "camera" not in goal.free and scene.camera.pixel_pitch_um is None:
+        message = (
+            "needs the size of pixels: give camera.pixel_pitch_um and focal_length_mm in the scene, or let 'camera' be"
+        )
+        yield Problem("free.lens", f"{message} free too")
+    for name, taken in _CHOSEN.items():
+        for path in goal.free if name in goal.free else ():
+            if any(f"{path}.".startswith(f"{one}.") for one in taken):
+                yield Problem(f"free.{path}", f"does not vary anything: '{name}' decides it; free one of them")
+
+
+def _compute_depth(scene: Scene, goal: DesignSpec) -> float:
+    """Return the depth of what is measured in the base scene, in mm."""
+    try:
+        quiet = scene.model_copy(
+            update={"sensor": scene_from_plain({**scene.to_plain(), "sensor": _SOME_NOISE}).sensor}
+        )
+        prediction = predict_scene(quiet, scene.estimate.method)
+    except SceneError as error:
+        raise DesignSpecError(
+            [Problem(f"scene.{one.path}", one.message, one.value) for one in error.problems]
+        ) from error
+    region = goal.objectives[0].region
+    return prediction.by_region.get(region, prediction.causes).depth_mm
+
+
+_SOME_NOISE = {"noise_std": 0.01}
+
+
+def _find_invalid_values(base: BaseRig, space: DesignSpace) -> Iterator[Problem]:
+    """Tell which values no scene can have, whatever the others are."""
+    for number, one in enumerate(space.parameters):
+        if one.name not in base.places:
+            continue
+        values = list(one.choices) if one.choices else [one.rounded(one.low), one.rounded(one.high)]
+        seen: set[str] = set()
+        for value in values:
+            try:
+                scene_from_plain(_with(base, space, number, value))
+            except SceneError as error:
+                for problem in error.problems:
+                    own = any(f"{problem.path}.".startswith(f"{place}.") for place in base.places[one.name])
+                    if own and problem.message not in seen:
+                        seen.add(problem.message)
+                        yield Problem(f"free.{one.name}", problem.message, problem.value)
+
+
+def _with(base: BaseRig, space: DesignSpace, number: int, value: Any) -> dict[str, Any]:
+    """Return a scene with one value changed, and the base scene's where it has any."""
+    plain = copy.deepcopy(dict(base.plain))
+    for place in base.places[space.parameters[number].name]:
+        assign(plain, place, copy.deepcopy(value))
+    return plain
+
+
+def _find_ineffective(base: BaseRig, space: DesignSpace) -> Iterator[Problem]:
+    """Tell which parameters change nothing on which a figure depends."""
+    middle = [0.5] * len(space)
+    for number, one in enumerate(space.parameters):
+        if one.name in CATALOGUES:
+            continue
+        ends = []
+        levels = len(one.choices)
+        for unit in [(k + 0.5) / levels for k in range(levels)] or (0.0, 1.0):
+            point = [*middle[:number], unit, *middle[number + 1 :]]
+            try:
+                plain = build_rig(base, space.values(point)).plain
+                plain = scene_from_plain(plain).to_plain()
+            except (SceneError, PathError):
+                break
+            ends.append({key: value for key, value in plain.items() if key not in _NO_EFFECT})
+        if len(ends) > 1 and all(end == ends[0] for end in ends):
+            yield Problem(f"free.{one.name}", "does not vary anything: no figure depends on it; leave it out")
+
+
+def _predict_middle(base: BaseRig, space: DesignSpace, method: str) -> Prediction:
+    """Return the prediction of some rig, the middle one if it can be made."""
+    from scipy.stats import qmc
+
+    points = np.vstack([np.full(len(space), 0.5), qmc.Sobol(len(space), seed=0).random(_MOST_TRIED)])
+    last: SceneError | None = None
+    for point in points:
+        try:
+            return predict_scene(scene_from_plain(build_rig(base, space.values(point.tolist())).plain), method)
+        except SceneError as error:
+            last = last or error
+    assert last is not None
+    problems = [
+        Problem(
+            one.path or "free", f"{one.message}; none of {_MOST_TRIED} rigs of this space can be predicted", one.value
+        )
+        for one in last.problems
+    ]
+    raise DesignSpecError(problems)
+
+
+def _not_predicted(where: str, wanted: ObjectiveSpec, prediction: Prediction, method: str) -> Iterator[Problem]:
+    if wanted.region not in prediction.regions:
+        message = f"is no region of this scene; there are {', '.join(prediction.regions)}"
+        yield Problem(f"{where}.region", message, wanted.region)
+    if wanted.quantity not in prediction.quantities:
+        known = ", ".join(prediction.quantities) or "nothing"
+        message = f"is not predicted for this scene by {method}, which tells {known}"
+        yield Problem(f"{where}.quantity", message, wanted.quantity)
+    elif wanted.statistic == "percentile_95" and QUANTITIES[wanted.quantity].error != "difference":
+        message = f"is not predicted of {wanted.quantity}, which is a distance or an angle; choose typical or rms"
+        yield Problem(f"{where}.statistic", message, wanted.statistic)
+
+
+def _with_unique_title(objective: Objective, others: list[Objective]) -> Objective:
+    """Return an objective with a title of its own."""
+    name = get_title(objective.quantity)
+    place = objective.region.removeprefix("object_")
+    alone = len({one.region for one in others}) == 1 and objective.region in ("all", "interior")
+    title = name if alone else f"{name} of {place}" if objective.region.startswith("object_") else f"{name}, {place}"
+    same = sum((one.quantity, one.region) == (objective.quantity, objective.region) for one in others)
+    return replace(objective, title=f"{title}, {objective.told_in}" if same > 1 else title)

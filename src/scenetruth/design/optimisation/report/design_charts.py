@@ -1,0 +1,489 @@
+"""Charts of a design for plotly's JavaScript: the Pareto front and the sensitivities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+from scenetruth.design.optimisation.design_records import Objective, PredictionInterval, RigDesign, Sensitivity
+from scenetruth.design.optimisation.design_result import DesignResult
+from scenetruth.design.optimisation.report.formatting import (
+    format_estimate,
+    format_interval,
+    format_length,
+    format_number,
+    format_signed_percent,
+    format_value,
+)
+from scenetruth.html import COLOURS, Chart
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "AxisSpec",
+    "build_axis",
+    "build_front_charts",
+    "build_sensitivity_charts",
+    "build_target_line",
+    "finite_or_none",
+    "trace_discrepancies",
+    "trace_predictions",
+    "trace_recommended",
+    "trace_screening",
+    "trace_simulations",
+]
+
+
+_WIDE = 8.0
+"""Values that span more than this factor are drawn on a logarithmic scale."""
+_BEYOND = 3.0
+"""Bars widen an axis by no more than this factor, or this share of what the points span."""
+_FEW_DECADES = 2.5
+_SPARE = 0.05
+_LEAST = 1e-30
+"""Smaller values have no place on a logarithmic scale."""
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class AxisSpec:
+    """What an axis shows.
+
+    Parameters
+    ----------
+    name
+        The objective's title, or the parameter's path; its column among the predictions.
+    objective
+        The objective; None of a parameter.
+    """
+
+    name: str
+    objective: Objective | None = None
+
+    @property
+    def title(self) -> str:
+        """What stands at the axis."""
+        return self.name if self.objective is None else f"{self.name}: {self.objective.told_in}, {self.objective.unit}"
+
+    def predicted(self, rig: RigDesign) -> float:
+        """Return where a rig's prediction is drawn."""
+        return float(rig.parameters[self.name] if self.objective is None else rig.predicted[self.name])
+
+    def simulated(self, rig: RigDesign) -> PredictionInterval | None:
+        """Return where its simulations are; None if there are none."""
+        if self.objective is None:
+            return PredictionInterval(self.predicted(rig), math.nan, math.nan, 0)
+        return rig.simulated.get(self.name)
+
+    def screened(self, table: pd.DataFrame) -> list[float]:
+        """Return where predictions are drawn; NaN where one has no such number."""
+        import pandas as pd
+
+        return [float(value) for value in pd.to_numeric(table[self.name], errors="coerce")]
+
+
+def build_axis(way: AxisSpec, points: Sequence[float | None], ends: Sequence[float | None]) -> dict[str, Any]:
+    """Return an axis that holds all points, and the ends of bars as far as they do not push the points together.
+
+    Parameters
+    ----------
+    way
+        What it shows.
+    points
+        All points on it.
+    ends
+        Ends of bars.
+    """
+    axis: dict[str, Any] = {"title": {"text": way.title}, "automargin": True}
+    known = [value for value in points if value is not None]
+    if way.objective is not None and way.objective.wanted is not None:
+        known.append(way.objective.wanted)
+    if not known:
+        return {**axis, "type": "linear"}
+    low, high = min(known), max(known)
+    bars = [value for value in ends if value is not None]
+    if low > _LEAST and (high > _WIDE * low or any(not low / 2 < value < 2 * high for value in bars)):
+        first = min([low, *(max(value, low / _BEYOND) for value in bars)])
+        last = max([high, *(min(value, high * _BEYOND) for value in bars)])
+        spare = _SPARE * max(math.log10(last) - math.log10(first), 0.1)
+        span = [math.log10(first) - spare, math.log10(last) + spare]
+        # One, two and five of each decade are labelled where there is room.
+        ticks = "D2" if span[1] - span[0] < _FEW_DECADES else 1
+        return {**axis, "type": "log", "tickformat": "~g", "dtick": ticks, "range": span}
+    # What differs by rounding alone is one place.
+    nothing = max(_ROUNDING * max(abs(low), abs(high)), _LEAST)
+    wide = high - low if high - low > nothing else abs(high) if abs(high) > nothing else 1.0
+    first = min([low, *(max(value, low - _BEYOND * wide) for value in bars)])
+    last = max([high, *(min(value, high + _BEYOND * wide) for value in bars)])
+    spare = _SPARE * (last - first if last - first > nothing else wide)
+    return {**axis, "type": "linear", "exponentformat": "power", "range": [first - spare, last + spare]}
+
+
+def build_target_line(
+    way: AxisSpec, axis: str, drawn: Mapping[str, Any]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return a line at what is wanted, and its words; nothing if nothing is.
+
+    Parameters
+    ----------
+    way
+        What the axis shows.
+    axis
+        ``"x"`` or ``"y"``.
+    drawn
+        The axis, as plotly has it.
+    """
+    wanted = None if way.objective is None else way.objective.wanted
+    if way.objective is None or wanted is None:
+        return [], []
+    other = "y" if axis == "x" else "x"
+    shape = {
+        "type": "line",
+        f"{axis}0": wanted,
+        f"{axis}1": wanted,
+        f"{other}0": 0,
+        f"{other}1": 1,
+        f"{other}ref": "paper",
+        "line": {"color": "#009E73", "width": 1.5, "dash": "dash"},
+    }
+    words = {
+        # Places of words on logarithmic axes are logarithms.
+        axis: math.log10(wanted) if drawn["type"] == "log" else wanted,
+        other: 1,
+        f"{other}ref": "paper",
+        f"{other}anchor": "top" if axis == "x" else "right",
+        f"{axis}anchor": "left" if axis == "x" else "bottom",
+        "text": f"wanted: {format_length(wanted)} {way.objective.unit}",
+        "showarrow": False,
+        "bgcolor": "rgba(255,255,255,0.85)",
+    }
+    return [shape], [words]
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a number, or None if it is not finite: JSON has no others."""
+    return value if math.isfinite(value) else None
+
+
+_GREY, _INK = "#9aa5b1", "#1b2430"
+_BLUE, _RED, _GREEN = COLOURS[:3]
+
+
+def trace_screening(x: Sequence[float], y: Sequence[float]) -> dict[str, Any]:
+    """Return all that were screened, as faint points."""
+    known = [(a, b) for a, b in zip(x, y, strict=True) if math.isfinite(a) and math.isfinite(b)]
+    return {
+        "name": "screened, within all constraints",
+        "x": [a for a, _ in known],
+        "y": [b for _, b in known],
+        "mode": "markers",
+        "marker": {"color": _GREY, "size": 4, "opacity": 0.5},
+        "hoverinfo": "skip",
+    }
+
+
+def trace_predictions(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec, *, joined: bool | None) -> dict[str, Any]:
+    """Return what was predicted of the front, joined by a line or not, or of rigs behind it (None)."""
+    return {
+        "name": "alternatives, predicted" if joined is None else "front, predicted",
+        "x": [finite_or_none(x.predicted(rig)) for rig in rigs],
+        "y": [finite_or_none(y.predicted(rig)) for rig in rigs],
+        "mode": "lines+markers" if joined else "markers",
+        "line": {"color": _BLUE, "width": 1},
+        "marker": {
+            "color": "#ffffff",
+            "symbol": "square" if joined is None else "circle",
+            "size": 9,
+            "line": {"color": _BLUE, "width": 2},
+        },
+        **_hover(rigs),
+    }
+
+
+def trace_simulations(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec) -> dict[str, Any]:
+    """Return what simulations of some rigs found, with bars."""
+    trace: dict[str, Any] = {
+        "name": "simulated, 95 %",
+        "mode": "markers",
+        "marker": {"color": _RED, "symbol": "diamond", "size": 9},
+        **_hover(rigs),
+    }
+    for axis, way in (("x", x), ("y", y)):
+        figures = [found for rig in rigs if (found := way.simulated(rig)) is not None]
+        trace[axis] = [finite_or_none(one.number) for one in figures]
+        if any(math.isfinite(one.low) for one in figures):
+            trace[f"error_{axis}"] = {
+                "type": "data",
+                "symmetric": False,
+                "array": [finite_or_none(one.high - one.number) for one in figures],
+                "arrayminus": [finite_or_none(one.number - one.low) for one in figures],
+                "thickness": 1,
+                "color": _RED,
+            }
+    return trace
+
+
+def trace_discrepancies(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec) -> dict[str, Any]:
+    """Return thin lines from what was predicted to what was simulated."""
+    trace: dict[str, Any] = {
+        "mode": "lines",
+        "line": {"color": _RED, "width": 1, "dash": "dot"},
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
+    for axis, way in (("x", x), ("y", y)):
+        trace[axis] = []
+        for rig in rigs:
+            found = way.simulated(rig)
+            trace[axis] += [
+                finite_or_none(way.predicted(rig)),
+                None if found is None else finite_or_none(found.number),
+                None,
+            ]
+    return trace
+
+
+def trace_recommended(rig: RigDesign, x: AxisSpec, y: AxisSpec) -> dict[str, Any]:
+    """Return the recommended rig."""
+    return {
+        "name": f"recommended: rig {rig.number}",
+        "x": [finite_or_none(x.predicted(rig))],
+        "y": [finite_or_none(y.predicted(rig))],
+        "mode": "markers",
+        "marker": {"color": _GREEN, "symbol": "star", "size": 15, "line": {"color": _INK, "width": 1}},
+        **_hover([rig]),
+    }
+
+
+def _hover(rigs: Sequence[RigDesign]) -> dict[str, Any]:
+    return {"customdata": [_hover_text(rig) for rig in rigs], "hovertemplate": "%{customdata}<extra></extra>"}
+
+
+def _hover_text(rig: RigDesign) -> str:
+    """Return what is told of a rig under the pointer."""
+    lines = [f"<b>Rig {rig.number}</b>"]
+    for title, value in rig.predicted.items():
+        found = rig.simulated.get(title)
+        told = f"{title}: predicted {format_number(value)}"
+        if found is not None:
+            between = format_interval(found.low, found.high)
+            told += f", simulated {format_number(found.number)}" + (f" ({between})" if between else "")
+        lines.append(told)
+    return "<br>".join([*lines, *(f"{path} = {format_value(value)}" for path, value in rig.parameters.items())])
+
+
+_MOST_PAIRS, _MOST_SCREENED = 6, 1000
+
+
+def build_front_charts(design: DesignResult) -> list[Chart]:
+    """Return the charts of the front.
+
+    Parameters
+    ----------
+    design
+        The design.
+    """
+    ways = [AxisSpec(objective.title, objective) for objective in design.objectives]
+    if len(ways) == 1:
+        parameter = _most_influential(design)
+        return [] if parameter is None else [_chart(design, AxisSpec(parameter), ways[0], "front-0")]
+    pairs = list(combinations(range(len(ways)), 2))[:_MOST_PAIRS]
+    return [_chart(design, ways[one], ways[other], f"front-{one}-{other}") for one, other in pairs]
+
+
+def _chart(design: DesignResult, x: AxisSpec, y: AxisSpec, name: str) -> Chart:
+    """Return rigs by two figures."""
+    is_front = x.objective is not None
+    held, best = _feasible(design.screened), design.recommended
+    rigs = sorted(design.rigs, key=x.predicted)
+    confirmed = [rig for rig in rigs if x.simulated(rig) is not None and y.simulated(rig) is not None]
+    # In two of several objectives, the front is no line that goes down; of a single one it is a point.
+    numbers = {rig.number for rig in design.front} if is_front else set()
+    first = [rig for rig in rigs if rig.number in numbers]
+    behind = [rig for rig in rigs if rig.number not in numbers]
+    data = [trace_screening(x.screened(held), y.screened(held))]
+    data += [trace_predictions(first, x, y, joined=len(design.objectives) == 2)] if first else []
+    data += [trace_predictions(behind, x, y, joined=None)] if behind else []
+    data += [trace_discrepancies(confirmed, x, y), trace_simulations(confirmed, x, y)] if confirmed else []
+    data.append(trace_recommended(best, x, y))
+    axes, shapes, signs = {}, [], []
+    for axis, way in (("x", x), ("y", y)):
+        figures = [found for rig in confirmed if (found := way.simulated(rig)) is not None]
+        ends = [end for one in figures for end in (one.low, one.high) if math.isfinite(end)]
+        axes[f"{axis}axis"] = build_axis(way, [value for trace in data for value in trace[axis]], ends)
+        line, words = build_target_line(way, axis, axes[f"{axis}axis"])
+        shapes += line
+        signs += words
+    title = f"{y.name}<br><sub>over {x.name}</sub>"
+    layout = {"title": {"text": title}, "shapes": shapes, "annotations": signs, **axes}
+    ends_of = [
+        f"{format_number(x.predicted(rig))} and {format_number(y.predicted(rig))}" for rig in (rigs[0], rigs[-1])
+    ]
+    told = (
+        f"{y.title} over {x.title}; less is better{' in both' if is_front else ''}. Predictions of {len(rigs)} rigs, "
+        f"from {ends_of[0]} to {ends_of[1]}; {len(confirmed)} of them were simulated. Recommended: "
+        f"rig {best.number} with {format_number(x.predicted(best))} and {format_number(y.predicted(best))}."
+    )
+    return Chart(name, told, data, layout)
+
+
+def _feasible(screened: pd.DataFrame) -> pd.DataFrame:
+    """Return predictions within all constraints, evenly thinned out if they are many."""
+    held = screened[screened["holds"].astype(bool)]
+    return held.iloc[:: max(1, -(-len(held) // _MOST_SCREENED))]
+
+
+def _most_influential(design: DesignResult) -> str | None:
+    """Return the parameter that does most to the only objective, of those that are numbers; None if there are none."""
+    worth = {
+        path: 0.0
+        for path in design.recommended.parameters
+        if path in design.screened and all(_is_number(rig.parameters.get(path)) for rig in _rigs(design))
+    }
+    for one in design.sensitivities:
+        if one.parameter in worth and one.objective == design.objectives[0].title:
+            told = [abs(each) for each in (one.sobol_total, one.morris_mu_star, one.ten_percent) if math.isfinite(each)]
+            worth[one.parameter] = told[0] if told else 0.0
+    return max(worth, key=lambda path: worth[path], default=None)
+
+
+def _rigs(design: DesignResult) -> list[RigDesign]:
+    return list(design.rigs)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+_MOST_BARS = 20
+_PALE = ("#8cc1e0", "#f0b28f")
+"""The first colours of charts, paler."""
+_BESIDE = 0.3
+"""Share of the bars' span beside them."""
+_BAR_PX, _AROUND_PX = 52, 150
+"""Height of two bars, and of what is around all of them."""
+
+
+def build_sensitivity_charts(design: DesignResult) -> list[Chart]:
+    """Return what each parameter does to each objective: 10 % more and less of it, and shares of the variance.
+
+    Parameters
+    ----------
+    design
+        The design.
+    """
+    charts = []
+    for place, objective in enumerate(design.objectives):
+        own = [one for one in design.sensitivities if one.objective == objective.title]
+        steps = [one for one in own if math.isfinite(one.ten_percent)]
+        shares = [one for one in own if math.isfinite(one.sobol_total)]
+        charts += [_ten_percent(place, objective, steps)] if steps else []
+        charts += [_sobol(place, objective, shares)] if shares else []
+    return charts
+
+
+def _ten_percent(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Chart:
+    """Return bars of what 10 % more and less of each parameter does, the largest on top."""
+    shown = sorted(own, key=lambda one: abs(one.ten_percent))[-_MOST_BARS:]
+    data = []
+    for name, changes, colours in (
+        ("10 % less", [one.ten_percent_less for one in shown], _PALE),
+        ("10 % more", [one.ten_percent for one in shown], COLOURS),
+    ):
+        data.append(
+            {
+                "type": "bar",
+                "orientation": "h",
+                "name": name,
+                "x": [finite_or_none(100 * one) for one in changes],
+                "y": [_folded(one.parameter) for one in shown],
+                "text": [format_signed_percent(one) for one in changes],
+                "textposition": "auto",
+                "insidetextanchor": "middle",
+                "cliponaxis": False,
+                # Less is better.
+                "marker": {"color": [colours[1] if one > 0 else colours[0] for one in changes]},
+                "hovertemplate": f"{name} of %{{y}}: %{{text}}<extra></extra>",
+            }
+        )
+    # Room for words beside short bars.
+    ends = [one for each in shown for one in (each.ten_percent, each.ten_percent_less) if math.isfinite(one)]
+    reach = [100 * end(0.0, *ends) for end in (min, max)]
+    spare = _BESIDE * max(reach[1] - reach[0], 1.0)
+    key = "full: 10 % more; pale: less; blue is better"
+    layout = {
+        "title": {"text": f"{objective.title}: ±10 %<br><sub>{key}</sub>"},
+        "xaxis": {"title": {"text": "change, %"}, "range": [reach[0] - spare, reach[1] + spare], "automargin": True},
+        "yaxis": {"automargin": True},
+        "barmode": "group",
+        "showlegend": False,
+        "height": _AROUND_PX + _BAR_PX * len(shown),
+    }
+    told = "; ".join(
+        f"{one.parameter} {format_signed_percent(one.ten_percent)} ({format_signed_percent(one.ten_percent_less)})"
+        for one in reversed(shown)
+    )
+    words = f"Change of {objective.title} for 10 % more (less) of a parameter: {told}."
+    return Chart(f"ten-percent-{place}", words, data, layout)
+
+
+def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Chart:
+    """Return bars of the shares of variance, with their intervals."""
+    shown = sorted(own, key=lambda one: one.sobol_total)[-_MOST_BARS:]
+    data: list[dict[str, Any]] = []
+    for name, field, colour in (
+        ("with interactions", "sobol_total", COLOURS[4]),
+        ("alone", "sobol_first", COLOURS[0]),
+    ):
+        found = [(getattr(one, field), getattr(one, f"{field}_half")) for one in shown]
+        data.append(
+            {
+                "type": "bar",
+                "orientation": "h",
+                "name": name,
+                "x": [finite_or_none(index) for index, _ in found],
+                "y": [_folded(one.parameter) for one in shown],
+                "error_x": {
+                    "type": "data",
+                    "array": [finite_or_none(half) for _, half in found],
+                    "thickness": 1,
+                    "width": 2,
+                },
+                # What is not known is pale.
+                "marker": {"color": colour, "opacity": [1.0 if abs(a) >= b else 0.4 for a, b in found]},
+                "customdata": [
+                    format_estimate(*one, each.sobol_samples) for one, each in zip(found, shown, strict=True)
+                ],
+                "hovertemplate": f"%{{y}}, {name}: %{{customdata}}<extra></extra>",
+            }
+        )
+    key = f"Sobol' indices from {shown[-1].sobol_samples} samples; bars: 95 %"
+    layout = {
+        "title": {"text": f"{objective.title}: variance<br><sub>{key}</sub>"},
+        "xaxis": {
+            "title": {"text": "share of the variance"},
+            "rangemode": "tozero",
+            "automargin": True,
+        },
+        "yaxis": {"automargin": True},
+        "barmode": "group",
+        "height": _AROUND_PX + 40 + _BAR_PX * len(shown),
+        "legend": {"traceorder": "reversed"},
+    }
+    told = "; ".join(
+        f"{one.parameter} {format_estimate(one.sobol_total, one.sobol_total_half, one.sobol_samples)}"
+        for one in reversed(shown)
+    )
+    return Chart(f"sobol-{place}", f"Total Sobol' indices of {objective.title}: {told}.", data, layout)
+
+
+def _folded(path: str) -> str:
+    """Break a long path at a dot, so that there is room for its bar."""
+    if len(path) <= 18 or "." not in path:
+        return path
+    head, _, last = path.rpartition(".")
+    return f"{head}.<br>{last}"

@@ -1,0 +1,370 @@
+"""Writes the files of a design: tables, scene files, ``design.json``, and the HTML report with its headline."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from scenetruth.design.optimisation.design_records import Objective, compute_rig_interval
+from scenetruth.design.optimisation.design_result import (
+    RESULT_FILE,
+    SCREENING_FILE,
+    SUFFICIENT_DENSITY,
+    DesignResult,
+    describe_rank_consistency,
+    to_plain_data,
+    write_screening_table,
+)
+from scenetruth.design.optimisation.report.design_charts import build_front_charts, build_sensitivity_charts
+from scenetruth.design.optimisation.report.design_tables import (
+    build_constraint_table,
+    build_discrepancy_table,
+    build_front_table,
+    build_parameter_table,
+    build_rank_consistency_table,
+    build_rule_table,
+    build_sensitivity_table,
+    find_tightest,
+)
+from scenetruth.design.optimisation.report.formatting import (
+    format_interval,
+    format_length,
+    format_number,
+    format_percent,
+    format_signed_percent,
+)
+from scenetruth.design.optimisation.report.scene_file import (
+    PREVIEW_FILE,
+    build_preview,
+    build_preview_file,
+    build_scene_file,
+    format_yaml,
+)
+from scenetruth.design.optimisation.report.side_view import assign_colours, describe_side_view, draw_side_views
+from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
+from scenetruth.html import render_page
+from scenetruth.output import write_atomically
+
+__all__ = [
+    "FRONT_FILE",
+    "PAGE",
+    "RIG_FILE",
+    "ObjectiveResult",
+    "derive_blur_limit",
+    "describe_sensitivities",
+    "find_links",
+    "list_warnings",
+    "summarise_objectives",
+    "write_design_files",
+    "write_design_page",
+]
+
+
+_LINKED_FILES = (
+    ("budget/index.html", "Error budget of the recommended rig"),
+    ("pattern/pattern.pdf", "Pattern to print, at true scale"),
+    ("pattern/pattern.svg", "The pattern as SVG"),
+    ("recommended/report.html", "Report of one simulation of the recommended rig"),
+    ("sweep/index.html", "Sweep around the recommended rig"),
+)
+
+
+def find_links(folder: str | Path) -> list[tuple[str, str]]:
+    """Return addresses and words of what there is beside the page.
+
+    Parameters
+    ----------
+    folder
+        Where the page lies.
+    """
+    return [(name, words) for name, words in _LINKED_FILES if (Path(folder) / name).is_file()]
+
+
+_MOST_LISTED = 3
+
+
+@dataclass(frozen=True)
+class ObjectiveResult:
+    """What the recommended rig reaches of an objective.
+
+    Parameters
+    ----------
+    title
+        The objective.
+    figure, unit
+        The number that counts: of simulations if there are any, else predicted.
+    source
+        Where it is from, with its interval.
+    verdict
+        Whether it is what was wanted; empty if nothing was.
+    """
+
+    title: str
+    figure: str
+    unit: str
+    source: str
+    verdict: str
+
+
+def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
+    """Return what the recommended rig reaches, objective by objective."""
+    found = []
+    for objective in design.objectives:
+        predicted = design.recommended.predicted[objective.title]
+        simulated = design.recommended.simulated.get(objective.title)
+        if simulated is None:
+            source = f"predicted {objective.told_in}; not simulated"
+            figure = predicted
+        else:
+            between = format_interval(simulated.low, simulated.high)
+            told = f"95 %: {between}; " if between else ""
+            several = "recording" if simulated.seeds == 1 else "recordings"
+            rms = compute_rig_interval(design.recommended, objective.title, "rms")
+            beside = f"; rms error {format_number(rms.number)}" if objective.statistic != "rms" and rms.seeds else ""
+            told += f"predicted {format_number(predicted)}{beside}"
+            source = f"{objective.told_in} in {simulated.seeds} simulated {several} ({told})"
+            figure = simulated.number
+        verdict = _verdict(design, objective)
+        found.append(ObjectiveResult(objective.title, format_number(figure), objective.unit, source, verdict))
+    return found
+
+
+def _verdict(design: DesignResult, objective: Objective) -> str:
+    wanted, title = objective.wanted, objective.title
+    predicted, simulated = design.recommended.predicted[title], design.recommended.simulated.get(title)
+    if wanted is None:
+        return ""
+    aim = f"Wanted: {format_length(wanted)} {objective.unit}"
+    if simulated is None:
+        return f"{aim}. {'Reached' if predicted <= wanted else 'Not reached'} by prediction alone."
+    if not simulated.number <= wanted:
+        return f"{aim}. Not reached."
+    if math.isfinite(simulated.high) and simulated.high > wanted:
+        told = "Reached in the mean, but the interval goes beyond."
+    else:
+        told = f"Reached{', with all of the interval' if math.isfinite(simulated.high) else ''}."
+    rms = compute_rig_interval(design.recommended, title, "rms")
+    return f"{aim}. {told}" + (" The rms error is beyond." if rms.number > wanted else "")
+
+
+def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
+    """Return what must be known before anything else: words, and the part of the page that tells more."""
+    told = []
+    broken = [one for one in design.recommended.constraints if not one.holds]
+    if broken:
+        names = ", ".join(one.title for one in broken)
+        told.append((f"The recommended rig does not keep every constraint: {names}.", "constraints"))
+    if not design.recommended.is_confirmed:
+        told.append(("The recommended rig was not simulated: its figures are predictions.", "agreement"))
+    for objective in design.objectives:
+        figure = design.recommended.predicted[objective.title]
+        if objective.title in design.recommended.simulated:
+            figure = design.recommended.simulated[objective.title].number
+        if objective.wanted is not None and not figure <= objective.wanted:
+            aim = (
+                f"{format_number(figure)} {objective.unit}, and not {format_length(objective.wanted)} {objective.unit}"
+            )
+            told.append(
+                (f"The recommended rig does not reach what is wanted. {objective.title}: {aim}.", "alternatives")
+            )
+        told += _far_off(design, objective, figure)
+        if design.recommended.density(objective.title) < SUFFICIENT_DENSITY:
+            share = f"{100 * design.recommended.density(objective.title):.0f} %"
+            words = f"{objective.title}: the method tells only {share} of the pixels; the figures are of these."
+            told.append((words, "agreement"))
+    notable = [one for one in design.discrepancies if one.notable]
+    if notable:
+        count = f"{len(notable)} of {len(design.discrepancies)}"
+        own = sum(one.rig == design.recommended.number for one in notable)
+        which = f", {own} of them at the recommended rig" if own else ""
+        told.append((f"Prediction and simulation differ notably in {count} figures{which}.", "agreement"))
+    return told
+
+
+def _far_off(design: DesignResult, objective: Objective, figure: float) -> list[tuple[str, str]]:
+    """Warn of places that are so far off that the rms error misses what the objective's statistic reaches."""
+    rms = compute_rig_interval(design.recommended, objective.title, "rms")
+    wanted = objective.wanted
+    if objective.statistic == "rms" or wanted is None or not figure <= wanted or not rms.number > wanted:
+        return []
+    value = f"{format_number(figure)} {objective.unit}"
+    words = f"{objective.title}: some places are far off. The {objective.told_in} is {value},"
+    return [(f"{words} but the rms error {format_number(rms.number)} {objective.unit}.", "alternatives")]
+
+
+def describe_sensitivities(design: DesignResult) -> list[str]:
+    """Say what 10 % more and less of the parameters that matter most does, objective by objective."""
+    told = []
+    for objective in design.objectives:
+        own = [
+            one
+            for one in design.sensitivities
+            if one.objective == objective.title and math.isfinite(one.ten_percent) and one.ten_percent != 0
+        ]
+        own = sorted(own, key=lambda one: -abs(one.ten_percent))[:_MOST_LISTED]
+        if own:
+            parts = [
+                f"10 % more {one.parameter} changes it by {format_signed_percent(one.ten_percent)} "
+                f"({'better' if one.ten_percent < 0 else 'worse'}), "
+                f"10 % less by {format_signed_percent(one.ten_percent_less)}"
+                for one in own
+            ]
+            told.append(f"{objective.title}: {_listed(parts)}.")
+    return told
+
+
+def _listed(parts: Sequence[str]) -> str:
+    return "; ".join(parts)
+
+
+PAGE = "index.html"
+_BLUR_PX = 1.0
+"""Blur that counts as sharp where the goal says nothing."""
+
+
+def write_design_page(design: DesignResult, folder: str | Path) -> Path:
+    """Write the page of a design.
+
+    Parameters
+    ----------
+    design
+        The design.
+    folder
+        Where the page goes. Budget and pattern that lie there already are linked.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+
+    Raises
+    ------
+    SceneError
+        If the scene of the recommended rig cannot be made.
+    StoreError
+        If the page cannot be written.
+
+    See Also
+    --------
+    scenetruth.design.optimisation.optimise : Makes a design, and with a folder its page.
+    scenetruth.DesignResult.load : A design that lies in a folder.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from scenetruth.design.optimisation import optimise
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 16]}}
+    >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
+    >>> scene |= {"stage": {"positions": 3, "baseline_mm": 4}, "frames": {"count": 3}, "sensor": {"noise_std": 0.01}}
+    >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
+    >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
+    >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
+    >>> design = optimise(goal, workers=0)
+    >>> with TemporaryDirectory() as folder:
+    ...     page = write_design_page(design, folder)
+    ...     page.name, design.title in page.read_text(encoding="utf-8")
+    ('index.html', True)
+    """
+    view = compute_side_view(design.recommended.scene, derive_blur_limit(design.goal), design.objectives[0].region)
+    on_front, on_parameters = build_front_charts(design), build_sensitivity_charts(design)
+    charts = {chart.name: {"data": chart.data, "layout": chart.layout} for chart in (*on_front, *on_parameters)}
+    tightest = find_tightest(design.recommended)
+    text = render_page(
+        "scenetruth.design.optimisation.report",
+        "design.html.j2",
+        charts,
+        design=design,
+        rig=design.recommended,
+        reached=summarise_objectives(design),
+        warnings=list_warnings(design),
+        tightest=tightest,
+        left=format_percent(tightest.margin) if tightest is not None else "",
+        view=view,
+        drawings=draw_side_views(view),
+        drawn=describe_side_view(view),
+        outlines=list(zip(view.outlines, assign_colours(view), strict=True)),
+        parameters=build_parameter_table(design),
+        file=build_scene_file(design.recommended, "recommended.yaml"),
+        preview=build_preview_file(design),
+        preview_changes=build_preview(design).changes,
+        front=build_front_table(design),
+        front_charts=on_front,
+        constraints=build_constraint_table(design.recommended),
+        sensitivity_charts=on_parameters,
+        sensitivities=build_sensitivity_table(design),
+        sensitivity_words=describe_sensitivities(design),
+        rules=build_rule_table(design),
+        discrepancies=build_discrepancy_table(design),
+        orders=build_rank_consistency_table(design),
+        order_words=list(describe_rank_consistency(design.objectives, design.orders)),
+        goal=format_yaml(design.goal),
+        links=find_links(folder),
+        number=format_number,
+        length=format_length,
+    )
+    path = Path(folder) / PAGE
+    with write_atomically(path, overwrite=True) as aside:
+        aside.write_text(text, encoding="utf-8")
+    return path
+
+
+def derive_blur_limit(goal: Mapping[str, Any]) -> float:
+    """Return the diameter in px of the blur disc that a goal lets pass as sharp; 1 px if it says nothing.
+
+    Parameters
+    ----------
+    goal
+        The goal as plain values.
+    """
+    limits = []
+    for one in goal.get("constraints") or ():
+        if one.get("kind") == "depth_of_field":
+            limits.append(float(one.get("blur_px") or _BLUR_PX))
+        elif one.get("kind") == "defocus_blur" and one.get("at_most"):
+            limits.append(float(one["at_most"]))
+    return min(limits, default=_BLUR_PX)
+
+
+FRONT_FILE, RIG_FILE = "front.csv", "recommended.yaml"
+
+
+def write_design_files(design: DesignResult, folder: Path) -> None:
+    """Write a design: ``recommended.yaml`` and its preview, tables, ``design.json``, ``index.html``.
+
+    Parameters
+    ----------
+    design
+        The design.
+    folder
+        Its folder, which exists.
+    """
+    head = f"# {design.title}: the recommended rig, ready to run: scenetruth run {RIG_FILE} -o results\n"
+    text = head + yaml.safe_dump(to_plain_data(design.recommended.scene), sort_keys=False, allow_unicode=True)
+    _write_text(folder / RIG_FILE, text)
+    light = build_preview(design)
+    head = f"# {design.title}: a part of what the recommended rig sees: scenetruth run {PREVIEW_FILE} -o preview\n"
+    head += f"# Beside {RIG_FILE}: {'; '.join(light.changes) or 'nothing is left out'}\n"
+    _write_text(
+        folder / PREVIEW_FILE, head + yaml.safe_dump(to_plain_data(light.plain), sort_keys=False, allow_unicode=True)
+    )
+    with write_atomically(folder / FRONT_FILE, overwrite=True) as aside:
+        design.to_frame().to_csv(aside, index=False)
+    with write_atomically(folder / SCREENING_FILE, overwrite=True) as aside:
+        write_screening_table(design.screened, aside)
+    _write_text(
+        folder / RESULT_FILE, json.dumps(design.to_plain(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    )
+
+    write_design_page(design, folder)
+
+
+def _write_text(path: Path, text: str) -> None:
+    with write_atomically(path, overwrite=True) as aside:
+        aside.write_text(text, encoding="utf-8")

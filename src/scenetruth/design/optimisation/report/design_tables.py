@@ -1,0 +1,260 @@
+"""Tables of a design: recommended rig, alternatives, constraints, sensitivities, rules of thumb."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, TypeGuard
+
+from scenetruth.design.optimisation.design_records import (
+    ConstraintValue,
+    PredictionInterval,
+    RigDesign,
+    compute_rig_interval,
+)
+from scenetruth.design.optimisation.design_result import DesignResult
+from scenetruth.design.optimisation.report.formatting import (
+    UNDEFINED,
+    format_estimate,
+    format_interval,
+    format_length,
+    format_number,
+    format_percent,
+    format_signed_percent,
+    format_value,
+)
+from scenetruth.design.optimisation.report.scene_file import build_scene_file
+from scenetruth.html import HtmlCell, HtmlTable
+
+__all__ = [
+    "build_constraint_table",
+    "build_discrepancy_table",
+    "build_front_table",
+    "build_parameter_table",
+    "build_rank_consistency_table",
+    "build_rule_table",
+    "build_sensitivity_table",
+    "find_tightest",
+]
+
+_NOTHING = PredictionInterval(math.nan, math.nan, math.nan, 0)
+_OTHER: Mapping[str, Mapping[str, str]] = {
+    "typical": {"rms": "rms error"},
+    "rms": {"typical": "typical error"},
+    "percentile_95": {"rms": "rms error"},
+}
+"""What is told of simulations besides an objective's statistic."""
+_AT_THE_END = 0.01
+"""A parameter is at the end of its range if no more than this share of the range is left."""
+
+
+def build_parameter_table(design: DesignResult) -> HtmlTable:
+    """Return what was free at the recommended rig, with the range it was chosen from."""
+    free = design.goal.get("free", {})
+    lines = []
+    for path, value in design.recommended.parameters.items():
+        entry = free.get(path) if isinstance(free, Mapping) else None
+        chosen, at_end = _range(entry, value)
+        lines.append(
+            [HtmlCell(path), HtmlCell(format_value(value), _sort_key(value)), HtmlCell(chosen), HtmlCell(at_end)]
+        )
+    caption = "What was free, what it was chosen from, and whether that range ends here"
+    return HtmlTable("parameters", caption, ["parameter", "value", "chosen from", "end of the range"], lines)
+
+
+def build_front_table(design: DesignResult) -> HtmlTable:
+    """Return the front and the alternatives, a rig each line."""
+    parameters = list(design.recommended.parameters)
+    columns = ["rig", "on the front"]
+    rigs, first = design.rigs, {rig.number for rig in design.front}
+    for objective in design.objectives:
+        of = f"{objective.title}, {objective.unit}"
+        columns += [f"{of}: predicted {objective.told_in}", "simulated", "95 %", *_OTHER[objective.statistic].values()]
+    priced = any(rig.price is not None for rig in rigs)
+    columns += [*parameters, *(["price, €"] if priced else []), "tightest constraint", "what limits", "scene file"]
+    lines, marked = [], None
+    for place, rig in enumerate(rigs):
+        is_best = rig.number == design.recommended.number
+        marked = place if is_best else marked
+        line = [HtmlCell(f"{rig.number} (recommended)" if is_best else str(rig.number), rig.number)]
+        line.append(HtmlCell("yes" if rig.number in first else "no"))
+        for objective in design.objectives:
+            found = rig.simulated.get(objective.title, _NOTHING)
+            told = format_interval(found.low, found.high) or UNDEFINED
+            line += [_number_cell(rig.predicted.get(objective.title)), _number_cell(found.number)]
+            line.append(HtmlCell(told, found.low if math.isfinite(found.low) else None))
+            others = [compute_rig_interval(rig, objective.title, name) for name in _OTHER[objective.statistic]]
+            line += [_number_cell(one.number) for one in others]
+        line += [
+            HtmlCell(format_value(value), _sort_key(value))
+            for value in (rig.parameters.get(path, "") for path in parameters)
+        ]
+        line += [_number_cell(rig.price)] if priced else []
+        line += [_tightest_cell(rig), HtmlCell(rig.limits or UNDEFINED)]
+        file = build_scene_file(rig, f"rig_{rig.number}.yaml")
+        lines.append([*line, HtmlCell(file.name, float(rig.number), file.address, file.name)])
+    return HtmlTable(
+        "front",
+        "The front: rigs than which no other is predicted to be better in every objective; and alternatives behind it",
+        columns,
+        lines,
+        marked,
+    )
+
+
+def build_constraint_table(rig: RigDesign) -> HtmlTable:
+    """Return the constraints of a rig, the tightest first."""
+    lines = [
+        [
+            HtmlCell(one.title),
+            HtmlCell(f"{format_length(one.value)} {one.unit}".rstrip(), _finite(one.value)),
+            HtmlCell(f"{one.sense} {format_length(one.limit)} {one.unit}".rstrip(), one.limit),
+            HtmlCell(format_percent(one.margin), one.margin if math.isfinite(one.margin) else None),
+            HtmlCell("holds" if one.holds else "does not hold"),
+        ]
+        for one in sorted(rig.constraints, key=_tightness)
+    ]
+    columns = ["constraint", "here", "allowed", "margin, share of the limit", "does it hold"]
+    return HtmlTable("constraints", f"Constraints at rig {rig.number}, the tightest first", columns, lines)
+
+
+def find_tightest(rig: RigDesign) -> ConstraintValue | None:
+    """Return the constraint of which least is left; None if there are none."""
+    return min(rig.constraints, key=_tightness, default=None)
+
+
+def build_sensitivity_table(design: DesignResult) -> HtmlTable:
+    """Return what parameters do to objectives."""
+    lines = [
+        [
+            HtmlCell(one.parameter),
+            HtmlCell(one.objective),
+            *(HtmlCell(format_signed_percent(each), _finite(each)) for each in (one.ten_percent, one.ten_percent_less)),
+            *(
+                HtmlCell(format_estimate(index, half, one.sobol_samples), _finite(index))
+                for index, half in ((one.sobol_first, one.sobol_first_half), (one.sobol_total, one.sobol_total_half))
+            ),
+            *map(_number_cell, (one.morris_mu_star, one.morris_sigma)),
+        ]
+        for one in design.sensitivities
+    ]
+    columns = ["parameter", "objective", "10 % more of it", "10 % less", "Sobol' first", "Sobol' total"]
+    columns += ["Morris μ*", "Morris σ"]
+    return HtmlTable("sensitivities", "What parameters do to objectives", columns, lines)
+
+
+def build_rule_table(design: DesignResult) -> HtmlTable:
+    """Return the rules of thumb, and whether the recommended rig keeps them."""
+    lines = [
+        [
+            HtmlCell(one.title),
+            HtmlCell(one.says),
+            HtmlCell(one.here),
+            HtmlCell("kept" if one.holds else "not kept"),
+            HtmlCell(one.source),
+        ]
+        for one in design.rules
+    ]
+    columns = ["rule", "it says", "here", "is it kept", "source"]
+    return HtmlTable("rules", "Rules of thumb of the field, at the recommended rig", columns, lines)
+
+
+def build_discrepancy_table(design: DesignResult) -> HtmlTable:
+    """Return predictions beside simulations."""
+    lines = [
+        [
+            HtmlCell(str(one.rig), one.rig),
+            HtmlCell(one.objective),
+            _number_cell(one.predicted),
+            _number_cell(one.simulated.number),
+            HtmlCell(format_interval(one.simulated.low, one.simulated.high) or UNDEFINED, _finite(one.simulated.low)),
+            HtmlCell(str(one.simulated.seeds), one.simulated.seeds),
+            _number_cell(one.ratio),
+            HtmlCell("differs" if one.notable else "agrees"),
+            HtmlCell(one.says),
+        ]
+        for one in design.discrepancies
+    ]
+    columns = [
+        "rig",
+        "objective",
+        "predicted",
+        "simulated",
+        "95 %",
+        "recordings",
+        "ratio",
+        "verdict",
+        "in words",
+    ]
+    return HtmlTable("discrepancies", "Prediction beside simulation, every rig that was simulated", columns, lines)
+
+
+def build_rank_consistency_table(design: DesignResult) -> HtmlTable:
+    """Return whether simulations keep the order of predictions, a pair of rigs each line."""
+    lines = [
+        [
+            HtmlCell(one.objective),
+            HtmlCell(str(one.better), one.better),
+            HtmlCell(str(one.worse), one.worse),
+            _number_cell(one.predicted),
+            _number_cell(one.simulated),
+            HtmlCell(format_interval(one.low, one.high) or UNDEFINED, _finite(one.low)),
+            HtmlCell(str(one.seeds), one.seeds),
+            HtmlCell(one.verdict),
+        ]
+        for one in design.orders
+    ]
+    columns = ["objective", "better by prediction", "worse", "by a factor of", "simulated factor", "95 %", "seeds"]
+    caption = "Order of rigs: by what factor the worse one is worse, from paired figures of the same seeds"
+    return HtmlTable("orders", caption, [*columns, "order"], lines)
+
+
+def _tightest_cell(rig: RigDesign) -> HtmlCell:
+    one = find_tightest(rig)
+    if one is None:
+        return HtmlCell(UNDEFINED)
+    return HtmlCell(
+        f"{one.title}, {format_percent(one.margin)} left" if one.holds else f"{one.title}: does not hold", one.margin
+    )
+
+
+def _tightness(one: ConstraintValue) -> tuple[bool, float]:
+    return one.holds, math.inf if math.isnan(one.margin) else one.margin
+
+
+def _range(entry: Any, value: Any) -> tuple[str, str]:
+    """Return what a parameter was chosen from, and which end of it the value is at."""
+    told = entry if isinstance(entry, Mapping) else {"values": entry}
+    low, high, values = told.get("from"), told.get("to"), told.get("values")
+    if _is_number(low) and _is_number(high):
+        spare = _AT_THE_END * (high - low)
+        between = f"{format_value(low)} to {format_value(high)}" + (", logarithmic" if told.get("log") else "")
+        return between, _end(value, low + spare, high - spare)
+    if isinstance(values, list | tuple):
+        ordered = len(values) > 1 and all(map(_is_number, values))
+        return format_value(values), _end(value, min(values), max(values)) if ordered else UNDEFINED
+    return (UNDEFINED if values is None else format_value(values)), UNDEFINED
+
+
+def _end(value: Any, low: float, high: float) -> str:
+    if not _is_number(value):
+        return UNDEFINED
+    return "lower end" if value <= low else "upper end" if value >= high else "no"
+
+
+def _is_number(value: Any) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _sort_key(value: Any) -> float | None:
+    return float(value) if _is_number(value) else None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _number_cell(value: float | None, unit: str = "") -> HtmlCell:
+    if value is None or not math.isfinite(value):
+        return HtmlCell(format_number(value))
+    return HtmlCell(f"{format_number(value)} {unit}".rstrip(), float(value))

@@ -1,0 +1,254 @@
+"""Geometry of a rig seen along Y, in mm: cameras, outlines of objects, fields of view, depth of field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import Optics
+from scenetruth.design.prediction.surface_samples import SurfaceSamples, sample_surface
+from scenetruth.resources import Limits, limited_objects
+from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene.built_scene import build_scene
+
+__all__ = ["DepthOfFieldRange", "Outline", "SideView", "compute_depth_of_field", "compute_outline", "compute_side_view"]
+
+
+Array = NDArray[np.float64]
+
+_PLACES = 161
+"""Places along X between which an outline is straight."""
+_FEW = 200
+"""The vertices of a mesh that has no more of them are such places too, so that its corners are kept."""
+
+
+def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array, Array, Array]:
+    """Return the depths between which a mesh lies, over X.
+
+    Parameters
+    ----------
+    vertices_mm
+        Where its vertices are, shape (n, 3).
+    faces
+        Its triangles, shape (m, 3).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        X, least and largest Z there, all in mm, X rising; where there is nothing at an X it is left out.
+    """
+    corners = vertices_mm[:, ::2]
+    first, second = (faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel())
+    start, end = corners[first], corners[second]
+    turned = start[:, 0] > end[:, 0]
+    start[turned], end[turned] = end[turned], start[turned].copy()
+    places = np.linspace(corners[:, 0].min(), corners[:, 0].max(), _PLACES)
+    if len(corners) <= _FEW:
+        places = np.union1d(places, corners[:, 0])
+    low = np.searchsorted(places, start[:, 0], side="left")
+    high = np.searchsorted(places, end[:, 0], side="right")
+    counts = high - low
+    edge = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts) + low[edge]
+    across = (end - start)[edge, 0]
+    # Of an edge along Z both ends count.
+    steep = across <= 0
+    share = np.where(steep, 0.0, (places[place] - start[edge, 0]) / np.where(steep, 1.0, across))
+    z_mm = start[edge, 1] + share * (end - start)[edge, 1]
+    near, far = np.full(len(places), np.inf), np.full(len(places), -np.inf)
+    for depths in (z_mm, np.where(steep, end[edge, 1], z_mm)):
+        np.minimum.at(near, place, depths)
+        np.maximum.at(far, place, depths)
+    there = np.isfinite(near)
+    return places[there], near[there], far[there]
+
+
+@dataclass(frozen=True)
+class Outline:
+    """An object seen along Y.
+
+    Parameters
+    ----------
+    name
+        Its name in the scene.
+    x_mm, near_mm, far_mm
+        X, and the least and largest Z there.
+    seen_mm
+        Least and largest depth at which the reference camera sees it; None if it does not.
+    """
+
+    name: str
+    x_mm: tuple[float, ...]
+    near_mm: tuple[float, ...]
+    far_mm: tuple[float, ...]
+    seen_mm: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class DepthOfFieldRange:
+    """The depth of field of a thin lens: where a point's blur disc is no wider than a limit.
+
+    Parameters
+    ----------
+    focus_mm
+        The depth that is in focus.
+    near_mm, far_mm
+        Where the disc reaches the limit; infinite if it nowhere does.
+    limit_px
+        The limit.
+    """
+
+    focus_mm: float
+    near_mm: float
+    far_mm: float
+    limit_px: float
+
+
+@dataclass(frozen=True)
+class SideView:
+    """A rig seen along Y at the reference frame.
+
+    Parameters
+    ----------
+    cameras_mm
+        X of every camera position, in order along the stage; all stand at Z = 0.
+    reference
+        Index of the reference position.
+    left, right, top, bottom
+        Where the borders of its image look: X and Y in mm per mm of depth.
+    outlines
+        The objects.
+    seen_mm
+        Least depth that the reference camera sees, the median of what is measured, and the largest.
+    sharp
+        The depth of field; None of a lens that is sharp everywhere.
+    rows
+        Rows of camera positions, in Y.
+    """
+
+    cameras_mm: tuple[float, ...]
+    reference: int
+    left: float
+    right: float
+    top: float
+    bottom: float
+    outlines: tuple[Outline, ...]
+    seen_mm: tuple[float, float, float]
+    sharp: DepthOfFieldRange | None
+    rows: int
+
+    @property
+    def travel_mm(self) -> float:
+        """Distance of the first camera position from the last."""
+        return max(self.cameras_mm) - min(self.cameras_mm)
+
+    @property
+    def common_from_mm(self) -> float:
+        """Depth from which on all positions see something together."""
+        return self.travel_mm / (self.right - self.left)
+
+    def field_mm(self, z_mm: float) -> tuple[float, float]:
+        """Return the width and height that the reference camera sees at a depth."""
+        return (self.right - self.left) * z_mm, (self.bottom - self.top) * z_mm
+
+    def common_mm(self, z_mm: float) -> float:
+        """Return the width that all positions see at a depth; 0 if there is none."""
+        return max(self.field_mm(z_mm)[0] - self.travel_mm, 0.0)
+
+
+def compute_side_view(plain: Mapping[str, Any], limit_px: float = 1.0, region: str = "all") -> SideView:
+    """Return what is to be seen of a rig from its side.
+
+    Parameters
+    ----------
+    plain
+        The scene with the rig, as plain values.
+    limit_px
+        Blur that still counts as sharp: diameter of the disc.
+    region
+        What is measured: its median depth is where the field of view is told. ``object_NAME``, or all that is seen.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be made; says all that is wrong.
+    """
+    scene = scene_from_plain(plain)
+    # Overflows of broken motions are told by checks of their own.
+    with np.errstate(all="ignore"):
+        look = sample_surface(scene, limited_objects(scene, Limits()))
+    camera, stage = scene.camera, scene.stage
+    c_x, c_y = camera.principal_point
+    borders = [(-0.5, c_y), (camera.width - 0.5, c_y), (c_x, -0.5), (c_x, camera.height - 0.5)]
+    (left, _, _), (right, _, _), (_, top, _), (_, bottom, _) = camera.ray_directions(borders).tolist()
+    outlines = _outlines(scene, look)
+    return SideView(
+        tuple(stage.x_mm.tolist()),
+        stage.s.tolist().index(0),
+        left,
+        right,
+        top,
+        bottom,
+        outlines,
+        _seen(look, outlines, region),
+        compute_depth_of_field(scene.optics, camera.focal_px, limit_px),
+        stage.rows,
+    )
+
+
+def compute_depth_of_field(optics: Optics, focal_px: float, limit_px: float) -> DepthOfFieldRange | None:
+    """Return the depth of field of a lens.
+
+    The disc at depth Z has the diameter f A |1/Z - 1/Z_f| px (`scenetruth.camera.Defocus`).
+
+    Parameters
+    ----------
+    optics
+        The lens.
+    focal_px
+        Focal length f in px.
+    limit_px
+        Diameter of the disc that is allowed.
+
+    Returns
+    -------
+    Sharp or None
+        None of a lens that is sharp everywhere.
+    """
+    lens = optics.defocus
+    if lens is None:
+        return None
+    focus, off = 1 / lens.focus_distance_mm, limit_px / (focal_px * lens.aperture_mm)
+    far = 1 / (focus - off) if focus > off else math.inf
+    return DepthOfFieldRange(lens.focus_distance_mm, 1 / (focus + off), far, limit_px)
+
+
+def _outlines(scene: Scene, look: SurfaceSamples) -> tuple[Outline, ...]:
+    outlines = []
+    for body in build_scene(scene, painted=False).bodies:
+        x, near, far = compute_outline(body.positions_at(0.0), body.faces)
+        depths = _depths(look, body.name)
+        seen = (float(depths.min()), float(depths.max())) if len(depths) else None
+        outlines.append(Outline(body.name, tuple(x.tolist()), tuple(near.tolist()), tuple(far.tolist()), seen))
+    return tuple(outlines)
+
+
+def _depths(look: SurfaceSamples, name: str) -> NDArray[np.float64]:
+    """Return the depths at which an object is seen."""
+    own = [look.names[number] == name for number in look.body.tolist()]
+    return look.depth_mm[np.array(own, dtype=np.bool_)]
+
+
+def _seen(look: SurfaceSamples, outlines: tuple[Outline, ...], region: str) -> tuple[float, float, float]:
+    if len(look):
+        depths = look.depth_mm
+    else:
+        # Nothing is before the camera at the reference frame: where the objects are is worth showing all the same.
+        depths = np.array([depth for one in outlines for depth in (*one.near_mm, *one.far_mm)])
+    measured = _depths(look, region.removeprefix("object_"))
+    return float(depths.min()), float(np.median(measured if len(measured) else depths)), float(depths.max())

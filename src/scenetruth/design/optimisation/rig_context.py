@@ -1,0 +1,181 @@
+"""What constraints and predictions need of a rig.
+
+Its scene, prediction and catalogue entries, and the uncertainty of its stage.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from scenetruth.design.optimisation.catalogues import CameraEntry, LensEntry, StageEntry
+from scenetruth.design.prediction import Prediction, PredictionInputs
+from scenetruth.scene import Scene
+
+__all__ = ["RigContext", "StageShifts", "compute_stage_shifts_px", "compute_stage_uncertainty"]
+
+
+_UNIFORM = 1 / math.sqrt(12)
+"""Rms distance from the middle, as a share of the whole."""
+
+
+@dataclass(frozen=True)
+class StageShifts:
+    """How far errors of the stage move images, standard deviations.
+
+    Parameters
+    ----------
+    along
+        Along x, of a position: all of it, px.
+    guide
+        The part that is the same at every visit, px.
+    visit
+        The part that is new at every visit, px.
+    turn_x, turn_y
+        Change of the shift along x per px along x, and along y.
+    """
+
+    along: float
+    guide: float
+    visit: float
+    turn_x: float
+    turn_y: float
+
+
+def compute_stage_shifts_px(scene: Scene, depth_mm: float) -> StageShifts:
+    """Return how far the errors of a scene's stage move images.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    depth_mm
+        Depth at which.
+    """
+    errors, camera = scene.stage.errors, scene.camera
+    if errors is None:
+        return StageShifts(0.0, 0.0, 0.0, 0.0, 0.0)
+    focal = camera.focal_px
+    nearer = 1e-3 * errors.straightness_um / depth_mm
+    # A camera that turns by ψ about Y moves a point at x by f ψ (1 + x²/f²).
+    turn_x = math.hypot(nearer, 2e-6 * errors.yaw_urad * camera.width * _UNIFORM / focal)
+    turn_y = 1e-6 * errors.roll_urad
+    middle = 1e-6 * errors.yaw_urad * focal
+    guide = math.sqrt(middle**2 + (nearer * camera.width * _UNIFORM) ** 2 + (turn_y * camera.height * _UNIFORM) ** 2)
+    visit = 1e-3 * errors.repeatability_um * focal / depth_mm
+    return StageShifts(math.hypot(guide, visit), guide, visit, turn_x, turn_y)
+
+
+def compute_stage_uncertainty(
+    scene: Scene, causes: PredictionInputs, signals: Mapping[str, float | None]
+) -> dict[str, dict[str, float]]:
+    """Return standard deviations that the stage adds, by what adds it (``stage``, ``scan``) and quantity.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    causes
+        What a prediction says of a region.
+    signals
+        Rms of what there is to be measured there, by quantity: ``flow_x`` and ``velocity_z`` count.
+
+    Returns
+    -------
+    dict
+        Units of `QUANTITIES`, growth per frame; only what is not zero.
+    """
+    s = scene.stage.x_mm / scene.stage.baseline_mm
+    t = np.arange(causes.frames) - (causes.frames - 1) / 2
+    over_s, over_t = math.sqrt(float(((s - s.mean()) ** 2).sum())), math.sqrt(float((t**2).sum()))
+    depth, disparity, focal = causes.depth_mm, causes.disparity_px, scene.camera.focal_px
+    found: dict[str, dict[str, float]] = {}
+    shifts = compute_stage_shifts_px(scene, depth)
+    if shifts.along > 0 and over_s > 0:
+        d = math.hypot(shifts.guide, shifts.visit / math.sqrt(len(t))) / over_s
+        slope = focal / disparity / over_s
+        told = _propagate_disparity(d, depth, disparity, slope * shifts.turn_x, slope * shifts.turn_y)
+        if over_t > 0:
+            flow = shifts.visit / (math.sqrt(len(s)) * over_t)
+            nearer = depth / disparity * shifts.visit / (over_s * over_t)
+            lateral = depth * flow / focal
+            told |= {"flow_x": flow, "velocity_x": lateral, "velocity_z": nearer, "growth_rate": 2 * nearer / depth}
+            # What comes nearer is taken for growth of all lengths alike.
+            told |= {"growth_largest": nearer / depth, "growth_least": nearer / depth}
+            told["velocity_endpoint"] = math.hypot(lateral, nearer)
+        found["stage"] = told
+    lag = scene.stage.time_per_position_s / scene.frames.frame_interval_s
+    if lag > 0 and scene.stage.scan == "unidirectional" and over_s > 0:
+        moved, approach = (abs(signals.get(name) or 0.0) * lag for name in ("flow_x", "velocity_z"))
+        turn = focal / disparity * approach / depth
+        found["scan"] = _propagate_disparity(moved, depth, disparity, turn, turn)
+    return {what: {name: value for name, value in told.items() if value > 0} for what, told in found.items()}
+
+
+def _propagate_disparity(d: float, depth: float, disparity: float, slope_x: float, slope_y: float) -> dict[str, float]:
+    """Return what errors of disparity and slopes mean."""
+    told = {"disparity": d, "depth": depth * d / disparity, "slope_x": slope_x, "slope_y": slope_y}
+    told["normal"] = math.degrees(math.hypot(slope_x, slope_y))
+    return told
+
+
+@dataclass(frozen=True)
+class RigContext:
+    """A rig as constraints see it.
+
+    Parameters
+    ----------
+    scene
+        Its scene.
+    prediction
+        What is predicted of it.
+    region
+        The region of the first objective.
+    parameters
+        What was free, by name.
+    lens, camera, stage
+        What was chosen from catalogues; None if nothing was.
+    f_number
+        Of the lens; None without one.
+    """
+
+    scene: Scene
+    prediction: Prediction
+    region: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    lens: LensEntry | None = None
+    camera: CameraEntry | None = None
+    stage: StageEntry | None = None
+    f_number: float | None = None
+
+    @property
+    def causes(self) -> PredictionInputs:
+        """What was predicted of the region."""
+        return self.prediction.by_region[self.region]
+
+    @property
+    def depth_mm(self) -> float:
+        """Median depth of the region."""
+        return self.causes.depth_mm
+
+    @property
+    def travel_mm(self) -> float:
+        """How far the stage goes from the first position to the last."""
+        places = self.scene.stage.x_mm
+        return float(places.max() - places.min())
+
+    @property
+    def images_per_frame(self) -> int:
+        """Images that are taken in each frame."""
+        return self.scene.stage.positions * self.scene.stage.rows
+
+    @property
+    def price(self) -> float | None:
+        """Sum of the prices of what was chosen, in euros; None if one is not known or nothing was chosen."""
+        chosen = [one for one in (self.lens, self.camera, self.stage) if one is not None]
+        prices = [one.price_eur for one in chosen]
+        return sum(price for price in prices if price is not None) if prices and None not in prices else None

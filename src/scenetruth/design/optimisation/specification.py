@@ -1,0 +1,404 @@
+"""The design specification.
+
+Design variables, objectives, constraints, search and confirmation, read from YAML and validated.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from scenetruth.design.optimisation.constraints import ConstraintSpec
+from scenetruth.design.optimisation.design_records import DesignSpecError, Statistic
+from scenetruth.discovery import discriminated_union
+from scenetruth.errors import Problem
+from scenetruth.input_files import InputFile, SceneFile, bundled_file, validation_context
+from scenetruth.plain_data import plain_problems
+from scenetruth.scene.yaml_reader import read_file
+from scenetruth.scoring import QUANTITIES
+from scenetruth.validated_model import Finite, FrozenModel, Name, Positive
+
+__all__ = [
+    "CATALOGUES",
+    "CONSTRAINT_MODULES",
+    "NAMED_VARIABLES",
+    "AnyConstraint",
+    "ConfirmationSpec",
+    "DesignSpec",
+    "DesignVariable",
+    "IlluminationSpec",
+    "ObjectiveSpec",
+    "SearchSpec",
+    "design_spec_from_dict",
+    "load_design_spec",
+]
+
+
+class DesignVariable(FrozenModel):
+    """A range ``{from: 2, to: 40, log: true}``, or ``{values: [60, 300]}``, which a list may stand for.
+
+    Of a catalogue, the values are names of entries, or ``all``.
+    """
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    from_: Finite | None = Field(default=None, alias="from")
+    """Low end of a range."""
+    to: Finite | None = None
+    """High end of a range."""
+    log: bool = False
+    """Whether the range is searched evenly on a logarithmic scale."""
+    values: tuple[Any, ...] | Literal["all"] | None = None
+    """Values to choose from."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _alone(cls, given: Any) -> Any:
+        return {"values": given} if isinstance(given, list | tuple | str) else given
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        low, high = self.from_, self.to
+        if (self.values is None) == (low is None and high is None):
+            msg = "must be a range, {from: 2, to: 40}, or choices, {values: [60, 300]}"
+            raise ValueError(msg)
+        if self.values is not None:
+            if self.log:
+                msg = "has values, which no logarithmic scale changes: leave out log"
+                raise ValueError(msg)
+            return self
+        if low is None or high is None:
+            msg = f"has no {'from' if low is None else 'to'}: a range needs both ends"
+            raise ValueError(msg)
+        if not low < high:
+            msg = f"has no values: from {low:g} is not below to {high:g}"
+            raise ValueError(msg)
+        if self.log and low <= 0:
+            msg = f"is logarithmic, and must begin above 0 (from {low:g}): leave out log"
+            raise ValueError(msg)
+        return self
+
+
+class ObjectiveSpec(FrozenModel):
+    """A quantity whose errors are to be small."""
+
+    quantity: str
+    """What is to be known: a key of `scenetruth.scoring.QUANTITIES`, such as ``depth`` or ``growth_rate``."""
+    region: Name = "interior"
+    """Where: ``all``, ``interior``, or ``object_NAME``."""
+    statistic: Statistic = "typical"
+    """Of which statistic of the errors in the region: ``typical``, 1.4826 times the median of their sizes, which is the
+    standard deviation where errors are normal, and which few places that are far off do not change; ``rms``, which they
+    do; ``percentile_95``, below which the sizes of 95 % of them lie."""
+    within: Positive | None = None
+    """What of it is good enough, in mm, mm/frame or %/h; the smaller the better if not given."""
+
+
+class IlluminationSpec(FrozenModel):
+    """The light that falls on the scene, which says how many photons the pixels of a camera get.
+
+    A white matt surface in E lux sends E / (4 N²) lux through a lens at the effective f-number N; at 555 nm, a lux is
+    1 / 683 W/m².
+    """
+
+    illuminance_lux: Positive
+    """On a surface whose radiance is 1 in the scene. A bright office has 500, a lit bench 10,000, sunlight 100,000."""
+    wavelength_um: Annotated[float, Field(ge=0.3, le=1.2)] = 0.55
+    """Wavelength of the light, for diffraction."""
+
+
+class SearchSpec(FrozenModel):
+    """How many predictions are made, and of which kind."""
+
+    predictions: Annotated[int, Field(ge=16, le=1_000_000)] = 2400
+    """Predictions in all, at most."""
+    morris: Annotated[int, Field(ge=0, le=1000)] = 10
+    """Trajectories of Morris' method; each takes one prediction more than there are free parameters. 0 for none."""
+    sobol: Annotated[int, Field(ge=0, le=65536)] = 64
+    """Base samples of Sobol' indices, a power of two; each takes two predictions more than there are free parameters.
+    0 for none."""
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    """Seed of the search."""
+
+
+class ConfirmationSpec(FrozenModel):
+    """Which rigs are simulated, and how."""
+
+    rigs: Annotated[int, Field(ge=0, le=1000)] = 3
+    """How many rigs of the front; 0 to simulate nothing."""
+    seeds: Annotated[int, Field(ge=1, le=1000)] = 5
+    """Recordings of each, with other textures, noise and errors of the stage. Few tell little: from 3, 5 and 8 seeds,
+    intervals of another recording reach 5.0, 3.0 and 2.5 standard deviations to either side."""
+    most_px: Annotated[int, Field(ge=32, le=32768)] | None = 240
+    """Images are cut to so many pixels along their longer side, around the middle of the first objective's region; they
+    are wider by the disparity between the outermost positions, and lower in return. null for whole images."""
+
+
+CONSTRAINT_MODULES = ("scenetruth.design.optimisation.constraints",)
+"""Modules that define constraints."""
+CATALOGUES = ("lens", "camera", "stage")
+"""Parameters that are entries of catalogues."""
+NAMED_VARIABLES = (*CATALOGUES, "f_number", "exposure_s", "working_distance_mm")
+"""Parameters that are no fields of the scene."""
+
+if TYPE_CHECKING:
+    AnyConstraint = ConstraintSpec
+else:
+    AnyConstraint = discriminated_union(ConstraintSpec, *CONSTRAINT_MODULES)
+
+_PATH_PATTERN = r"^[A-Za-z0-9_*-]+(\.[A-Za-z0-9_*-]+)*$"
+FieldPath = Annotated[str, Field(pattern=_PATH_PATTERN, max_length=300)]
+"""Path of a field of the scene, keys and indices with dots between them; ``*`` stands for every one."""
+
+
+class DesignSpec(FrozenModel):
+    """What is to be designed.
+
+    See Also
+    --------
+    load_design_spec : A goal from a file in YAML.
+    design_spec_from_dict : A goal from plain values.
+    scenetruth.design.optimisation.optimise : Finds the rig.
+
+    Examples
+    --------
+    >>> goal = DesignSpec(
+    ...     scene="cube",
+    ...     free={"stage.baseline_mm": {"from": 1, "to": 8}, "stage.positions": {"values": [3, 5, 9]}},
+    ...     constraints=[{"kind": "stage_travel", "at_most": 25}],
+    ...     objectives=[{"quantity": "depth"}, {"quantity": "velocity_z", "region": "object_cube"}],
+    ... )
+    >>> [one.title for one in goal.constraints], [one.quantity for one in goal.objectives]
+    (['stage travel'], ['depth', 'velocity_z'])
+    >>> goal.search.predictions, goal.confirm.rigs, goal.confirm.seeds
+    (2400, 3, 5)
+    """
+
+    format: Literal[1] = 1
+    """Version of the format of goals."""
+    title: Name = "A rig"
+    """What is designed, in a few words."""
+    description: Annotated[str, Field(max_length=10_000)] = ""
+    """What it is for."""
+    scene: SceneFile | dict[str, Any]
+    """What is to be measured: a scene's file, the name of one that is shipped, or the scene itself. Its camera, stage
+    and times hold where nothing else is said."""
+    method: str | dict[str, Any] = "refined"
+    """The method of estimation, with settings as in ``refined[window_sigma_px: 4]`` or in a mapping."""
+    set: dict[FieldPath, Any] = Field(default_factory=dict)
+    """Changes of the scene: values by path."""
+    free: dict[FieldPath, DesignVariable] = Field(min_length=1)
+    """What is free: ranges and values by path of a field. Besides, ``lens``, ``camera`` and ``stage`` are entries of
+    catalogues; ``f_number`` needs a lens; ``exposure_s`` is that of shutter and sensor; ``working_distance_mm`` moves
+    all that stands before the camera."""
+    catalogues: tuple[InputFile, ...] = ()
+    """Files with more entries of catalogues."""
+    light: IlluminationSpec | None = None
+    """The light; if not given, there is as much as cameras of the catalogue need."""
+    constraints: tuple[AnyConstraint, ...] = ()
+    """What a rig must satisfy."""
+    objectives: Annotated[tuple[ObjectiveSpec, ...], Field(min_length=1, max_length=6)]
+    """What is to be known precisely."""
+    search: SearchSpec = SearchSpec()
+    """How long to search."""
+    confirm: ConfirmationSpec = ConfirmationSpec()
+    """Which rigs are simulated."""
+
+    @field_validator("objectives")
+    @classmethod
+    def _scored(cls, value: tuple[ObjectiveSpec, ...]) -> tuple[ObjectiveSpec, ...]:
+        unknown = sorted({one.quantity for one in value} - set(QUANTITIES))
+        if unknown:
+            msg = f"no such quantity: {', '.join(unknown)}; there are {', '.join(QUANTITIES)}"
+            raise ValueError(msg)
+        told = Counter((one.quantity, one.region, one.statistic) for one in value)
+        twice = [key for key, count in told.items() if count > 1]
+        if twice:
+            msg = f"is there twice: {', '.join(f'{name} of {region}, {kind}' for name, region, kind in twice)}"
+            raise ValueError(msg)
+        return value
+
+    @model_validator(mode="after")
+    def _free_or_set(self) -> Self:
+        both = sorted(set(self.free) & set(self.set))
+        if both:
+            msg = f"is both set and free: {', '.join(both)}"
+            raise ValueError(msg)
+        return self
+
+
+_MAPPING = "a mapping of scene, free, constraints, objectives, ..."
+
+
+def load_design_spec(file: str | Path) -> DesignSpec:
+    """Load a goal file.
+
+    Parameters
+    ----------
+    file
+        The YAML file, or the name of a goal that is shipped, as ``"leaf_growth"``, if no file has it. Relative paths in
+        it count from its folder.
+
+    Returns
+    -------
+    Goal
+        Validated and frozen.
+
+    Raises
+    ------
+    GoalError
+        If the file cannot be read, or with every problem of its form.
+
+    See Also
+    --------
+    design_spec_from_dict : A goal from plain values.
+    scenetruth.design.optimisation.optimise : Finds the rig.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> text = '''
+    ... title: Depth of a cube
+    ... scene: cube
+    ... free:
+    ...   stage.baseline_mm: {from: 1, to: 8}
+    ... constraints:
+    ...   - {kind: stage_travel, at_most: 25}
+    ... objectives:
+    ...   - {quantity: depth, within: 0.05}
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "goal.yaml").write_text(text)
+    ...     goal = load_design_spec(f"{folder}/goal.yaml")
+    >>> goal.title, goal.objectives[0].within, list(goal.free)
+    ('Depth of a cube', 0.05, ['stage.baseline_mm'])
+
+    A goal that is shipped:
+
+    >>> load_design_spec("cube_depth").title
+    'Depth and motion of the noise cube'
+    """
+    file = bundled_file(file, within="goals") or file
+    plain, folder = read_file(file, "a goal", DesignSpecError)
+    return design_spec_from_dict(plain, source=file, folder=folder)
+
+
+def design_spec_from_dict(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> DesignSpec:
+    """Validate a goal given as plain values.
+
+    Parameters
+    ----------
+    plain
+        The values, as in a file.
+    source
+        Where they are from, for messages.
+    folder
+        Folder that relative paths of files count from; None leaves them as they are.
+
+    Returns
+    -------
+    Goal
+        Validated and frozen.
+
+    Raises
+    ------
+    GoalError
+        With every problem and its path.
+
+    See Also
+    --------
+    load_design_spec : A goal from a file in YAML.
+    scenetruth.design.optimisation.optimise : Finds the rig.
+
+    Examples
+    --------
+    >>> from scenetruth.errors import RecipeError
+    >>> try:
+    ...     design_spec_from_dict({"scene": "cube.yaml", "free": {"stage.baseline_mm": {"from": 5, "to": 2}}})
+    ... except RecipeError as error:
+    ...     print(error)
+    2 problems with the goal:
+      - free.stage.baseline_mm: has no values: from 5 is not below to 2 (got {'from': 5, 'to': 2})
+      - objectives: is missing
+    """
+    if not isinstance(plain, Mapping):
+        raise DesignSpecError([Problem("", f"must be {_MAPPING}", plain)], source=source)
+    problems = plain_problems(plain)
+    if problems:
+        raise DesignSpecError(problems, source=source)
+    try:
+        goal = DesignSpec.model_validate(dict(plain), context=validation_context(folder))
+    except ValidationError as error:
+        raise DesignSpecError(_list_problems(error, plain), source=source) from error
+    problems = [*_find_contradictions(goal)]
+    if problems:
+        raise DesignSpecError(problems, source=source)
+    return goal
+
+
+def _find_contradictions(goal: DesignSpec) -> Sequence[Problem]:
+    """Return which bounds of one thing leave nothing between them."""
+    found = []
+    bounds: dict[str, tuple[int, float | None, float | None]] = {}
+    for number, one in enumerate(goal.constraints):
+        key = one.model_dump_json(exclude={"at_least", "at_most"})
+        _, low, high = bounds.get(key, (number, None, None))
+        low = one.at_least if low is None or (one.at_least or low) > low else low
+        high = one.at_most if high is None or (one.at_most or high) < high else high
+        earlier = bounds.get(key)
+        bounds[key] = (number, low, high)
+        if low is not None and high is not None and low > high:
+            message = (
+                f"contradicts constraints.{earlier[0] if earlier else number}: {one.title} would have to be at least"
+            )
+            found.append(Problem(f"constraints.{number}", f"{message} {low:g} and at most {high:g} {one.unit}"))
+    return found
+
+
+def _list_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
+    found: dict[tuple[str, str], Problem] = {}
+    for entry in error.errors(include_url=False)[:100]:
+        path, inside = _path_in(plain, entry["loc"])
+        message = str(entry["msg"]).removeprefix("Value error, ")
+        if entry["type"] == "extra_forbidden":
+            message = "unknown key" + _suggest_key(str(entry["loc"][-1]), entry["loc"])
+        elif entry["type"] == "missing":
+            message = "is missing"
+        elif entry["type"] == "union_tag_invalid":
+            message = f"is of no known kind: '{entry['ctx']['tag']}' is none of {entry['ctx']['expected_tags']}"
+        elif entry["type"] == "union_tag_not_found":
+            message = "needs a kind, such as {kind: stage_travel, at_most: 50}"
+        value = None if entry["type"] == "missing" or not inside else entry.get("input")
+        found.setdefault((path, message), Problem(path, message[:1].lower() + message[1:], value))
+    return list(found.values())
+
+
+def _suggest_key(key: str, loc: Sequence[Any]) -> str:
+    if len(loc) != 1:
+        return ""
+    near = difflib.get_close_matches(key, list(DesignSpec.model_fields), n=1)
+    return f"; did you mean '{near[0]}'?" if near else f"; known here: {', '.join(DesignSpec.model_fields)}"
+
+
+def _path_in(plain: Any, loc: Sequence[Any]) -> tuple[str, bool]:
+    """Spell a location as keys of the file, leaving out the kinds that pydantic puts in between; and if it has any."""
+    keys, here = list[str](), plain
+    for index, key in enumerate(loc):
+        inside = isinstance(here, Mapping) and key in here
+        listed = isinstance(here, list | tuple) and isinstance(key, int) and key < len(here)
+        if inside or listed:
+            here = here[key]
+        elif index < len(loc) - 1 or (isinstance(here, Mapping) and here.get("kind") == key) or _is_type(key, here):
+            continue
+        keys.append(str(key))
+    return ".".join(keys), bool(keys)
+
+
+def _is_type(key: Any, here: Any) -> bool:
+    """Whether a last key names one of several types of a value, and no key of it."""
+    return isinstance(key, str) and not isinstance(here, Mapping | list | tuple) and (key == "str" or "[" in key)

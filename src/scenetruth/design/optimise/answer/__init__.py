@@ -1,1 +1,0 @@
-"""What is told of a design besides figures: what limits, rules of thumb, assumptions; and its files."""

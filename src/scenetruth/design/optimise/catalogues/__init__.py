@@ -1,1 +1,0 @@
-"""Catalogues of lenses, cameras and stages: what ships, and files of one's own."""

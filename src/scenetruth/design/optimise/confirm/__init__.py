@@ -1,1 +1,0 @@
-"""The confirmation: the best rigs simulated, estimated and scored, with several seeds."""

@@ -1,1 +1,0 @@
-"""What a rig must satisfy: one module per constraint, found by itself."""

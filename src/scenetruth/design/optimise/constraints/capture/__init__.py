@@ -1,1 +1,0 @@
-"""What constraints on the capture measure: times, light, motion, data."""

@@ -1,1 +1,0 @@
-"""What constraints on the hardware measure: travel, stage errors, prices."""

@@ -1,1 +1,0 @@
-"""What constraints on sight measure: distances, fields, blur, disparity, texture."""

@@ -1,1 +1,0 @@
-"""The search: predictions by the thousand, what parameters do, and the front."""

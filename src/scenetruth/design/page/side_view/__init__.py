@@ -1,1 +1,0 @@
-"""A rig seen along Y: where cameras and objects stand, what is seen and what is sharp, and its drawing to scale."""

@@ -1,0 +1,16 @@
+"""Patterns to print for a rig, and their assessment."""
+
+from scenetruth.design.patterns.assessment import PatternAssessment, assess_pattern
+from scenetruth.design.patterns.generation import Pattern, generate_pattern
+from scenetruth.design.patterns.pattern_rig import PatternRig, pattern_rig_from_scene
+from scenetruth.design.patterns.printing import export_pattern
+
+__all__ = [
+    "Pattern",
+    "PatternAssessment",
+    "PatternRig",
+    "assess_pattern",
+    "export_pattern",
+    "generate_pattern",
+    "pattern_rig_from_scene",
+]

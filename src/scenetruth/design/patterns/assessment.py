@@ -1,0 +1,588 @@
+"""Assessment of a pattern for a rig: intensity gradients and the resulting precision, with summary text and plots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.bound import ClosedFormBound, closed_form_bound
+from scenetruth.design.patterns.generation import Pattern, list_pattern_types
+from scenetruth.design.patterns.pattern_model import PatternError
+from scenetruth.design.patterns.pattern_rig import PatternGreyLevel, PatternRig, compute_grey_level, find_grey_level
+from scenetruth.design.patterns.pattern_spectrum import (
+    NYQUIST,
+    PatternSpectrum,
+    PatternStatistics,
+    compute_pattern_statistics,
+    compute_ring_means,
+    compute_spectrum,
+    load_grey_values,
+    remove_shading,
+    sample_patch,
+)
+from scenetruth.errors import Problem
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "SIZES_PX",
+    "UNITS",
+    "PatternAssessment",
+    "assess_pattern",
+    "assessments_to_dataframe",
+    "compute_size_table",
+    "compute_statistics_by_size",
+    "compute_theoretical_statistics",
+    "describe_assessments",
+    "describe_pattern",
+    "plot_assessments",
+]
+
+
+Array = NDArray[np.float64]
+
+# The part of a pattern that is looked at, in px, and points per px.
+_PATCH_PX, _PARTS = 320, 4
+# Pixels that are pictured.
+_SHOWN_PX = 64
+# Of a picture, in px of the rig: fewer of them tell nothing.
+_LEAST_PX = 24
+# Raster of theory: so many points, at least so many px or lengths along each side.
+_COUNT, _THEORY_PX, _THEORY_LENGTHS = 1024, 256, 12
+
+
+@dataclass(frozen=True, eq=False)
+class PatternAssessment:
+    """What a pattern is worth to a rig. Grey values are shares of full scale.
+
+    Parameters
+    ----------
+    label
+        What it is.
+    mean
+        Mean grey value.
+    contrast
+        Standard deviation of the grey values.
+    gradient_x, gradient_y
+        Rms of their derivatives, per px.
+    theory_gradient
+        The same of one axis from the pattern's closed form; None if there is none.
+    wavelength_px
+        Of the wave with the same contrast and gradient.
+    size_px
+        Size of speckles: full width at half maximum of the image's autocorrelation.
+    aliased_share
+        Share of the variance in waves too short for the pixels.
+    noise_std
+        Noise of the images.
+    window_sigma_px
+        Standard deviation of the window behind the figures that follow.
+    disparity_px, depth_mm, slope, flow_px, velocity_lateral_mm, velocity_depth_mm, growth_rate
+        Least standard deviations, as of `scenetruth.bound.ClosedFormBound`; None where the rig does not tell them.
+    spectrum
+        The pattern's spectrum in grey values, before lens and pixels if ``optics`` is set.
+    optics
+        The rig whose lens and pixels act on it; None if they have already.
+    patch
+        Grey values of some pixels in its middle, shape (y, x), without noise of a pattern.
+
+    See Also
+    --------
+    scenetruth.design.patterns.assess_pattern : Makes it.
+    scenetruth.bound.ClosedFormBound : The same standard deviations, from a gradient.
+
+    Examples
+    --------
+    >>> from scenetruth.design.patterns import generate_pattern, assess_pattern, pattern_rig_from_scene
+    >>> rig = pattern_rig_from_scene(focal_length_px=2500, distance_mm=500, baseline_mm=5, positions=5)
+    >>> worth = assess_pattern(generate_pattern(rig, size_mm=(20, 20), seed=1))
+    >>> f"speckles of {worth.size_px:.1f} px, gradients of {worth.gradient:.2f} per px, noise {worth.noise_std:.2f}"
+    'speckles of 2.3 px, gradients of 0.31 per px, noise 0.01'
+    >>> f"depth to {worth.depth_mm:.3f} mm; {100 * worth.aliased_share:.0f} % too fine for the pixels"
+    'depth to 0.010 mm; 1 % too fine for the pixels'
+
+    One frame tells nothing of motion, and dots that keep apart have no closed form:
+
+    >>> [name for name, value in worth.figures().items() if value is None]
+    ['theory_gradient', 'flow_px', 'velocity_lateral_mm', 'velocity_depth_mm', 'growth_rate']
+    """
+
+    label: str
+    mean: float
+    contrast: float
+    gradient_x: float
+    gradient_y: float
+    theory_gradient: float | None
+    wavelength_px: float
+    size_px: float
+    aliased_share: float
+    noise_std: float
+    window_sigma_px: float
+    disparity_px: float | None
+    depth_mm: float | None
+    slope: float | None
+    flow_px: float | None
+    velocity_lateral_mm: float | None
+    velocity_depth_mm: float | None
+    growth_rate: float | None
+    spectrum: PatternSpectrum
+    optics: PatternRig | None
+    patch: Array
+
+    @property
+    def gradient(self) -> float:
+        """Rms of the derivative along one axis, mean square of both, per px."""
+        return math.hypot(self.gradient_x, self.gradient_y) / math.sqrt(2)
+
+    def figures(self) -> dict[str, float | None]:
+        """Return all numbers by name, None where nothing is known."""
+        left_out = ("label", "spectrum", "optics", "patch")
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in left_out}
+
+
+def assess_pattern(
+    pattern: Pattern | str | Path | NDArray[Any],
+    rig: PatternRig | None = None,
+    *,
+    mm_per_px: float | None = None,
+    encoding: str = "srgb",
+    picture_noise_std: float | None = None,
+    window_sigma_px: float = 6.0,
+    motion: str = "rigid",
+    label: str | None = None,
+) -> PatternAssessment:
+    """Tell what a pattern, or a photograph of one, is worth to a rig.
+
+    Parameters
+    ----------
+    pattern
+        The pattern, or a photograph: an image file, or an array of grey values as of `make_recording`.
+    rig
+        The rig; that which the pattern was made for if not given.
+    mm_per_px
+        Of a photograph: the size of its pixels on the surface. Not given, it was taken by the rig's own camera at its
+        distance, and lens and pixels have acted already.
+    encoding
+        Of a photograph: ``"srgb"``, as cameras write JPEG files, or ``"linear"``. What it shows as 1 is a perfectly
+        white surface; in a picture by the rig's own camera, full scale.
+    picture_noise_std
+        Of a photograph: standard deviation of its noise, as a share of full scale. Not given, it has the rig's noise if
+        the rig's camera took it, and none otherwise.
+    window_sigma_px
+        Standard deviation of the Gaussian window in which depth and motion are found.
+    motion
+        What is known of the motion, as of `scenetruth.bound.cramer_rao_bound`.
+    label
+        What it is called; the pattern's kind or the file's name if not given.
+
+    Returns
+    -------
+    Worth
+        Its figures.
+
+    Raises
+    ------
+    PatternError
+        If the picture cannot be used, or a number is impossible.
+
+    See Also
+    --------
+    scenetruth.design.patterns.generate_pattern : A pattern for a rig.
+    scenetruth.bound.closed_form_bound : Standard deviations from a gradient that is known already.
+
+    Examples
+    --------
+    Dots of 4 and of 8 px, and a photograph of waves of 0.8 mm, whose pixels are 0.05 mm on the surface:
+
+    >>> import numpy as np
+    >>> from scenetruth.design.patterns import generate_pattern, assess_pattern, pattern_rig_from_scene
+    >>> rig = pattern_rig_from_scene(focal_length_px=2500, distance_mm=500, baseline_mm=5, positions=5)
+    >>> for dot_px in (4, 8):
+    ...     worth = assess_pattern(generate_pattern(rig, dot_px=dot_px, size_mm=(20, 20), seed=1))
+    ...     print(f"dots of {dot_px} px: depth to {worth.depth_mm:.4f} mm")
+    dots of 4 px: depth to 0.0104 mm
+    dots of 8 px: depth to 0.0140 mm
+    >>> x, y = np.meshgrid(np.arange(300) * 0.05, np.arange(300) * 0.05)
+    >>> picture = 0.5 + 0.2 * np.sin(2 * np.pi * x / 0.8) * np.sin(2 * np.pi * y / 0.8)
+    >>> worth = assess_pattern(picture, rig, mm_per_px=0.05, encoding="linear")
+    >>> f"{worth.label}: depth to {worth.depth_mm:.4f} mm"
+    'picture: depth to 0.0254 mm'
+    """
+    if isinstance(pattern, Pattern):
+        rig = rig or pattern.rig
+        shown = _render_pattern(pattern, rig)
+        return _assess(
+            label or pattern.model.kind,
+            shown,
+            rig,
+            compute_theoretical_statistics(pattern, rig),
+            window_sigma_px,
+            motion,
+        )
+    if rig is None:
+        raise PatternError([Problem("rig", "is missing: a photograph does not tell for which camera")])
+    _refuse_numbers(mm_per_px, picture_noise_std)
+    grey = load_grey_values(pattern, encoding)
+    name = label or (Path(pattern).name if isinstance(pattern, str | Path) else "picture")
+    pitch = 1.0 if mm_per_px is None else mm_per_px / rig.mm_per_px
+    if min(grey.shape) * pitch < _LEAST_PX:
+        message = f"shows less than {_LEAST_PX} px of the rig's image along a side: take a larger picture"
+        told = " x ".join(f"{side * pitch:.3g}" for side in reversed(grey.shape)) + " px"
+        raise PatternError([Problem("picture", message, told)])
+    if pitch > 1:
+        message = f"is coarser than the rig sees, {rig.mm_per_px:.4g} mm per px: take a picture from nearer by"
+        raise PatternError([Problem("mm_per_px", message, mm_per_px)])
+    if grey.mean() <= 0:
+        raise PatternError([Problem("picture", "is black", name)])
+    if mm_per_px is not None:
+        shown = _illuminate(remove_shading(grey), rig, pitch, noise_std=picture_noise_std or 0.0)
+    else:
+        level = find_grey_level(rig, float(grey.mean()))
+        noise = level.noise_std if picture_noise_std is None else picture_noise_std
+        shown = _ImagedPattern(remove_shading(grey), level, 1.0, None, noise_std=noise)
+    return _assess(name, shown, rig, None, window_sigma_px, motion)
+
+
+@dataclass(frozen=True, eq=False)
+class _ImagedPattern:
+    """Grey values of a pattern: their distance on the sensor, the rig that acts on them, and what spoils them."""
+
+    grey: Array
+    level: PatternGreyLevel
+    pitch_px: float
+    optics: PatternRig | None
+    texel_px: float = 0.0
+    noise_std: float = 0.0
+
+
+def compute_theoretical_statistics(pattern: Pattern, rig: PatternRig) -> PatternStatistics | None:
+    """Return what a rig sees of a pattern from its closed form; None if it has none."""
+    model = pattern.model
+    side_mm = max(_THEORY_PX * rig.mm_per_px, _THEORY_LENGTHS * model.coarsest_mm)
+    power = model.power(_COUNT, side_mm / _COUNT)
+    if power is None:
+        return None
+    return compute_pattern_statistics(
+        PatternSpectrum(power * _range(pattern, rig) ** 2, side_mm / _COUNT / rig.mm_per_px), rig
+    )
+
+
+def compute_statistics_by_size(
+    rig: PatternRig, sizes_px: Sequence[float], coverage: float = 0.5
+) -> dict[float, PatternStatistics]:
+    """Return what a rig sees of random dots of several diameters, from the closed form of dots that lie anywhere.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    sizes_px
+        Diameters in px.
+    coverage
+        Share of the sheet that they cover.
+
+    Returns
+    -------
+    dict
+        What it sees, in shares of the range from ink to paper, by diameter.
+    """
+    found: dict[float, PatternStatistics] = {}
+    for size in sizes_px:
+        side, count = max(_THEORY_PX / 2, _THEORY_LENGTHS * size), _COUNT // 2
+        dots = list_pattern_types()["speckle"].model_validate(
+            {"kind": "speckle", "dot_mm": size, "coverage": coverage, "spacing": 0.0}
+        )
+        power = dots.power(count, side / count)
+        assert power is not None
+        found[size] = compute_pattern_statistics(PatternSpectrum(power, side / count), rig)
+    return found
+
+
+def assessments_to_dataframe(worths: Sequence[PatternAssessment]) -> pd.DataFrame:
+    """Return the figures of several patterns beside each other.
+
+    Parameters
+    ----------
+    worths
+        The patterns.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``pattern``, ``quantity``, ``value`` and ``unit``; quantities are the fields of `PatternAssessment`.
+    """
+    import pandas as pd
+
+    rows = [
+        {"pattern": worth.label, "quantity": name, "value": value, "unit": UNITS[name]}
+        for worth in worths
+        for name, value in worth.figures().items()
+    ]
+    return pd.DataFrame(rows).astype({"value": float})
+
+
+UNITS = {
+    "mean": "of full scale",
+    "contrast": "of full scale",
+    "gradient_x": "of full scale per px",
+    "gradient_y": "of full scale per px",
+    "theory_gradient": "of full scale per px",
+    "wavelength_px": "px",
+    "size_px": "px",
+    "aliased_share": "1",
+    "noise_std": "of full scale",
+    "window_sigma_px": "px",
+    "disparity_px": "px/step",
+    "depth_mm": "mm",
+    "slope": "1",
+    "flow_px": "px/frame",
+    "velocity_lateral_mm": "mm/frame",
+    "velocity_depth_mm": "mm/frame",
+    "growth_rate": "1/frame",
+}
+"""Units of the figures."""
+
+
+def _range(pattern: Pattern, rig: PatternRig) -> float:
+    """Return the step from ink to paper, as a share of full scale."""
+    ink, paper = pattern.model.radiances
+    return (paper - ink) * rig.light * compute_grey_level(rig, (paper + ink) / 2 * rig.light).gain
+
+
+def _render_pattern(pattern: Pattern, rig: PatternRig) -> _ImagedPattern:
+    """Return the grey values of the middle of a pattern."""
+    sides_px = [min(side / rig.mm_per_px, _PATCH_PX) for side in pattern.size_mm]
+    if min(sides_px) < _LEAST_PX:
+        message = f"is less than {_LEAST_PX} px of the rig's image along a side: make a larger pattern"
+        raise PatternError([Problem("size_mm", message, pattern.size_mm)])
+    columns, rows = (int(side) * _PARTS for side in sides_px)
+    width, height = (count / _PARTS * rig.mm_per_px for count in (columns, rows))
+    box = ((pattern.size_mm[0] - width) / 2, (pattern.size_mm[1] - height) / 2, width, height)
+    shown = _illuminate(pattern.radiance(box, (rows, columns)).astype(np.float64), rig, 1 / _PARTS, texel_px=1 / _PARTS)
+    brightest = float(shown.grey.max())
+    if brightest > 1:
+        message = f"saturates the sensor: paper would be at {100 * brightest:.0f} % of full scale; lower it, or expose"
+        raise PatternError([Problem("light", f"{message} for a shorter time", rig.light)])
+    return shown
+
+
+def _illuminate(
+    reflectance: Array, rig: PatternRig, pitch_px: float, texel_px: float = 0.0, noise_std: float = 0.0
+) -> _ImagedPattern:
+    """Return the grey values of a surface whose reflectance is known."""
+    level = compute_grey_level(rig, float(reflectance.mean()) * rig.light)
+    if level.gain <= 0:
+        message = "gives a grey value that does not follow the light: the sensor is saturated; lower it"
+        raise PatternError([Problem("light", message, rig.light)])
+    grey = level.grey + level.gain * rig.light * (reflectance - reflectance.mean())
+    return _ImagedPattern(grey, level, pitch_px, rig, texel_px, noise_std * level.gain * rig.light)
+
+
+def _assess(
+    label: str,
+    shown: _ImagedPattern,
+    rig: PatternRig,
+    theory: PatternStatistics | None,
+    window_sigma_px: float,
+    motion: str,
+) -> PatternAssessment:
+    spectrum = compute_spectrum(shown.grey, shown.pitch_px, shown.noise_std)
+    seen = compute_pattern_statistics(spectrum, shown.optics, shown.texel_px)
+    noise = shown.level.noise_std
+    both = math.hypot(seen.gradient_x, seen.gradient_y)
+    return PatternAssessment(
+        label=label,
+        mean=float(shown.grey.mean()),
+        contrast=seen.contrast,
+        gradient_x=seen.gradient_x,
+        gradient_y=seen.gradient_y,
+        theory_gradient=None if theory is None else theory.gradient_x,
+        wavelength_px=2 * math.pi * seen.contrast / both if both > 0 else math.inf,
+        size_px=seen.size_px,
+        aliased_share=seen.aliased_share,
+        noise_std=noise,
+        window_sigma_px=window_sigma_px,
+        spectrum=spectrum,
+        optics=shown.optics,
+        patch=sample_patch(shown.grey, shown.pitch_px, shown.optics, _SHOWN_PX),
+        **_precision(rig, seen, noise, window_sigma_px, motion),
+    )
+
+
+def _precision(
+    rig: PatternRig, seen: PatternStatistics, noise: float, window_sigma_px: float, motion: str
+) -> dict[str, float | None]:
+    """Return the least standard deviations; None where the rig or a sensor without noise does not tell them."""
+    names = [field.name for field in fields(ClosedFormBound)]
+    if noise == 0 or rig.positions < 2 or min(seen.gradient_x, seen.gradient_y) <= 0:
+        return dict.fromkeys(names)
+    # Disparities are along x; what shows along both axes has the mean of both.
+    along, mean = (
+        asdict(
+            closed_form_bound(
+                focal_length_px=rig.focal_length_px,
+                baseline_mm=rig.baseline_mm or 1.0,
+                positions=rig.positions,
+                frames=rig.frames,
+                depth_mm=rig.distance_mm,
+                gradient=gradient,
+                noise_std=noise,
+                window_sigma_px=window_sigma_px,
+                motion=motion,  # type: ignore[arg-type]
+            )
+        )
+        for gradient in (seen.gradient_x, math.hypot(seen.gradient_x, seen.gradient_y) / math.sqrt(2))
+    )
+    found = {name: (along if name in ("disparity_px", "depth_mm", "slope") else mean)[name] for name in names}
+    if rig.baseline_mm is None:
+        found |= dict.fromkeys(("depth_mm", "slope", "velocity_depth_mm", "growth_rate"))
+    return {name: value if value is not None and math.isfinite(value) else None for name, value in found.items()}
+
+
+def _refuse_numbers(mm_per_px: float | None, picture_noise_std: float | None) -> None:
+    problems = []
+    if mm_per_px is not None and not 0 < mm_per_px < math.inf:
+        problems.append(Problem("mm_per_px", "must be a positive number", mm_per_px))
+    if picture_noise_std is not None and not 0 <= picture_noise_std < 1:
+        problems.append(Problem("picture_noise_std", "must be a share of full scale, from 0 on", picture_noise_std))
+    if problems:
+        raise PatternError(problems)
+
+
+SIZES_PX = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0)
+"""Diameters of dots that are compared."""
+
+_ALIASED = 0.05
+_BLEACHED, _DARK = 0.9, 0.1
+_OWN_PX = 4.0
+
+
+def describe_assessments(worths: Sequence[PatternAssessment]) -> list[str]:
+    """Return what the first pattern allows, and how the others compare to it.
+
+    Parameters
+    ----------
+    worths
+        The patterns.
+    """
+    found = []
+    for number, worth in enumerate(worths):
+        told = f"{worth.label}: gradients of {100 * worth.gradient:.3g} % of full scale per px"
+        told += f", noise {100 * worth.noise_std:.2g} %, speckles of {worth.size_px:.2g} px"
+        if worth.disparity_px is not None:
+            told += f"; disparity to {worth.disparity_px:.2g} px per step at best"
+        if worth.depth_mm is not None:
+            told += f", depth to {worth.depth_mm:.2g} mm"
+        if worth.flow_px is not None:
+            told += f", flow to {worth.flow_px:.2g} px per frame"
+        found.append(f"{told} (window σ {worth.window_sigma_px:g} px)")
+        found += _warnings(worth)
+        if number and worths[0].gradient > 0 and worth.gradient > 0:
+            ratio = _noise_over_gradient(worth) / _noise_over_gradient(worths[0])
+            found.append(f"{worth.label}: {ratio:.2g} times the noise of depth and motion that {worths[0].label} gives")
+    return found
+
+
+def _noise_over_gradient(worth: PatternAssessment) -> float:
+    # A sensor without noise leaves the gradients.
+    return (worth.noise_std or 1.0) / worth.gradient
+
+
+def _warnings(worth: PatternAssessment) -> list[str]:
+    found = []
+    if worth.aliased_share > _ALIASED:
+        share = f"{100 * worth.aliased_share:.0f} %"
+        found.append(f"{worth.label}: {share} of its variance is too fine for the pixels (aliasing): make it coarser")
+    if worth.mean > _BLEACHED:
+        found.append(f"{worth.label}: {100 * worth.mean:.0f} % of full scale in the mean: expose for a shorter time")
+    if worth.mean < _DARK:
+        found.append(f"{worth.label}: {100 * worth.mean:.0f} % of full scale in the mean: give more light")
+    return found
+
+
+def describe_pattern(pattern: Pattern) -> list[str]:
+    """Return what a pattern is, and how large its dots are at the nearest and the farthest depth.
+
+    Parameters
+    ----------
+    pattern
+        The pattern.
+    """
+    rig, width = pattern.rig, pattern.size_mm
+    found = [f"{pattern.model.kind} of {width[0]:g} x {width[1]:g} mm: {pattern.told}"]
+    if rig.depth_range_mm is not None and rig.depth_range_mm[0] < rig.depth_range_mm[1]:
+        near, far = (pattern.model.finest_mm * rig.focal_length_px / depth for depth in rig.depth_range_mm)
+        depths = " and ".join(f"{depth:.0f} mm" for depth in rig.depth_range_mm)
+        found.append(f"finest {near:.2f} and {far:.2f} px at the scene's nearest and farthest depths, {depths}")
+    seen = rig.field_mm
+    if seen is not None and (seen[0] > width[0] or seen[1] > width[1]):
+        found.append(f"smaller than the field of view, {seen[0]:.0f} x {seen[1]:.0f} mm")
+    return found
+
+
+def compute_size_table(rig: PatternRig, coverage: float = 0.5) -> list[tuple[float, float, float, float]]:
+    """Return what dots of several sizes are worth to a rig, from theory: dots that lie anywhere.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    coverage
+        Share of the sheet that they cover.
+
+    Returns
+    -------
+    list of tuple
+        Diameter in px and in mm, noise of depth and motion relative to dots of 4 px, and the share of the variance that
+        is too fine for the pixels.
+    """
+    seen = compute_statistics_by_size(rig, SIZES_PX, coverage)
+    own = seen[_OWN_PX].gradient_x
+    return [(size, size * rig.mm_per_px, own / each.gradient_x, each.aliased_share) for size, each in seen.items()]
+
+
+# Colours that colour-blind readers can tell apart (after Okabe and Ito).
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+_RINGS = 40
+
+
+def plot_assessments(file: Path, worths: Sequence[PatternAssessment]) -> None:
+    """Draw what the rig sees of patterns, and the spectrum that lens and pixels leave.
+
+    Parameters
+    ----------
+    file
+        PNG file to write.
+    worths
+        The patterns.
+    """
+    import matplotlib.style
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.style.context(["default", {"font.size": 9}]):
+        figure = Figure(figsize=(3.2 * len(worths) + 5.0, 3.6), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.subplots(1, len(worths) + 1, width_ratios=[*[3.2] * len(worths), 5.0])
+        for ax, worth in zip(axes[:-1], worths, strict=True):
+            ax.imshow(worth.patch, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
+            ax.set(title=worth.label, xlabel="x, px", ylabel="y, px")
+        edges = np.linspace(0, 1.5 * NYQUIST, _RINGS + 1)
+        middle = (edges[1:] + edges[:-1]) / 2
+        for worth, colour in zip(worths, _COLOURS * len(worths), strict=False):
+            density = compute_ring_means(worth.spectrum, worth.optics, edges)
+            # What a ring adds to the square of the gradient: its circumference, and (2 π f)² / 2 for one axis.
+            adds = 4 * np.pi**3 * middle**3 * np.maximum(density, 0.0)
+            axes[-1].plot(middle, adds, color=colour, label=worth.label)
+        axes[-1].axvline(NYQUIST, color="0.5", linestyle=":", label="2 px")
+        axes[-1].set(xlabel="spatial frequency, periods per px", ylabel="squared gradient per frequency")
+        axes[-1].set(xlim=(0, edges[-1]), ylim=(0, None), title="what its waves give, through lens and pixels")
+        axes[-1].legend(frameon=False)
+        figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})

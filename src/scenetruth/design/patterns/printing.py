@@ -1,0 +1,336 @@
+"""Export of a pattern: SVG and PDF pages at true scale, an image texture, and the lines of a scene file that use it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import math
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from scenetruth.design.patterns.generation import Pattern
+from scenetruth.design.patterns.page_layout import PageLine, PageText, PrintPage, lay_out_pages
+from scenetruth.design.patterns.pattern_model import Array, GreyPicture, InkAreas, InkDots, Marks
+
+__all__ = [
+    "IMAGE",
+    "PDF",
+    "SCENE_LINES",
+    "SIGN",
+    "export_pattern",
+    "format_scene_lines",
+    "render_svg",
+    "write_pdf",
+    "write_texture_image",
+]
+
+
+# Digits behind the point; outlines, which have many points, are told in whole µm.
+_DIGITS, _OUTLINE_DIGITS = 4, 3
+
+
+def render_svg(pattern: Pattern, page: PrintPage) -> str:
+    """Return a page as an SVG document whose user unit is a mm.
+
+    Parameters
+    ----------
+    pattern
+        The pattern.
+    page
+        One of its pages.
+    """
+    width, height = (_number(side) for side in page.size_mm)
+    left, top = page.place_mm[:2]
+    shift = f"translate({_number(left - page.tile_mm[0])} {_number(top - page.tile_mm[1])})"
+    box = " ".join(
+        f'{name}="{_number(v)}"' for name, v in zip(("x", "y", "width", "height"), page.tile_mm, strict=True)
+    )
+    parts = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="{width}mm" '
+        f'height="{height}mm" viewBox="0 0 {width} {height}">',
+        f"<title>{escape(page.texts[-1].content)}</title>",
+        f"<desc>{escape('scenetruth ' + pattern.model.kind + ' pattern, ' + pattern.told)}</desc>",
+        f'<rect width="{width}" height="{height}" fill="#fff"/>',
+        f'<clipPath id="tile"><rect {box}/></clipPath>',
+        f'<g id="pattern" transform="{shift}"><g clip-path="url(#tile)">',
+        *_marks(pattern.marks(page.tile_mm)),
+        "</g></g>",
+        '<g id="rulers" stroke="#000" fill="none">',
+        *map(_line, page.lines),
+        "</g>",
+        '<g id="texts" font-family="DejaVu Sans, Arial, Helvetica, sans-serif" fill="#000">',
+        *map(_text, page.texts),
+        "</g>",
+        "</svg>",
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _number(value: float) -> str:
+    text = f"{value:.{_DIGITS}f}".rstrip("0").rstrip(".")
+    return "0" if text in ("-0", "") else text
+
+
+def _marks(marks: Marks) -> list[str]:
+    if isinstance(marks, InkDots):
+        radius = _number(marks.diameter_mm / 2)
+        return [f'<circle cx="{_number(x)}" cy="{_number(y)}" r="{radius}"/>' for x, y in marks.centres_mm.tolist()]
+    if isinstance(marks, InkAreas):
+        return [f'<path d="{"".join(map(_outline, marks.outlines_mm))}"/>']
+    return [_picture(marks)]
+
+
+def _outline(points: Array) -> str:
+    # Steps in whole units of the last digit: their sum does not drift.
+    whole = np.round(points * 10**_OUTLINE_DIGITS).astype(np.int64)
+    steps = np.diff(whole, axis=0)
+    parts = (whole[:1] / 10**_OUTLINE_DIGITS, steps[steps.any(axis=1)] / 10**_OUTLINE_DIGITS)
+    start, way = (" ".join(f"{x:g} {y:g}" for x, y in part.tolist()) for part in parts)
+    return f"M{start}l{way}z" if way else ""
+
+
+def _picture(marks: GreyPicture) -> str:
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(marks.values).save(stream, format="PNG")
+    x, y, width, height = (_number(value) for value in marks.box_mm)
+    data = base64.b64encode(stream.getvalue()).decode()
+    place = f'x="{x}" y="{y}" width="{width}" height="{height}" preserveAspectRatio="none"'
+    return f'<image {place} xlink:href="data:image/png;base64,{data}"/>'
+
+
+def _line(line: PageLine) -> str:
+    ends = " ".join(f'{name}="{_number(getattr(line, name))}"' for name in ("x0", "y0", "x1", "y1"))
+    ends = ends.replace("x1=", "x2=").replace("y1=", "y2=").replace("x0=", "x1=").replace("y0=", "y1=")
+    return f'<line {ends} stroke-width="{_number(line.width)}"/>'
+
+
+def _text(text: PageText) -> str:
+    x, y = _number(text.x), _number(text.y)
+    turned = f' transform="rotate(-90 {x} {y})"' if text.upright else ""
+    return (
+        f'<text x="{x}" y="{y}" font-size="{_number(text.size)}" text-anchor="{text.anchor}"{turned}>'
+        f"{escape(text.content)}</text>"
+    )
+
+
+_MM_PER_INCH = 25.4
+_POINTS_PER_MM = 72 / _MM_PER_INCH
+
+
+def write_pdf(file: Path, pattern: Pattern, pages: Sequence[PrintPage]) -> None:
+    """Write pages into a PDF file; the same bytes every time.
+
+    Parameters
+    ----------
+    file
+        What to write.
+    pattern
+        The pattern.
+    pages
+        Its pages.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import PdfPages
+    from matplotlib.figure import Figure
+
+    told: dict[str, Any] = {
+        "Title": f"scenetruth {pattern.model.kind} pattern",
+        "Subject": pattern.told,
+        "Creator": "scenetruth",
+        "CreationDate": None,
+    }
+    # Outlines keep all of their points; letters stay letters.
+    settings = {"path.simplify": False, "pdf.fonttype": 42, "font.family": "DejaVu Sans", "pdf.compression": 6}
+    with rc_context(settings), PdfPages(file, metadata=told) as pdf:
+        for page in pages:
+            figure = Figure(figsize=tuple(side / _MM_PER_INCH for side in page.size_mm))
+            _draw(figure, pattern, page)
+            pdf.savefig(figure)
+
+
+def _draw(figure: Any, pattern: Pattern, page: PrintPage) -> None:
+    from matplotlib.collections import LineCollection
+
+    width, height = page.size_mm
+    left, top, wide, high = page.place_mm
+    # Axes are cut off at their borders, as the tile is.
+    tile = figure.add_axes((left / width, 1 - (top + high) / height, wide / width, high / height))
+    x, y = page.tile_mm[:2]
+    tile.set(xlim=(x, x + wide), ylim=(y + high, y))
+    tile.axis("off")
+    _add(tile, pattern.marks(page.tile_mm))
+    whole = figure.add_axes((0, 0, 1, 1))
+    whole.set(xlim=(0, width), ylim=(height, 0))
+    whole.axis("off")
+    lines = [[(line.x0, line.y0), (line.x1, line.y1)] for line in page.lines]
+    widths = [line.width * _POINTS_PER_MM for line in page.lines]
+    whole.add_collection(LineCollection(lines, linewidths=widths, colors="black", capstyle="butt"), autolim=False)
+    for text in page.texts:
+        whole.text(
+            text.x,
+            text.y,
+            text.content,
+            fontsize=text.size * _POINTS_PER_MM,
+            rotation=90 if text.upright else 0,
+            rotation_mode="anchor",
+            ha={"start": "left", "middle": "center"}[text.anchor],
+            va="baseline",
+            parse_math=False,
+        )
+
+
+def _add(axes: Any, marks: Marks) -> None:
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    if isinstance(marks, InkDots):
+        size = [marks.diameter_mm]
+        dots = EllipseCollection(
+            size, size, [0], units="xy", offsets=marks.centres_mm, offset_transform=axes.transData, facecolors="black"
+        )
+        dots.set_linewidth(0)
+        axes.add_collection(dots, autolim=False)
+    elif isinstance(marks, InkAreas):
+        pieces = [np.vstack([piece, piece[:1]]) for piece in marks.outlines_mm]
+        if pieces:
+            codes = [[Outline.MOVETO] + [Outline.LINETO] * (len(piece) - 2) + [Outline.CLOSEPOLY] for piece in pieces]
+            path = Outline(np.concatenate(pieces), np.concatenate(codes))
+            # Not as a patch: limits of axes, which are known, would be looked for along all outlines.
+            axes.add_artist(PathPatch(path, facecolor="black", edgecolor="none", linewidth=0))
+    else:
+        left, top, width, height = marks.box_mm
+        extent = (left, left + width, top + height, top)
+        axes.imshow(marks.values, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="none", aspect="auto")
+
+
+SIGN, PDF, IMAGE, SCENE_LINES = "pattern.json", "pattern.pdf", "pattern.png", "scene_lines.yaml"
+"""Names of the files, but for those of the pages in SVG."""
+
+# Texels of the image: per px of the rig, and at most.
+_PER_PX, _MOST_TEXELS = 4, 64_000_000
+
+
+def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", margin_mm: float = 10.0) -> list[Path]:
+    """Write a pattern into a folder that exists.
+
+    Parameters
+    ----------
+    pattern
+        The pattern.
+    folder
+        The folder.
+    page, margin_mm
+        Paper, as of `scenetruth.design.patterns.page_layout.lay_out_pages`.
+
+    Returns
+    -------
+    list of pathlib.Path
+        ``pattern.pdf`` with all pages, ``pattern.svg`` or one SVG file for each page, ``pattern.png``, the pattern as
+        an image texture, ``format_scene_lines.yaml``, what to write into a scene file, and ``pattern.json``, what it is
+        made from.
+
+    Raises
+    ------
+    PatternError
+        If the paper is unknown, or too small.
+
+    See Also
+    --------
+    scenetruth.design.patterns.generate_pattern : The pattern.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from scenetruth.design.patterns import generate_pattern, pattern_rig_from_scene, export_pattern
+    >>> rig = pattern_rig_from_scene(focal_length_px=2500, distance_mm=500)
+    >>> pattern = generate_pattern(rig, size_mm=(10, 10), seed=1)
+    >>> with TemporaryDirectory() as folder:
+    ...     files = export_pattern(pattern, folder, page="A5")
+    ...     print(*(file.name for file in files))
+    ...     print(Path(folder, "scene_lines.yaml").read_text(), end="")
+    pattern.pdf pattern.svg pattern.png scene_lines.yaml pattern.json
+    # dots of 0.800 mm (4.00 px), 50 % covered, centres at least 1 diameters apart; seed 1
+    objects:
+      - name: pattern
+        mesh: {kind: plane, size_mm: [10, 10]}
+        pose: {position_mm: [0, 0, 500]}
+        texture: {kind: image, file: pattern.png, encoding: linear}
+    """
+    pages = lay_out_pages(pattern, page, margin_mm)
+    place = Path(folder)
+    files = [place / PDF]
+    write_pdf(files[0], pattern, pages)
+    digits = len(str(len(pages)))
+    for number, each in enumerate(pages, start=1):
+        name = "pattern.svg" if len(pages) == 1 else f"pattern_{number:0{digits}}.svg"
+        files.append(place / name)
+        files[-1].write_text(render_svg(pattern, each), encoding="utf-8")
+    write_texture_image(place / IMAGE, pattern)
+    (place / SCENE_LINES).write_text(format_scene_lines(pattern), encoding="utf-8")
+    told = {
+        "scenetruth": version("scenetruth"),
+        "pattern": pattern.to_plain(),
+        "rig": pattern.rig.model_dump(mode="json"),
+        "page": page,
+        "pages": len(pages),
+    }
+    (place / SIGN).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    return [*files, place / IMAGE, place / SCENE_LINES, place / SIGN]
+
+
+def format_scene_lines(pattern: Pattern, file: str = IMAGE) -> str:
+    """Return what a scene file needs to show the pattern on a plane.
+
+    Parameters
+    ----------
+    pattern
+        The pattern.
+    file
+        Its image, as `export_pattern` writes it.
+    """
+    width, height = pattern.size_mm
+    return (
+        f"# {pattern.told}; seed {pattern.seed}\n"
+        "objects:\n"
+        "  - name: pattern\n"
+        f"    mesh: {{kind: plane, size_mm: [{width:g}, {height:g}]}}\n"
+        f"    pose: {{position_mm: [0, 0, {pattern.rig.distance_mm:.6g}]}}\n"
+        f"    texture: {{kind: image, file: {file}, encoding: linear}}\n"
+    )
+
+
+def write_texture_image(file: Path, pattern: Pattern) -> None:
+    """Write a pattern as an image texture: linear reflectance, four texels per px of the rig.
+
+    Parameters
+    ----------
+    file
+        PNG file, of 8 bits, or 16 for shades of grey.
+    pattern
+        The pattern.
+    """
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    width, height = pattern.size_mm
+    pitch = max(pattern.rig.mm_per_px / _PER_PX, math.sqrt(width * height / _MOST_TEXELS))
+    shape = (max(round(height / pitch), 2), max(round(width / pitch), 2))
+    reflectance = pattern.radiance((0.0, 0.0, width, height), shape)
+    told = PngInfo()
+    told.add_text("Software", "scenetruth")
+    told.add_text("Description", f"linear reflectance; {pattern.told}; seed {pattern.seed}")
+    options: dict[str, Any] = {"pnginfo": told, "dpi": (shape[1] / width * 25.4, shape[0] / height * 25.4)}
+    if pattern.model.kind == "grey_noise":
+        Image.fromarray(np.round(65535 * reflectance).astype(np.uint16)).save(file, **options)
+    else:
+        Image.fromarray(np.round(255 * reflectance).astype(np.uint8)).save(file, **options)

@@ -1,1 +1,0 @@
-"""What waves textures consist of, by their kinds: one module each; what has no formula is painted and measured."""

@@ -1,0 +1,230 @@
+"""Analytic prediction, in milliseconds: surface samples and the spectrum of their texture, nothing rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.bound.unknowns import Motion, compute_eigenvalue_bias
+from scenetruth.design.prediction.method_models import MethodSetup, all_method_models, prepare_method
+from scenetruth.design.prediction.prediction_result import Prediction, PredictionInputs
+from scenetruth.design.prediction.region_statistics import (
+    compute_quantities,
+    compute_values,
+    select_regions,
+    weighted_median,
+    weighted_quantile,
+)
+from scenetruth.design.prediction.surface_samples import SurfaceSamples, sample_surface
+from scenetruth.design.prediction.texture_information import ImagedTexture, compute_flow, compute_imaged_texture
+from scenetruth.design.prediction.texture_spectra import analytic_spectra
+from scenetruth.errors import Problem, SceneError
+from scenetruth.resources import ObjectWorkload
+from scenetruth.scene import Scene
+
+__all__ = ["noise_problems", "predict_analytic"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_MOST_NAMES = 3
+_S_PER_H = 3600.0
+# Of the standard deviation: what is less is hardly seen in rms errors.
+_LARGE_BIAS = 0.3
+# Quintic splines lose 1.5 % of a wave of 3 px, and show as much of another. Errors on a cube with 45 % of its squared
+# gradients in shorter waves are 2.2 times the prediction; with 21 % they are within what seeds tell.
+_FINE_PX, _MUCH_FINE = 3.0, 0.35
+# Of what moves at all: background that rests blurs nothing.
+_MOST_BLUR, _RESTS_PX = 0.95, 1e-6
+
+
+def predict_analytic(
+    scene: Scene,
+    method: str,
+    window_sigma_px: float | None,
+    motion: Motion | None,
+    parts: Sequence[ObjectWorkload],
+    folder: Path = Path(),
+    *,
+    painting: bool = True,
+) -> Prediction:
+    """Predict the precision of a scene from points and spectra; see `predict`.
+
+    Parameters
+    ----------
+    scene, method, window_sigma_px, motion
+        As of `predict`.
+    parts
+        The objects of the scene.
+    folder
+        Where relative paths in the scene count from.
+    painting
+        Whether textures without an exact formula are painted, which takes seconds once and loads compiled code. If
+        not, what is known of them counts, and objects of whose texture nothing is known are left out.
+    """
+    setup = prepare_method(scene, method, window_sigma_px, motion)
+    look = sample_surface(setup.scene, parts, folder)
+    unknown: list[str] = []
+    if not painting:
+        kinds = {part.item.name: part.item.texture.kind for part in parts}
+        unknown = [name for name in look.names if kinds[name] not in analytic_spectra()]
+        look = look.of([number for number, name in enumerate(look.names) if name not in unknown])
+    if not len(look) and unknown:
+        message = f"textures of {', '.join(unknown)} are not known before they are painted; "
+        raise SceneError([Problem("objects", message + "`scenetruth design predict` paints them")])
+    if not len(look):
+        message = "the reference camera sees none of them at the reference frame"
+        raise SceneError([Problem("objects", message)])
+    seen = compute_imaged_texture(setup.scene, look, parts, folder, painting=painting)
+    problems = noise_problems(scene, seen.noise)
+    if problems:
+        raise SceneError(problems)
+    slopes = _slopes(look)
+    with np.errstate(all="ignore"):
+        told_of = all_method_models()[method].from_spectrum(setup, look, seen)
+        std = compute_quantities(told_of, slopes)
+        cost: dict[str, float] = {}
+        if (seen.pattern > 0).any():
+            without = replace(seen, pattern=np.zeros_like(seen.pattern))
+            less = compute_quantities(all_method_models()[method].from_spectrum(setup, look, without), slopes)
+            cost = {name: _median_ratio(std[name], less[name]) for name in std}
+            # The same at all points: that of single points scatters by the waves that stand for their texture.
+            std = {name: cost[name] * values for name, values in less.items()}
+    regions = select_regions(look.names, look.body, look.far_from_edges(scene.score.interior_margin_px))
+    interval = scene.frames.frame_interval_s
+    figures = compute_values(std, compute_signals(setup, look), regions, look.share, interval)
+    told = _point_inputs(look, seen)
+    causes = {
+        region: _summarise_inputs(setup, told, seen.blur_px, mask, look.share) for region, mask in regions.items()
+    }
+    notes = (
+        *_notes(scene, look, unknown, painting=painting),
+        *_too_fine(look, seen),
+        *_describe_eigenvalue_bias(told_of, look, interval),
+    )
+    return Prediction("envelope", method, tuple(regions), interval, figures, causes, None, notes, cost)
+
+
+def _median_ratio(one: Array, other: Array) -> float:
+    known = np.isfinite(one) & np.isfinite(other) & (other > 0)
+    return float(np.median(one[known] / other[known])) if known.any() else 1.0
+
+
+def noise_problems(scene: Scene, noise: Array) -> list[Problem]:
+    """Return why nothing can be said of a sensor."""
+    if (noise > 0).all():
+        return []
+    message = "has no noise, so that nothing limits precision: give it noise_std, or bit_depth"
+    return [Problem("sensor", message, scene.sensor if isinstance(scene.sensor, str) else scene.sensor.kind)]
+
+
+def compute_signals(setup: MethodSetup, look: SurfaceSamples) -> dict[str, Array]:
+    """Return the motion and growth of points, by quantity."""
+    if not setup.sees_motion:
+        return {}
+    flow = compute_flow(look)
+    velocity = look.points.q * setup.scene.stage.baseline_mm
+    found = {f"flow_{axis}": flow[:, k] for k, axis in enumerate("xy")}
+    found |= {f"velocity_{axis}": velocity[k] for k, axis in enumerate("xyz")}
+    found |= dict(zip(("growth_largest", "growth_least"), look.growth_principal, strict=True))
+    return {**found, "velocity_endpoint": np.linalg.norm(velocity, axis=0), "growth_rate": look.growth}
+
+
+def _slopes(look: SurfaceSamples) -> Array:
+    # A plane n · P = c has dZ/dX = -n_X / n_Z.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-look.normals[:, :2].T / look.normals[:, 2])
+
+
+def _point_inputs(look: SurfaceSamples, seen: ImagedTexture) -> dict[str, Array]:
+    along, down = (np.sqrt((seen.variance * seen.response[..., k] ** 2).sum(axis=1)) for k in range(2))
+    contrast, whole = (np.sqrt(each.sum(axis=1)) for each in (seen.variance, seen.surface_variance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wavelength = np.where(contrast > 0, 2 * np.pi * contrast / np.hypot(along, down), np.inf)
+        left = np.where(whole > 0, contrast / whole, 0.0)
+    return {
+        "noise_std": seen.noise,
+        "pattern_std": seen.pattern,
+        "grey_level": seen.level,
+        "white_level": seen.white,
+        "contrast": contrast,
+        "gradient_x": along,
+        "gradient_y": down,
+        "transfer": left,
+        "wavelength_px": wavelength,
+        "disparity_px": np.abs(look.points.d),
+        "depth_mm": look.depth_mm,
+        "flow_px": np.hypot(*compute_flow(look).T),
+    }
+
+
+def _summarise_inputs(
+    setup: MethodSetup, told: Mapping[str, Array], blur_px: Array, mask: Mask, share: Array
+) -> PredictionInputs:
+    moving = mask & (blur_px > _RESTS_PX)
+    return PredictionInputs(
+        **{name: weighted_median(values[mask], share[mask]) for name, values in told.items()},
+        blur_px=weighted_quantile(blur_px[moving], share[moving], _MOST_BLUR) if moving.any() else 0.0,
+        window_sigma_px=setup.window_sigma_px,
+        motion=setup.motion,
+        positions=len(np.unique(np.stack([setup.views.s, setup.views.s_y]), axis=1).T),
+        frames=len(np.unique(setup.views.t)),
+    )
+
+
+def _notes(scene: Scene, look: SurfaceSamples, unknown: Sequence[str], *, painting: bool) -> tuple[str, ...]:
+    """Return what is not in a prediction, in words."""
+    seen = {look.names[number] for number in np.unique(look.body)}
+    veined = [item.name for _, item in scene.parts if item.name in seen and not _is_exact(item.texture.kind)]
+    names = ", ".join(veined[:_MOST_NAMES]) + (" and others" if len(veined) > _MOST_NAMES else "")
+    found: Mapping[str, bool] = {
+        f"not looked at, for their files take long to read: {', '.join(look.left_out)}": bool(look.left_out),
+        f"not looked at, for their textures must be painted first: {', '.join(unknown)}": bool(unknown),
+        f"veins are left out, so that more can be known of: {names}": bool(veined) and not painting,
+        "the lens is taken for one without distortion": scene.camera.distortion is not None,
+        "errors of the stage are no noise, and not in it": scene.stage.errors is not None,
+        "shadows are left out": scene.lighting.lit and scene.lighting.shadows and bool(scene.lighting.lights),
+    }
+    return tuple(words for words, holds in found.items() if holds)
+
+
+def _too_fine(look: SurfaceSamples, seen: ImagedTexture) -> Iterator[str]:
+    """Tell of texture that interpolation between pixels does not keep."""
+    gradient = seen.variance * (seen.response**2).sum(axis=-1)
+    fine = np.hypot(seen.frequency[..., 0], seen.frequency[..., 1]) > 1 / _FINE_PX
+    weight = look.share[:, None] * gradient
+    total = float(weight.sum())
+    share = float(weight[fine].sum()) / total if total > 0 else 0.0
+    if share > _MUCH_FINE:
+        yield (
+            f"{100 * share:.0f} % of the squared gradients are of waves shorter than {_FINE_PX:g} px, which "
+            "interpolation between pixels does not keep: that is a bias, and not in it"
+        )
+
+
+def _describe_eigenvalue_bias(std: Mapping[str, Array], look: SurfaceSamples, frame_interval_s: float) -> Iterator[str]:
+    """Tell what noise does to the largest and the least growth of length, where that matters."""
+    if "growth_apart" not in std:
+        return
+    largest, least = look.growth_principal
+    bias = compute_eigenvalue_bias(0.5 * (largest - least), std["growth_apart"], std["growth_shear"])
+    known = np.isfinite(bias) & np.isfinite(std["growth_principal.0"])
+    if not known.any():
+        return
+    middle, noise = (
+        weighted_median(each[known], look.share[known]) * 100.0 * _S_PER_H / frame_interval_s
+        for each in (bias, std["growth_principal.0"])
+    )
+    if middle > _LARGE_BIAS * noise:
+        yield (
+            f"largest and least growth of length differ by less than their noise, which pushes them apart: expect the "
+            f"largest {middle:.2g} %/h too large in the mean, the least as much too small"
+        )
+
+
+def _is_exact(kind: str) -> bool:
+    return kind not in analytic_spectra() or analytic_spectra()[kind].exact

@@ -1,0 +1,245 @@
+"""The camera's response: modulation transfer of pixels, lens, focus and motion; grey levels and their noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import LinearImage, SensorChain, build_sensor_chain
+from scenetruth.camera.sensor.sensor_types import EmvaSensor, GaussianSensor
+from scenetruth.random_streams import generator_for
+from scenetruth.scene import Scene
+
+__all__ = [
+    "GreyLevelNoise",
+    "compute_blur_px",
+    "compute_derivative_response",
+    "compute_grey_levels",
+    "compute_irradiance",
+    "compute_transfer",
+]
+
+
+Array = NDArray[np.float64]
+
+# Highest frequency that pixels can show, in periods per px.
+_NYQUIST = 0.5
+
+
+def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px: Array) -> Array:
+    """Return which share of the contrast of waves images have.
+
+    The pixel is a mean over its n x n samples, along x and along y sin(π f) / (n sin(π f / n)); the lens is its point
+    spread function; the aperture is a disc; motion is a mean over a line. Waves finer than two pixels are lost: images
+    show them as other waves, which do not move as the surface does.
+
+    Parameters
+    ----------
+    frequency
+        Frequencies along x and y in periods per px, shape (points, waves, 2).
+    scene
+        Optics and sampling.
+    depth_mm
+        Depth of the points, shape (points,).
+    motion_px
+        How far they move in the image while it is taken, shape (points, 2).
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (points, waves).
+    """
+    found = _pixel(frequency, scene.render.supersampling)
+    optics, focal = scene.optics, scene.camera.focal_px
+    if optics.psf is not None:
+        found = found * optics.psf.transfer(np.hypot(frequency[..., 0], frequency[..., 1]))
+    if optics.defocus is not None:
+        diameter = optics.defocus.blur_diameter_px(depth_mm, focal)
+        found = found * _disc(np.pi * diameter[:, None] * np.hypot(frequency[..., 0], frequency[..., 1]))
+    if motion_px.any():
+        found = found * np.sinc(np.einsum("pwk,pk->pw", frequency, motion_px))
+    return np.asarray(found * (np.abs(frequency) < _NYQUIST).all(axis=-1))
+
+
+def compute_blur_px(scene: Scene, depth_mm: Array, flow_px: Array) -> Array:
+    """Return how far points move in the image while it is taken: by their own motion, and by that of the stage.
+
+    Parameters
+    ----------
+    scene
+        Shutter, frames and camera.
+    depth_mm
+        Depth of the points, shape (points,).
+    flow_px
+        Optical flow in px per frame, shape (points, 2).
+    """
+    shutter = scene.shutter
+    found = flow_px * (shutter.exposure_time_s / scene.frames.frame_interval_s)
+    travel_mm = shutter.stage_speed_mm_per_s * shutter.exposure_time_s
+    found[:, 0] -= scene.camera.focal_px * travel_mm / depth_mm
+    return found
+
+
+def compute_derivative_response(frequency: Array) -> Array:
+    """Return the derivative along one axis of the quintic spline through a wave of amplitude 1, at the pixels.
+
+    Parameters
+    ----------
+    frequency
+        Periods per px.
+
+    Returns
+    -------
+    numpy.ndarray
+        Radian per px: 2π f of long waves, 0 at two pixels per period.
+    """
+    turn = 2 * np.pi * frequency
+    return np.asarray(5 * (10 * np.sin(turn) + np.sin(2 * turn)) / (33 + 26 * np.cos(turn) + np.cos(2 * turn)))
+
+
+def _pixel(frequency: Array, samples: int) -> Array:
+    if samples == 1:
+        return np.ones(frequency.shape[:-1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = np.sin(np.pi * frequency) / (samples * np.sin(np.pi * frequency / samples))
+    # Beyond what the samples of a pixel can tell, all is lost anyhow.
+    return np.asarray(np.prod(np.where(np.abs(frequency) < 1e-9, 1.0, along), axis=-1))
+
+
+def _disc(argument: Array) -> Array:
+    """Return 2 J1(z) / z, the transform of an even disc, as the mean of a wave over its chords."""
+    nodes, shares = np.polynomial.chebyshev.chebgauss(24)
+    # 2 J1(z) / z = 2/π ∫ √(1 - u²) cos(z u) du over [-1, 1]; Chebyshev's weight is 1 / √(1 - u²).
+    weights = 2 / np.pi * shares * (1 - nodes**2)
+    return np.asarray(sum(weight * np.cos(argument * node) for node, weight in zip(nodes, weights, strict=True)))
+
+
+_ROUNDING = 1 / 12
+# Of a sensor without formula: images of so many pixels at so many levels.
+_SIDE, _LEVELS, _IMAGES = 48, 9, 8
+
+
+@dataclass(frozen=True, eq=False)
+class GreyLevelNoise:
+    """Grey values of points and their noise, as shares of full scale.
+
+    Parameters
+    ----------
+    level
+        Mean grey value, shape (n,).
+    gain
+        What it changes by per radiance, shape (n,).
+    noise
+        Standard deviation of the noise that is new in every image, rounding included, shape (n,).
+    pattern
+        Standard deviation of what pixels keep over all images, shape (n,).
+    """
+
+    level: Array
+    gain: Array
+    noise: Array
+    pattern: Array
+
+
+def compute_grey_levels(sensor: Any, radiance: Array) -> GreyLevelNoise:
+    """Return grey values and noise of points.
+
+    Parameters
+    ----------
+    sensor
+        The scene's sensor.
+    radiance
+        Mean radiance of the points, shape (n,).
+
+    Returns
+    -------
+    Grey
+        Of ``gaussian`` and a linear ``emva1288`` by their formulas; of any other sensor as a few flat images of it
+        tell. The ideal sensor has no noise.
+    """
+    radiance = np.asarray(radiance, dtype=np.float64)
+    if isinstance(sensor, GaussianSensor):
+        variance = sensor.noise_std**2
+        if sensor.bit_depth is not None:
+            variance += _ROUNDING / (2**sensor.bit_depth - 1) ** 2
+        one = np.ones_like(radiance)
+        level = radiance / sensor.full_scale_radiance
+        return GreyLevelNoise(level, one / sensor.full_scale_radiance, np.sqrt(variance) * one, 0.0 * one)
+    if isinstance(sensor, EmvaSensor) and sensor.gamma == 1 and sensor.bayer is None and not sensor.insert:
+        return _emva(sensor, radiance)
+    if isinstance(sensor, str) or not build_sensor_chain(sensor).effects:
+        one = np.ones_like(radiance)
+        return GreyLevelNoise(radiance, one, 0.0 * one, 0.0 * one)
+    levels = np.linspace(0.0, build_sensor_chain(sensor).saturation_radiance, _LEVELS)
+    measured = _measured(build_sensor_chain(sensor).model_dump_json())
+    return GreyLevelNoise(*(np.interp(radiance, levels, each) for each in measured))
+
+
+def compute_irradiance(scene: Scene, points_mm: Array, normals: Array) -> Array:
+    """Return by what factor points are brighter than their texture says, at the reference frame; without shadows.
+
+    Parameters
+    ----------
+    scene
+        Its lighting.
+    points_mm, normals
+        The points in the world, and unit normals towards the camera, shape (n, 3).
+    """
+    lighting = scene.lighting
+    factor = np.full(len(points_mm), lighting.brightness(0.0))
+    if not lighting.lit:
+        return factor
+    total = np.full(len(points_mm), lighting.ambient or 0.0)
+    for lamp in lighting.lamps_at(0.0):
+        if lamp.position_mm is None:
+            total += lamp.irradiance * np.maximum(-normals @ lamp.axis, 0.0)
+            continue
+        away = points_mm - lamp.position_mm
+        length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        beam = away / length[:, None]
+        part = lamp.irradiance * (lamp.reference_distance_mm / length) ** 2
+        part = part * np.maximum(-(normals * beam).sum(axis=1), 0.0)
+        if lamp.cos_inner > -1.0:
+            span = max(lamp.cos_inner - lamp.cos_outer, 1e-12)
+            share = np.clip((beam @ lamp.axis - lamp.cos_outer) / span, 0.0, 1.0)
+            part = part * share**2 * (3 - 2 * share)
+        total += part
+    return np.asarray(factor * total)
+
+
+def _emva(sensor: EmvaSensor, radiance: Array) -> GreyLevelNoise:
+    full = 2.0**sensor.bit_depth - 1
+    light = sensor.photon_rate_per_s * sensor.exposure_time_s * sensor.quantum_efficiency
+    electrons = light * radiance
+    dark = sensor.dark_current_e_per_s * sensor.exposure_time_s
+    gain = sensor.gain_dn_per_e
+    variance = gain**2 * (electrons + dark + sensor.temporal_dark_noise_e**2) + _ROUNDING
+    pattern = gain * np.hypot(sensor.prnu * electrons, sensor.dsnu_e)
+    level = gain * (electrons + dark) + sensor.black_level_dn
+    return GreyLevelNoise(
+        level / full, np.full_like(radiance, gain * light / full), np.sqrt(variance) / full, pattern / full
+    )
+
+
+@lru_cache(maxsize=64)
+def _measured(chain: str) -> tuple[Array, Array, Array, Array]:
+    """Measure levels, slopes, noise and patterns of a sensor from flat images."""
+    sensor = SensorChain.model_validate_json(chain)
+    opened = sensor.open((_SIDE, _SIDE), partial(generator_for, 0, "prediction"))
+    rows = []
+    for radiance in np.linspace(0.0, sensor.saturation_radiance, _LEVELS):
+        flat = np.full((_SIDE, _SIDE), radiance, dtype=np.float32)
+        images = [LinearImage(flat, 0, 0, t) for t in range(_IMAGES)]
+        before = [None, *images[:-1]]
+        taken = np.array([opened.read(*pair) for pair in zip(images, before, strict=True)], dtype=np.float64)
+        noise = taken.std(axis=0, ddof=1)
+        temporal = float(np.mean(noise**2))
+        spatial = max(float(taken.mean(axis=0).var()) - temporal / _IMAGES, 0.0)
+        rows.append((taken.mean(), np.sqrt(temporal), np.sqrt(spatial)))
+    level, temporal_std, pattern = (np.array(each) / sensor.full_scale for each in zip(*rows, strict=True))
+    slope = np.gradient(level, np.linspace(0.0, sensor.saturation_radiance, _LEVELS))
+    return level, slope, temporal_std, pattern

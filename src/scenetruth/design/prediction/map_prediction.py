@@ -1,0 +1,123 @@
+"""Prediction as maps, in seconds: the Cramér-Rao bound from one rendered image and the ground truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.bound.unknowns import Motion
+from scenetruth.design.prediction.method_models import MethodSetup, all_method_models, prepare_method
+from scenetruth.design.prediction.prediction_result import Prediction
+from scenetruth.design.prediction.reference_render import ReferenceRender, render_reference
+from scenetruth.design.prediction.region_statistics import NAMES, compute_quantities, compute_values, select_regions
+from scenetruth.scene import Scene
+from scenetruth.schema import COMPONENTS
+
+__all__ = ["predict_maps"]
+
+Array = NDArray[np.float64]
+
+_NO_INFORMATION_PX = 1e3
+_DIMS = {
+    "slope": "slope_component",
+    "flow": "image_component",
+    "velocity": "component",
+    "growth_principal": "principal",
+}
+_UNITS = {
+    "disparity": "px/step",
+    "depth": "mm",
+    "slope": "1",
+    "flow": "px/frame",
+    "velocity": "mm/frame",
+    "growth_rate": "1/frame",
+    "growth_principal": "1/frame",
+}
+
+
+def predict_maps(
+    scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | None, envelope: Prediction
+) -> Prediction:
+    """Predict the precision of a scene from an image without noise; see `predict`.
+
+    Parameters
+    ----------
+    scene, method, window_sigma_px, motion
+        As of `predict`.
+    envelope
+        The prediction from geometry and spectra: it tells what went into this one, and what noise that stays with the
+        pixels costs.
+    """
+    setup = prepare_method(scene, method, window_sigma_px, motion)
+    frames = setup.scene.frames.model_copy(update={"count": len(np.unique(setup.views.t))})
+    # Rows that are exposed one after the other would have to be rendered one by one.
+    shutter = setup.scene.shutter.model_copy(update={"readout_time_s": 0.0})
+    setup = replace(setup, scene=setup.scene.model_copy(update={"frames": frames, "shutter": shutter}))
+    made = render_reference(setup.scene, complete=setup.motion == "affine")
+    with np.errstate(all="ignore"):
+        std = all_method_models()[method].from_images(setup, made)
+    std = _without_rounding(std)
+    truth = made.truth.sel(t=0)
+    body = np.where(np.isfinite(truth["depth"].values), truth["object_id"].values, -1).astype(np.int64)
+    interior = truth["boundary_distance"].values >= scene.score.interior_margin_px
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = -truth["normal"].values[:2] / truth["normal"].values[2]
+    regions = select_regions(made.names, body, interior)
+    named = {
+        quantity: values * envelope.pattern_cost.get(quantity, 1.0)
+        for quantity, values in compute_quantities(std, slopes).items()
+    }
+    figures = compute_values(named, _signals(truth, setup), regions, np.ones(body.shape), envelope.frame_interval_s)
+    causes = {region: envelope.by_region.get(region, envelope.causes) for region in regions}
+    return replace(
+        envelope,
+        level="bound",
+        regions=tuple(regions),
+        figures=figures,
+        by_region=causes,
+        maps=_maps(std, truth, envelope, made),
+    )
+
+
+def _without_rounding(std: dict[str, Array]) -> dict[str, Array]:
+    """Return maps without what only the rounding of images tells: places that are known to many pixels."""
+    for name in ("disparity", "flow.0"):
+        if name in std:
+            unknown = std[name] > _NO_INFORMATION_PX
+            return {each: np.where(unknown, np.nan, values) for each, values in std.items()}
+    return std
+
+
+def _signals(truth: xr.Dataset, setup: MethodSetup) -> dict[str, Array]:
+    if not setup.sees_motion:
+        return {}
+    found = {f"flow_{axis}": truth["flow"].values[k] for k, axis in enumerate("xy")}
+    found |= {f"velocity_{axis}": truth["velocity"].values[k] for k, axis in enumerate("xyz")}
+    found["velocity_endpoint"] = np.linalg.norm(truth["velocity"].values, axis=0)
+    if "growth_principal" in truth:
+        found |= dict(zip(("growth_largest", "growth_least"), truth["growth_principal"].values, strict=True))
+    return {**found, "growth_rate": truth["growth_rate"].values}
+
+
+def _maps(std: dict[str, Array], truth: xr.Dataset, envelope: Prediction, made: ReferenceRender) -> xr.Dataset:
+    """Return the maps with names, coordinates and units."""
+    found = xr.Dataset(coords={dim: (dim, truth[dim].values) for dim in ("y", "x")})
+    for name, unit in _UNITS.items():
+        parts = {key: values for key, values in std.items() if key.partition(".")[0] == name}
+        if not parts:
+            continue
+        attrs = {"units": unit, "long_name": f"predicted standard deviation of {name.replace('_', ' ')}"}
+        if name in _DIMS:
+            dim = _DIMS[name]
+            found = found.assign_coords({dim: list(COMPONENTS[dim])})
+            stacked = np.stack([envelope.pattern_cost.get(NAMES[key], 1.0) * values for key, values in parts.items()])
+            found[f"{name}_std"] = ((dim, "y", "x"), stacked, attrs)
+        else:
+            found[f"{name}_std"] = (("y", "x"), parts[name] * envelope.pattern_cost.get(name, 1.0), attrs)
+    noise = np.hypot(made.noise_map, made.pattern_map)
+    attrs = {"units": "1", "long_name": "noise of a grey value, of full scale"}
+    found["noise_std"] = (("y", "x"), noise, attrs)
+    return found

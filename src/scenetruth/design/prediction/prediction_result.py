@@ -1,0 +1,424 @@
+"""The result of a prediction: standard deviations by region and quantity, the inputs behind them, table and maps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from scenetruth.errors import Problem, SceneError
+from scenetruth.output import claim_folder, write_atomically
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+__all__ = ["TITLES", "UNITS", "Level", "PredictedValue", "Prediction", "PredictionInputs", "write_prediction"]
+
+
+UNITS: Mapping[str, str] = {
+    "depth": "mm",
+    "disparity": "px/step",
+    "velocity_x": "mm/frame",
+    "velocity_y": "mm/frame",
+    "velocity_z": "mm/frame",
+    "flow_x": "px/frame",
+    "flow_y": "px/frame",
+    "velocity_endpoint": "mm/frame",
+    "growth_rate": "%/h",
+    "growth_largest": "%/h",
+    "growth_least": "%/h",
+    "slope_x": "1",
+    "slope_y": "1",
+    "normal": "°",
+}
+"""Units by quantity, for people: data sets have growth per frame."""
+
+TITLES: Mapping[str, str] = {
+    "depth": "Depth",
+    "disparity": "Disparity",
+    "velocity_x": "Velocity in X",
+    "velocity_y": "Velocity in Y",
+    "velocity_z": "Velocity in Z",
+    "flow_x": "Optical flow in x",
+    "flow_y": "Optical flow in y",
+    "velocity_endpoint": "Velocity endpoint",
+    "growth_rate": "Growth rate",
+    "growth_largest": "Largest growth of length",
+    "growth_least": "Least growth of length",
+    "slope_x": "Slope in X",
+    "slope_y": "Slope in Y",
+    "normal": "Normal",
+}
+"""What they are, in words."""
+
+
+Level = Literal["envelope", "bound"]
+_S_PER_H = 3600.0
+_UNITS_INSIDE = {"%/h": "1/frame"}
+
+
+@dataclass(frozen=True)
+class PredictedValue:
+    """How precisely a quantity can be known in a region.
+
+    Parameters
+    ----------
+    std
+        Median over the region of its predicted standard deviation; infinite where the images do not tell it.
+    unit
+        Unit of ``std`` and ``signal``: as in data sets, growth per frame.
+    signal
+        Rms over the region of what there is to be measured, of motion and growth; None of others.
+    value, signal_value, value_unit
+        The same for people: growth in % per hour, all else as it is.
+    known_share
+        Share of the region where the images tell it.
+    rms, percentile_95
+        Root mean square over the region of the standard deviation, and the 95th percentile of the sizes of normal
+        errors with such standard deviations; in ``value_unit``, infinite where the images do not tell it.
+
+    See Also
+    --------
+    Prediction : Has one for each region and quantity.
+
+    Examples
+    --------
+    A sheet that grows by 2 % per hour, seen every ten minutes:
+
+    >>> import scenetruth as st
+    >>> sheet = {"name": "sheet", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 600]}}
+    >>> sheet |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
+    >>> sheet |= {"deformation": [{"kind": "growth", "rate_per_hour": 0.02}]}
+    >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [sheet]}
+    >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5, "frame_interval_s": 600}}
+    >>> figure = st.predict(plain | {"sensor": {"noise_std": 0.01}}).figure("growth_rate", "object_sheet")
+    >>> f"{figure.signal_value:.2f} {figure.value_unit}, known to {figure.value:.2f} in a pixel"
+    '2.00 %/h, known to 0.20 in a pixel'
+    >>> f"{figure.signal:.5f} {figure.unit}, {figure.signal_to_noise:.0f} standard deviations"
+    '0.00333 1/frame, 10 standard deviations'
+    """
+
+    std: float
+    unit: str
+    signal: float | None
+    value: float
+    signal_value: float | None
+    value_unit: str
+    known_share: float
+    rms: float = float("inf")
+    percentile_95: float = float("inf")
+
+    @property
+    def signal_to_noise(self) -> float | None:
+        """The signal over the standard deviation; None where there is no signal to speak of."""
+        if self.signal is None:
+            return None
+        return self.signal / self.std if self.std > 0 else float("inf")
+
+
+@dataclass(frozen=True)
+class PredictionInputs:
+    """What went into a prediction, medians over a region where nothing else is said.
+
+    Parameters
+    ----------
+    noise_std
+        Standard deviation of a grey value in one image, of full scale, rounding included.
+    pattern_std
+        The same of what pixels keep in all images.
+    grey_level
+        Mean grey value, of full scale.
+    white_level
+        Grey value of what is as bright as a texture can be, in the same light, of full scale.
+    contrast
+        Standard deviation of the texture in the images, of full scale.
+    gradient_x, gradient_y
+        Rms of its derivatives, of full scale per px.
+    transfer
+        Share of the texture's contrast that lens, pixels and motion leave.
+    wavelength_px
+        Rms mean wavelength of the texture in the images, in px: 2π contrast over the gradient's length.
+    disparity_px, depth_mm
+        Disparity in px per step, and depth.
+    flow_px
+        Length of the optical flow, px per frame.
+    blur_px
+        How far points move in the image while it is taken: of those that move, 95 % move less; 0 if none does.
+    window_sigma_px, motion
+        Of the method.
+    positions, frames
+        Number of cameras, and of frames that are estimated together.
+
+    See Also
+    --------
+    Prediction : Has them as ``causes``, and of every region as ``by_region``.
+    recommend : What to change of them.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 600]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
+    >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5}, "sensor": {"noise_std": 0.01}}
+    >>> causes = st.predict(plain).causes
+    >>> f"{causes.disparity_px:.1f} px per step at {causes.depth_mm:.0f} mm, waves of {causes.wavelength_px:.1f} px"
+    '16.7 px per step at 600 mm, waves of 9.2 px'
+    >>> f"gradients of {causes.gradient_x:.3f} per px, noise of {causes.noise_std:.3f}"
+    'gradients of 0.059 per px, noise of 0.010'
+    >>> f"brightest grey values at {100 * causes.brightest_level:.0f} % of full scale"
+    'brightest grey values at 87 % of full scale'
+    """
+
+    noise_std: float
+    pattern_std: float
+    grey_level: float
+    white_level: float
+    contrast: float
+    gradient_x: float
+    gradient_y: float
+    transfer: float
+    wavelength_px: float
+    disparity_px: float
+    depth_mm: float
+    flow_px: float
+    blur_px: float
+    window_sigma_px: float
+    motion: str
+    positions: int
+    frames: int
+
+    @property
+    def brightest_level(self) -> float:
+        """Brightest grey values, of full scale: three standard deviations above the mean, and no brighter than white.
+
+        Over 1, images are saturated.
+        """
+        return min(self.grey_level + 3 * self.contrast, self.white_level)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """How precisely depth, motion, slopes and growth of a scene can be known from its images.
+
+    Parameters
+    ----------
+    level
+        ``"envelope"``: from geometry and the texture's spectrum; ``"bound"``: from an image without noise.
+    method
+        The method whose noise it is.
+    regions
+        ``"all"``, ``"interior"``, and ``"object_NAME"`` for every object that is seen: its interior, or all of it if it
+        has none.
+    frame_interval_s
+        Time between two frames.
+    figures
+        Figures by region and quantity.
+    by_region
+        What went into it, by region.
+    maps
+        Maps of the standard deviations, ``depth_std`` and so on as in `cramer_rao_bound`; None of an envelope.
+    notes
+        What is left out, in words.
+    pattern_cost
+        By what factor noise that stays with the pixels raises the standard deviations of quantities; those that are
+        missing do not suffer. It is in the figures.
+
+    See Also
+    --------
+    predict : Makes it.
+    recommend : What it warns of.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 600]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
+    >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5}, "sensor": {"noise_std": 0.01}}
+    >>> prediction = st.predict(plain)
+    >>> prediction.method, prediction.regions
+    ('refined', ('all', 'interior', 'object_wall'))
+    >>> for quantity in ("depth", "velocity_x", "velocity_z"):
+    ...     figure = prediction.figure(quantity, "interior")
+    ...     print(f"{quantity}: {figure.value:.1g} {figure.value_unit}")
+    depth: 0.04 mm
+    velocity_x: 0.0007 mm/frame
+    velocity_z: 0.03 mm/frame
+    >>> prediction.to_frame().columns[:5].tolist()
+    ['region', 'quantity', 'std', 'unit', 'signal']
+    """
+
+    level: Level
+    method: str
+    regions: tuple[str, ...]
+    frame_interval_s: float
+    figures: Mapping[str, Mapping[str, PredictedValue]]
+    by_region: Mapping[str, PredictionInputs]
+    maps: xr.Dataset | None = None
+    notes: tuple[str, ...] = field(default=())
+    pattern_cost: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def causes(self) -> PredictionInputs:
+        """What went into it: medians over all that is seen."""
+        return self.by_region["all"]
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The quantities that are predicted: keys of `scenetruth.scoring.QUANTITIES`."""
+        return tuple(self.figures["all"])
+
+    def figure(self, quantity: str, region: str = "all") -> PredictedValue:
+        """Return the figure of a quantity in a region.
+
+        Parameters
+        ----------
+        quantity
+            One of `quantities`.
+        region
+            One of `regions`.
+
+        Raises
+        ------
+        SceneError
+            If one of them is not predicted; says which are.
+        """
+        problems = []
+        if region not in self.regions:
+            problems.append(Problem("region", f"is not predicted; there are {', '.join(self.regions)}", region))
+        if quantity not in self.quantities:
+            message = f"is not predicted for this scene and method; there are {', '.join(self.quantities) or 'none'}"
+            problems.append(Problem("quantity", message, quantity))
+        if problems:
+            raise SceneError(problems)
+        return self.figures[region][quantity]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a table, a figure each row: region, quantity, all of `PredictedValue`, level, method."""
+        import pandas as pd
+
+        rows: list[dict[str, Any]] = [
+            {"region": region, "quantity": quantity, **vars(figure), "level": self.level, "method": self.method}
+            for region in self.regions
+            for quantity, figure in self.figures[region].items()
+        ]
+        return pd.DataFrame(rows)
+
+
+def compute_value(
+    quantity: str,
+    spread: tuple[float, float, float],
+    signal: float | None,
+    known_share: float,
+    frame_interval_s: float,
+) -> PredictedValue:
+    """Return a figure with what it is for people.
+
+    Parameters
+    ----------
+    quantity
+        Key of `UNITS`.
+    spread
+        Median and root mean square of the standard deviation, and the 95th percentile of errors.
+    signal, known_share
+        As of `PredictedValue`.
+    frame_interval_s
+        Time between two frames.
+    """
+    unit = UNITS[quantity]
+    factor = 100.0 * _S_PER_H / frame_interval_s if unit in _UNITS_INSIDE else 1.0
+    told = None if signal is None else factor * signal
+    std, rms, percentile = spread
+    inside = _UNITS_INSIDE.get(unit, unit)
+    return PredictedValue(std, inside, signal, factor * std, told, unit, known_share, factor * rms, factor * percentile)
+
+
+_TABLE, _PICTURE = "prediction.csv", "prediction.png"
+_COLUMNS = 3
+# Of the values of a map, the share below which colours tell them apart: edges are far beyond.
+_MOST = 0.95
+_SHOWN = ("depth", "slope", "velocity", "growth_rate", "growth_principal", "flow")
+
+
+def write_prediction(prediction: Prediction, folder: Path, *, overwrite: bool = False) -> list[str]:
+    """Write a prediction.
+
+    Parameters
+    ----------
+    prediction
+        The prediction.
+    folder
+        Folder to make.
+    overwrite
+        Whether a prediction that is there is replaced.
+
+    Returns
+    -------
+    list of str
+        Names of the files: the table, and of the level ``"bound"`` a picture of the maps.
+
+    Raises
+    ------
+    OutputExistsError
+        If the folder exists.
+    """
+    names = [_TABLE]
+    with write_atomically(folder, overwrite=overwrite, claim=claim_folder(_TABLE)) as aside:
+        aside.mkdir()
+        prediction.to_frame().to_csv(aside / _TABLE, index=False)
+        if prediction.maps is not None:
+            _draw(prediction, aside / _PICTURE)
+            names.append(_PICTURE)
+    return names
+
+
+def _draw(prediction: Prediction, file: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    panels = _panels(prediction)
+    down = -(-len(panels) // _COLUMNS)
+    height, width = next(iter(panels.values())).shape
+    figure = Figure(figsize=(4.2 * _COLUMNS, (3.6 * height / width + 0.4) * down), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = np.atleast_1d(figure.subplots(down, _COLUMNS)).ravel()
+    for axis, (title, values) in zip(axes, panels.items(), strict=False):
+        known = values[np.isfinite(values)]
+        most = float(np.quantile(known, _MOST)) if known.size else 1.0
+        shown: Any = axis.imshow(values, cmap="viridis", vmin=0.0, vmax=most)
+        axis.set_title(title, fontsize=10)
+        axis.set_xticks([])
+        axis.set_yticks([])
+        figure.colorbar(shown, ax=axis, shrink=0.85, extend="max")
+    for axis in axes[len(panels) :]:
+        axis.set_axis_off()
+    figure.suptitle(f"predicted standard deviation per pixel, {prediction.method.replace('_', ' ')}")
+    figure.savefig(file, dpi=110)
+
+
+def _panels(prediction: Prediction) -> dict[str, Any]:
+    """Return what is drawn: maps by their titles."""
+    maps = prediction.maps
+    assert maps is not None
+    per_hour = 100.0 * _S_PER_H / prediction.frame_interval_s
+    found: dict[str, Any] = {}
+    for name in _SHOWN:
+        if f"{name}_std" not in maps or (name == "flow" and "velocity_std" in maps):
+            continue
+        one = maps[f"{name}_std"]
+        words, unit = name.replace("_rate", "").replace("_", " "), one.attrs["units"]
+        if unit == "1/frame":
+            one, unit = per_hour * one, "%/h"
+        lead = [dim for dim in one.dims if dim not in ("y", "x")]
+        if lead:
+            for label in one[lead[0]].values.tolist():
+                shown = "" if unit == "1" else f", {unit}"
+                found[f"{words} {label}{shown}"] = one.sel({lead[0]: label}).values
+        else:
+            found[f"{words}, {unit}"] = one.values
+    return found

@@ -1,0 +1,364 @@
+"""The prediction of a scene's precision, and recommendations with the field to change and by how much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, cast
+
+from scenetruth.bound.unknowns import Motion
+from scenetruth.design.prediction.analytic_prediction import predict_analytic
+from scenetruth.design.prediction.prediction_result import Level, PredictedValue, Prediction
+from scenetruth.design.prediction.texture_spectra import analytic_spectra
+from scenetruth.errors import Problem, SceneError
+from scenetruth.resources import Limits, ObjectWorkload, limited_objects
+from scenetruth.scene import Scene, load_scene, scene_from_plain
+
+__all__ = ["SUFFICIENT_RATIO", "make_recommendations", "predict", "predict_quickly", "recommend", "resolve_scene"]
+
+
+SUFFICIENT_RATIO = 2.0
+"""What there is to be measured should be this many standard deviations."""
+
+# The standard deviation of depth should be less than this share of it.
+_DEPTH_SHARE = 0.01
+# A window should not be narrower than half a wave: its standard deviation is a quarter of its width.
+_WAVES_PER_SIGMA = 8.0
+_LEAST_TRANSFER, _LEAST_DENSITY = 0.4, 0.5
+# Motion while an image is taken, as a share of the wavelength: beyond, less than two thirds of the contrast are left.
+_MOST_BLUR, _BETTER_BLUR = 0.5, 0.3
+_WIDEST_PX = 30.0
+# What is exactly as bright as full scale may have been rounded up.
+_FULL = 1 + 1e-6
+# A longer interval moves things to where the texture is seen otherwise.
+_NEARLY = 0.9
+# Rounding of coarse meshes is no growth.
+_NOTHING = 1e-7
+
+Predictor = Callable[[Scene], Prediction]
+
+
+def make_recommendations(
+    scene: Scene,
+    prediction: Prediction,
+    again: Predictor,
+    *,
+    enough: float = SUFFICIENT_RATIO,
+    growth_alone: bool = False,
+) -> list[str]:
+    """Return what a prediction warns of, in words.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    prediction
+        What is predicted for it.
+    again
+        Predicts the same of a changed scene: what is advised has been tried.
+    enough
+        How many standard deviations motion and growth should be.
+    growth_alone
+        Whether nothing but growth is asked for.
+
+    Returns
+    -------
+    list of str
+        One line for each warning; none if all is well.
+    """
+    found = list(_check_growth(scene, prediction, again, enough))
+    if not growth_alone:
+        found += [*_check_motion(scene, prediction, again, enough), *_check_depth(scene, prediction)]
+        found += _check_images(scene, prediction)
+    return found
+
+
+def _check_growth(scene: Scene, prediction: Prediction, again: Predictor, enough: float) -> Iterator[str]:
+    region = _most_moving(prediction, "growth_rate")
+    if region is None:
+        return
+    figure = prediction.figure("growth_rate", region)
+    if _is_sufficient(figure, enough):
+        return
+    signal, std = (100.0 * each for each in (figure.signal or 0.0, figure.std))
+    text = f"growth{_region_suffix(region)} is {signal:.2g} % per frame at a precision of {std:.2g} % per pixel"
+    yield f"{text}: {_longer(scene, region, 'growth_rate', figure, again) or _wider(scene, figure, 2.0)}"
+
+
+def _check_motion(scene: Scene, prediction: Prediction, again: Predictor, enough: float) -> Iterator[str]:
+    quantity = next((name for name in ("velocity_endpoint", "flow_x") if name in prediction.quantities), None)
+    region = None if quantity is None else _most_moving(prediction, quantity)
+    if quantity is None or region is None:
+        return
+    figure = prediction.figure(quantity, region)
+    if _is_sufficient(figure, enough):
+        return
+    text = f"motion{_region_suffix(region)} is {figure.signal:.2g} {figure.unit} at a precision of {figure.std:.2g}"
+    yield f"{text}: {_longer(scene, region, quantity, figure, again) or _wider(scene, figure, 1.0)}"
+
+
+def _check_depth(scene: Scene, prediction: Prediction) -> Iterator[str]:
+    if "depth" not in prediction.quantities:
+        return
+    std, depth = prediction.figure("depth").std, prediction.causes.depth_mm
+    if math.isfinite(std) and std > _DEPTH_SHARE * depth:
+        # Depth is as precise as the baseline is long.
+        enough = _nice(abs(scene.stage.baseline_mm) * std / (_DEPTH_SHARE * depth))
+        text = f"depth has a precision of {std:.2g} mm at {depth:.4g} mm, {100 * std / depth:.2g} %"
+        yield f"{text}: raise stage.baseline_mm to {enough:g}"
+    share = prediction.figure("depth").known_share
+    if share < _LEAST_DENSITY:
+        text = f"images tell depth in {100 * share:.0f} % of what is seen only"
+        yield f"{text}: give surfaces a texture, or reduce stage.baseline_mm, so that all images show them"
+
+
+def _check_images(scene: Scene, prediction: Prediction) -> Iterator[str]:
+    causes = prediction.causes
+    sigma = causes.window_sigma_px
+    if math.isfinite(causes.wavelength_px) and causes.wavelength_px > _WAVES_PER_SIGMA * sigma:
+        text = f"the texture's waves are about {causes.wavelength_px:.0f} px long, and a window's standard deviation "
+        text += f"is {sigma:g} px: make the texture's wavelengths shorter, or raise "
+        yield text + f"estimate.window_sigma_px to {_nice(causes.wavelength_px / _WAVES_PER_SIGMA):g}"
+    objects = {name: one for name, one in prediction.by_region.items() if name.startswith("object_")}
+    region = max(objects, key=lambda name: objects[name].brightest_level)
+    brightest = objects[region].brightest_level
+    if brightest > _FULL:
+        remedy = "reduce lighting" if scene.lighting.lit else "let the sensor collect less light"
+        where = _region_suffix(region)
+        yield f"brightest grey values{where} are at {100 * brightest:.0f} % of full scale, saturated: {remedy}"
+    time = scene.shutter.exposure_time_s
+    # What rests behind an object that moves blurs nothing, and has waves of its own.
+    region = max(objects, key=lambda name: objects[name].blur_px / objects[name].wavelength_px)
+    moving = objects[region]
+    if moving.blur_px > _MOST_BLUR * moving.wavelength_px and time > 0:
+        # What blurs less shows shorter waves.
+        shorter = time * _BETTER_BLUR * moving.wavelength_px / moving.blur_px
+        text = f"points{_region_suffix(region)} move {moving.blur_px:.1f} px while an image is taken, "
+        waves = f"the texture's waves are about {moving.wavelength_px:.1f} px long"
+        yield f"{text}and {waves}: reduce shutter.exposure_time_s to {shorter:.2g}"
+    elif 0 < causes.transfer < _LEAST_TRANSFER:
+        text = f"lens and pixels leave {100 * causes.transfer:.0f} % of the texture's contrast"
+        yield f"{text}: make its wavelengths longer, or change optics"
+
+
+def _most_moving(prediction: Prediction, quantity: str) -> str | None:
+    """Return the object of which there is most to be measured; None if there is nothing."""
+    if quantity not in prediction.quantities:
+        return None
+    signals = {
+        region: prediction.figure(quantity, region).signal or 0.0
+        for region in prediction.regions
+        if region.startswith("object_")
+    }
+    best = max(signals, key=lambda region: signals[region], default=None)
+    return best if best is not None and signals[best] > _NOTHING else None
+
+
+def _is_sufficient(figure: PredictedValue, enough: float) -> bool:
+    ratio = figure.signal_to_noise
+    return ratio is None or ratio >= enough or not math.isfinite(figure.std)
+
+
+def _region_suffix(region: str) -> str:
+    return f" of '{region.removeprefix('object_')}'"
+
+
+def _longer(scene: Scene, region: str, quantity: str, figure: PredictedValue, again: Predictor) -> str | None:
+    """Return a longer interval, if what is to be measured grows with it."""
+    interval = _nice(scene.frames.frame_interval_s * _missing(figure))
+    frames = scene.frames.model_copy(update={"frame_interval_s": interval})
+    changed = again(scene.model_copy(update={"frames": frames}))
+    if region not in changed.regions:
+        return None
+    ratio = changed.figure(quantity, region).signal_to_noise or 0.0
+    # Motion that is given per frame stays as it is.
+    if ratio < _NEARLY * SUFFICIENT_RATIO:
+        return None
+    return f"raise frames.frame_interval_s to {interval:g}"
+
+
+def _wider(scene: Scene, figure: PredictedValue, power: float) -> str:
+    """Return another remedy: what is given per frame does not grow with the interval.
+
+    Standard deviations of motion fall with the window's width, those of its gradient with the square of it.
+    """
+    factor = _missing(figure)
+    sigma = getattr(scene.estimate.settings, "window_sigma_px", None)
+    if sigma is not None and (wider := _nice(sigma * factor ** (1 / power))) <= _WIDEST_PX:
+        return f"raise estimate.window_sigma_px to {wider:g}, or the motion in the scene"
+    return f"it takes {factor:.2g} times less noise, or as much more motion: it is given per frame"
+
+
+def _missing(figure: PredictedValue) -> float:
+    """Return how many times more there should be to be measured."""
+    return SUFFICIENT_RATIO / max(figure.signal_to_noise or 0.0, 1e-9)
+
+
+def _nice(value: float) -> float:
+    """Return the next larger number of two digits."""
+    size = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.ceil(value / size - 1e-9) * size:.3g}")
+
+
+def predict(
+    scene: Scene | Mapping[str, Any] | str | PathLike[str],
+    level: Level = "envelope",
+    method: str = "refined",
+    window_sigma_px: float | None = None,
+    motion: Motion | None = None,
+    *,
+    limits: Limits | None = None,
+) -> Prediction:
+    """Predict how precisely depth, slopes, motion and growth of a scene can be known, without drawing any noise.
+
+    Parameters
+    ----------
+    scene
+        The scene, its plain values, or its file.
+    level
+        ``"envelope"``: from geometry and the spectrum of the texture, in milliseconds. ``"bound"``: from one rendered
+        image without noise and the exact truth, in seconds, with maps.
+    method
+        The method of estimation: ``"refined"`` or ``"structure_tensor"``. If the scene estimates with it, its settings
+        are the scene's.
+    window_sigma_px
+        Standard deviation of the window in px; that of the method's settings if not given.
+    motion
+        What is unknown of how velocity changes in a window: ``"translation"``, ``"rigid"``, ``"growing"`` or
+        ``"affine"``; that of the method's settings if not given.
+    limits
+        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
+
+    Returns
+    -------
+    Prediction
+        Standard deviations by region and quantity, and what went into them.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be made or passes a bound, nothing of it is seen, its sensor has no noise, or an argument is
+        impossible; lists all that is wrong.
+
+    See Also
+    --------
+    scenetruth.bound.cramer_rao_bound : The bound of a recording whose truth is known.
+
+    Examples
+    --------
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 600]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
+    >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5}, "sensor": {"noise_std": 0.01}}
+    >>> prediction = predict(plain)
+    >>> depth = prediction.figure("depth")
+    >>> f"{depth.value:.2f} {depth.value_unit}"
+    '0.04 mm'
+    """
+    if level not in ("envelope", "bound"):
+        raise SceneError([Problem("level", "must be envelope or bound", level)])
+    known, folder = resolve_scene(scene)
+    parts = limited_objects(known, limits or Limits(), folder)
+    made = predict_analytic(known, method, window_sigma_px, motion, parts, folder)
+    if level == "envelope":
+        return made
+    # Compiled code is loaded for this one alone.
+    from scenetruth.design.prediction.map_prediction import predict_maps
+
+    return predict_maps(known, method, window_sigma_px, motion, made)
+
+
+def predict_quickly(scene: Scene, parts: Sequence[ObjectWorkload], method: str) -> Prediction:
+    """Predict the precision of a scene by formulas alone: no compiled code is loaded, and no texture painted.
+
+    Parameters
+    ----------
+    scene, parts
+        The scene and its objects.
+    method
+        The method.
+    """
+    return predict_analytic(scene, method, None, None, parts, painting=False)
+
+
+def recommend(
+    scene: Scene,
+    prediction: Prediction,
+    parts: Sequence[ObjectWorkload] | None = None,
+    *,
+    painting: bool = True,
+    growth_alone: bool = False,
+) -> list[str]:
+    """Return what a prediction warns of: too little precision, and which field to change by how much.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    prediction
+        What is predicted for it.
+    parts
+        Its objects, if they are at hand.
+    painting
+        Whether textures without a formula may be painted. If not, what is predicted of them is too large, and only
+        what cannot be seen at all is warned of.
+    growth_alone
+        Whether nothing but growth is asked for.
+
+    Returns
+    -------
+    list of str
+        One line for each warning; none if all is well.
+
+    See Also
+    --------
+    predict : The prediction.
+
+    Examples
+    --------
+    A sheet that grows by 2 % per hour, seen every minute, and then as seldom as is advised:
+
+    >>> from scenetruth.design.prediction import recommend, predict
+    >>> sheet = {"name": "sheet", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 600]}}
+    >>> sheet |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
+    >>> sheet |= {"deformation": [{"kind": "growth", "rate_per_hour": 0.02}]}
+    >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [sheet]}
+    >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "sensor": {"noise_std": 0.01}}
+    >>> scene = scene_from_plain(plain | {"frames": {"count": 5, "frame_interval_s": 60}})
+    >>> print(*recommend(scene, predict(scene), growth_alone=True))
+    growth of 'sheet' is 0.033 % per frame at a precision of 0.033 % per pixel: raise frames.frame_interval_s to 120
+    >>> slower = scene_from_plain(plain | {"frames": {"count": 5, "frame_interval_s": 120}})
+    >>> recommend(slower, predict(slower), growth_alone=True)
+    []
+    """
+    known = limited_objects(scene, Limits()) if parts is None else parts
+    causes = prediction.causes
+    exact = painting or all(_is_exact(part.item.texture.kind) for part in known)
+
+    def again(changed: Scene) -> Prediction:
+        motion = cast("Motion", causes.motion)
+        return predict_analytic(changed, prediction.method, causes.window_sigma_px, motion, known, painting=painting)
+
+    return make_recommendations(
+        scene,
+        prediction,
+        again,
+        enough=SUFFICIENT_RATIO if exact else 0.5 * SUFFICIENT_RATIO,
+        growth_alone=growth_alone,
+    )
+
+
+def _is_exact(kind: str) -> bool:
+    return kind not in analytic_spectra() or analytic_spectra()[kind].exact
+
+
+def resolve_scene(scene: Scene | Mapping[str, Any] | str | PathLike[str]) -> tuple[Scene, Path]:
+    """Return a scene that is given in any form, and the folder that its relative paths count from."""
+    if isinstance(scene, Scene):
+        return scene, Path()
+    if isinstance(scene, Mapping):
+        return scene_from_plain(dict(scene)), Path()
+    # Paths in scene files that were loaded are absolute.
+    return load_scene(Path(scene)), Path()

@@ -1,0 +1,458 @@
+"""A sample of the surface points that the reference camera sees: position, orientation, motion and illumination."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.bound.surface_geometry import ReferencePoints
+from scenetruth.design.prediction.camera_response import compute_irradiance
+from scenetruth.resources import ObjectWorkload
+from scenetruth.scene import Scene
+from scenetruth.scene.built_scene import make_point_maps
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.motion import PointMap
+from scenetruth.scene.reference_configuration import ReferenceConfiguration, make_reference_configuration
+from scenetruth.scene.vertex_animation import VertexModel
+
+__all__ = ["SurfaceSamples", "label_patches", "rasterise", "sample_surface"]
+
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+# A point is on a triangle if it is outside by less than this share of it: no gaps between neighbours.
+_SLACK = 1e-9
+# Pairs of a triangle and a pixel in its box that are tried at a time.
+_AT_A_TIME = 2_000_000
+
+
+def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> Numbers:
+    """Return the nearest triangle at points of the image.
+
+    Parameters
+    ----------
+    corners_mm
+        Corners of the triangles before the camera, shape (m, 3, 3).
+    focal_px
+        Focal length.
+    x_px, y_px
+        Columns and rows, evenly spaced, from the principal point.
+
+    Returns
+    -------
+    numpy.ndarray
+        Numbers of triangles, -1 for none, shape (rows, columns).
+    """
+    width, height = len(x_px), len(y_px)
+    nearest = np.zeros(width * height)
+    face = np.full(width * height, -1, dtype=np.int64)
+    ahead = np.flatnonzero((corners_mm[..., 2] > 0).all(axis=1))
+    inverse = 1.0 / corners_mm[ahead, :, 2]
+    x, y = (focal_px * corners_mm[ahead, :, k] * inverse for k in range(2))
+    left, right = _span(x, x_px)
+    top, bottom = _span(y, y_px)
+    across, down = np.maximum(right - left, 0), np.maximum(bottom - top, 0)
+    counts = across * down
+    ends = np.cumsum(counts)
+    first = 0
+    while first < len(ahead):
+        before = ends[first - 1] if first else 0
+        last = max(int(np.searchsorted(ends, before + _AT_A_TIME, side="right")), first + 1)
+        some = np.arange(first, last)
+        triangle = np.repeat(some, counts[some])
+        place = np.arange(len(triangle)) - np.repeat(ends[some] - counts[some] - before, counts[some])
+        column = left[triangle] + place % np.maximum(across[triangle], 1)
+        row = top[triangle] + place // np.maximum(across[triangle], 1)
+        with np.errstate(all="ignore"):
+            # Triangles that are seen edge on have no area.
+            found = _inverse_depth(x[triangle], y[triangle], inverse[triangle], x_px[column], y_px[row])
+        hit = found > 0
+        pixel, found, triangle = (row * width + column)[hit], found[hit], triangle[hit]
+        order = np.lexsort((found, pixel))
+        pixel, found, triangle = pixel[order], found[order], triangle[order]
+        # The last of each pixel is the nearest.
+        closest = np.ones(len(pixel), dtype=np.bool_)
+        closest[:-1] = pixel[1:] != pixel[:-1]
+        pixel, found, triangle = pixel[closest], found[closest], triangle[closest]
+        better = found > nearest[pixel]
+        nearest[pixel[better]], face[pixel[better]] = found[better], ahead[triangle[better]]
+        first = last
+    return face.reshape(height, width)
+
+
+def label_patches(face: Numbers, normals: Array, body: Numbers, most_turned: Array) -> Numbers:
+    """Give numbers to pieces of surface: neighbours in a picture on one body whose normals hardly differ are of one.
+
+    Parameters
+    ----------
+    face
+        As of `rasterise`.
+    normals, body
+        Of the triangles: unit normals towards the camera, and the object, shape (m, 3) and (m,).
+    most_turned
+        Cosine of the angle between neighbours that is an edge, by body.
+
+    Returns
+    -------
+    numpy.ndarray
+        The same shape: any number for each piece, -1 where nothing is seen.
+    """
+    number = np.arange(face.size).reshape(face.shape)
+    seen = face >= 0
+    own, normal = np.where(seen, body[face], -1), normals[face]
+    pairs = []
+    for one, other in (((slice(None), slice(1, None)), (slice(None), slice(-1))), (slice(1, None), slice(-1))):
+        same = (own[one] == own[other]) & seen[one] & seen[other]
+        same &= (normal[one] * normal[other]).sum(axis=-1) >= most_turned[own[one]]
+        pairs.append(np.stack([number[one][same], number[other][same]]))
+    one, other = np.concatenate(pairs, axis=1)
+    label = number.ravel().copy()
+    while True:
+        least = np.minimum(label[one], label[other])
+        before = label.copy()
+        np.minimum.at(label, label[one], least)
+        np.minimum.at(label, label[other], least)
+        label = label[label]
+        if (label == before).all():
+            break
+    return np.where(seen, label.reshape(face.shape), -1)
+
+
+def _span(corners: Array, places: Array) -> tuple[Numbers, Numbers]:
+    """Return the first, and the last + 1, of evenly spaced places that lie between the corners of triangles."""
+    step = places[1] - places[0] if len(places) > 1 else 1.0
+    low, high = (each - places[0] for each in (corners.min(axis=1), corners.max(axis=1)))
+    first = np.clip(np.ceil(low / step - _SLACK), 0, len(places)).astype(np.int64)
+    last = np.clip(np.floor(high / step + _SLACK) + 1, 0, len(places)).astype(np.int64)
+    return first, last
+
+
+def _inverse_depth(x: Array, y: Array, inverse: Array, at_x: Array, at_y: Array) -> Array:
+    """Return 1/Z, linear in the image, of triangles at points; 0 outside of them."""
+    one_x, one_y, two_x, two_y = (each[:, k] - each[:, 0] for k in (1, 2) for each in (x, y))
+    area = one_x * two_y - one_y * two_x
+    p_x, p_y = at_x - x[:, 0], at_y - y[:, 0]
+    b = (p_x * two_y - p_y * two_x) / area
+    c = (one_x * p_y - one_y * p_x) / area
+    inside = (b >= -_SLACK) & (c >= -_SLACK) & (b + c <= 1 + _SLACK)
+    value = inverse[:, 0] + b * (inverse[:, 1] - inverse[:, 0]) + c * (inverse[:, 2] - inverse[:, 0])
+    return np.where(inside, value, 0.0)
+
+
+Mask = NDArray[np.bool_]
+
+# Along the longer side of the picture, and points on it.
+_PICTURE_PX, _MOST_POINTS, _FEWEST_POINTS = 96, 240, 16
+# Neighbouring triangles of a coarse mesh that differ by more are an edge.
+_EDGE_DEG = 30.0
+# Pixels so near the end of a piece of surface do not count, as in the Cramér-Rao bound.
+_LOST_PX = 2.5
+_HALF_FRAME = 0.5
+# Numbers that no piece has; -1 is where nothing is seen.
+_LOST, _OUTSIDE = -2, -3
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSamples:
+    """Points on the surfaces that the reference camera sees at the reference frame.
+
+    Parameters
+    ----------
+    points
+        Where they are, how their surface is turned, and how they move.
+    depth_mm, normals
+        Their depths, shape (n,), and unit normals towards the camera, shape (n, 3).
+    body
+        Their objects, numbers of `names`, shape (n,).
+    names
+        Names of the objects.
+    share
+        Pixels of the image for which each stands, shape (n,).
+    chart
+        How the place on the surface in mm changes per px along x and y, shape (n, 2, 2): chart by pixel.
+    light
+        By what factor each is brighter than its texture.
+    growth
+        Growth rate of the area around each, per frame, shape (n,).
+    growth_principal
+        Largest and least growth rate of length there, per frame, shape (2, n).
+    piece, step_px, first_px
+        A picture of the pieces of surface, shape (rows, columns); the distance of its pixels in those of the camera;
+        and where its first one stands from the principal point (x, y).
+    left_out
+        Names of objects that were not looked at: their files take long to read.
+    """
+
+    points: ReferencePoints
+    depth_mm: Array
+    normals: Array
+    body: Numbers
+    names: tuple[str, ...]
+    share: Array
+    chart: Array
+    light: Array
+    growth: Array
+    growth_principal: Array
+    piece: Numbers
+    step_px: float
+    first_px: tuple[float, float]
+    left_out: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.body)
+
+    def piece_at(self, x_px: Array, y_px: Array) -> Numbers:
+        """Return the pieces at places from the principal point; negative where nothing is seen, and outside."""
+        return _at(self.piece, *self._places(x_px, y_px))
+
+    def _places(self, x_px: Array, y_px: Array) -> tuple[Numbers, Numbers]:
+        """Return rows and columns of the picture."""
+        column, row = (
+            np.rint((each - first) / self.step_px).astype(np.int64)
+            for each, first in zip((x_px, y_px), self.first_px, strict=True)
+        )
+        return row, column
+
+    def of(self, bodies: Sequence[int]) -> SurfaceSamples:
+        """Return the points of some objects alone."""
+        kept = np.isin(self.body, bodies)
+        names = ("depth_mm", "normals", "body", "share", "chart", "light", "growth")
+        parts: dict[str, Any] = {name: getattr(self, name)[kept] for name in names}
+        parts["growth_principal"] = self.growth_principal[:, kept]
+        return replace(self, points=self.points.at((np.flatnonzero(kept),)), **parts)
+
+    def own_around(self, offsets_px: Array) -> Mask:
+        """Tell which places around each point are of its own piece of surface, and inside it.
+
+        Parameters
+        ----------
+        offsets_px
+            Steps along x and y, shape (m, 2).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n, m).
+        """
+        x, y = (each[:, None] + offsets_px[:, k] for k, each in enumerate((self.points.x, self.points.y)))
+        own = self.piece_at(self.points.x, self.points.y)[:, None]
+        return np.asarray(_at(self._inside, *self._places(x, y)) == own)
+
+    @cached_property
+    def _inside(self) -> Numbers:
+        """The picture without what is too near to the end of its piece; -2 there."""
+        if self.step_px > 2 * _LOST_PX:
+            return self.piece
+        rows, columns = self.piece.shape
+        x, y = np.meshgrid(
+            *(first + self.step_px * np.arange(n) for first, n in zip(self.first_px, (columns, rows), strict=True))
+        )
+        kept = np.ones(self.piece.shape, dtype=np.bool_)
+        for away_x, away_y in ((_LOST_PX, 0), (-_LOST_PX, 0), (0, _LOST_PX), (0, -_LOST_PX)):
+            beyond = self._places(x + away_x, y + away_y)
+            found = _at(self.piece, *beyond)
+            kept &= (found == self.piece) | (found == _OUTSIDE)
+        return np.where(kept, self.piece, _LOST)
+
+    def far_from_edges(self, margin_px: float) -> Mask:
+        """Tell which points have no silhouette or sharp edge nearer than so many pixels, shape (n,)."""
+        reach = np.arange(-np.ceil(margin_px / self.step_px), np.ceil(margin_px / self.step_px) + 1) * self.step_px
+        across, down = (each.ravel() for each in np.meshgrid(reach, reach))
+        offsets = np.stack([across, down], axis=-1)[np.hypot(across, down) < margin_px]
+        x, y = (each[:, None] + offsets[:, k] for k, each in enumerate((self.points.x, self.points.y)))
+        own = self.piece_at(self.points.x, self.points.y)[:, None]
+        found = self.piece_at(x, y)
+        return np.asarray(((found == own) | (found == _OUTSIDE)).all(axis=1))
+
+
+def _at(picture: Numbers, row: Numbers, column: Numbers) -> Numbers:
+    rows, columns = picture.shape
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    return np.where(inside, picture[np.where(inside, row, 0), np.where(inside, column, 0)], _OUTSIDE)
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """One object: a coarse mesh and its movement."""
+
+    mesh: TriangleMesh
+    start: ReferenceConfiguration
+    maps: Sequence[PointMap]
+    edge_cos: float
+
+    def at(self, t: float) -> Array:
+        """Return where its vertices are at a time in frames, shape (n, 3)."""
+        time = np.array([float(t)])
+        points = self.start.at(time)
+        for item in self.maps:
+            points = item(points, time)
+        return np.column_stack([np.broadcast_to(field, self.mesh.vertices_mm.shape[:1]) for field in points])
+
+
+def sample_surface(scene: Scene, parts: Sequence[ObjectWorkload], folder: Path = Path()) -> SurfaceSamples:
+    """Look at a scene in passing.
+
+    Parameters
+    ----------
+    scene
+        The scene. A lens that distorts is taken for a pinhole.
+    parts
+        Its objects with their sketches.
+    folder
+        Where relative paths in it count from.
+
+    Returns
+    -------
+    Look
+        The points; none if nothing is seen.
+    """
+    known = [part for part in parts if part.sketch is not None]
+    with np.errstate(all="ignore"):
+        bodies = [_body(scene, part, folder) for part in known]
+        moments = [[body.at(t) for t in (0.0, -_HALF_FRAME, _HALF_FRAME)] for body in bodies]
+    corners = [
+        np.concatenate([one[k][body.mesh.faces] for one, body in zip(moments, bodies, strict=True)] or [_NOTHING])
+        for k in range(3)
+    ]
+    number = np.repeat(np.arange(len(bodies)), [len(body.mesh.faces) for body in bodies])
+    charts = np.concatenate([body.mesh.chart_mm for body in bodies] or [_NOTHING[..., :2]])
+    normals = _normals(corners[0])
+    camera = scene.camera
+    step = max(max(camera.width, camera.height) / _PICTURE_PX, 1.0)
+    c_x, c_y = camera.principal_point
+    places = [
+        np.asarray((np.arange(max(round(side / step), 1)) + 0.5) * step - 0.5 - centre, dtype=np.float64)
+        for side, centre in ((camera.width, c_x), (camera.height, c_y))
+    ]
+    face = rasterise(corners[0], camera.focal_px, *places)
+    edges = np.array([body.edge_cos for body in bodies] or [1.0])
+    piece = label_patches(face, normals, number, edges) if len(number) else face
+    chosen, share = _chosen(face, number)
+    row, column = np.unravel_index(chosen, face.shape)
+    triangle = face[row, column]
+    x, y = places[0][column], places[1][row]
+    points, depth, chart, growth, principal = _points(
+        scene, [each[triangle] for each in corners], charts[triangle], x, y
+    )
+    rays = np.column_stack([x, y, np.full_like(x, camera.focal_px)]) / camera.focal_px
+    light = compute_irradiance(scene, depth[:, None] * rays, normals[triangle])
+    return SurfaceSamples(
+        points=points,
+        depth_mm=depth,
+        normals=normals[triangle],
+        body=number[triangle],
+        names=tuple(part.item.name for part in known),
+        share=share * step**2,
+        chart=chart,
+        light=light,
+        growth=growth,
+        growth_principal=principal,
+        piece=piece,
+        step_px=step,
+        first_px=(float(places[0][0]), float(places[1][0])),
+        left_out=tuple(part.item.name for part in parts if part.sketch is None),
+    )
+
+
+_NOTHING = np.zeros((0, 3, 3))
+
+
+def _body(scene: Scene, part: ObjectWorkload, folder: Path) -> _Body:
+    item, mesh = part.item, part.sketch
+    assert mesh is not None
+    given = item.deformation[0] if item.deformation else None
+    start = (
+        given.start(mesh, folder, scene.frames)
+        if isinstance(given, VertexModel)
+        else make_reference_configuration(mesh)
+    )
+    # A mesh that is made in full has the edges that it has; those of a coarse one are blunter.
+    whole = len(mesh.faces) == part.size.faces
+    edge = float(np.min(mesh.crease_deg)) if whole and not mesh.smooth else _EDGE_DEG
+    return _Body(
+        mesh, start, make_point_maps(item, mesh, scene.frames.frame_interval_s), float(np.cos(np.deg2rad(edge)))
+    )
+
+
+def _normals(corners: Array) -> Array:
+    """Return unit normals of triangles towards the camera, shape (m, 3)."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = across / np.linalg.norm(across, axis=1)[:, None]
+    away = (unit * corners[:, 0]).sum(axis=1) > 0
+    return np.asarray(np.where(away[:, None], -unit, unit))
+
+
+def _chosen(face: Numbers, body: Numbers) -> tuple[Numbers, Array]:
+    """Choose pixels of the picture, evenly among those of each object, and how many each stands for."""
+    places = np.flatnonzero(face.ravel() >= 0)
+    if not len(places):
+        return places, np.zeros(0)
+    own = body[face.ravel()[places]]
+    chosen, shares = [], []
+    for one in np.unique(own):
+        among = places[own == one]
+        count = min(len(among), max(_FEWEST_POINTS, round(_MOST_POINTS * len(among) / len(places))))
+        # Not every n-th: that could follow the columns.
+        order = np.random.default_rng(0).permutation(len(among))[:count]
+        chosen.append(np.sort(among[order]))
+        shares.append(np.full(count, len(among) / count))
+    return np.concatenate(chosen), np.concatenate(shares)
+
+
+def _points(
+    scene: Scene, corners: Sequence[Array], charts: Array, x: Array, y: Array
+) -> tuple[ReferencePoints, Array, Array, Array, Array]:
+    """Return points on triangles at places of the image, their depths, charts, and growth of area and length."""
+    focal, baseline = scene.camera.focal_px, scene.stage.baseline_mm
+    now, before, after = corners
+    rays = np.column_stack([x, y, np.full_like(x, focal)])
+    one, two = now[:, 1] - now[:, 0], now[:, 2] - now[:, 0]
+    normal = np.cross(one, two)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        toward = (normal * rays).sum(axis=1)
+        distance = (normal * now[:, 0]).sum(axis=1) / toward
+        place = distance[:, None] * rays
+        depth = place[:, 2]
+        d = focal * baseline / depth
+        d_x, d_y = d * normal[:, 0] / toward, d * normal[:, 1] / toward
+        # Weights of the corners, from products with the edges.
+        gram = np.stack([np.stack([(a * b).sum(axis=1) for b in (one, two)]) for a in (one, two)])
+        area = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
+
+        def along(vectors: Array) -> Array:
+            right = [(vectors * edge).sum(axis=1) for edge in (one, two)]
+            b = (gram[1, 1] * right[0] - gram[0, 1] * right[1]) / area
+            return np.stack([b, (gram[0, 0] * right[1] - gram[0, 1] * right[0]) / area])
+
+        weights = along(place - now[:, 0])
+        velocity = after - before
+        own = velocity[:, 0] + np.einsum("kn,nkc->nc", weights, velocity[:, 1:] - velocity[:, :1])
+        zero = np.zeros((3, len(x)))
+        points = ReferencePoints(x, y, d, d_x, d_y, own.T / baseline, zero, zero, focal)
+        tangents = [baseline * np.moveaxis(side, 0, -1) for side in points.tangents()]
+        q_x, q_y = (
+            np.einsum("kn,nkc->cn", along(side), velocity[:, 1:] - velocity[:, :1]) / baseline for side in tangents
+        )
+        points = replace(points, q_x=q_x, q_y=q_y)
+        steps = charts[:, 1:] - charts[:, :1]
+        chart = np.stack([np.einsum("kn,nkc->nc", along(side), steps) for side in tangents], axis=-1)
+        areas = [np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1) for c in (before, after)]
+        growth = np.log(areas[1] / areas[0])
+        # Rates of the squares of lengths and of their product, ½ dg/dt with the metric g of the edges.
+        change = [velocity[:, 1] - velocity[:, 0], velocity[:, 2] - velocity[:, 0]]
+        mixed = np.stack([np.stack([(a * b).sum(axis=1) for b in change]) for a in (one, two)])
+        rate = 0.5 * (mixed + mixed.swapaxes(0, 1))
+        trace = (gram[1, 1] * rate[0, 0] - 2 * gram[0, 1] * rate[0, 1] + gram[0, 0] * rate[1, 1]) / area
+        product = (rate[0, 0] * rate[1, 1] - rate[0, 1] ** 2) / area
+        spread = np.sqrt(np.maximum((0.5 * trace) ** 2 - product, 0.0))
+        # Areas tell the sum more exactly: over a frame, lengths change by their logarithm.
+        principal = np.stack([0.5 * growth + spread, 0.5 * growth - spread])
+    return points, depth, chart, growth, principal

@@ -1,0 +1,309 @@
+"""The texture of surface points as it is imaged, and the Fisher information that its spectrum carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.bound.fisher_information import (
+    compute_sensitivity,
+    compute_variances,
+    index_pairs,
+    normal_matrix,
+    window_weights,
+)
+from scenetruth.bound.surface_geometry import ImageTimes
+from scenetruth.bound.unknowns import WindowUnknowns, add_error_products, compute_columns, compute_functionals
+from scenetruth.design.prediction.camera_response import (
+    compute_blur_px,
+    compute_derivative_response,
+    compute_grey_levels,
+    compute_transfer,
+)
+from scenetruth.design.prediction.surface_samples import SurfaceSamples
+from scenetruth.design.prediction.texture_spectra import SpectralComponents, analytic_spectra, measure_spectrum
+from scenetruth.resources import ObjectWorkload
+from scenetruth.scene import Scene
+from scenetruth.scene.texture import TextureModel
+from scenetruth.schema import Intrinsics
+
+__all__ = ["ImagedTexture", "compute_deviations", "compute_imaged_texture", "compute_moments", "factorise_gradients"]
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ImagedTexture:
+    """The texture of points as images have it, and the noise of the images there; grey values count in full scales.
+
+    Parameters
+    ----------
+    frequency
+        Waves in periods per px along x and y, shape (n, w, 2).
+    variance
+        Variance of the grey value by each of them, shape (n, w).
+    surface_variance
+        The same without lens, pixels and motion.
+    response
+        What a derivative along x and along y makes of each wave, in radian per px, shape (n, w, 2).
+    level, white, noise, pattern
+        Mean grey value, that of a texture of 1 in the same light, and standard deviations of the noise that is new in
+        every image and of the one that stays, shape (n,).
+    blur_px
+        How far points move while an image is taken, shape (n,).
+    """
+
+    frequency: Array
+    variance: Array
+    surface_variance: Array
+    response: Array
+    level: Array
+    white: Array
+    noise: Array
+    pattern: Array
+    blur_px: Array
+
+
+def compute_imaged_texture(
+    scene: Scene, look: SurfaceSamples, parts: Sequence[ObjectWorkload], folder: Path = Path(), *, painting: bool = True
+) -> ImagedTexture:
+    """Return what images show of points.
+
+    Parameters
+    ----------
+    scene, look
+        The scene, and the points.
+    parts
+        Its objects.
+    folder
+        Where relative paths in it count from.
+    painting
+        Whether textures whose waves have no exact formula are painted and measured; else what is known of them counts.
+
+    Raises
+    ------
+    SceneError
+        If a texture that has no formula cannot be painted.
+    """
+    items = {part.item.name: part.item for part in parts}
+    present = np.unique(look.body)
+    waves: dict[int, SpectralComponents] = {}
+    for number in present.tolist():
+        item = items[look.names[number]]
+        known = analytic_spectra().get(item.texture.kind)
+        if known is not None and (known.exact or not painting):
+            waves[number] = _by_formula(item.texture)
+        else:
+            waves[number] = measure_spectrum(item, scene.seed, folder)
+    most = max((len(one.variances) for one in waves.values()), default=0)
+    frequency, variance = np.zeros((len(look), most, 2)), np.zeros((len(look), most))
+    mean = np.zeros(len(look))
+    for number, one in waves.items():
+        at, count = look.body == number, len(one.variances)
+        frequency[at, :count] = np.einsum("wc,pck->pwk", one.frequencies_per_mm, look.chart[at])
+        variance[at, :count] = one.variances
+        mean[at] = one.mean
+    light = look.light * _vignetting(scene, look)
+    grey = compute_grey_levels(scene.sensor, mean * light)
+    variance *= ((grey.gain * light) ** 2)[:, None]
+    moved = compute_blur_px(scene, look.depth_mm, compute_flow(look))
+    passed = compute_transfer(frequency, scene, look.depth_mm, moved)
+    return ImagedTexture(
+        frequency=frequency,
+        variance=variance * passed**2,
+        surface_variance=variance,
+        response=compute_derivative_response(frequency),
+        level=grey.level,
+        white=compute_grey_levels(scene.sensor, light).level,
+        noise=grey.noise,
+        pattern=grey.pattern,
+        blur_px=np.hypot(*moved.T),
+    )
+
+
+def compute_flow(look: SurfaceSamples) -> Array:
+    """Return the optical flow of points in px per frame, shape (n, 2)."""
+    points = look.points
+    places = (points.x, points.y)
+    return np.column_stack([points.d * (points.q[k] - places[k] / points.focal * points.q[2]) for k in range(2)])
+
+
+@lru_cache(maxsize=1024)
+def _by_formula(texture: TextureModel) -> SpectralComponents:
+    return analytic_spectra()[texture.kind].waves(texture)
+
+
+def _vignetting(scene: Scene, look: SurfaceSamples) -> Array:
+    vignetting = scene.optics.vignetting
+    if vignetting is None:
+        return np.ones(len(look))
+    c_x, c_y = scene.camera.principal_point
+    factor = vignetting.factor(scene.camera.without_distortion())
+    column = np.clip(np.rint(look.points.x + c_x), 0, scene.camera.width - 1).astype(np.int64)
+    row = np.clip(np.rint(look.points.y + c_y), 0, scene.camera.height - 1).astype(np.int64)
+    return np.asarray(factor[row, column])
+
+
+Mask = NDArray[np.bool_]
+Moments = dict[tuple[int, int], Array]
+
+# Pixels of a window along one side that are looked at; of wider windows, every other or third one.
+_ACROSS = 15
+# Where less of a window is on the surface, nothing is told: a strip along an edge tells neither slope nor motion.
+_LEAST_SHARE = 0.1
+# Noise that stays with the pixels is left out where it is a smaller share than this of what is new in every image.
+_LITTLE_PATTERN = 0.05
+# Slopes are linear in the distance, and their products of second order.
+_HIGHEST_POWER = 2
+
+
+def compute_moments(look: SurfaceSamples, sigma_px: float, highest: int) -> tuple[Moments, Moments]:
+    """Sum up the weights of windows, and their squares, times powers of the distance, over their own surface.
+
+    Parameters
+    ----------
+    look
+        The windows' middles, and the pieces of surface.
+    sigma_px
+        Standard deviation of the Gaussian window, which is cut off at twice that.
+    highest
+        Highest power along x and y together.
+
+    Returns
+    -------
+    tuple of dict
+        The sums by the powers along x and y, each of shape (n,); NaN where most of the window is not on the surface.
+    """
+    line = window_weights("gaussian", sigma_px)[0]
+    reach = len(line) // 2
+    at = np.arange(-reach, reach + 1, dtype=np.float64)
+    # Of wide windows, pixels count where the middle of their group is; sums over whole windows stay exact.
+    every = -(-len(line) // _ACROSS)
+    group = np.rint(at / every).astype(np.int64)
+    group -= group[0]
+    middles = every * np.unique(np.rint(at / every))
+    across, down = (each.ravel() for each in np.meshgrid(middles, middles))
+    own = look.own_around(np.stack([across, down], axis=-1))
+    powers = [(j, i) for j in range(highest + 1) for i in range(highest + 1 - j)]
+    found, known = [], None
+    for weights in (line, line**2):
+        along = [np.bincount(group, weights * at**j) for j in range(highest + 1)]
+        terms = np.stack([np.outer(along[i], along[j]).ravel() for j, i in powers], axis=-1)
+        sums = own @ terms
+        if known is None:
+            known = np.where(sums[:, 0] >= _LEAST_SHARE * terms[:, 0].sum(), 1.0, np.nan)
+        found.append(dict(zip(powers, (sums * known[:, None]).T, strict=True)))
+    return found[0], found[1]
+
+
+def factorise_gradients(variance: Array, response: Array) -> Array:
+    """Return two gradients for each point whose products add up to those of its texture, in the mean.
+
+    Parameters
+    ----------
+    variance, response
+        Of the waves; see `ImagedTexture`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (2, 2, n): the gradient, its component along x and y.
+    """
+    xx, xy, yy = ((variance * response[..., k] * response[..., m]).sum(axis=1) for k, m in ((0, 0), (0, 1), (1, 1)))
+    first = np.sqrt(np.maximum(xx, 1e-300))
+    slant = xy / first
+    return np.array([[first, slant], [np.zeros_like(first), np.sqrt(np.maximum(yy - slant**2, 0.0))]])
+
+
+def compute_deviations(
+    look: SurfaceSamples,
+    views: ImageTimes,
+    shown: Mask,
+    seen: ImagedTexture,
+    sigma_px: float,
+    model: WindowUnknowns,
+    intrinsics: Intrinsics,
+) -> dict[str, Array]:
+    """Return the least standard deviations of a fit in windows, as `cramer_rao_bound`, of the mean over textures.
+
+    Parameters
+    ----------
+    look, views
+        Surface points, and the images.
+    shown
+        Which images show them, shape (images, n).
+    seen
+        What images show of them.
+    sigma_px
+        Standard deviation of the window.
+    model
+        What is unknown in a window.
+    intrinsics
+        Of the camera.
+
+    Returns
+    -------
+    dict
+        As of `compute_functionals`, each of shape (n,); not finite where the images do not tell it.
+    """
+    points = look.points
+    s, s_y, t = (each[:, None] for each in (views.s, views.s_y, views.t))
+    inverse, moves = compute_sensitivity(points, s, s_y, t, shown)
+    sides = []
+    # By a gradient of 1 along x, and along y.
+    for along, down in ((inverse[0], inverse[2]), (inverse[1], inverse[3])):
+        own = [along * moves[0] + down * moves[1]]
+        if model.moving:
+            own += [along * moves[2], down * moves[2], along * moves[3] + down * moves[4]]
+        sides.append(own)
+    # Side, field, image, point.
+    change = np.array(sides)
+    count = np.maximum(shown.sum(axis=0), 1)
+    change = np.where(shown, change - change.sum(axis=2, keepdims=True) / count, 0.0)
+    a = np.einsum("lsn,sfvn->lfvn", factorise_gradients(seen.variance, seen.response), change)
+    products = np.einsum("lkvn,lmvn->kmn", a, a)
+    scatter = products.copy()
+    if (seen.pattern > _LITTLE_PATTERN * seen.noise).any():
+        scatter += (seen.pattern / seen.noise) ** 2 * _pattern_products(look, views, seen, change, sigma_px)
+    moments, new = compute_moments(look, sigma_px, _HIGHEST_POWER), seen.noise
+    normal, squared = (
+        {
+            (number, j, i): part[k, m] / new**2 * moment[j, i]
+            for (k, m), number in index_pairs(model.fields).items()
+            for j in range(model.degree_of(k) + model.degree_of(m) + 1)
+            for i in range(model.degree_of(k) + model.degree_of(m) + 1 - j)
+        }
+        for part, moment in ((products, moments[0]), (scatter, moments[1]))
+    )
+    columns = compute_columns(model, points)
+    told = compute_functionals(points, intrinsics, model)
+    information, spread = (normal_matrix(each, columns, model) for each in (normal, squared))
+    variances = compute_variances(information, spread, columns, list(told.values()))
+    return add_error_products(dict(zip(told, np.sqrt(variances), strict=True)))
+
+
+def _pattern_products(
+    look: SurfaceSamples, views: ImageTimes, seen: ImagedTexture, change: Array, sigma_px: float
+) -> Array:
+    """Return what noise that stays with the pixels adds to the scatter of fits.
+
+    Images that show the surface at places Δ apart have the same noise there, seen against a texture that is Δ further:
+    they share it as far as the texture's gradient, and the window, are like themselves Δ further. With waves of the
+    texture that is Σ_waves |Σ_i a_i exp(i k x_i)|². The window takes exp(-Δ² / 4σ²), as waves that scatter by
+    1 / (√2 σ) do.
+    """
+    place = look.points.place(*(each[:, None] for each in (views.s, views.s_y, views.t)))
+    turn = 2 * np.pi * seen.frequency
+    # The same at every call: a prediction is no draw.
+    turn = turn + np.random.default_rng(0).normal(0.0, 1.0 / (np.sqrt(2.0) * sigma_px), turn.shape)
+    phase = np.einsum("nw,vn->nwv", turn[..., 0], place.x) + np.einsum("nw,vn->nwv", turn[..., 1], place.y)
+    total = np.exp(1j * phase) @ np.moveaxis(change, -1, 0).reshape(len(look), -1, change.shape[2]).swapaxes(1, 2)
+    total = total.reshape(*turn.shape[:2], *change.shape[:2])
+    waves = np.einsum("nws,nwsf->nwf", np.sqrt(seen.variance)[..., None] * seen.response, total)
+    return np.asarray(np.einsum("nwk,nwm->kmn", waves, waves.conj()).real)

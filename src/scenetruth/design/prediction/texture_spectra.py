@@ -1,0 +1,325 @@
+"""Spectra of surface textures.
+
+Analytic for the types that have a formula, measured from a painted texture for others.
+"""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.discovery import classes_in
+from scenetruth.random_streams import generator_for
+from scenetruth.scene.leaf.leaf_model import LeafAppearance
+from scenetruth.scene.scene_object import SceneObject
+from scenetruth.scene.texture.procedural_textures import CheckerboardTexture, NoiseTexture, PlaidTexture, UniformTexture
+
+__all__ = [
+    "CheckerboardSpectrum",
+    "LeafSpectrum",
+    "NoiseSpectrum",
+    "PlaidSpectrum",
+    "SpectralComponents",
+    "TextureSpectrum",
+    "UniformSpectrum",
+    "analytic_spectra",
+    "compute_ring_spectrum",
+    "measure_spectrum",
+]
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralComponents:
+    """A texture as waves on its surface, whose phases do not matter.
+
+    Parameters
+    ----------
+    frequencies_per_mm
+        Their frequencies along both coordinates of the surface, shape (n, 2).
+    variances
+        Variance of the radiance by each of them, shape (n,).
+    mean
+        Mean radiance.
+    """
+
+    frequencies_per_mm: Array
+    variances: Array
+    mean: float
+
+    @property
+    def contrast(self) -> float:
+        """Standard deviation of the radiance."""
+        return float(np.sqrt(self.variances.sum()))
+
+    def joined(self, other: Self) -> SpectralComponents:
+        """Return both together: independent textures, one painted over the other."""
+        frequencies = np.concatenate([self.frequencies_per_mm, other.frequencies_per_mm])
+        return SpectralComponents(frequencies, np.concatenate([self.variances, other.variances]), self.mean)
+
+
+class TextureSpectrum(ABC):
+    """The waves of one kind of texture; one module of this room each, which is found by itself."""
+
+    kind: ClassVar[str]
+    """The texture's kind."""
+    exact: ClassVar[bool] = True
+    """Whether the waves are all that there is to be seen."""
+
+    @abstractmethod
+    def waves(self, texture: Any) -> SpectralComponents:
+        """Return the waves of a texture of this kind."""
+
+
+def compute_ring_spectrum(
+    wavelength_mm: tuple[float, float],
+    exponent: float,
+    variance: float,
+    mean: float,
+    *,
+    radii: int = 8,
+    angles: int = 8,
+) -> SpectralComponents:
+    """Return isotropic noise that is limited to a band.
+
+    Parameters
+    ----------
+    wavelength_mm
+        Shortest and longest wavelength.
+    exponent
+        Its power density is proportional to (spatial frequency) ** exponent.
+    variance, mean
+        Of the radiance.
+    radii, angles
+        So many waves stand for it: Gauss-Legendre nodes of the frequency's logarithm, and even angles over half a turn.
+    """
+    nodes, shares = np.polynomial.legendre.leggauss(radii)
+    octaves = np.log(wavelength_mm[1] / wavelength_mm[0])
+    share_of_highest = np.exp(0.5 * octaves * (nodes - 1.0))
+    frequency = share_of_highest / wavelength_mm[0]
+    # A ring of frequencies f has an area in proportion to f, and nodes stand evenly in its logarithm.
+    shares = shares * share_of_highest ** (exponent + 2)
+    turn = np.pi * (np.arange(angles) + 0.5) / angles
+    grid = frequency[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    variances = np.repeat(variance * shares / (shares.sum() * angles), angles)
+    return SpectralComponents(grid.reshape(-1, 2), variances, mean)
+
+
+@cache
+def analytic_spectra() -> dict[str, TextureSpectrum]:
+    """Return all kinds of textures whose waves follow from their definition."""
+    return {cls.kind: cls() for cls in classes_in(TextureSpectrum, __name__)}
+
+
+# Of the overtones of a square wave, those that pixels can still show of the largest squares.
+_HIGHEST = 31
+
+
+class CheckerboardSpectrum(TextureSpectrum):
+    """The product of two square waves, each 4/π Σ sin(k x) / k over odd k."""
+
+    kind: ClassVar[str] = "checkerboard"
+
+    def waves(self, texture: CheckerboardTexture) -> SpectralComponents:
+        """Return the waves; see `TextureSpectrum`."""
+        one, other = texture.radiances
+        odd = np.arange(1, _HIGHEST + 1, 2)
+        k, m = (each.ravel() for each in np.meshgrid(odd, odd))
+        frequency = np.stack([k, m], axis=-1) / (2 * texture.square_mm)
+        # sin a sin b is half the difference of two waves.
+        variance = 0.5 * (8 * 0.5 * (one - other) / (np.pi**2 * k * m)) ** 2
+        return SpectralComponents(
+            np.concatenate([frequency, frequency * [1, -1]]), np.concatenate([variance] * 2), 0.5 * (one + other)
+        )
+
+
+# Full width at half the height of a Gaussian, in its standard deviations.
+_WIDTH = 2.354820045
+# Beyond this many widths of its spectrum a dot has no waves.
+_DOT_BAND = 3.0
+_LEAF_RADII, _LEAF_ANGLES = 10, 8
+
+
+class LeafSpectrum(TextureSpectrum):
+    """Mottling, whose power density falls with the frequency to the power 2.5, and hairs at random places.
+
+    Veins have no formula: what is told is the least that is seen, between them.
+    """
+
+    kind: ClassVar[str] = "leaf"
+    exact: ClassVar[bool] = False
+
+    def waves(self, texture: LeafAppearance) -> SpectralComponents:
+        """Return the waves; see `TextureSpectrum`."""
+        values = texture.settings
+        mean, contrast = values["mean"], values["mottling_contrast"]
+        mottling = compute_ring_spectrum(texture.mottling_wavelength_mm, -2.5, (mean * contrast) ** 2, mean)
+        sigma = texture.speckle_size_mm / _WIDTH
+        # Campbell's theorem: dots exp(-r² / 2σ²) of random places have the variance density x ∫ dot².
+        variance = texture.speckle_density_per_mm2 * np.pi * sigma**2 * (mean * values["speckle_contrast"]) ** 2
+        if variance == 0:
+            return mottling
+        frequency = _DOT_BAND / (2 * np.pi * sigma) * (np.arange(_LEAF_RADII) + 0.5) / _LEAF_RADII
+        shares = frequency * np.exp(-((2 * np.pi * sigma * frequency) ** 2))
+        turn = np.pi * (np.arange(_LEAF_ANGLES) + 0.5) / _LEAF_ANGLES
+        grid = frequency[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        each = np.repeat(variance * shares / (shares.sum() * _LEAF_ANGLES), _LEAF_ANGLES)
+        return mottling.joined(SpectralComponents(grid.reshape(-1, 2), each, mean))
+
+
+# Of a larger raster, the middle is measured.
+_MOST_TEXELS = 1024
+_MEASURED_RADII, _MEASURED_ANGLES = 24, 8
+# Of the lengths of edges: a chart that fits the raster worse is not flat on it.
+_MOST_BENT = 0.1
+
+
+def measure_spectrum(item: SceneObject, seed: int, folder: Path) -> SpectralComponents:
+    """Paint the texture of an object and measure its waves.
+
+    Parameters
+    ----------
+    item
+        The object.
+    seed
+        Of the scene.
+    folder
+        Where relative paths count from.
+
+    Returns
+    -------
+    Waves
+        Its spectrum in bins: each stands at the root mean square of its frequencies.
+
+    Raises
+    ------
+    SceneError
+        If the texture cannot be painted.
+    """
+    return _measured(_Key(item, seed, folder))
+
+
+class _Key:
+    """An object as far as its texture depends on it."""
+
+    def __init__(self, item: SceneObject, seed: int, folder: Path) -> None:
+        self.item, self.seed, self.folder = item, seed, folder
+        parts = [item.mesh.model_dump(mode="json"), item.texture.model_dump(mode="json")]
+        self._text = json.dumps([*parts, item.name, seed, str(folder)])
+
+    def __hash__(self) -> int:
+        return hash(self._text)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self._text == other._text
+
+
+@lru_cache(maxsize=256)
+def _measured(key: _Key) -> SpectralComponents:
+    mesh = key.item.mesh.make(key.folder)
+    painted = key.item.texture.paint(mesh, key.folder, generator_for(key.seed, "texture", key.item.name))
+    raster = np.asarray(painted.texture.raster(), dtype=np.float64)
+    rows, columns = raster.shape
+    per_mm = _tiles_per_mm(mesh.chart_mm, painted.uv)
+    part = raster[_middle(painted.uv[..., 1], rows), _middle(painted.uv[..., 0], columns)]
+    mean = float(part.mean())
+    window = np.outer(np.hanning(part.shape[0] + 2)[1:-1], np.hanning(part.shape[1] + 2)[1:-1])
+    power = np.abs(np.fft.rfft2((part - mean) * window)) ** 2
+    # Each but the first and the last column stands for two waves.
+    power[:, 1:] *= 2.0
+    power /= window.size * np.square(window).sum()
+    across = np.fft.rfftfreq(part.shape[1]) * columns
+    down = np.fft.fftfreq(part.shape[0]) * rows
+    if painted.texture.cubic:
+        # Coefficients of a cubic B-spline are more than its values.
+        power *= np.square(np.outer(_spline(down / rows), _spline(across / columns)))
+    f_u, f_v = np.meshgrid(across, down)
+    return _binned(np.stack([f_u.ravel(), f_v.ravel()], axis=-1) @ per_mm, power.ravel(), mean)
+
+
+def _middle(places: Array, texels: int) -> slice:
+    """Return the middle of what a side of the mesh wears of a raster; the other side may wear another part."""
+    low, high = (float(np.clip(end, 0.0, 1.0)) * texels for end in (places.min(), places.max()))
+    first, count = round(low), max(round(high) - round(low), 1)
+    if np.ptp(places) > 1.0:
+        first, count = 0, texels
+    first += max(count - _MOST_TEXELS, 0) // 2
+    return slice(first, first + min(count, _MOST_TEXELS))
+
+
+def _spline(frequency: Array) -> Array:
+    return (2.0 + np.cos(2 * np.pi * frequency)) / 3.0
+
+
+def _tiles_per_mm(chart_mm: Array, uv: Array) -> Array:
+    """Return the matrix that makes steps in tiles of steps on the surface in mm."""
+    steps, tiles = (np.diff(each, axis=1).reshape(-1, 2) for each in (chart_mm, uv))
+    matrix = np.linalg.lstsq(steps, tiles, rcond=None)[0].T
+    if np.square(tiles - steps @ matrix.T).sum() > _MOST_BENT**2 * np.square(tiles).sum():
+        area, flat = (np.abs(np.linalg.det(each.reshape(-1, 2, 2))).sum() for each in (tiles, steps))
+        matrix = np.sqrt(area / flat) * np.eye(2)
+    return np.asarray(matrix)
+
+
+def _binned(frequencies: Array, power: Array, mean: float) -> SpectralComponents:
+    """Gather waves in bins of frequency and direction."""
+    frequencies = frequencies * np.where(frequencies[:, 1] < 0, -1.0, 1.0)[:, None]
+    size = np.hypot(*frequencies.T)
+    kept = size > 0
+    frequencies, power, size = frequencies[kept], power[kept], size[kept]
+    least, most = size.min(), size.max() * (1 + 1e-9)
+    ring = (_MEASURED_RADII * np.log(size / least) / np.log(most / least)).astype(np.int64)
+    turn = np.minimum(
+        (_MEASURED_ANGLES * np.arctan2(frequencies[:, 1], frequencies[:, 0]) / np.pi).astype(np.int64),
+        _MEASURED_ANGLES - 1,
+    )
+    place = ring * _MEASURED_ANGLES + turn
+    total, squares = (np.bincount(place, part, _MEASURED_RADII * _MEASURED_ANGLES) for part in (power, power * size**2))
+    used = total > 0
+    angle = (np.arange(_MEASURED_RADII * _MEASURED_ANGLES) % _MEASURED_ANGLES + 0.5) * np.pi / _MEASURED_ANGLES
+    length = np.sqrt(squares[used] / total[used])
+    grid = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)[used]
+    return SpectralComponents(grid, np.asarray(total[used], dtype=np.float64), mean)
+
+
+class NoiseSpectrum(TextureSpectrum):
+    """Isotropic noise of a stated power density in a band."""
+
+    kind: ClassVar[str] = "noise"
+
+    def waves(self, texture: NoiseTexture) -> SpectralComponents:
+        """Return the waves; see `TextureSpectrum`."""
+        variance = (texture.mean * texture.rms_contrast) ** 2
+        return compute_ring_spectrum(texture.wavelength_mm, texture.spectrum_exponent, variance, texture.mean)
+
+
+class PlaidSpectrum(TextureSpectrum):
+    """The product of two waves is the mean of two others: cos a cos b = (cos(a + b) + cos(a - b)) / 2."""
+
+    kind: ClassVar[str] = "plaid"
+
+    def waves(self, texture: PlaidTexture) -> SpectralComponents:
+        """Return the waves; see `TextureSpectrum`."""
+        across, down = 1.0 / texture.wavelength_mm[0], 1.0 / texture.wavelength_mm[1]
+        return SpectralComponents(
+            np.array([[across, down], [across, -down]]), np.full(2, texture.amplitude**2 / 8), texture.mean
+        )
+
+
+class UniformSpectrum(TextureSpectrum):
+    """No waves: nothing can be seen to move."""
+
+    kind: ClassVar[str] = "uniform"
+
+    def waves(self, texture: UniformTexture) -> SpectralComponents:
+        """Return the waves; see `TextureSpectrum`."""
+        return SpectralComponents(np.zeros((0, 2)), np.zeros(0), texture.radiance)

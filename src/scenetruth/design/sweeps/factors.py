@@ -1,0 +1,192 @@
+"""Factors of a sweep: fields of the scene and their levels, as lists, ranges or text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+
+from scenetruth.errors import Problem
+from scenetruth.scene.yaml_reader import read_yaml
+
+__all__ = ["Factor", "format_level", "parse_factors", "split_assignments"]
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_RANGE = re.compile(rf"(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})(?::(?:(?P<count>\d+)(?P<log>log)?|(?P<only>log)))?")
+_MEANT_AS_RANGE = re.compile(rf"\s*{_NUMBER}\s*\.\.")
+_SPELLING = "is not spelled as 1,2,5 or 1..10:4 (four values) or 1..10:4log"
+_MOST_VALUES = 10_000
+# Numbers of a range are as short as they can be told apart: 0.1, and not 0.1000000000000001.
+_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A field that varies.
+
+    Parameters
+    ----------
+    path
+        Its path in the scene, with ``*`` for every one.
+    values
+        The values of a grid; empty for a range that points fill.
+    ends
+        Low and high end of a range.
+    count
+        How many values of a range there are in a grid; 0 for one that points fill.
+    logarithmic
+        Whether values, or points, lie evenly on a logarithmic scale.
+    """
+
+    path: str
+    values: tuple[Any, ...] = ()
+    ends: tuple[float, float] | None = None
+    count: int = 0
+    logarithmic: bool = False
+
+    @property
+    def is_filled(self) -> bool:
+        """Whether points fill it, and it has no values of a grid."""
+        return self.ends is not None and not self.count
+
+    def listed(self, *, whole: bool) -> tuple[Any, ...]:
+        """Return the values of a grid.
+
+        Parameters
+        ----------
+        whole
+            Whether the field takes whole numbers: those of a range are then rounded.
+        """
+        if self.ends is None:
+            return self.values
+        numbers = (np.geomspace if self.logarithmic else np.linspace)(*self.ends, self.count).tolist()
+        shortened = [float(f"{number:.{_DIGITS}g}") for number in numbers]
+        return tuple(dict.fromkeys(round(number) for number in shortened)) if whole else tuple(shortened)
+
+
+def format_level(value: Any) -> str:
+    """Return what a value is called in tables and plots: a number in short, anything else as in YAML.
+
+    Examples
+    --------
+    >>> format_level(0.30000000000000004), format_level("ideal"), format_level({"kind": "box"})
+    ('0.3', 'ideal', '{kind: box}')
+    """
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, str | int) and not isinstance(value, bool):
+        return str(value)
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9, allow_unicode=True)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
+def split_assignments(given: Sequence[str]) -> tuple[dict[str, str], list[Problem]]:
+    """Return what texts PATH=VALUES say by path, and what is wrong with their spelling.
+
+    Examples
+    --------
+    >>> split_assignments(["stage.baseline_mm=1,2,5", "sensor.noise_std=0.001..0.02:4log"])[0]
+    {'stage.baseline_mm': '1,2,5', 'sensor.noise_std': '0.001..0.02:4log'}
+    """
+    found: dict[str, str] = {}
+    problems = []
+    for text in given:
+        path, separator, values = (part.strip() for part in text.partition("="))
+        if not (path and separator and values):
+            problems.append(Problem("--vary", "must read PATH=VALUES, as stage.baseline_mm=1,2,5", text))
+        elif path in found:
+            problems.append(Problem(f"vary.{path}", "is varied twice; give all of its values at once", text))
+        else:
+            found[path] = values
+    return found, problems
+
+
+def parse_factors(vary: Mapping[str, Any], sobol: int) -> tuple[list[Factor], list[Problem]]:
+    """Return what varies, and what is wrong with it, as far as that shows without the scene.
+
+    Parameters
+    ----------
+    vary
+        Values by path: a list, or a text as on the command line.
+    sobol
+        How many points fill the ranges that have no number of values; 0 for none.
+    """
+    found, problems = [], []
+    for path, given in vary.items():
+        here: list[Problem] = []
+        factor = _factor(path, given, here)
+        if factor is not None:
+            here += _list_problems(factor, sobol)
+        problems += here
+        if factor is not None and not here:
+            found.append(factor)
+    if not vary:
+        problems.append(Problem("vary", "is missing: say what varies, as stage.baseline_mm=1,2,5"))
+    elif sobol and not problems and not any(factor.is_filled for factor in found):
+        message = "fills ranges, and there is none without a number of values: give one as 1..10, or 1..10:log"
+        problems.append(Problem("sobol", message, sobol))
+    return found, problems
+
+
+def _factor(path: str, given: Any, problems: list[Problem]) -> Factor | None:
+    where = f"vary.{path}"
+    if isinstance(given, str):
+        return _spelled(path, given.strip(), problems)
+    if not isinstance(given, Sequence | np.ndarray) or isinstance(given, bytes):
+        problems.append(Problem(where, "must be a list of values, or a text as '1..10:4'", given))
+        return None
+    return Factor(path, tuple(value.item() if isinstance(value, np.generic) else value for value in given))
+
+
+def _spelled(path: str, text: str, problems: list[Problem]) -> Factor | None:
+    where = f"vary.{path}"
+    parts = _RANGE.fullmatch(text)
+    if parts is not None:
+        ends = (float(parts["low"]), float(parts["high"]))
+        return Factor(path, (), ends, int(parts["count"] or 0), bool(parts["log"] or parts["only"]))
+    if _MEANT_AS_RANGE.match(text):
+        problems.append(Problem(where, _SPELLING, text))
+        return None
+    values, wrong = read_yaml(f"[{text}]")
+    if wrong or not isinstance(values, list):
+        told = "; ".join(problem.message for problem in wrong)
+        problems.append(Problem(where, f"{_SPELLING}: {told}" if told else _SPELLING, text))
+        return None
+    return Factor(path, tuple(map(_as_number, values)))
+
+
+def _as_number(value: Any) -> Any:
+    # YAML takes 1e-3 for a text, as it has no point.
+    return float(value) if isinstance(value, str) and re.fullmatch(_NUMBER, value) else value
+
+
+def _list_problems(factor: Factor, sobol: int) -> list[Problem]:
+    where, ends = f"vary.{factor.path}", factor.ends
+    if ends is None:
+        return _list_level_problems(where, factor.values)
+    shown = "..".join(map(format_level, ends))
+    if not all(map(math.isfinite, ends)) or not ends[0] < ends[1]:
+        return [Problem(where, "has no values: its low end is not below its high end", shown)]
+    if factor.logarithmic and ends[0] <= 0:
+        return [Problem(where, "is logarithmic, and must be above 0; leave out log", shown)]
+    if factor.is_filled and not sobol:
+        return [Problem(where, f"needs a number of values, as {shown}:4, or points that fill it: sobol", shown)]
+    if not factor.is_filled and not 2 <= factor.count <= _MOST_VALUES:
+        return [Problem(where, f"must have 2 to {_MOST_VALUES:,} values", factor.count)]
+    return []
+
+
+def _list_level_problems(where: str, values: Sequence[Any]) -> list[Problem]:
+    twice = [format_level(value) for number, value in enumerate(values) if value in values[:number]]
+    if twice:
+        return [Problem(where, f"has values twice: {', '.join(twice)}")]
+    if len(values) < 2:
+        return [Problem(where, "varies nothing: give two values or more, or set it in the scene", list(values))]
+    if len(values) > _MOST_VALUES:
+        return [Problem(where, f"must have 2 to {_MOST_VALUES:,} values", len(values))]
+    return []

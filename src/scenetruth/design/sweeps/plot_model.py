@@ -1,0 +1,360 @@
+"""What is plotted of a sweep, independent of the plotting library.
+
+Curves over one factor, maps over two, points over more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from scenetruth.design.sweeps.factors import format_level
+from scenetruth.design.sweeps.point_simulation import BOUND
+from scenetruth.design.sweeps.sweep_result import STATISTICS, Sweep, SweepRecord
+from scenetruth.scoring import QUANTITIES
+from scenetruth.scoring.quantities import get_title, get_units
+
+__all__ = [
+    "STATISTIC_TITLES",
+    "PanelAxis",
+    "SweepCurve",
+    "SweepMap",
+    "SweepPanel",
+    "build_panels",
+    "choose_main_region",
+    "format_place",
+    "format_short",
+    "format_statistic_title",
+    "list_plotted_quantities",
+]
+
+STATISTIC_TITLES: Mapping[str, str] = {
+    "rms": "rms error",
+    "bias": "bias",
+    "std": "standard deviation between seeds",
+    "median": "median of the absolute error",
+    "density": "share of the pixels that is told",
+}
+"""Statistics in words, in the order in which pages have them."""
+POSITIVE = ("rms", "std", "median")
+"""Statistics that are drawn on a logarithmic scale."""
+_WIDE = 8.0
+"""Values that span more than this factor are drawn on a logarithmic scale."""
+_MOST_CURVES = 8
+"""More curves nobody can tell apart."""
+
+Place = float | str
+
+
+@dataclass(frozen=True)
+class PanelAxis:
+    """An axis of a panel.
+
+    Parameters
+    ----------
+    title
+        What it is.
+    names
+        What values are called that are no numbers, in their order; empty for numbers.
+    logarithmic
+        Whether it is drawn so.
+    """
+
+    title: str
+    names: tuple[str, ...] = ()
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class SweepCurve:
+    """A line, or points, with error bars.
+
+    Parameters
+    ----------
+    name
+        What it is called.
+    points
+        (place, number, low, high); the interval is NaN where there is none.
+    colour
+        Number of its colour.
+    is_bound
+        Whether it is the bound of noise.
+    joined
+        Whether points are joined by lines.
+    """
+
+    name: str
+    points: tuple[tuple[Place, float, float, float], ...]
+    colour: int
+    is_bound: bool = False
+    joined: bool = True
+    told: tuple[str, ...] = ()
+    """Where each point stands, in words, if more varies than the axis shows."""
+
+
+@dataclass(frozen=True)
+class SweepMap:
+    """A figure over two factors.
+
+    Parameters
+    ----------
+    cells
+        (place along x, place along y, number, low, high, bound); NaN where there is none.
+    is_grid
+        Whether they fill a grid.
+    """
+
+    cells: tuple[tuple[Place, Place, float, float, float, float], ...]
+    is_grid: bool
+
+    def names(self, *, along_x: bool) -> list[str]:
+        """Return what the columns of a grid are called, or its rows: numbers rise, names stay in their order."""
+        places = list(dict.fromkeys(cell[0] if along_x else cell[1] for cell in self.cells))
+        numbers = [place for place in places if not isinstance(place, str)]
+        return list(map(format_place, sorted(numbers) if len(numbers) == len(places) else places))
+
+
+@dataclass(frozen=True)
+class SweepPanel:
+    """One drawing.
+
+    Parameters
+    ----------
+    title
+        What it shows; empty if all is said above.
+    x, y
+        Its axes. Of a map, y is the second factor.
+    curves
+        Lines and points.
+    map
+        A map in place of curves.
+    number
+        Title of what a map's colours show.
+    logarithmic
+        Whether colours are.
+    """
+
+    title: str
+    x: PanelAxis
+    y: PanelAxis
+    curves: tuple[SweepCurve, ...] = ()
+    map: SweepMap | None = None
+    number: str = ""
+    logarithmic: bool = False
+    words: str = field(default="", compare=False)
+    """What it shows, in words."""
+
+    def decades(self, place: int) -> float:
+        """Return how many decades the numbers along x (0) or y (1) span, with their intervals."""
+        ends = [
+            float(value)
+            for curve in self.curves
+            for point in curve.points
+            for value in (point[:1] if place == 0 else point[1:])
+            if not isinstance(value, str) and math.isfinite(value) and value > 0
+        ]
+        if self.map is not None:
+            ends += [float(cell[place]) for cell in self.map.cells if not isinstance(cell[place], str)]
+        return math.log10(max(ends) / min(ends)) if ends else 0.0
+
+
+def choose_main_region(found: Sweep) -> str:
+    """Return the region that is shown first: the interior, or all, where nothing is told of the interior."""
+    regions = list(dict.fromkeys(row.region for row in found.rows if row.statistic == "rms" and not row.is_bound))
+    return "interior" if "interior" in regions or not regions else regions[0]
+
+
+def list_plotted_quantities(found: Sweep) -> list[str]:
+    """Return the quantities that are drawn: growth only where something grows."""
+    there = {row.quantity for row in found.rows if not row.is_bound and row.statistic == "rms"}
+    return [name for name, entry in QUANTITIES.items() if name in there and (found.grows or not entry.is_growth)]
+
+
+def format_statistic_title(quantity: str, statistic: str) -> str:
+    """Return what a figure is, with its unit."""
+    return f"{get_title(quantity)}: {_short_title(quantity, statistic)}"
+
+
+def format_short(number: float, digits: int = 3) -> str:
+    """Return a number with so many digits, large ones without an exponent.
+
+    Examples
+    --------
+    >>> format_short(231.6, 2), format_short(0.012345)
+    ('230', '0.0123')
+    """
+    return f"{float(f'{number:.{digits}g}'):g}"
+
+
+def build_panels(found: Sweep, quantity: str, statistic: str = "rms", region: str = "interior") -> list[SweepPanel]:
+    """Return what is drawn of a figure.
+
+    Parameters
+    ----------
+    found
+        The sweep.
+    quantity, statistic, region
+        Which figure, over all seeds.
+    """
+    assert statistic in STATISTICS
+    rows = [row for row in found.selected(quantity, statistic, region=region) if math.isfinite(row.number)]
+    if not any(not row.is_bound for row in rows):
+        return []
+    positive = statistic in POSITIVE and all(row.number > 0 for row in rows)
+    number = PanelAxis(_short_title(quantity, statistic), logarithmic=positive)
+    axes = {path: _axis(found, path) for path in found.factors}
+    if len(found.factors) == 2:
+        panels = [panel for group in _groups(found, rows) for panel in _over_two(found, axes, number, *group)]
+    else:
+        joined = found.is_grid and len(found.factors) == 1
+        panels = [
+            _panel("", axes[path], number, _curves_of_all(found, rows, path, joined=joined)) for path in found.factors
+        ]
+    return [replace(panel, words=f"{get_title(quantity)}: {panel.words}") for panel in panels]
+
+
+def _short_title(quantity: str, statistic: str) -> str:
+    unit = "" if statistic == "density" else f", {get_units(quantity)}"
+    return f"{STATISTIC_TITLES[statistic]}{unit}"
+
+
+def _axis(found: Sweep, path: str) -> PanelAxis:
+    values = {format_level(row.values[path]): row.values[path] for row in found.rows}
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values.values()):
+        return PanelAxis(path, tuple(values))
+    low, high = min(values.values()), max(values.values())
+    return PanelAxis(path, logarithmic=low > 0 and (path in found.logarithmic or high >= _WIDE * low))
+
+
+def _place(axis: PanelAxis, value: Any) -> Place:
+    return format_level(value) if axis.names else float(value)
+
+
+def _groups(found: Sweep, rows: Sequence[SweepRecord]) -> list[tuple[str, list[SweepRecord], list[SweepRecord]]]:
+    """Return the figures of each method in each scene, with the bound of each."""
+    groups = []
+    for scene in found.scenes:
+        for method in found.methods:
+            own = [row for row in rows if row.scene == scene and row.method == method]
+            bound = [row for row in rows if row.scene == scene and row.method in (BOUND, f"{BOUND} of {method}")]
+            if own:
+                parts = [scene] if len(found.scenes) > 1 else []
+                parts += [method] if len(found.methods) > 1 or not parts else []
+                groups.append((", ".join(parts), own, bound))
+    return groups
+
+
+def _title(found: Sweep, name: str) -> str:
+    """Return what tells a group's panels from those of others; nothing if there are no others."""
+    return name if len(found.scenes) * len(found.methods) > 1 else ""
+
+
+def _curves_of_all(found: Sweep, rows: Sequence[SweepRecord], path: str, *, joined: bool) -> list[SweepCurve]:
+    """Return a curve for each method in each scene, and its bound."""
+    axis, curves = _axis(found, path), []
+    groups = _groups(found, rows)
+    for colour, (name, own, bound) in enumerate(groups):
+        curves.append(_curve(name, axis, own, colour, joined=joined))
+        if bound:
+            told = "bound of noise" if len(groups) == 1 else f"bound of noise, {name}"
+            curves.append(_curve(told, axis, bound, colour, joined=joined))
+    return curves
+
+
+def _curve(name: str, axis: PanelAxis, rows: Iterable[SweepRecord], colour: int, *, joined: bool = True) -> SweepCurve:
+    """Return a curve over the factor of an axis, from its first place to its last."""
+    path = axis.title
+    placed = [(_place(axis, row.values[path]), row) for row in rows]
+    placed.sort(key=lambda one: axis.names.index(str(one[0])) if axis.names else float(one[0]))
+    return SweepCurve(
+        name,
+        tuple((place, row.number, row.low, row.high) for place, row in placed),
+        colour,
+        any(row.is_bound for _, row in placed),
+        joined and not axis.names,
+        tuple(
+            ", ".join(f"{factor} = {format_level(value)}" for factor, value in row.values.items())
+            for _, row in placed
+            if len(row.values) > 1
+        ),
+    )
+
+
+def _over_two(
+    found: Sweep,
+    axes: Mapping[str, PanelAxis],
+    number: PanelAxis,
+    name: str,
+    own: Sequence[SweepRecord],
+    bound: Sequence[SweepRecord],
+) -> list[SweepPanel]:
+    """Return a map over two factors, and in a grid the lines over the first for each value of the second."""
+    first, second = found.factors
+    least = {_key(row): row.number for row in bound}
+    cells = tuple(
+        (
+            _place(axes[first], row.values[first]),
+            _place(axes[second], row.values[second]),
+            row.number,
+            row.low,
+            row.high,
+            least.get(_key(row), math.nan),
+        )
+        for row in own
+    )
+    best = min(own, key=lambda row: abs(row.number))
+    told = f"least {format_short(best.number)} at " + ", ".join(
+        f"{path} = {format_level(one)}" for path, one in best.values.items()
+    )
+    words = f"{number.title} of {name} over {first} and {second}: {told}."
+    panels = [
+        SweepPanel(
+            _title(found, name),
+            axes[first],
+            axes[second],
+            map=SweepMap(cells, found.is_grid),
+            number=number.title,
+            logarithmic=number.logarithmic,
+            words=words,
+        )
+    ]
+    values = list(dict.fromkeys(format_level(row.values[second]) for row in own))
+    if not found.is_grid:
+        for path in found.factors:
+            curves = [_curve(name, axes[path], own, 0, joined=False)]
+            curves += [_curve("bound of noise", axes[path], bound, 0, joined=False)] if bound else []
+            panels.append(_panel(_title(found, name), axes[path], number, curves))
+        return panels
+    if len(values) > _MOST_CURVES:
+        return panels
+    curves = []
+    for colour, value in enumerate(values):
+        label = f"{second} = {value}"
+        for rows, told in ((own, label), (bound, f"bound of noise, {label}")):
+            here = [row for row in rows if format_level(row.values[second]) == value]
+            curves += [_curve(told, axes[first], here, colour)] if here else []
+    return [*panels, _panel(_title(found, name), axes[first], number, curves)]
+
+
+def _key(row: SweepRecord) -> tuple[str, ...]:
+    return tuple(map(format_level, row.values.values()))
+
+
+def _panel(title: str, x: PanelAxis, y: PanelAxis, curves: Sequence[SweepCurve]) -> SweepPanel:
+    return SweepPanel(title, x, y, tuple(curves), words=f"{y.title}, over {x.title}. {_describe_curves(curves)}")
+
+
+def _describe_curves(curves: Iterable[SweepCurve]) -> str:
+    """Say curves in words: each from its first point to its last."""
+    told = []
+    for curve in curves:
+        (x0, y0, *_), (x1, y1, *_) = curve.points[0], curve.points[-1]
+        told.append(f"{curve.name}: {format_short(y0)} at {format_place(x0)}, {format_short(y1)} at {format_place(x1)}")
+    return "; ".join(told) + "."
+
+
+def format_place(place: Place) -> str:
+    """Return what a place is called."""
+    return place if isinstance(place, str) else f"{place:g}"

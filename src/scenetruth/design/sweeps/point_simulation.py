@@ -1,0 +1,585 @@
+"""One simulation of a sweep as a task: images, estimates, scores, Cramér-Rao bound, and retained errors."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.benchmark.benchmark_tasks import has_retryable_failures
+from scenetruth.benchmark.design_point import ignore_scene_warnings
+from scenetruth.benchmark.method_specs import MethodSpec
+from scenetruth.bound.unknowns import Brightness, Motion, Surface
+from scenetruth.dataset.samples import SampleResult
+from scenetruth.design.sweeps.factors import format_level
+from scenetruth.design.sweeps.sweep_plan import SweepPlan
+from scenetruth.errors import EstimateError, RecordingError, StoreError
+from scenetruth.estimators import find_method, prepare, validate_settings
+from scenetruth.output import is_full_disk, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.provenance import scene_hash
+from scenetruth.resources import Limits
+from scenetruth.scene import Scene
+from scenetruth.schema import digest, read_intrinsics
+from scenetruth.scoring import QUANTITIES, REGIONS, Score, score
+from scenetruth.scoring.alignment import iterate_aligned_blocks
+from scenetruth.scoring.error_pairs import EstimateTruthPair, EstimateTruthPairs, has_quantity, percent_per_hour
+from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
+from scenetruth.scoring.regions import further_regions, main_regions, visible_throughout
+from scenetruth.settings import ScoreSettings
+from scenetruth.simulation import simulate
+from scenetruth.truth import make_truth
+
+__all__ = [
+    "BOUND",
+    "SCORED_STATISTICS",
+    "BoundWindow",
+    "RetainedErrors",
+    "SimulationResult",
+    "SweepTask",
+    "bound_window_from_method",
+    "compute_bound_std",
+    "compute_normal_statistics",
+    "compute_retained_errors",
+    "compute_step_px",
+    "methods_from_scene",
+    "name_bounds",
+    "read_retained_errors",
+    "read_simulation_result",
+    "run_sweep_task",
+    "simulate_and_score",
+    "write_retained_errors",
+]
+
+
+_PIXELS = 10_000
+"""Pixels of an image that are kept: errors of neighbours are alike over a window's width, so that more tell no more."""
+
+_REGION, _ERROR = "region", "error"
+ErrorMap = NDArray[np.float32]
+
+
+def compute_step_px(dataset: xr.Dataset) -> int:
+    """Return the distance of the rows and columns that are kept."""
+    return max(1, math.ceil(math.sqrt(dataset.sizes["y"] * dataset.sizes["x"] / _PIXELS)))
+
+
+@dataclass(frozen=True)
+class RetainedErrors:
+    """Errors of a simulation at some pixels.
+
+    Parameters
+    ----------
+    regions
+        Where regions lie at these pixels, by method and region.
+    errors
+        Estimate minus truth by method and quantity, shape (t, y, x); NaN where nothing is told.
+    """
+
+    regions: Mapping[tuple[str, str], NDArray[np.bool_]]
+    errors: Mapping[tuple[str, str], ErrorMap]
+
+
+def compute_retained_errors(pairs: Mapping[str, EstimateTruthPair], step_px: int) -> dict[str, ErrorMap]:
+    """Return the errors of all scalars in every so many rows and columns."""
+    found = {}
+    for name, pair in pairs.items():
+        if QUANTITIES[name].error != "difference":
+            continue
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = (pair.estimate - pair.truth)[..., ::step_px, ::step_px]
+        known = np.isfinite(error)
+        if pair.full is not None:
+            known &= pair.full[..., ::step_px, ::step_px]
+        found[name] = np.where(known, error, np.nan).astype(np.float32)
+    return found
+
+
+def write_retained_errors(kept: RetainedErrors, path: Path) -> None:
+    """Write errors to a file."""
+    arrays: dict[str, Any] = {json.dumps([_REGION, *names]): mask for names, mask in kept.regions.items()}
+    arrays |= {json.dumps([_ERROR, *names]): errors for names, errors in kept.errors.items()}
+    # Names of methods may hold anything; those of arrays in a file may not.
+    numbered: dict[str, Any] = {f"a{number}": array for number, array in enumerate(arrays.values())}
+    with write_atomically(path, overwrite=True) as aside, aside.open("wb") as stream:
+        np.savez_compressed(stream, names=np.array(list(arrays), dtype=str), **numbered)
+
+
+def read_retained_errors(path: Path) -> RetainedErrors:
+    """Return what a file holds.
+
+    Raises
+    ------
+    StoreError
+        If it is not there, or damaged.
+    """
+    regions: dict[tuple[str, str], Any] = {}
+    errors: dict[tuple[str, str], Any] = {}
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            for number, name in enumerate(map(str, stored["names"])):
+                kind, method, what = parse_json(name)
+                (regions if kind == _REGION else errors)[method, what] = stored[f"a{number}"]
+    except (OSError, ValueError, KeyError, EOFError) as error:
+        raise StoreError(path, f"is damaged: {error}; remove it, and run the sweep again") from error
+    return RetainedErrors(regions, errors)
+
+
+BOUND = "bound"
+"""Stands for a method where figures are the bound."""
+_SIGMA_PX = 6.0
+"""Window where a method has none: that of the others by default."""
+
+StdMap = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BoundWindow:
+    """What a bound is of: the window of a method, and what it does not know in it.
+
+    Parameters
+    ----------
+    sigma_px
+        Standard deviation of the Gaussian window, in px.
+    surface, motion, brightness
+        As of `scenetruth.bound.cramer_rao_bound`.
+    """
+
+    sigma_px: float
+    surface: Surface
+    motion: Motion
+    brightness: Brightness
+
+
+def bound_window_from_method(contestant: MethodSpec) -> BoundWindow:
+    """Return the window of a method, and what it does not know there, as its settings tell.
+
+    What settings leave to the images (``auto``) is unknown: slopes, rotation and growth. A method that has no such
+    settings may take slopes, the velocity gradient and brightness for known: so that no method goes below its bound.
+    """
+    settings = validate_settings(find_method(contestant.method), contestant.settings)
+    sigma = getattr(settings, "window_sigma_px", None)
+    return BoundWindow(
+        float(sigma) if isinstance(sigma, int | float) else _SIGMA_PX,
+        cast(Surface, _read_choice(settings, "surface", get_args(Surface), "constant", "plane")),
+        cast(Motion, _read_choice(settings, "motion", get_args(Motion), "translation", "growing")),
+        "per_image" if getattr(settings, "brightness", None) == "per_image" else "fixed",
+    )
+
+
+def _read_choice(settings: Any, name: str, words: Sequence[str], without: str, otherwise: str) -> str:
+    """Return a setting that is one of some words, or what stands for it: without it, or where it is another word."""
+    told = getattr(settings, name, None)
+    return without if told is None else told if told in words else otherwise
+
+
+def name_bounds(contestants: Sequence[MethodSpec]) -> dict[str, str]:
+    """Return what the bounds of methods are called, by label."""
+    if len(contestants) == 1:
+        return {contestants[0].label: BOUND}
+    return {one.label: f"{BOUND} of {one.label}" for one in contestants}
+
+
+def compute_bound_std(
+    truth: xr.Dataset, recording: xr.Dataset, window: BoundWindow, step_px: int
+) -> tuple[dict[str, StdMap], str]:
+    """Return the least standard deviations that noise allows, at the reference frame.
+
+    Parameters
+    ----------
+    truth, recording
+        Of the point; the recording has ``ideal``.
+    window
+        What the bound is of.
+    step_px
+        It is told in every so many rows and columns.
+
+    Returns
+    -------
+    tuple
+        Maps by quantity, shape (y, x), in its units, NaN where there is no bound; and why there are none, or an empty
+        text.
+    """
+    from scenetruth.bound import cramer_rao_bound
+
+    grey = recording.sizes.get("channel", 1) == 1
+    try:
+        bound = cramer_rao_bound(
+            truth,
+            recording,
+            window_sigma_px=window.sigma_px,
+            surface=window.surface,
+            motion=window.motion,
+            brightness=window.brightness if grey else "fixed",
+            every_px=step_px,
+        ).sel(t=0)
+    except RecordingError as error:
+        return {}, "; ".join(map(str, error.problems))
+    found = {}
+    for quantity, entry in QUANTITIES.items():
+        name = f"{entry.variable}_std"
+        if entry.error == "difference" and name in bound:
+            values = bound[name].values if entry.component is None else bound[name].values[entry.component]
+            found[quantity] = values * (percent_per_hour(read_intrinsics(recording)) if entry.units == "%/h" else 1.0)
+    return found, ""
+
+
+def compute_normal_statistics(std: StdMap) -> dict[str, float]:
+    """Return how large errors are that are normal with these standard deviations: ``rms`` and ``median``.
+
+    Parameters
+    ----------
+    std
+        Standard deviations, any shape; those that are not finite and positive do not count.
+
+    Returns
+    -------
+    dict
+        Root of the mean square, and median of the absolute value; empty without any standard deviation.
+
+    Examples
+    --------
+    >>> {name: round(size, 4) for name, size in compute_normal_statistics(np.array([1.0, 1.0, np.nan])).items()}
+    {'rms': 1.0, 'median': 0.6745}
+    """
+    kept = std[np.isfinite(std) & (std > 0)]
+    return {"rms": float(np.sqrt(np.mean(np.square(kept)))), "median": _compute_median(kept)} if kept.size else {}
+
+
+def _compute_median(std: StdMap) -> float:
+    """Return the median of the absolute values of normal errors with these standard deviations."""
+    from scipy.optimize import brentq
+    from scipy.special import erf, erfinv
+
+    factor = math.sqrt(2) * float(erfinv(0.5))
+    low, high = factor * float(std.min()), factor * float(std.max())
+    if high <= low * (1 + 1e-12):
+        return low
+    return float(brentq(lambda size: float(np.mean(erf(size / (math.sqrt(2) * std)))) - 0.5, low, high, rtol=1e-9))
+
+
+SCORED_STATISTICS: Mapping[str, str] = {"rms": "rms", "bias": "bias", "median": "median_abs", "density": "density"}
+"""Statistics of a sweep, by what scores call them."""
+
+Mask = NDArray[np.bool_]
+Figures = dict[str, dict[str, dict[str, float]]]
+"""Region to quantity to statistic to value."""
+
+
+@dataclass
+class SimulationResult:
+    """What came of a simulation.
+
+    Parameters
+    ----------
+    figures
+        By method.
+    bounds
+        By the name of the bound; empty unless it was asked for.
+    failures
+        Why methods have given nothing, by label.
+    notes
+        Why there is no bound.
+    settled
+        Labels of those whose failures need not be tried again: installed methods that refuse the recording.
+    grows
+        Whether anything grows, so that errors of growth can be compared with growth.
+    kept
+        Errors at some pixels; None unless they were asked for.
+    """
+
+    figures: dict[str, Figures] = field(default_factory=dict)
+    bounds: dict[str, Figures] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    settled: list[str] = field(default_factory=list)
+    grows: bool = False
+    kept: RetainedErrors | None = None
+
+
+def methods_from_scene(scene: Scene) -> list[MethodSpec]:
+    """Return a scene's own method."""
+    settings = scene.estimate.settings.model_dump(mode="json")
+    return [MethodSpec(scene.estimate.method, scene.estimate.method, settings)]
+
+
+def simulate_and_score(
+    scene: Scene,
+    contestants: Sequence[MethodSpec],
+    *,
+    bounded: bool,
+    keeps: bool,
+    limits: Limits | None = None,
+) -> SimulationResult:
+    """Make the images of a scene, let all methods estimate from them, and score what they find.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    contestants
+        The methods; the scene's own if there are none.
+    bounded
+        Whether the bound is told too.
+    keeps
+        Whether errors at some pixels are kept.
+    limits
+        Bounds of what the scene may ask for.
+    """
+    methods = list(contestants) or methods_from_scene(scene)
+    measured, seen = SimulationResult(), list[_MethodErrors]()
+    with ignore_scene_warnings():
+        with_ideal, truth = simulate(scene, ideal=bounded, limits=limits)
+        recording = with_ideal.drop_vars("ideal", errors="ignore")
+        step_px = compute_step_px(recording)
+        for one in methods:
+            work = None
+            try:
+                work = prepare(recording, one.method, dict(one.settings))
+                maps = work.estimate()
+            except (EstimateError, KeyError) as error:
+                measured.failures[one.label] = " ".join(str(error).split())
+                if work is None and one.is_installed:
+                    measured.settled.append(one.label)
+                continue
+            if _is_further(maps, truth):
+                truth = make_truth(scene, truth_content="complete", limits=limits)
+            found = score(maps, truth, **scene.score.model_dump())
+            measured.figures[one.label] = _figures(found)
+            measured.grows |= found.grows
+            if keeps or bounded:
+                seen.append(_collect_errors(one, maps, truth, scene.score, step_px))
+        if keeps:
+            measured.kept = RetainedErrors(
+                {(each.contestant.label, name): mask for each in seen for name, mask in each.regions.items()},
+                {(each.contestant.label, name): errors for each in seen for name, errors in each.errors.items()},
+            )
+        if bounded:
+            names = name_bounds(methods)
+            stds = {
+                window: compute_bound_std(truth, with_ideal, window, step_px)
+                for window in {each.window for each in seen}
+            }
+            for each in seen:
+                told, why = stds[each.window]
+                measured.bounds[names[each.contestant.label]] = each.least(told)
+                if why and f"no bound: {why}" not in measured.notes:
+                    measured.notes.append(f"no bound: {why}")
+    return measured
+
+
+def _is_further(maps: xr.Dataset, truth: xr.Dataset) -> bool:
+    """Whether an estimate tells something that is scored, and of which a truth says nothing."""
+    return any(entry.variable in maps and not has_quantity(truth, name) for name, entry in QUANTITIES.items())
+
+
+@dataclass(frozen=True)
+class _MethodErrors:
+    """What a method has found at some pixels, regions and errors of the shape (t, y, x)."""
+
+    contestant: MethodSpec
+    regions: Mapping[str, Mask]
+    errors: Mapping[str, NDArray[np.float32]]
+    reference: int | None
+    """Place of the frame t = 0; None if it is not estimated."""
+    grows: bool
+    """Whether it tells growth itself, in its own window."""
+
+    @property
+    def window(self) -> BoundWindow:
+        return bound_window_from_method(self.contestant)
+
+    def least(self, std: Mapping[str, NDArray[np.float64]]) -> Figures:
+        """Return the least errors at the pixels that it tells."""
+        found: Figures = {}
+        for region, mask in self.regions.items():
+            for quantity, errors in self.errors.items():
+                # Growth that follows from depth and velocity has a larger window.
+                if self.reference is None or quantity not in std or (quantity == "growth_rate" and not self.grows):
+                    continue
+                told = mask[self.reference] & np.isfinite(errors[self.reference])
+                sizes = compute_normal_statistics(std[quantity][told])
+                if sizes:
+                    found.setdefault(region, {})[quantity] = sizes
+        return found
+
+
+def _collect_errors(
+    contestant: MethodSpec, maps: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings, step_px: int
+) -> _MethodErrors:
+    regions = {name: mask[..., ::step_px, ::step_px] for name, mask in _regions(maps, truth, settings).items()}
+    frames = maps["t"].values.tolist()
+    reference = frames.index(0) if 0 in frames else None
+    return _MethodErrors(contestant, regions, _errors(maps, truth, settings, step_px), reference, "growth_rate" in maps)
+
+
+def _is_reported(region: str) -> bool:
+    return region in REGIONS or region.startswith("object_")
+
+
+def _figures(found: Score) -> Figures:
+    return {
+        region: {
+            quantity: {
+                name: float(value)
+                for name, key in SCORED_STATISTICS.items()
+                if (value := statistics.get(key)) is not None
+            }
+            for quantity, statistics in quantities.items()
+            if any(key in statistics for key in SCORED_STATISTICS.values())
+        }
+        for region, quantities in found.regions.items()
+        if _is_reported(region)
+    }
+
+
+def _regions(maps: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> dict[str, Mask]:
+    """Return where regions lie, as scores have them, at the frames of an estimate: shape (t, y, x)."""
+    reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth["depth"].dims})
+    here = reference.sel(t=maps["t"].values)
+    masks = main_regions(here, settings.interior_margin_px)
+    masks |= further_regions(here, masks["interior"], settings, throughout=visible_throughout(truth))
+    return {name: mask for name, mask in masks.items() if _is_reported(name)}
+
+
+def _errors(
+    maps: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings, step_px: int
+) -> dict[str, NDArray[np.float32]]:
+    """Return errors in every so many rows and columns by quantity, shape (t, y, x)."""
+    parts: list[dict[str, NDArray[np.float32]]] = []
+    for found, exact in iterate_aligned_blocks(maps, truth):
+        grown = compute_growth_pairs(found, exact, settings) if has_growth_rate(found, exact) else None
+        parts.append(compute_retained_errors(EstimateTruthPairs(found, exact, grown), step_px))
+    common = [name for name in parts[0] if all(name in part for part in parts)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in common}
+
+
+_FORMAT = 2
+"""Counts up when figures of the same simulation change."""
+
+
+@dataclass(frozen=True)
+class SweepTask:
+    """All that a worker needs to make any simulation of a sweep.
+
+    Parameters
+    ----------
+    folder
+        Where the files of simulations go.
+    plan
+        The simulations.
+    contestants
+        The methods; the scenes' own if there are none.
+    versions
+        What figures depend on besides.
+    limits
+        Bounds of what scenes may ask for.
+    """
+
+    folder: str
+    plan: SweepPlan
+    contestants: tuple[MethodSpec, ...]
+    versions: tuple[tuple[str, str], ...]
+    limits: Limits | None = None
+
+    @property
+    def keeps(self) -> bool:
+        """Whether errors are kept, for the scatter between seeds."""
+        return self.plan.each > 1
+
+    def key(self, number: int) -> str:
+        """Return a hash of all that the figures of a simulation depend on; its file goes by it."""
+        scene = self.plan.scene(number)
+        methods = self.contestants or tuple(methods_from_scene(scene))
+        depends: dict[str, Any] = {
+            "format": _FORMAT,
+            "scene": scene_hash(scene),
+            "score": scene.score.model_dump(mode="json"),
+            "methods": [(one.label, one.identity) for one in methods],
+            "bounded": self.plan.is_first(number),
+            "versions": self.versions,
+        }
+        return digest(json.loads(json.dumps(depends, default=list)))
+
+    def path(self, key: str) -> Path:
+        """Return the file of a simulation by its key."""
+        return Path(self.folder) / f"{key}.json"
+
+    def is_done(self, key: str) -> bool:
+        """Return whether the figures of a simulation are there, with no failure to try again."""
+        path = self.path(key)
+        try:
+            plain = parse_json(path.read_bytes())
+        except (OSError, ValueError):
+            return False
+        whole = isinstance(plain, dict) and plain.get("key") == key and not has_retryable_failures(plain)
+        return whole and (not self.keeps or path.with_suffix(".npz").exists())
+
+    def told(self, number: int) -> str:
+        """Return which simulation it is, in words."""
+        point, seed = self.plan.at(number)
+        values = ", ".join(f"{path} = {format_level(value)}" for path, value in self.plan.values(point).items())
+        scene = f"{self.plan.labels[point.scene]}, " if len(self.plan.labels) > 1 else ""
+        return f"{scene}{values}, seed {seed}"
+
+
+def run_sweep_task(job: SweepTask, number: int) -> SampleResult:
+    """Make a simulation and measure it, for whoever works through many: what goes wrong is returned."""
+    start = time.perf_counter()
+    try:
+        key = job.key(number)
+        path = job.path(key)
+        found = simulate_and_score(
+            job.plan.scene(number),
+            job.contestants,
+            bounded=job.plan.is_first(number),
+            keeps=job.keeps,
+            limits=job.limits,
+        )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if found.kept is not None:
+            write_retained_errors(found.kept, path.with_suffix(".npz"))
+        # A simulation is done when its figures are there.
+        with write_atomically(path, overwrite=True) as aside:
+            aside.write_text(
+                json.dumps({"key": key, **_plain(found)}, ensure_ascii=False, allow_nan=False), encoding="utf-8"
+            )
+    except Exception as error:  # whatever it is, the others go on
+        message = f"{job.told(number)}: {type(error).__name__}: {error}"
+        return SampleResult(number, failure={"message": message}, disk_full=is_full_disk(error))
+    return SampleResult(number, {"simulation": number}, seconds=time.perf_counter() - start)
+
+
+def _plain(found: SimulationResult) -> dict[str, Any]:
+    names = ("figures", "bounds", "failures", "notes", "settled", "grows")
+    return {name: getattr(found, name) for name in names}
+
+
+def read_simulation_result(path: Path) -> SimulationResult:
+    """Return what the file of a simulation holds, without the errors that are kept beside it.
+
+    Raises
+    ------
+    StoreError
+        If it is not there, or damaged.
+    """
+    try:
+        plain = parse_json(path.read_bytes())
+        return SimulationResult(
+            dict(plain["figures"]),
+            dict(plain["bounds"]),
+            dict(plain["failures"]),
+            list(plain["notes"]),
+            list(plain.get("settled", ())),
+            bool(plain["grows"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StoreError(path, f"is damaged: {error}; remove it, and run the sweep again") from error

@@ -1,0 +1,300 @@
+"""The HTML report of a sweep, and its charts for plotly's JavaScript."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from scenetruth.design.sweeps.factors import format_level
+from scenetruth.design.sweeps.plot_model import (
+    STATISTIC_TITLES,
+    PanelAxis,
+    SweepCurve,
+    SweepMap,
+    SweepPanel,
+    build_panels,
+    choose_main_region,
+    format_place,
+    format_short,
+    list_plotted_quantities,
+)
+from scenetruth.design.sweeps.sweep_result import Sweep, SweepRecord
+from scenetruth.html import COLOURS, render_page
+from scenetruth.output import write_atomically
+from scenetruth.scoring import get_units
+from scenetruth.scoring.quantities import get_title
+
+__all__ = ["PAGE", "build_chart", "write_sweep_report"]
+
+
+_SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
+_MANY_DECADES = 2.5
+_MOST_LABELLED = 100
+"""Cells in which numbers can be read."""
+
+
+def build_chart(panel: SweepPanel) -> dict[str, Any]:
+    """Return data, layout and words of a panel."""
+    if panel.map is not None:
+        data = [_heat(panel, panel.map) if panel.map.is_grid else _field(panel, panel.map)]
+    else:
+        data = [_trace(curve) for curve in panel.curves]
+        _name_bounds_once(data, panel)
+    title = panel.title if panel.map is None else "<br>".join(filter(None, (panel.title, panel.number)))
+    layout = {"title": {"text": title}, "xaxis": _axis(panel.x, panel, 0), "yaxis": _axis(panel.y, panel, 1)}
+    return {"data": data, "layout": layout, "alt": panel.words}
+
+
+def _axis(axis: PanelAxis, panel: SweepPanel, place: int) -> dict[str, Any]:
+    found: dict[str, Any] = {"title": {"text": axis.title, "standoff": 8}, "automargin": True}
+    if axis.names:
+        return found | {"type": "category", "categoryorder": "array", "categoryarray": list(axis.names)}
+    if panel.map is not None and panel.map.is_grid:
+        # Cells are as wide as each other, whatever lies between their values.
+        names = panel.map.names(along_x=place == 0)
+        return found | {"type": "category", "categoryorder": "array", "categoryarray": names}
+    if not axis.logarithmic:
+        return found | {"type": "linear", "exponentformat": "power"}
+    # Within some decades, 2 and 5 are told too.
+    return found | {"type": "log", "dtick": 1 if panel.decades(place) > _MANY_DECADES else "D2", "tickformat": "~g"}
+
+
+def _name_bounds_once(data: list[dict[str, Any]], panel: SweepPanel) -> None:
+    """Let the legend tell of the bounds once: each has the colour of what it bounds."""
+    bounds = [trace for trace, curve in zip(data, panel.curves, strict=True) if curve.is_bound]
+    for number, trace in enumerate(bounds):
+        trace |= {"legendgroup": "bound", "showlegend": number == 0, "legendrank": 2000}
+        trace["name"] = "bound of noise"
+
+
+def _trace(curve: SweepCurve) -> dict[str, Any]:
+    colour = COLOURS[curve.colour % len(COLOURS)]
+    found: dict[str, Any] = {
+        "name": curve.name,
+        "x": [point[0] for point in curve.points],
+        "y": [_finite(point[1]) for point in curve.points],
+        "customdata": list(curve.told) or [format_place(point[0]) for point in curve.points],
+        "hovertemplate": "%{y:.3g} at %{customdata}<extra>" + escape(curve.name) + "</extra>",
+    }
+    if curve.is_bound:
+        if curve.joined:
+            return found | {"mode": "lines", "line": {"color": colour, "dash": "dot", "width": 1.5}}
+        marker = {"color": colour, "symbol": "line-ew-open", "size": 12, "line": {"width": 2}}
+        return found | {"mode": "markers", "marker": marker}
+    found |= {
+        "mode": "lines+markers" if curve.joined else "markers",
+        "line": {"color": colour},
+        "marker": {"color": colour, "symbol": _SYMBOLS[curve.colour % len(_SYMBOLS)], "size": 8},
+    }
+    if any(math.isfinite(point[2]) for point in curve.points):
+        found["error_y"] = {
+            "type": "data",
+            "symmetric": False,
+            "array": [_finite(point[3] - point[1]) for point in curve.points],
+            "arrayminus": [_finite(point[1] - point[2]) for point in curve.points],
+            "thickness": 1,
+        }
+    return found
+
+
+def _heat(panel: SweepPanel, drawn: SweepMap) -> dict[str, Any]:
+    cells = {(format_place(cell[0]), format_place(cell[1])): cell for cell in drawn.cells}
+    columns, rows = drawn.names(along_x=True), drawn.names(along_x=False)
+    table = [[cells.get((x, y)) for x in columns] for y in rows]
+    found = {
+        "type": "heatmap",
+        "x": columns,
+        "y": rows,
+        "z": [[None if cell is None else _scaled(cell[2], panel) for cell in row] for row in table],
+        "text": [["" if cell is None else _short(cell) for cell in row] for row in table],
+        "customdata": [["" if cell is None else _long(cell) for cell in row] for row in table],
+        "hovertemplate": "%{x}, %{y}: %{customdata}<extra></extra>",
+        "colorscale": "Viridis",
+        "colorbar": _bar(panel, drawn),
+    }
+    return found | ({"texttemplate": "%{text}"} if len(drawn.cells) <= _MOST_LABELLED else {})
+
+
+def _field(panel: SweepPanel, drawn: SweepMap) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [cell[0] for cell in drawn.cells],
+        "y": [cell[1] for cell in drawn.cells],
+        "customdata": [_long(cell) for cell in drawn.cells],
+        "hovertemplate": "%{x}, %{y}: %{customdata}<extra></extra>",
+        "marker": {
+            "size": 12,
+            "color": [_scaled(cell[2], panel) for cell in drawn.cells],
+            "colorscale": "Viridis",
+            "colorbar": _bar(panel, drawn),
+            "line": {"width": 0.5, "color": "#444444"},
+        },
+    }
+
+
+def _scaled(number: float, panel: SweepPanel) -> float | None:
+    return _finite(math.log10(number) if panel.logarithmic and number > 0 else number)
+
+
+def _bar(panel: SweepPanel, drawn: SweepMap) -> dict[str, Any]:
+    """Return a colour bar that tells numbers, and not their logarithms."""
+    if not panel.logarithmic:
+        return {"thickness": 12}
+    low, high = (math.log10(each(cell[2] for cell in drawn.cells)) for each in (min, max))
+    ticks = [low + (high - low) * n / 4 for n in range(5)] if high > low else [low]
+    return {"thickness": 12, "tickvals": ticks, "ticktext": [format_short(10**tick, 2) for tick in ticks]}
+
+
+def _short(cell: tuple[Any, ...]) -> str:
+    _, _, number, _, _, bound = cell
+    return format_short(number) + (f"<br>({format_short(bound, 2)})" if math.isfinite(bound) else "")
+
+
+def _long(cell: tuple[Any, ...]) -> str:
+    _, _, number, low, high, bound = cell
+    interval = f", 95 %: {format_short(low)} to {format_short(high)}" if math.isfinite(low) else ""
+    return format_short(number) + interval + (f", bound of noise {format_short(bound)}" if math.isfinite(bound) else "")
+
+
+def _finite(number: float) -> float | None:
+    return number if math.isfinite(number) else None
+
+
+PAGE = "index.html"
+_MOST_LINES = 1000
+_MOST_VALUES = 8
+_STATISTIC = "rms"
+
+
+def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Path:
+    """Write the page of a sweep.
+
+    Parameters
+    ----------
+    found
+        The sweep.
+    folder
+        Where the page goes.
+    again
+        The command that makes it again; empty if there is none.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+    """
+    quantities = list_plotted_quantities(found)
+    regions = list(dict.fromkeys(row.region for row in found.rows))
+    charts = {
+        f"{quantity}|{statistic}|{region}": [build_chart(panel) for panel in panels]
+        for quantity in quantities
+        for statistic in STATISTIC_TITLES
+        for region in regions
+        if (panels := build_panels(found, quantity, statistic, region))
+    }
+    statistics = [name for name in STATISTIC_TITLES if any(key.split("|")[1] == name for key in charts)]
+    region = choose_main_region(found)
+    lines = _lines(found, region)
+    text = render_page(
+        "scenetruth.design.sweeps",
+        "sweep.html.j2",
+        charts,
+        found=found,
+        values=_values(found),
+        seeds=len({row.seed for row in found.rows if row.seed is not None}),
+        quantities=[(name, get_title(name)) for name in quantities],
+        statistics=[(name, STATISTIC_TITLES[name]) for name in statistics],
+        regions=sorted(regions, key=lambda one: one != region),
+        statistic=_STATISTIC,
+        region=region,
+        best=_find_best(found, region),
+        best_columns=["quantity", "rms", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
+        columns=[*found.factors, *_COLUMNS],
+        lines=lines[:_MOST_LINES],
+        left_out=max(0, len(lines) - _MOST_LINES),
+        again=again,
+    )
+    path = Path(folder) / PAGE
+    with write_atomically(path, overwrite=True) as aside:
+        aside.write_text(text, encoding="utf-8")
+    return path
+
+
+_COLUMNS = ("scene", "method", "quantity", "rms", "95 % of rms", "bias", "std", "median", "density", "bound", "unit")
+
+
+def _values(found: Sweep) -> list[tuple[str, str]]:
+    """Return what varies, with its values in words."""
+    told = []
+    for path in found.factors:
+        values = {format_level(row.values[path]): row.values[path] for row in found.rows}
+        labels = list(values)
+        if all(isinstance(value, int | float) for value in values.values()):
+            labels.sort(key=lambda label: float(values[label]))
+        several = len(labels) > _MOST_VALUES
+        told.append((path, f"{len(labels)} values, {labels[0]} to {labels[-1]}" if several else ", ".join(labels)))
+    return told
+
+
+def _find_best(found: Sweep, region: str) -> list[list[str]]:
+    """Return where each quantity has its least rms error."""
+    lines = []
+    for quantity in list_plotted_quantities(found):
+        try:
+            row = found.best(quantity, "rms", region=region)
+        except KeyError:
+            continue
+        where = ", ".join(f"{path} = {format_level(value)}" for path, value in row.values.items())
+        scene = f"{row.scene}: " if len(found.scenes) > 1 else ""
+        method = [row.method] if len(found.methods) > 1 else []
+        lines.append([get_title(quantity), _number(row.number), _interval(row), row.unit, scene + where, *method])
+    return lines
+
+
+def _lines(found: Sweep, region: str) -> list[list[str]]:
+    """Return a line for each point, method and quantity."""
+    told: dict[tuple[Any, ...], dict[str, SweepRecord]] = {}
+    bounds: dict[tuple[Any, ...], float] = {}
+    shown = list_plotted_quantities(found)
+    for row in found.rows:
+        if row.region != region or row.seed is not None or row.quantity not in shown:
+            continue
+        at = tuple(format_level(value) for value in row.values.values())
+        if not row.is_bound:
+            told.setdefault((*at, row.scene, row.method, row.quantity), {})[row.statistic] = row
+        elif row.statistic == "rms":
+            of = row.method.removeprefix("bound").removeprefix(" of ")
+            bounds[(*at, row.scene, of, row.quantity)] = row.number
+    lines = []
+    for key, rows in told.items():
+        *values, scene, method, quantity = key
+        alone = bounds.get((*values, scene, "", quantity), math.nan)
+        bound = bounds.get((*values, scene, method, quantity), alone)
+        numbers = {name: _number(row.number) for name, row in rows.items()}
+        cells = [numbers.get(name, "–") for name in ("bias", "std", "median", "density")]
+        interval = _interval(rows["rms"]) if "rms" in rows else "–"
+        lines.append(
+            [
+                *values,
+                scene,
+                method,
+                quantity,
+                numbers.get("rms", "–"),
+                interval,
+                *cells,
+                _number(bound),
+                get_units(quantity),
+            ]
+        )
+    return lines
+
+
+def _interval(row: SweepRecord) -> str:
+    return f"{_number(row.low)} to {_number(row.high)}" if math.isfinite(row.low) else "–"
+
+
+def _number(value: float) -> str:
+    return format_short(value) if math.isfinite(value) else "–"

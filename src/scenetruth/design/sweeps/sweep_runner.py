@@ -1,0 +1,319 @@
+"""Runs a sweep: validation before any work, simulations by workers, result and report; resumable."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shlex
+import tempfile
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from scenetruth.benchmark.method_specs import MethodLike as GivenMethod
+from scenetruth.benchmark.method_specs import MethodSpec, parse_methods
+from scenetruth.dataset.scheduler import for_each
+from scenetruth.dataset.worker_setup import collect_versions
+from scenetruth.design.sweeps.aggregation import collect_result
+from scenetruth.design.sweeps.factors import format_level
+from scenetruth.design.sweeps.point_simulation import BOUND, SweepTask, methods_from_scene, run_sweep_task
+from scenetruth.design.sweeps.sweep_plan import SweepError, SweepPlan, SweepScene, build_plan
+from scenetruth.design.sweeps.sweep_result import Sweep
+from scenetruth.errors import EstimateError, OutputExistsError, Problem, SceneError
+from scenetruth.output import lock_output, remove_leftovers, write_atomically
+from scenetruth.progress import Progress
+from scenetruth.resources import Limits
+from scenetruth.scene import Scene
+from scenetruth.scene.field_paths import assign
+
+__all__ = ["INDEX", "assign_backends", "refuse_impossible_points", "refuse_methods", "sweep"]
+
+
+_MOST_LISTED = 20
+
+
+def refuse_methods(contestants: Sequence[MethodSpec], workers: int) -> None:
+    """Refuse methods that are called as bounds are, and those that other processes cannot be given.
+
+    Parameters
+    ----------
+    contestants
+        The methods.
+    workers
+        How many other processes there are.
+
+    Raises
+    ------
+    EstimateError
+        With each of them.
+    """
+    problems = []
+    for one in contestants:
+        if one.label.split(" ")[0] == BOUND:
+            problems.append(Problem("methods", "is what the bound of noise is called; give another label", one.label))
+        if not workers:
+            continue
+        try:
+            pickle.dumps(one)
+        except Exception as error:  # whatever pickling raises
+            message = f"cannot be sent to another process ({error}); give 'module:function', or workers=0"
+            problems.append(Problem("methods", message, one.label))
+    if problems:
+        raise EstimateError(problems)
+
+
+def assign_backends(plan: SweepPlan) -> SweepPlan:
+    """Return the plan with scenes that say what renders them, so that every process renders alike."""
+    from scenetruth.render import choose_renderer
+    from scenetruth.scene.built_scene import build_scene
+
+    plains = []
+    for number, plain in enumerate(plan.plains):
+        own = [place for places in plan.places[number] for place in places]
+        if plain["render"]["backend"] == "auto" and not any(f"{place}.".startswith("render.") for place in own):
+            changed = json.loads(json.dumps(plain))
+            scenes = [plan.scene(place * plan.each) for place, point in enumerate(plan.points) if point.scene == number]
+            with choose_renderer(scenes[0], build_scene(scenes[0], painted=False)).renderer as renderer:
+                name = renderer.name
+            if name == "raycast" or any(scene.needs_rays for scene in scenes):
+                assign(changed, "render.backend", "raycast")
+            else:
+                assign(changed, "render.backend", "pyrender")
+                assign(changed, "render.platform", name.partition("(")[2].rstrip(")") or "auto")
+            plain = changed
+        plains.append(plain)
+    return replace(plan, plains=tuple(plains))
+
+
+def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: Progress | None) -> None:
+    """Refuse points whose scene passes a bound, shows nothing, or cannot be estimated by a method.
+
+    Parameters
+    ----------
+    job
+        The simulations.
+    numbers
+        Those that are to be made.
+    progress
+        Called with (what, done, total).
+
+    Raises
+    ------
+    SweepError
+        With every reason, at the first point that has it.
+    """
+    from scenetruth.estimators import find_method, requirements, validate_settings
+    from scenetruth.provenance import blank_recording
+    from scenetruth.resources import refuse_beyond_limits
+    from scenetruth.scene.built_scene import build_scene
+    from scenetruth.scene.scene_report import check_scene
+
+    plan, problems = job.plan, dict[tuple[str, str], Problem]()
+    points = sorted({number - number % plan.each for number in numbers})
+    for done, number in enumerate(points):
+        if progress is not None:
+            progress("checks", done, len(points))
+        scene = plan.scene(number)
+        where = job.told(number).rpartition(", seed")[0]
+        wrong: list[Problem] = []
+        try:
+            refuse_beyond_limits(scene, job.limits)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                check_scene(scene, build_scene(scene, painted=False))
+        except SceneError as error:
+            wrong += error.problems
+        blank = blank_recording(scene)
+        for one in job.contestants or methods_from_scene(scene):
+            method = find_method(one.method)
+            wrong += requirements(blank, method, validate_settings(method, one.settings))
+        for problem in wrong:
+            told = Problem(problem.path, f"{problem.message}; at {where}", problem.value)
+            problems.setdefault((problem.path, problem.message), told)
+        if len(problems) >= _MOST_LISTED:
+            break
+    if progress is not None and points:
+        progress("checks", len(points), len(points))
+    if problems:
+        raise SweepError(list(problems.values()))
+
+
+INDEX = "sweep.json"
+"""What a folder of a sweep is known by."""
+
+
+def sweep(
+    scenes: SweepScene | Sequence[SweepScene],
+    vary: Mapping[str, Any],
+    methods: Iterable[GivenMethod] | GivenMethod | None = None,
+    folder: str | Path | None = None,
+    *,
+    seeds: int | Sequence[int] = 3,
+    sobol: int = 0,
+    overrides: Sequence[str] = (),
+    workers: int = 0,
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> Sweep:
+    """Simulate, estimate and score scenes over what varies.
+
+    Every combination of values is a point. A point is simulated with every seed, of textures, noise and errors of the
+    stage; seeds are the same at every point, so that differences between points are due to what varies. What is done
+    stays in the folder, and is not done again: with more values, points or seeds, only these are made.
+
+    Parameters
+    ----------
+    scenes
+        One or several: scenes, plain values, or files.
+    vary
+        What varies: values by path of a field, with ``*`` for every one. Values are a list, or a text as on the command
+        line: ``"1,2,5"``; ``"1..10:4"``, four values; ``"1..10:4log"``, on a logarithmic scale; ``"1..10"`` or
+        ``"1..10:log"``, filled by Sobol's points.
+    methods
+        As of `scenetruth.compare`; every scene's own method if not given.
+    folder
+        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``plots/``, and a file
+        for each simulation. If not given, nothing is kept.
+    seeds
+        How many, the scene's own seed being the first; or a list of them.
+    sobol
+        How many points fill the ranges that have no number of values.
+    overrides
+        Changes of the scenes that hold at every point, as of `scenetruth.load_scene`: ``"camera.width=320"``.
+    workers
+        Processes of this machine, of one thread each; 0 does all in this one.
+    limits
+        Bounds of what a scene may ask for; those by default if not given.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Sweep
+        All figures.
+
+    Raises
+    ------
+    RecipeError
+        If what varies cannot be: paths that lead nowhere or vary nothing, values that make no scene. Lists all.
+    SceneError
+        If a scene is none.
+    EstimateError
+        If there is no such method, a setting is impossible, or a function cannot be sent to another process.
+    OutputExistsError
+        If the folder holds something else.
+
+    See Also
+    --------
+    compare : Methods over the cases of the metrology suite.
+
+    Examples
+    --------
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
+    >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2}, "frames": {"count": 3}, "render": {"backend": "raycast"}}
+    >>> scene |= {"sensor": {"noise_std": 0.01}, "score": {"interior_margin_px": 0}}
+    >>> found = sweep(scene, {"stage.baseline_mm": [2, 4]}, "structure_tensor", seeds=2)
+    >>> found.best("depth").values
+    {'stage.baseline_mm': 4}
+    """
+    contestants = [] if methods is None else parse_methods(methods)
+    plan = build_plan(scenes, vary, seeds, sobol, overrides=overrides, own_methods=not contestants)
+    refuse_methods(contestants, workers)
+    with ExitStack() as stack:
+        if folder is None:
+            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
+        else:
+            place = Path(folder)
+            _begin(place)
+            stack.enter_context(lock_output(place / "run"))
+            remove_leftovers(place / "points")
+        plan = assign_backends(plan)
+        versions = tuple(sorted(collect_versions().items()))
+        job = SweepTask(str((place / "points").resolve()), plan, tuple(contestants), versions, limits)
+        keys = [job.key(number) for number in range(len(plan))]
+        # Different values may make the same scene.
+        missing = {key: number for number, key in reversed(list(enumerate(keys))) if not job.is_done(key)}
+        refuse_impossible_points(job, sorted(missing.values()), progress)
+        _announce(job, len(missing), sum(key not in missing for key in keys), notice)
+        done = for_each(
+            sorted(missing.values()),
+            run_sweep_task,
+            (job,),
+            present=len(keys) - len(missing),
+            workers=workers,
+            what="simulations",
+            progress=progress,
+            notice=notice,
+        )
+        found = collect_result(job, keys, {keys[number]: why for number, why in done.failed.items()})
+        if folder is not None:
+            found = replace(found, folder=place)
+            _write(found, job, _command(scenes, vary, seeds, sobol, overrides, contestants))
+    return found
+
+
+def _begin(folder: Path) -> None:
+    """Claim a folder for sweeps."""
+    index = folder / INDEX
+    if index.exists():
+        return
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise OutputExistsError(folder, "exists, and is no folder of a sweep; choose another")
+    (folder / "points").mkdir(parents=True, exist_ok=True)
+    with write_atomically(index) as aside:
+        aside.write_text(json.dumps({"format": 1}) + "\n", encoding="utf-8")
+
+
+def _announce(job: SweepTask, missing: int, kept: int, notice: Callable[[str], None] | None) -> None:
+    plan = job.plan
+    if notice is not None:
+        seeds = f"{plan.each} seed{'s' if plan.each > 1 else ''}"
+        told = f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to be made"
+        notice(told + (f", {kept:,} kept from earlier" if kept else ""))
+
+
+def _write(found: Sweep, job: SweepTask, again: str) -> None:
+    from scenetruth.design.sweeps.static_plots import write_static_plots
+    from scenetruth.design.sweeps.sweep_report import write_sweep_report
+
+    assert found.folder is not None
+    frame = found.to_frame()
+    with write_atomically(found.folder / "results.parquet", overwrite=True) as aside:
+        frame.to_parquet(aside)
+    with write_atomically(found.folder / "results.csv", overwrite=True) as aside:
+        frame.to_csv(aside, index=False)
+    methods = [one.spelled for one in job.contestants]
+    told = {"format": 1, "factors": found.factors, "scenes": found.scenes, "methods": methods, "command": again}
+    with write_atomically(found.folder / INDEX, overwrite=True) as aside:
+        aside.write_text(json.dumps(told, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_static_plots(found, found.folder / "plots")
+    write_sweep_report(found, found.folder, again)
+
+
+def _command(
+    scenes: Any, vary: Mapping[str, Any], seeds: Any, sobol: int, overrides: Sequence[str], contestants: Any
+) -> str:
+    """Return the command that makes the sweep again; an empty text if scenes or methods are not files and names."""
+    files = [scenes] if isinstance(scenes, str | Path) else scenes
+    if isinstance(files, Mapping | Scene) or not all(isinstance(file, str | Path) for file in files):
+        return ""
+    if not all(isinstance(one.method, str) for one in contestants):
+        return ""
+    words = ["scenetruth", "design", "sweep", *map(str, files)]
+    for path, values in vary.items():
+        words += ["--vary", f"{path}={values if isinstance(values, str) else ','.join(map(format_level, values))}"]
+    for one in contestants:
+        words += ["--method", one.spelled]
+    for override in overrides:
+        words += ["--set", override]
+    words += ["--seeds", str(seeds) if isinstance(seeds, int) else ",".join(map(str, seeds))]
+    words += ["--sobol", str(sobol)] if sobol else []
+    return shlex.join([*words, "-o", "again"])

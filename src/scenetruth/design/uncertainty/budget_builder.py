@@ -1,0 +1,406 @@
+"""The uncertainty budget of a scene: every source alone, predicted, and the largest of them simulated."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+from scenetruth.dataset.scheduler import for_each
+from scenetruth.dataset.worker_setup import collect_versions
+from scenetruth.design.uncertainty.contributions import (
+    BudgetTable,
+    Figures,
+    aggregate_runs,
+    compute_contributions,
+    compute_explained_fraction,
+    predict_contributions,
+    predict_for_seeds,
+)
+from scenetruth.design.uncertainty.observation_model import Mask, ObservationModel, build_observation_model
+from scenetruth.design.uncertainty.propagation import MODELLED, Propagation, select_propagation
+from scenetruth.design.uncertainty.simulation_runs import (
+    BudgetTask,
+    ErrorMaps,
+    SimulationRun,
+    perform_run,
+    read_run,
+    select_optical_sources,
+    simulate_run,
+    suppress_warnings,
+)
+from scenetruth.design.uncertainty.source import (
+    CalibrationLike,
+    UncertaintySource,
+    active_sources,
+    all_sources,
+    contrast_sources,
+    resolve_calibration,
+)
+from scenetruth.design.uncertainty.sources.imaging import SensorSource
+from scenetruth.design.uncertainty.uncertainty_budget import Budget
+from scenetruth.errors import EstimateError, OutputExistsError, Problem, RecipeError, SceneError
+from scenetruth.estimators.registry import choose
+from scenetruth.output import lock_output, write_atomically
+from scenetruth.plain_data import parse_json
+from scenetruth.progress import Progress
+from scenetruth.scene import Scene, load_scene, scene_from_plain
+
+__all__ = ["INDEX", "budget"]
+
+INDEX = "budget.json"
+"""What a folder of a budget is known by."""
+
+
+def budget(
+    scene: Scene | Mapping[str, Any] | str | Path,
+    folder: str | Path | None = None,
+    *,
+    method: str | Mapping[str, Any] | None = None,
+    calibration: CalibrationLike = "typical",
+    draws: int = 4,
+    confirm: float = 0.9,
+    workers: int = 0,
+    region: str = "interior",
+    progress: Progress | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> Budget:
+    """Find out which error of depth, motion and growth comes from where, in a scene and by a method.
+
+    The part of a cause is what the estimate changes by, pixel by pixel, when this cause alone is switched on. What
+    ideal images leave (slanted and curved surfaces, edges, the method's own bias) counts once. All parts are predicted
+    by propagation; the largest are simulated, until they make up a share ``confirm`` of the sum of squares, and so is
+    the scene with everything on. What is done stays in the folder, and is not done again.
+
+    Parameters
+    ----------
+    scene
+        The scene with all its imperfections: a scene, plain values, or a file.
+    folder
+        Where runs, table and pictures are kept; if not given, nothing is.
+    method
+        A method's name, or a mapping of ``method`` and its settings; that of the scene if not given.
+    calibration
+        Standard deviations of focal length, principal point and baseline as the method is told them: ``"typical"``,
+        ``"perfect"``, a `Calibration`, or a mapping of its fields.
+    draws
+        How many seeds are simulated: of the stage's errors, the sensor's noise, the calibration's errors, and of
+        textures that are random. The first is the scene's own.
+    confirm
+        Share of the sum of squares that is simulated; 1 for all causes, 0 for those alone that cannot be predicted.
+    workers
+        Processes of this machine, of one thread each; 0 does all in this one.
+    region
+        Where the figures of the page and the picture are from: ``"all"``, ``"interior"``, or ``"object_NAME"``. The
+        table and what is returned have all regions.
+    progress
+        Called with (what, done, total).
+    notice
+        Called with lines that a user may want to read.
+
+    Returns
+    -------
+    Budget
+        All figures.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be made, or has several rows of cameras.
+    EstimateError
+        If there is no such method, or ideal images cannot be estimated by it.
+    RecipeError
+        If an argument is impossible.
+    OutputExistsError
+        If the folder holds the budget of another scene, or something else.
+
+    See Also
+    --------
+    predict : What noise alone leaves, from theory.
+    sweep : Errors over whatever varies.
+    scenetruth.design.uncertainty.Calibration : How well the calibration is known.
+
+    Examples
+    --------
+    A stage that yaws by 20 µrad, and a focal length known to 0.1 %; what can be predicted is not simulated:
+
+    >>> from scenetruth.design.uncertainty import budget
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
+    >>> scene |= {"frames": {"count": 3}, "render": {"backend": "raycast"}, "score": {"interior_margin_px": 0}}
+    >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2.2, "errors": {"yaw_urad": 20}}}
+    >>> scene |= {"sensor": {"noise_std": 0.002, "bit_depth": 12}}
+    >>> known = {"focal_length_percent": 0.1}
+    >>> found = budget(scene, method="structure_tensor", calibration=known, draws=1, confirm=0)
+    >>> for part in found.of("depth")[:3]:
+    ...     print(f"{part.title}, {part.size}: {part.figure:.2f} {part.unit}")
+    yaw of the stage, 20 µrad: 1.61 mm
+    focal length, 0.1 %: 0.50 mm
+    noise of the sensor, 0.2 % of full scale: 0.12 mm
+    """
+    whole, problems = _load_scene(scene), []
+    if not isinstance(draws, int) or not 1 <= draws <= _MAX_SEEDS:
+        problems.append(Problem("draws", f"must be a whole number, 1 to {_MAX_SEEDS}", draws))
+    if not 0 <= confirm <= 1:
+        problems.append(Problem("confirm", "must be a share, 0 to 1", confirm))
+    regions = ["all", "interior", *(f"object_{item.name}" for _, item in whole.parts)]
+    if region not in regions:
+        problems.append(Problem("region", f"must be one of {', '.join(regions)}", region))
+    try:
+        known = resolve_calibration(calibration)
+    except RecipeError as error:
+        problems += error.problems
+    if problems:
+        raise RecipeError(problems, source="an error budget")
+    if whole.stage.rows > 1:
+        message = "the budget is of one row of positions; leave rows out"
+        raise SceneError([Problem("stage.rows", message, whole.stage.rows)])
+    chosen = _choose_method(whole, method)
+    whole = whole.model_copy(update={"estimate": chosen})
+    causes = active_sources(whole, known)
+    with ExitStack() as stack:
+        if folder is None:
+            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
+        else:
+            place = Path(folder)
+            _claim_folder(place, whole, known.model_dump())
+            stack.enter_context(lock_output(place / "run"))
+        job = BudgetTask(
+            str((place / "runs").resolve()),
+            json.dumps(whole.to_plain()),
+            chosen.method,
+            json.dumps(chosen.settings.model_dump(mode="json")),
+            known,
+            (),
+            tuple(sorted(collect_versions().items())),
+        )
+        work = _Work(job, causes, draws, workers, progress, notice)
+        parts, totals = compute_contributions(work.done(confirm))
+        told = Budget(
+            scene=whole.description,
+            method=chosen.method,
+            draws=draws,
+            remedies=_mitigations(whole, work.known, causes),
+            failures=work.failures,
+            folder=None if folder is None else place,
+            parts=parts,
+            totals=totals,
+        )
+        if folder is not None:
+            _write(told, place, region)
+    return told
+
+
+_MAX_SEEDS = 1000
+
+
+class _Work:
+    """The work on one budget."""
+
+    def __init__(
+        self,
+        job: BudgetTask,
+        causes: Sequence[UncertaintySource],
+        draws: int,
+        workers: int,
+        progress: Progress | None,
+        notice: Callable[[str], None] | None,
+    ) -> None:
+        self.job, self.causes, self.known = job, causes, job.calibration
+        self.scene = job.scene
+        self.seeds = [self.scene.seed + k for k in range(draws)]
+        self.contrast = tuple(sorted(contrast_sources(causes)))
+        self.everything = tuple(sorted(one.kind for one in causes))
+        self._options: dict[str, Any] = {"workers": workers, "progress": progress, "notice": notice}
+        self.failures: list[str] = []
+        self._kept: dict[SimulationRun, ErrorMaps] = {}
+
+    def done(self, confirm: float) -> BudgetTable:
+        """Simulate, predict and gather.
+
+        Parameters
+        ----------
+        confirm
+            Share of the sum of squares that is simulated.
+        """
+        base = [(), *([self.contrast] if self.contrast else []), *([self.everything] if self.everything else [])]
+        self._simulate(list(dict.fromkeys(base)))
+        if self._read((), self.seeds[0]) is None:
+            raise EstimateError([Problem("scene", line) for line in self.failures], source="ideal images of the scene")
+        modelled = self.scene.estimate.method in MODELLED and len(self.scene.stage.s) > 1
+        figures = self._predicted() if modelled else {}
+        gathered = aggregate_runs(self._read, self.seeds, self.scene, self.known, figures)
+        names = self._worth(gathered, confirm) if modelled else [one.kind for one in self.causes]
+        sets = {kind: self._beside(kind) for kind in names}
+        self._simulate([*dict.fromkeys(sets.values())])
+        drawn = self._drawn(names) if modelled else {}
+        shares = self._remembered("explained", self._explain) if modelled else {}
+        return replace(gathered, sets=sets, drawn=drawn, everything=self.everything, explained=shares)
+
+    def _beside(self, kind: str) -> tuple[str, ...]:
+        """Return what is on where a cause is looked at: in the sensor, what changes the looks of images stays on."""
+        beside = self.contrast if isinstance(all_sources()[kind], SensorSource) else ()
+        return tuple(sorted({kind, *beside}))
+
+    def _simulate(self, sets: Sequence[tuple[str, ...]]) -> None:
+        runs = tuple(SimulationRun(kinds, seed, draw) for draw, seed in enumerate(self.seeds) for kinds in sets)
+        # Those of the same view follow each other; that of the first seed without errors is needed next.
+        runs = tuple(sorted(runs, key=lambda run: (run.draw, select_optical_sources(run.kinds)), reverse=True))
+        job = replace(self.job, runs=runs)
+        missing = [number for number, run in enumerate(runs) if not job.path(run).exists()]
+        done = for_each(
+            missing,
+            perform_run,
+            (job,),
+            present=len(runs) - len(missing),
+            what="runs",
+            **self._options,
+        )
+        self.failures += [line for line in done.failed.values() if line not in self.failures]
+
+    def _read(self, kinds: tuple[str, ...], seed: int) -> Any:
+        run = SimulationRun(kinds, seed, seed - self.seeds[0])
+        if run not in self._kept:
+            if not self.job.path(run).exists():
+                return None
+            self._kept[run] = read_run(self.job, run)
+        return self._kept[run]
+
+    @cached_property
+    def _seen(self) -> tuple[ObservationModel, Propagation | None, dict[str, Mask]]:
+        """What is seen of the scene, the model of the method, and the regions."""
+        run = SimulationRun(self.contrast, self.seeds[0], 0)
+        maps = self._read(run.kinds, run.seed)
+        if maps is None:
+            told = [Problem("scene", line) for line in self.failures]
+            raise EstimateError(told, source="images of the scene with its lens and light")
+        with suppress_warnings():
+            recording, truth = simulate_run(self.job, run)
+            sight = build_observation_model(self.scene, recording, truth, maps.known)
+            regions = {name: mask & maps.known for name, mask in maps.regions.items()}
+            return sight, select_propagation(sight, self.scene.estimate.settings), regions
+
+    def _predicted(self) -> dict[str, Figures]:
+        surfaces = [one for one in all_sources().values() if one.of_surface]
+        found = {}
+        for number, one in enumerate((*self.causes, *surfaces)):
+            self._tell("predicted", number, len(self.causes) + len(surfaces))
+            found[one.kind] = self._remembered(f"{one.kind}", partial(self._predict, one))
+        self._tell("predicted", len(found), len(found))
+        return found
+
+    def _predict(self, cause: UncertaintySource) -> Figures:
+        sight, propagation, regions = self._seen
+        assert propagation is not None  # without a model, nobody asks
+        with suppress_warnings():
+            return predict_contributions(cause, sight, propagation, self.known, regions)
+
+    def _explain(self) -> Figures:
+        sight, propagation, regions = self._seen
+        left = self._read((), self.seeds[0])
+        assert propagation is not None
+        assert left is not None  # else there would be no budget
+        with suppress_warnings():
+            return compute_explained_fraction(sight, propagation, left, regions)
+
+    def _drawn(self, names: Sequence[str]) -> dict[str, Figures]:
+        return {
+            kind: self._remembered(
+                f"{kind}, {len(self.seeds)} draws", partial(self._predict_drawn, all_sources()[kind])
+            )
+            for kind in names
+        }
+
+    def _predict_drawn(self, cause: UncertaintySource) -> Figures:
+        sight, propagation, regions = self._seen
+        assert propagation is not None
+        with suppress_warnings():
+            return predict_for_seeds(cause, sight, propagation, self.known, regions, self.seeds)
+
+    def _remembered(self, name: str, make: Callable[[], Figures]) -> Figures:
+        """Return figures that are kept in a file, whole or not at all."""
+        path = self.job.path(SimulationRun(self.everything, self.seeds[0], 0)).with_suffix("")
+        path = path.parent / "predicted" / path.name / f"{name}.json"
+        try:
+            return {(quantity, region): value for quantity, region, value in parse_json(path.read_bytes())}
+        except (OSError, ValueError, TypeError):
+            pass
+        found = make()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with write_atomically(path, overwrite=True) as aside:
+            aside.write_text(json.dumps([[*key, value] for key, value in found.items()]), encoding="utf-8")
+        return found
+
+    def _tell(self, what: str, done: int, total: int) -> None:
+        if self._options["progress"] is not None:
+            self._options["progress"](what, done, total)
+
+    def _worth(self, gathered: BudgetTable, confirm: float) -> list[str]:
+        """Return the causes that are worth a simulation."""
+        wanted = {one.kind for one in self.causes if one.coarse and confirm > 0}
+        for quantity, region in gathered.places:
+            squares = {one.kind: gathered.predicted_square(one.kind, quantity, region) for one in self.causes}
+            wanted |= {kind for kind, square in squares.items() if not math.isfinite(square)}
+            known = {kind: square for kind, square in squares.items() if math.isfinite(square)}
+            # What ideal images leave is simulated already.
+            sure = gathered.ideal_square(quantity, region)
+            total = sure + sum(known.values())
+            for kind, square in sorted(known.items(), key=lambda pair: -pair[1]):
+                if sure >= confirm * total:
+                    break
+                wanted.add(kind)
+                sure += square
+        return [one.kind for one in self.causes if one.kind in wanted]
+
+
+def _load_scene(given: Any) -> Scene:
+    if isinstance(given, Scene):
+        return given
+    return scene_from_plain(given) if isinstance(given, Mapping) else load_scene(given)
+
+
+def _choose_method(scene: Scene, given: str | Mapping[str, Any] | None) -> Any:
+    if given is None or given == scene.estimate.method:
+        return scene.estimate
+    return choose({"method": given} if isinstance(given, str) else given)
+
+
+def _mitigations(scene: Scene, calibration: Any, causes: Sequence[UncertaintySource]) -> dict[str, Any]:
+    surfaces = [one for one in all_sources().values() if one.of_surface]
+    found = {one.kind: one.remedy(scene, calibration) for one in (*causes, *surfaces)}
+    return {kind: remedy for kind, remedy in found.items() if remedy is not None}
+
+
+def _claim_folder(folder: Path, scene: Scene, calibration: dict[str, Any]) -> None:
+    """Claim a folder for a budget, or find that it is one of the same scene."""
+    index = folder / INDEX
+    wanted = json.loads(json.dumps({"format": 1, "scene": scene.to_plain(), "calibration": calibration}))
+    if index.exists():
+        try:
+            there = parse_json(index.read_bytes())
+        except ValueError as error:
+            raise OutputExistsError(index, f"is damaged: {error}; choose another folder") from error
+        if there != wanted:
+            raise OutputExistsError(folder, "holds the budget of another scene, method or calibration; choose another")
+        return
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise OutputExistsError(folder, "exists, and is no folder of a budget; choose another")
+    folder.mkdir(parents=True, exist_ok=True)
+    with write_atomically(index) as aside:
+        aside.write_text(json.dumps(wanted, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _write(found: Budget, folder: Path, region: str) -> None:
+    from scenetruth.design.uncertainty.budget_report import write_page, write_waterfall
+
+    with write_atomically(folder / "budget.csv", overwrite=True) as aside:
+        found.to_frame().to_csv(aside, index=False)
+    write_waterfall(found, folder / "waterfall.png", region)
+    write_page(found, folder, region)

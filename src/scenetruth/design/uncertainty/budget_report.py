@@ -1,0 +1,362 @@
+"""The report of an uncertainty budget: waterfall charts, and a page that needs no network."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scenetruth.design.uncertainty.simulation_runs import GROWTH
+from scenetruth.design.uncertainty.uncertainty_budget import number, unit_text
+from scenetruth.html import Chart, HtmlCell, HtmlTable, plotly_script, script_json, template_environment
+from scenetruth.output import write_atomically
+from scenetruth.scoring.quantities import get_title
+
+if TYPE_CHECKING:
+    from scenetruth.design.uncertainty.uncertainty_budget import Budget
+
+__all__ = [
+    "COLOURS",
+    "PAGE_NAME",
+    "SHOWN_QUANTITIES",
+    "WaterfallBar",
+    "compute_bars",
+    "make_waterfalls",
+    "write_page",
+    "write_waterfall",
+]
+
+
+SHOWN_QUANTITIES = ("depth", "velocity_x", "velocity_z", GROWTH)
+"""The quantities that are drawn."""
+COLOURS = {"images": "#0072B2", "stage": "#D55E00", "calibration": "#009E73", "surface": "#CC79A7"}
+"""Colours of groups of causes that people with colour blindness tell apart (M. Okabe and K. Ito, 2008)."""
+_TITLES = {"images": "images", "stage": "stage and shutter", "calibration": "calibration", "surface": "surface, method"}
+# Of the sum of squares: what is less is drawn together.
+_LEAST = 1e-3
+
+
+@dataclass(frozen=True)
+class WaterfallBar:
+    """A bar of the waterfall.
+
+    Parameters
+    ----------
+    title
+        What it stands for.
+    group
+        The causes that it belongs to; empty for several.
+    start, end
+        Root of the sum of squares before it and with it.
+    figure
+        The part alone.
+    simulated
+        Whether it was simulated.
+    """
+
+    title: str
+    group: str
+    start: float
+    end: float
+    figure: float
+    simulated: bool
+
+
+def compute_bars(found: Budget, quantity: str, region: str = "interior") -> list[WaterfallBar]:
+    """Return the bars of a waterfall, the largest part first; what is hardly seen is one bar.
+
+    Parts add up by their squares: every bar reaches from the root of the sum before it to that with it.
+
+    Parameters
+    ----------
+    found
+        The budget.
+    quantity, region
+        What and where.
+    """
+    from scenetruth.design.uncertainty.source import all_sources
+
+    parts = [one for one in found.of(quantity, region) if math.isfinite(one.figure) and one.figure > 0]
+    whole = sum(one.figure**2 for one in parts)
+    steps: list[WaterfallBar] = []
+    before, small = 0.0, 0.0
+    for one in parts:
+        if one.figure**2 < _LEAST * whole and steps:
+            small += one.figure**2
+            continue
+        after = before + one.figure**2
+        group = all_sources()[one.cause].group
+        sure = math.isfinite(one.simulated) or group == "surface"
+        steps.append(WaterfallBar(one.title, group, math.sqrt(before), math.sqrt(after), one.figure, sure))
+        before = after
+    if small > 0:
+        count = len(parts) - len(steps)
+        title = f"{count} smaller part{'s' if count > 1 else ''}"
+        steps.append(WaterfallBar(title, "", math.sqrt(before), math.sqrt(before + small), math.sqrt(small), False))
+    return steps
+
+
+def _finite(*values: float) -> list[float]:
+    return [value for value in values if math.isfinite(value)]
+
+
+def _shown_quantities(found: Budget, region: str) -> list[str]:
+    there = {one.quantity for one in found.totals if one.region == region}
+    return [quantity for quantity in SHOWN_QUANTITIES if quantity in there and compute_bars(found, quantity, region)]
+
+
+def _heading(quantity: str) -> str:
+    return "Growth" if quantity == GROWTH else get_title(quantity)
+
+
+def write_waterfall(found: Budget, path: Path, region: str = "interior") -> None:
+    """Draw the waterfalls of depth, motion and growth into a PNG.
+
+    Parameters
+    ----------
+    found
+        The budget.
+    path
+        The picture.
+    region
+        Where.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    drawn = _shown_quantities(found, region)
+    steps = {quantity: compute_bars(found, quantity, region) for quantity in drawn}
+    heights = [len(one) + 3.2 for one in steps.values()]
+    figure = Figure(figsize=(9.0, 0.34 * sum(heights) + 0.7), layout="constrained", dpi=110)
+    axes = figure.subplots(max(len(drawn), 1), 1, squeeze=False, height_ratios=heights or None)[:, 0]
+    for axis, quantity in zip(axes, drawn, strict=False):
+        _draw(axis, found, quantity, steps[quantity], region)
+    patches = [Patch(color=colour, label=_TITLES[group]) for group, colour in COLOURS.items()]
+    patches.append(Patch(color="#888888", alpha=0.45, label="pale: predicted, not simulated"))
+    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), fontsize=9, frameon=False)
+    with write_atomically(path, overwrite=True) as aside:
+        figure.savefig(aside, format="png")
+
+
+def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], region: str) -> None:
+    """Draw one waterfall."""
+    from matplotlib.ticker import MaxNLocator
+
+    total, last = found.total(quantity, region), len(steps)
+    bars = [(step.start, step.end, COLOURS.get(step.group, "#888888"), step.simulated, step.figure) for step in steps]
+    for place, (start, end, colour, sure, figure) in enumerate(
+        [*bars, (0.0, total.parts, "#444444", True, total.parts)]
+    ):
+        axis.barh(place, end - start, left=start, color=colour, alpha=1.0 if sure else 0.45, height=0.7)
+        # In front of the line, and of what is behind it.
+        axis.annotate(
+            number(figure),
+            (end, place),
+            (6, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=9,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            zorder=5,
+        )
+    if math.isfinite(total.simulated):
+        axis.axvline(total.simulated, color="black", linestyle="--", linewidth=1)
+        axis.annotate(
+            f"everything on, simulated: {number(total.simulated)}",
+            (total.simulated, 1.0),
+            (0, 3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="right",
+            fontsize=9,
+        )
+    axis.set_yticks(range(last + 1), [*(step.title for step in steps), "root of the sum of squares"], fontsize=9)
+    axis.invert_yaxis()
+    axis.set_xlim(0, 1.16 * max(total.parts, total.simulated if math.isfinite(total.simulated) else 0))
+    axis.xaxis.set_major_locator(MaxNLocator(6))
+    axis.set_title(f"{_heading(quantity)}, {unit_text(total.unit)}", loc="left", fontsize=11, pad=14)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+
+
+def make_waterfalls(found: Budget, region: str = "interior") -> list[Chart]:
+    """Return the waterfalls of depth, motion and growth as charts of a page.
+
+    Parameters
+    ----------
+    found
+        The budget.
+    region
+        Where.
+    """
+    return [_make_chart(found, quantity, region) for quantity in _shown_quantities(found, region)]
+
+
+def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
+    total, steps = found.total(quantity, region), compute_bars(found, quantity, region)
+    unit = unit_text(total.unit)
+    titles = [*(step.title for step in steps), "root of the sum of squares"]
+    figures = [*(step.figure for step in steps), total.parts]
+    bar: dict[str, Any] = {
+        "type": "bar",
+        "orientation": "h",
+        "y": titles,
+        "x": [*(step.end - step.start for step in steps), total.parts],
+        "base": [*(step.start for step in steps), 0.0],
+        "marker": {
+            "color": [*(COLOURS.get(step.group, "#888888") for step in steps), "#444444"],
+            "opacity": [*(1.0 if step.simulated else 0.45 for step in steps), 1.0],
+        },
+        "text": [number(one) for one in figures],
+        "textposition": "outside",
+        "cliponaxis": False,
+        "customdata": [
+            f"{number(step.figure)} {unit}, {'simulated' if step.simulated else 'predicted'}" for step in steps
+        ]
+        + [f"{number(total.parts)} {unit}"],
+        "hovertemplate": "%{y}: %{customdata}<extra></extra>",
+        "showlegend": False,
+    }
+    layout: dict[str, Any] = {
+        "title": {"text": f"{_heading(quantity)}, {unit}"},
+        "yaxis": {"autorange": "reversed", "automargin": True},
+        # Room for numbers behind the bars, also on a phone.
+        "xaxis": {"range": [0, 1.5 * max([total.parts, *_finite(total.simulated)])], "exponentformat": "none"},
+        "height": 150 + 32 * len(titles),
+        "margin": {"l": 10, "r": 20, "t": 60, "b": 30},
+    }
+    if math.isfinite(total.simulated):
+        layout["shapes"] = [
+            {
+                "type": "line",
+                "x0": total.simulated,
+                "x1": total.simulated,
+                "y0": 0,
+                "y1": 1,
+                "yref": "paper",
+                "layer": "below",
+                "line": {"dash": "dash", "width": 1.5, "color": "#000000"},
+            }
+        ]
+        layout["annotations"] = [
+            {
+                "x": total.simulated,
+                "y": 1,
+                "yref": "paper",
+                "yanchor": "bottom",
+                "xanchor": "right",
+                "text": f"everything on, simulated: {number(total.simulated)}",
+                "showarrow": False,
+            }
+        ]
+    told = "; ".join(f"{step.title} {number(step.figure)}" for step in steps)
+    alt = f"{_heading(quantity)}, {unit}: {told}; together {number(total.parts)}."
+    return Chart(f"waterfall-{quantity}", alt, [bar], layout)
+
+
+PAGE_NAME = "index.html"
+
+_TEMPLATE = """{% extends "page_with_charts.html.j2" %}
+{% from "parts.html.j2" import plots, sortable %}
+{% block title %}Error budget: {{ found.scene or found.method }}{% endblock %}
+{% block style %}
+tfoot td { color: var(--soft); }
+.charts { grid-template-columns: 1fr; }
+.chart { min-height: 0; }
+{% endblock %}
+{% block header %}
+<h1>Error budget</h1>
+{% endblock %}
+{% block main %}
+<p>{{ found.scene }}{{ "." if found.scene }}
+Method: {{ found.method }}; {{ found.draws }} draw{{ "s" if found.draws > 1 }}; rms over {{ place }}.</p>
+<ul>
+{% for line in words %}
+<li>{{ line }}</li>
+{% endfor %}
+</ul>
+{{ plots(waterfalls) }}
+<p>A part is what the estimate changes by, pixel by pixel, when its cause alone is switched on. Parts add up by their
+squares; every bar reaches from the root of the sum before it to that with it. What ideal images leave counts once, as
+slanted surfaces, curved surfaces and the rest. Pale bars are predicted, full ones simulated.</p>
+<h2>All parts</h2>
+{% for table in tables %}
+{{ sortable(table) }}
+{% endfor %}
+{% for line in found.failures %}
+<p>Not simulated: {{ line }}</p>
+{% endfor %}
+{% endblock %}
+"""
+
+_COLUMNS = ("cause", "size", "part", "predicted", "predicted, drawn", "simulated", "pixels told")
+_REGION_TITLES = {"interior": "the interior", "all": "all that is seen"}
+
+
+def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
+    """Write the page of a budget.
+
+    Parameters
+    ----------
+    found
+        The budget.
+    folder
+        Where it goes.
+    region
+        Where its figures are from.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+    """
+    environment = template_environment("scenetruth")
+    tables = []
+    for quantity in SHOWN_QUANTITIES:
+        parts = found.of(quantity, region)
+        if not parts:
+            continue
+        total = found.total(quantity, region)
+        lines = [
+            [
+                HtmlCell(one.title),
+                # Of several units: nothing to sort numbers by.
+                HtmlCell(one.size),
+                *(_cell(value) for value in (one.figure, one.predicted, one.drawn, one.simulated)),
+                _share(one.seen),
+            ]
+            for one in parts
+        ]
+        foot = [
+            [HtmlCell(text) for text in cells]
+            for cells in (
+                ("root of the sum of squares", "", number(total.parts), "", "", "", ""),
+                ("added up pixel by pixel", "", number(total.added), "", "", "", ""),
+                ("everything on", "", "", "", "", number(total.simulated), _share(total.seen).text),
+            )
+        ]
+        caption = f"{quantity.replace('_', ' ')}, {unit_text(total.unit)}"
+        tables.append(HtmlTable(f"parts-{quantity}", caption, _COLUMNS, lines, foot=foot))
+    waterfalls = make_waterfalls(found, region)
+    text = environment.from_string(_TEMPLATE).render(
+        found=found,
+        place=_REGION_TITLES.get(region, f"the interior of {region.removeprefix('object_')}"),
+        words=found.words(region),
+        waterfalls=waterfalls,
+        tables=tables,
+        plotly=plotly_script(),
+        charts=script_json({one.name: {"data": one.data, "layout": one.layout} for one in waterfalls}),
+    )
+    path = folder / PAGE_NAME
+    with write_atomically(path, overwrite=True) as aside:
+        aside.write_text(text, encoding="utf-8")
+    return path
+
+
+def _cell(value: float) -> HtmlCell:
+    return HtmlCell(number(value), value)
+
+
+def _share(value: float) -> HtmlCell:
+    return HtmlCell(f"{100 * value:.0f} %" if math.isfinite(value) else "–", value)

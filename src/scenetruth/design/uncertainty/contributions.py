@@ -1,0 +1,484 @@
+"""Contributions of the sources of uncertainty: predicted, simulated, and combined."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.design.uncertainty.observation_model import Map, Mask, ObservationModel, compute_growth_error
+from scenetruth.design.uncertainty.propagation import Errors, Propagation
+from scenetruth.design.uncertainty.simulation_runs import BUDGET_QUANTITIES, GROWTH, ErrorMaps
+from scenetruth.design.uncertainty.source import (
+    Calibration,
+    UncertaintySource,
+    active_sources,
+    all_sources,
+    restrict_sources,
+)
+from scenetruth.random_streams import generator_for
+from scenetruth.scene import Scene
+from scenetruth.scoring import get_units
+from scenetruth.scoring.error_pairs import percent_per_hour
+
+__all__ = [
+    "BudgetTable",
+    "CombinedUncertainty",
+    "Contribution",
+    "Figures",
+    "aggregate_runs",
+    "compute_contributions",
+    "compute_explained_fraction",
+    "predict_contributions",
+    "predict_for_seeds",
+    "sort_contributions",
+]
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """What one cause adds to the error of one quantity, rms over the pixels of a region.
+
+    Parameters
+    ----------
+    cause
+        Its kind.
+    title
+        What it is, in words.
+    size
+        How large the cause is in this scene, with its unit.
+    quantity
+        A key of `scenetruth.scoring.QUANTITIES`.
+    region
+        Where.
+    unit
+        Of the figures.
+    predicted
+        By propagation, of one standard deviation of the cause; NaN where no model tells.
+    drawn
+        By propagation, for the very errors that were simulated; NaN where the cause is no draw, or was not simulated.
+    simulated
+        Root of the mean square of what the estimate changes by, pixel by pixel, when the cause is switched on; NaN if
+        it was not simulated, as surfaces, which cannot be switched off.
+    seen
+        Share of the pixels known with ideal images that are known with the cause too; NaN if not simulated.
+    figure
+        What counts: simulated if it was, else predicted; of surfaces, as much of what ideal images leave as goes along
+        with the prediction. NaN if nothing is known.
+    """
+
+    cause: str
+    title: str
+    size: str
+    quantity: str
+    region: str
+    unit: str
+    predicted: float = math.nan
+    drawn: float = math.nan
+    simulated: float = math.nan
+    seen: float = math.nan
+    figure: float = math.nan
+
+
+@dataclass(frozen=True)
+class CombinedUncertainty:
+    """The error of one quantity, rms over the pixels of a region.
+
+    Parameters
+    ----------
+    quantity, region, unit
+        What and where.
+    parts
+        Root of the sum of the squares of all parts, as if they were independent.
+    added
+        Root of the mean square of all that was simulated, added up pixel by pixel with its sign, and of the squares of
+        what was predicted only. Biases may cancel each other; NaN if nothing was simulated but ideal images.
+    simulated
+        The error with everything on; NaN if nothing was told then.
+    ideal
+        The error with ideal images.
+    signal
+        Root of the mean square of the true value.
+    seen
+        Share of the region's pixels that are known with everything on.
+    """
+
+    quantity: str
+    region: str
+    unit: str
+    parts: float
+    added: float
+    simulated: float
+    ideal: float
+    signal: float
+    seen: float
+
+    @property
+    def figure(self) -> float:
+        """What counts: simulated, or the sum of the parts if nothing was told."""
+        return self.simulated if math.isfinite(self.simulated) else self.parts
+
+
+def sort_contributions(parts: Iterable[Contribution], quantity: str, region: str) -> list[Contribution]:
+    """Return the parts of one quantity in one region, the largest first; unknown ones last."""
+    found = [one for one in parts if (one.quantity, one.region) == (quantity, region)]
+    return sorted(found, key=lambda one: -one.figure if math.isfinite(one.figure) else math.inf)
+
+
+Figures = dict[tuple[str, str], float]
+"""Roots of mean squares by quantity and region."""
+
+# Windows of growth take time: of more errors than this, sums with random signs stand for all.
+_MOST_GROWTHS = 4
+
+
+def predict_contributions(
+    cause: UncertaintySource,
+    sight: ObservationModel,
+    propagation: Propagation,
+    calibration: Calibration,
+    regions: Mapping[str, Mask],
+) -> Figures:
+    """Return what one standard deviation of a cause makes of every quantity.
+
+    Parameters
+    ----------
+    cause
+        The cause.
+    sight, propagation
+        The scene, and the model of the method.
+    calibration
+        How well the calibration is known.
+    regions
+        Where, of the pixels that the method tells.
+    """
+    found = list(cause.responses(sight, propagation, calibration))
+    if not found:
+        return {}
+    squares: dict[str, Map] = {}
+    for errors in found:
+        for name, values in errors.items():
+            squares[name] = squares.get(name, np.zeros_like(sight.depth)) + values**2
+    factor = percent_per_hour(sight.intrinsics)
+    if GROWTH in squares:
+        squares[GROWTH] = squares[GROWTH] * factor**2
+    elif "velocity_z" in squares:
+        squares[GROWTH] = _growth(found, sight) * factor**2
+    return _average_over(squares, regions)
+
+
+def predict_for_seeds(
+    cause: UncertaintySource,
+    sight: ObservationModel,
+    propagation: Propagation,
+    calibration: Calibration,
+    regions: Mapping[str, Mask],
+    seeds: Iterable[int],
+) -> Figures:
+    """Return what the very errors that are simulated make of every quantity; nothing if only their size is known."""
+    total: dict[str, Map] = {}
+    count = 0
+    for draw, seed in enumerate(seeds):
+        scene = restrict_sources(sight.scene, (cause.kind,), seed)
+        responses = cause.responses_drawn(sight, propagation, calibration, scene, draw)
+        if responses is None:
+            return {}
+        errors: dict[str, Map] = {}
+        for one in responses:
+            for name, values in one.items():
+                errors[name] = errors.get(name, np.zeros_like(sight.depth)) + values
+        count += 1
+        if GROWTH not in errors and "velocity_z" in errors:
+            errors[GROWTH] = compute_growth_error(sight, _select_motion(errors))
+        if GROWTH in errors:
+            errors[GROWTH] = errors[GROWTH] * percent_per_hour(sight.intrinsics)
+        for name, values in errors.items():
+            total[name] = total.get(name, np.zeros_like(sight.depth)) + values**2
+    return _average_over({name: values / count for name, values in total.items()}, regions)
+
+
+def compute_explained_fraction(
+    sight: ObservationModel, propagation: Propagation, left: ErrorMaps, regions: Mapping[str, Mask]
+) -> Figures:
+    """Return which share of what ideal images leave goes along with what the surface is said to cause.
+
+    Maps are subtracted one after the other, each with the factor that leaves least, at most two.
+
+    Parameters
+    ----------
+    sight, propagation
+        The scene, and the model of the method.
+    left
+        The errors with ideal images.
+    regions
+        Where.
+
+    Returns
+    -------
+    dict
+        Shares of the mean square, by the cause with the quantity, ``"slope depth"``, and the region.
+    """
+    found: Figures = {}
+    maps = {kind: dict(errors) for kind, errors in propagation.own().items()}
+    for errors in maps.values():
+        if GROWTH in left.errors and GROWTH not in errors and "velocity_z" in errors:
+            errors[GROWTH] = compute_growth_error(sight, _select_motion(errors)) * percent_per_hour(sight.intrinsics)
+    for quantity, values in left.errors.items():
+        for region, mask in regions.items():
+            told = [errors[quantity] for errors in maps.values() if quantity in errors]
+            inside = mask & np.isfinite([values, *told]).all(axis=0)
+            rest = values[inside]
+            whole = float(rest @ rest)
+            for kind, errors in maps.items():
+                if quantity not in errors or not whole:
+                    continue
+                along = errors[quantity][inside]
+                square = float(along @ along)
+                factor = min(max(float(rest @ along) / square, 0.0), _MOST_TIMES) if square else 0.0
+                less = rest - factor * along
+                found[f"{kind} {quantity}", region] = max(float(rest @ rest - less @ less), 0.0) / whole
+                rest = less
+    return found
+
+
+# Where a prediction is too small by more, what goes along with it does so by chance.
+_MOST_TIMES = 2.0
+
+
+def _growth(found: list[Errors], sight: ObservationModel) -> Map:
+    """Return the mean square error of growth per frame."""
+    if len(found) <= _MOST_GROWTHS:
+        return np.asarray(sum(compute_growth_error(sight, _select_motion(one)) ** 2 for one in found))
+    generator = generator_for(0, "budget", "signs")
+    total = np.zeros_like(sight.depth)
+    for _ in range(_MOST_GROWTHS):
+        signs: NDArray[np.float64] = generator.choice([-1.0, 1.0], len(found))
+        both = {
+            name: np.asarray(sum(sign * one[name] for sign, one in zip(signs, found, strict=True)))
+            for name in _select_motion(found[0])
+        }
+        total += compute_growth_error(sight, both) ** 2 / _MOST_GROWTHS
+    return total
+
+
+def _select_motion(errors: Errors) -> Errors:
+    return {name: values for name, values in errors.items() if name == "depth" or name.startswith("velocity")}
+
+
+def _average_over(squares: Mapping[str, Map], regions: Mapping[str, Mask]) -> Figures:
+    found: Figures = {}
+    for name, values in squares.items():
+        for region, mask in regions.items():
+            inside = values[mask]
+            inside = inside[np.isfinite(inside)]
+            found[name, region] = math.sqrt(inside.mean()) if inside.size else math.nan
+    return found
+
+
+Reader = Callable[[tuple[str, ...], int], ErrorMaps | None]
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetTable:
+    """What is known of a budget.
+
+    Parameters
+    ----------
+    read
+        Gives the errors of a run by its causes and seed; None if it failed.
+    seeds
+        The seeds.
+    scene, calibration
+        With all causes.
+    predicted, drawn
+        Predictions by cause: for one standard deviation, and for the errors that were drawn.
+    places
+        Quantities and regions.
+    sets
+        Which causes are on where one is looked at, by this one.
+    everything
+        The causes that are on where all are.
+    explained
+        Shares of what ideal images leave that surfaces explain.
+    """
+
+    read: Reader
+    seeds: Sequence[int]
+    scene: Scene
+    calibration: Calibration
+    predicted: Mapping[str, Figures]
+    places: Sequence[tuple[str, str]]
+    drawn: Mapping[str, Figures] = field(default_factory=dict)
+    sets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    everything: tuple[str, ...] = ()
+    explained: Figures = field(default_factory=dict)
+
+    def predicted_square(self, kind: str, quantity: str, region: str) -> float:
+        """Return the square of a prediction; NaN if there is none."""
+        return self.predicted.get(kind, {}).get((quantity, region), math.nan) ** 2
+
+    def ideal_square(self, quantity: str, region: str) -> float:
+        """Return the mean square of what ideal images leave."""
+        return _mean_square(self._errors((), quantity, region))
+
+    def _errors(self, kinds: tuple[str, ...], quantity: str, region: str) -> Iterator[np.ndarray]:
+        for seed in self.seeds:
+            maps = self.read(kinds, seed)
+            if maps is not None and quantity in maps.errors:
+                yield maps.errors[quantity][maps.regions[region]]
+
+
+def aggregate_runs(
+    read: Reader, seeds: Sequence[int], scene: Scene, calibration: Calibration, predicted: Mapping[str, Figures]
+) -> BudgetTable:
+    """Return what is known before causes are simulated.
+
+    Parameters
+    ----------
+    read, seeds, scene, calibration, predicted
+        As of `BudgetTable`.
+    """
+    ideal = read((), seeds[0])
+    assert ideal is not None  # whoever calls has seen that it did not fail
+    places = []
+    for quantity in BUDGET_QUANTITIES:
+        for region, mask in ideal.regions.items():
+            if quantity in ideal.errors and np.isfinite(ideal.errors[quantity][mask]).any():
+                places.append((quantity, region))
+    return BudgetTable(read, seeds, scene, calibration, predicted, places)
+
+
+def compute_contributions(found: BudgetTable) -> tuple[list[Contribution], list[CombinedUncertainty]]:
+    """Return the parts of all causes, and their sums.
+
+    Parameters
+    ----------
+    found
+        What is known when all is simulated.
+    """
+    parts: list[Contribution] = []
+    totals: list[CombinedUncertainty] = []
+    for quantity, region in found.places:
+        here = [*_source_contributions(found, quantity, region), *_surface_contributions(found, quantity, region)]
+        parts += here
+        squares = [one.figure**2 for one in here if math.isfinite(one.figure)]
+        unsure = sum(one.predicted**2 for one in here if one.cause in _not_simulated(found) and one.predicted > 0)
+        totals.append(_combine(found, quantity, region, math.sqrt(sum(squares)), unsure))
+    return parts, totals
+
+
+def _source_contributions(found: BudgetTable, quantity: str, region: str) -> Iterator[Contribution]:
+    for cause in active_sources(found.scene, found.calibration):
+        kind, key = cause.kind, (quantity, region)
+        simulated, seen = math.nan, math.nan
+        if kind in found.sets:
+            kinds = found.sets[kind]
+            simulated, seen = _difference(found, kinds, tuple(one for one in kinds if one != kind), quantity, region)
+        expected = found.predicted.get(kind, {}).get(key, math.nan)
+        yield Contribution(
+            kind,
+            cause.title,
+            cause.size(found.scene, found.calibration),
+            quantity,
+            region,
+            get_units(quantity),
+            expected,
+            found.drawn.get(kind, {}).get(key, math.nan),
+            simulated,
+            seen,
+            simulated if math.isfinite(simulated) else expected,
+        )
+
+
+def _surface_contributions(found: BudgetTable, quantity: str, region: str) -> Iterator[Contribution]:
+    """Give slopes and curvature as far as they explain what ideal images leave, edges, and the rest."""
+    # Near edges, propagation knows nothing.
+    inside = "interior" if region == "all" and (quantity, "interior") in found.places else region
+    left = found.ideal_square(quantity, inside)
+    squares = {"edges": max(found.ideal_square(quantity, region) - left, 0.0)} if inside != region else {}
+    whole = left
+    for kind in ("slope", "curvature"):
+        share = found.explained.get((f"{kind} {quantity}", inside))
+        if share is not None:
+            squares[kind] = min(share * whole, left)
+            left -= squares[kind]
+    squares["rest"] = left
+    for kind, square in squares.items():
+        expected = found.predicted.get(kind, {}).get((quantity, inside), math.nan)
+        told = (all_sources()[kind].title, "", quantity, region, get_units(quantity))
+        yield Contribution(kind, *told, predicted=expected, figure=math.sqrt(square))
+
+
+def _difference(
+    found: BudgetTable, kinds: tuple[str, ...], without: tuple[str, ...], quantity: str, region: str
+) -> tuple[float, float]:
+    """Return the root of the mean square of what a cause changes, and the share of pixels that are left."""
+    squares, count, before = 0.0, 0, 0
+    for seed in found.seeds:
+        with_it, base = found.read(kinds, seed), found.read(without, seed)
+        if base is None or quantity not in base.errors:
+            continue
+        mask = base.regions[region] & np.isfinite(base.errors[quantity])
+        before += int(mask.sum())
+        if with_it is None or quantity not in with_it.errors:
+            continue
+        off = (with_it.errors[quantity] - base.errors[quantity])[mask]
+        off = off[np.isfinite(off)]
+        squares += float(off @ off)
+        count += off.size
+    return (math.sqrt(squares / count) if count else math.nan), (count / before if before else math.nan)
+
+
+def _not_simulated(found: BudgetTable) -> list[str]:
+    return [one.kind for one in active_sources(found.scene, found.calibration) if one.kind not in found.sets]
+
+
+def _signed_sum(found: BudgetTable, ideal: ErrorMaps, quantity: str, seed: int) -> np.ndarray:
+    """Return the error with ideal images and all that causes change it by, pixel by pixel."""
+    total = ideal.errors[quantity].copy()
+    for kind, kinds in found.sets.items():
+        with_it, without = found.read(kinds, seed), found.read(tuple(one for one in kinds if one != kind), seed)
+        if with_it is None or without is None or quantity not in with_it.errors or quantity not in without.errors:
+            return np.full_like(total, np.nan)
+        total += with_it.errors[quantity] - without.errors[quantity]
+    return total
+
+
+def _combine(found: BudgetTable, quantity: str, region: str, parts: float, unsure: float) -> CombinedUncertainty:
+    simulated: list[np.ndarray] = []
+    added: list[np.ndarray] = []
+    truths: list[np.ndarray] = []
+    known = wanted = 0
+    for seed in found.seeds:
+        ideal, maps = found.read((), seed), found.read(found.everything, seed)
+        if ideal is None:
+            continue
+        mask: Mask = ideal.regions[region]
+        truths.append(ideal.truths[quantity][mask])
+        added.append(_signed_sum(found, ideal, quantity, seed)[mask])
+        if maps is not None and quantity in maps.errors:
+            # The same pixels as those of the parts.
+            errors = maps.errors[quantity][mask & np.isfinite(ideal.errors[quantity])]
+            simulated.append(errors)
+            known += int(np.isfinite(errors).sum())
+        wanted += int((mask & np.isfinite(ideal.errors[quantity])).sum())
+    return CombinedUncertainty(
+        quantity,
+        region,
+        get_units(quantity),
+        parts,
+        math.sqrt(_mean_square(added) + unsure) if found.sets else math.nan,
+        math.sqrt(_mean_square(simulated)),
+        math.sqrt(found.ideal_square(quantity, region)),
+        math.sqrt(_mean_square(truths)),
+        known / wanted if wanted else math.nan,
+    )
+
+
+def _mean_square(values: Sequence[np.ndarray] | Iterator[np.ndarray]) -> float:
+    all_of_them = np.concatenate([np.zeros(0), *values])
+    finite = all_of_them[np.isfinite(all_of_them)]
+    return float(np.mean(np.square(finite))) if finite.size else math.nan

@@ -1,0 +1,277 @@
+"""The observation model of a scene.
+
+Noise-free images and the exact surface, from which errors are propagated, and errors of the growth rate that follow
+from those of depth and velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.bound.surface_geometry import (
+    ImagePosition,
+    ReferencePoints,
+    compute_reference_points,
+    label_surface_segments,
+)
+from scenetruth.camera import Schedule
+from scenetruth.scene import Scene
+from scenetruth.schema import Intrinsics, read_intrinsics
+from scenetruth.scoring import compute_growth_rate
+
+__all__ = [
+    "Disturbance",
+    "ImageDisturbance",
+    "Map",
+    "Mask",
+    "ObservationModel",
+    "build_observation_model",
+    "compute_growth_error",
+    "displace_camera",
+    "disturb_poses",
+    "shift_in_time",
+]
+
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class ImageDisturbance(NamedTuple):
+    """What a disturbance does to one image, at the points that the reference's pixels show.
+
+    Parameters
+    ----------
+    x, y
+        By how much the image shows them elsewhere, in px.
+    grey
+        By how much it shows them brighter, as a share of full scale.
+    """
+
+    x: Map | float = 0.0
+    y: Map | float = 0.0
+    grey: Map | float = 0.0
+
+
+Disturbance = Callable[[int, int], ImageDisturbance | None]
+"""What is wrong with the image of the camera s at the frame t; None for nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationModel:
+    """A scene without the errors that are looked for, seen by the reference camera at the reference frame.
+
+    Parameters
+    ----------
+    scene
+        The scene with all its errors.
+    recording
+        Images without them, as shares of full scale or digital numbers, and ``ideal``, what the sensor was given.
+    truth
+        The truth at t = 0, of one camera.
+    points
+        The surface and its motion.
+    texture
+        The reference's image, as a share of full scale.
+    intrinsics
+        Of the camera.
+    known
+        Where the method tells depth and motion of these images.
+    """
+
+    scene: Scene
+    recording: xr.Dataset
+    truth: xr.Dataset
+    points: ReferencePoints
+    texture: Map
+    intrinsics: Intrinsics
+    known: Mask
+
+    @property
+    def s(self) -> list[int]:
+        """The cameras, 0 the reference."""
+        return [int(one) for one in self.recording["s"].values]
+
+    @property
+    def t(self) -> list[int]:
+        """The frames, 0 the reference."""
+        return [int(one) for one in self.recording["t"].values]
+
+    @property
+    def depth(self) -> Map:
+        """Depth Z in mm, shape (y, x); NaN where there is no surface."""
+        return np.asarray(self.truth["depth"].values, dtype=np.float64)
+
+    @property
+    def velocity(self) -> Map:
+        """U_X, U_Y, U_Z in mm per frame, shape (3, y, x)."""
+        return np.asarray(self.truth["velocity"].values, dtype=np.float64)
+
+    @property
+    def flow(self) -> Map:
+        """Optical flow in px per frame, shape (2, y, x)."""
+        return np.asarray(self.truth["flow"].values, dtype=np.float64)
+
+    def steps(self, s: int) -> float:
+        """Return the position of a camera in baselines."""
+        return float(self.recording["stage_x_mm"].sel(s=s)) / self.intrinsics.baseline_mm
+
+    def place(self, s: int, t: float) -> ImagePosition:
+        """Return where the camera s shows the points at a time in frames, from the principal point in px."""
+        return self.points.place(self.steps(s), 0.0, t)
+
+    def fetched(self, image: Map, s: int, t: int) -> Map:
+        """Return what a map over the pixels of an image has at the points, from the nearest pixel.
+
+        Parameters
+        ----------
+        image
+            Values at the pixels of the image of camera s at frame t, shape (y, x).
+        s, t
+            Which image.
+        """
+        place = self.place(s, t)
+        height, width = image.shape
+        column = np.rint(place.x - self.points.x[0, 0])
+        row = np.rint(place.y - self.points.y[0, 0])
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        at = tuple(np.where(inside, part, 0).astype(np.int64) for part in (row, column))
+        return np.where(inside, image[at], 0.0)
+
+
+def build_observation_model(scene: Scene, recording: xr.Dataset, truth: xr.Dataset, known: Mask) -> ObservationModel:
+    """Return what is seen of a scene.
+
+    Parameters
+    ----------
+    scene
+        The scene with all its errors.
+    recording, truth
+        Those of the scene without them; the truth has all frames.
+    known
+        Where the method tells depth and motion, shape (y, x).
+    """
+    now = truth.drop_vars([name for name in ("visible", "view_count") if name in truth]).sel(t=0)
+    intrinsics = read_intrinsics(recording)
+    texture = recording["image"].sel(s=0, t=0).values.astype(np.float64) / float(recording.attrs["full_scale"])
+    return ObservationModel(
+        scene,
+        recording,
+        now,
+        compute_reference_points(now, intrinsics, label_surface_segments(now)),
+        texture,
+        intrinsics,
+        known,
+    )
+
+
+def shift_in_time(sight: ObservationModel, s: int, t: float, later: Map | float) -> ImageDisturbance:
+    """Return what it does to an image that its points are shown at a later time than planned.
+
+    Parameters
+    ----------
+    sight
+        The scene.
+    s, t
+        The image, and its planned time in frames.
+    later
+        By how much later, in frames.
+    """
+    planned = sight.place(s, t)
+    time = np.asarray(t + np.asarray(later, dtype=np.float64))
+    # A time of its own for every point.
+    real = sight.points.place(np.asarray(sight.steps(s)), np.asarray(0.0), time)
+    return ImageDisturbance(real.x - planned.x, real.y - planned.y)
+
+
+def displace_camera(
+    sight: ObservationModel, s: int, t: float, off_mm: NDArray[np.float64], turn_rad: NDArray[np.float64]
+) -> ImageDisturbance:
+    """Return what a camera's error of position and angle does to its image, to the first order.
+
+    Parameters
+    ----------
+    sight
+        The scene.
+    s, t
+        The image.
+    off_mm
+        How far the camera is from where it should be, along X, Y and Z.
+    turn_rad
+        Its rotation vector: pitch about X, yaw about Y, roll about Z, by the right hand.
+    """
+    focal = sight.intrinsics.focal_length_px
+    place = sight.place(s, t)
+    depth = focal * sight.intrinsics.baseline_mm / (sight.points.d * place.scale)
+    x, y = place.x / focal, place.y / focal
+    # The point P is at P - C - ω x P for the camera.
+    along = -off_mm[0] / depth - (turn_rad[1] - turn_rad[2] * y)
+    down = -off_mm[1] / depth - (turn_rad[2] * x - turn_rad[0])
+    ahead = -off_mm[2] / depth - (turn_rad[0] * y - turn_rad[1] * x)
+    return ImageDisturbance(focal * (along - x * ahead), focal * (down - y * ahead))
+
+
+def disturb_poses(schedule: Schedule, sight: ObservationModel) -> Disturbance:
+    """Return what all errors of a stage do to the images: those of position and angle, and of time.
+
+    Parameters
+    ----------
+    schedule
+        Where and when images are planned, and where and when they are taken.
+    sight
+        The scene.
+    """
+
+    def change(s: int, t: int) -> ImageDisturbance:
+        real, planned = schedule.moment(s, t), schedule.nominal(s, t)
+        off = real.viewpoint.position_mm - planned.viewpoint.position_mm
+        by_pose = displace_camera(sight, s, t, off, real.rotation_rad)
+        by_time = shift_in_time(sight, s, t, real.t - planned.t)
+        return ImageDisturbance(np.asarray(by_pose.x + by_time.x), np.asarray(by_pose.y + by_time.y))
+
+    return change
+
+
+def compute_growth_error(
+    sight: ObservationModel, errors: Mapping[str, Map], intrinsics: Intrinsics | None = None
+) -> Map:
+    """Return the error of the growth rate in the windows of scores, per frame.
+
+    Parameters
+    ----------
+    sight
+        The scene.
+    errors
+        Errors of depth and velocity; what is missing is 0.
+    intrinsics
+        What the estimate is told of the camera; the truth if not given.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (y, x); NaN where windows hold too little.
+    """
+    right = _maps(sight, {}, sight.intrinsics)
+    wrong = _maps(sight, errors, intrinsics or sight.intrinsics)
+    return np.asarray((compute_growth_rate(wrong) - compute_growth_rate(right)).values[0])
+
+
+def _maps(sight: ObservationModel, errors: Mapping[str, Map], intrinsics: Intrinsics) -> xr.Dataset:
+    truth = sight.truth.expand_dims("t")
+    known = sight.known & np.isfinite(sum(errors.values(), np.zeros_like(sight.depth)))
+    depth = np.where(known, sight.depth + errors.get("depth", 0.0), np.nan)
+    parts = [sight.velocity[k] + errors.get(f"velocity_{axis}", 0.0) for k, axis in enumerate("xyz")]
+    velocity = np.where(known, np.stack(parts), np.nan)
+    found = truth[["depth", "velocity"]].transpose("component", "t", "y", "x").copy()
+    found["depth"] = (("t", "y", "x"), depth[None])
+    found["velocity"] = (("component", "t", "y", "x"), velocity[:, None])
+    # Windows keep to objects, as those of scores do.
+    found["object_id"] = (("t", "y", "x"), sight.truth["object_id"].values[None])
+    found.attrs = {**truth.attrs, **intrinsics.to_attrs()}
+    return found

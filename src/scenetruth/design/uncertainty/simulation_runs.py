@@ -1,0 +1,285 @@
+"""Simulations with some sources of uncertainty switched on, and the error maps that they leave."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.camera import LinearImage, build_sensor_chain
+from scenetruth.dataset.samples import SampleResult
+from scenetruth.design.uncertainty.source import Calibration, all_sources, restrict_sources
+from scenetruth.design.uncertainty.sources.calibration import CalibrationSource
+from scenetruth.design.uncertainty.sources.imaging import SensorSource
+from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, StoreError
+from scenetruth.estimators import estimate
+from scenetruth.output import is_full_disk, write_atomically
+from scenetruth.random_streams import generator_for
+from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.schema import digest
+from scenetruth.scoring.error_pairs import read_pair
+from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
+from scenetruth.scoring.quantities import QUANTITIES
+from scenetruth.scoring.regions import further_regions, main_regions, visible_throughout
+from scenetruth.settings import ScoreSettings
+from scenetruth.simulation import simulate
+
+__all__ = [
+    "BUDGET_QUANTITIES",
+    "GROWTH",
+    "BudgetTask",
+    "ErrorMaps",
+    "SimulationRun",
+    "compute_error_maps",
+    "perform_run",
+    "read_run",
+    "select_optical_sources",
+    "simulate_run",
+    "suppress_warnings",
+]
+
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+GROWTH = "growth_rate"
+"""Growth: the method's own where it gives one, else that in the windows of scores."""
+BUDGET_QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", GROWTH)
+"""The quantities of a budget, keys of `scenetruth.scoring.QUANTITIES`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorMaps:
+    """What one estimate of the reference frame is off by.
+
+    Parameters
+    ----------
+    errors
+        Estimate minus truth by quantity, shape (y, x), NaN where nothing is told; growth in % per hour.
+    truths
+        The true values, alike.
+    regions
+        Where regions lie: ``all``, ``interior`` and objects.
+    """
+
+    errors: Mapping[str, Map]
+    truths: Mapping[str, Map]
+    regions: Mapping[str, Mask]
+
+    @property
+    def known(self) -> Mask:
+        """Where depth, and motion if there is any, is told."""
+        told = {name: np.isfinite(values) for name, values in self.errors.items()}
+        # A single frame tells no motion: its maps are there, and empty.
+        wanted = [name for name in ("depth", "velocity_z") if name in told and told[name].any()] or list(told)[:1]
+        return np.asarray(np.all([told[name] for name in wanted], axis=0))
+
+
+def compute_error_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> ErrorMaps:
+    """Return the errors of an estimate at the reference frame.
+
+    Parameters
+    ----------
+    estimate
+        The estimate.
+    truth
+        The whole truth of the reference camera.
+    settings
+        Of scores: the margin of the interior, the window of growth.
+    """
+    throughout = visible_throughout(truth)
+    found, exact = estimate.sel(t=[0]), truth.sel(t=[0])
+    masks = main_regions(exact, settings.interior_margin_px)
+    further = further_regions(exact, masks["interior"], settings, throughout=throughout)
+    regions = {**masks, **{name: mask for name, mask in further.items() if name.startswith("object_")}}
+    errors, truths = {}, {}
+    for name in BUDGET_QUANTITIES:
+        variable = QUANTITIES[name].variable
+        if variable not in found or variable not in exact:
+            continue
+        pair = read_pair(found, exact, name)
+        told = pair.estimate if pair.full is None else np.where(pair.full, pair.estimate, np.nan)
+        errors[name], truths[name] = told[0] - pair.truth[0], pair.truth[0]
+    if GROWTH not in errors and has_growth_rate(found, exact):
+        windowed = compute_growth_pairs(found, exact, settings)["growth_rate_windowed"]
+        errors[GROWTH], truths[GROWTH] = (windowed.estimate - windowed.truth)[0], windowed.truth[0]
+    return ErrorMaps(errors, truths, {name: mask[0] for name, mask in regions.items()})
+
+
+@dataclass(frozen=True)
+class SimulationRun:
+    """A simulation.
+
+    Parameters
+    ----------
+    kinds
+        The causes that are on, in order.
+    seed
+        Seed of the scene.
+    draw
+        Which draw it is, from 0 on: what the calibration is off by.
+    """
+
+    kinds: tuple[str, ...]
+    seed: int
+    draw: int
+
+
+@dataclass(frozen=True)
+class BudgetTask:
+    """All that a worker needs for any run of a budget.
+
+    Parameters
+    ----------
+    folder
+        Where files of runs go.
+    plain
+        The scene with all its causes, as JSON.
+    method, settings
+        How depth and motion are estimated; settings as JSON.
+    calibration
+        How well the calibration is known.
+    runs
+        The runs.
+    versions
+        What figures depend on besides.
+    """
+
+    folder: str
+    plain: str
+    method: str
+    settings: str
+    calibration: Calibration
+    runs: tuple[SimulationRun, ...]
+    versions: tuple[tuple[str, str], ...]
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with all its causes."""
+        return scene_from_plain(json.loads(self.plain))
+
+    def path(self, run: SimulationRun) -> Path:
+        """Return the file of a run, which is called by a hash of all that the run depends on."""
+        return Path(self.folder) / f"{_key(replace(self, folder='', runs=()), run)}.npz"
+
+
+@lru_cache(maxsize=4096)
+def _key(job: BudgetTask, run: SimulationRun) -> str:
+    """Return a hash of all that a run of a job depends on."""
+    plain = restrict_sources(job.scene, run.kinds, run.seed).to_plain()
+    told = {key: value for key, value in plain.items() if key not in ("description", "estimate", "storage")}
+    wrong = {kind: job.calibration.model_dump() for kind in run.kinds if all_sources()[kind].group == "calibration"}
+    parts = [told, wrong, run.draw if wrong else 0, job.method, json.loads(job.settings), job.versions]
+    return digest(json.loads(json.dumps(parts)))
+
+
+def perform_run(job: BudgetTask, number: int) -> SampleResult:
+    """Simulate and estimate one run, for whoever works through many: what goes wrong is returned."""
+    start, run = time.perf_counter(), job.runs[number]
+    try:
+        path = job.path(run)
+        found = _errors(job, run)
+        arrays: dict[str, Any] = {"told": np.array(json.dumps(asdict(run)))}
+        for group, maps in (("error", found.errors), ("truth", found.truths)):
+            arrays |= {f"{group}.{name}": values.astype(np.float32) for name, values in maps.items()}
+        arrays |= {f"region.{name}": mask for name, mask in found.regions.items()}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with write_atomically(path, overwrite=True) as aside, aside.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+    except Exception as error:  # whatever it is, the others go on
+        message = f"{' + '.join(run.kinds) or 'ideal'}, seed {run.seed}: {type(error).__name__}: {error}"
+        return SampleResult(number, failure={"message": message}, disk_full=is_full_disk(error))
+    return SampleResult(number, {"run": number}, seconds=time.perf_counter() - start)
+
+
+def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Dataset]:
+    """Return recording, with its linear images, and truth of a run: what `simulate` makes of its scene.
+
+    Runs that differ in the sensor or the calibration alone, one after the other, are rendered once.
+    """
+    scene = restrict_sources(job.scene, run.kinds, run.seed)
+    with suppress_warnings():
+        linear, truth = _rendered(json.dumps({**scene.to_plain(), "sensor": "ideal"}))
+    chain = build_sensor_chain(scene.sensor)
+    opened = chain.open((scene.camera.height, scene.camera.width), partial(generator_for, scene.seed, "sensor"))
+    radiance = linear["image"].values
+    images = np.empty(radiance.shape, dtype=chain.dtype)
+    places = [(n, m, int(t), int(s)) for n, t in enumerate(scene.frames.t) for m, s in enumerate(scene.stage.s)]
+    previous: LinearImage | None = None
+    # In the order of the scan: some sensors need the image before.
+    for n, m, t, s in sorted(places, key=lambda at: (at[0], scene.stage.number_in_scan(at[3], at[2]))):
+        image = LinearImage(radiance[m, n], 0, s, t)
+        images[m, n] = opened.read(image, previous)
+        previous = image if chain.remembers else None
+    dims = linear["image"].dims
+    recording = linear.assign(image=(dims, images, linear["image"].attrs), ideal=(dims, radiance))
+    told = {"full_scale": float(chain.full_scale), "scene": json.dumps(scene.to_plain())}
+    recording.attrs = {**{key: value for key, value in linear.attrs.items() if not key.endswith("_hash")}, **told}
+    return recording, truth
+
+
+def select_optical_sources(kinds: Sequence[str]) -> tuple[str, ...]:
+    """Return those of some causes that what a camera sees depends on."""
+    causes = all_sources()
+    return tuple(kind for kind in kinds if not isinstance(causes[kind], SensorSource | CalibrationSource))
+
+
+def _errors(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
+    with suppress_warnings():
+        recording, truth = simulate_run(job, run)
+        for kind in run.kinds:
+            all_sources()[kind].miscalibrate(recording, job.calibration, run.draw)
+        try:
+            found = estimate(recording.drop_vars("ideal"), job.method, json.loads(job.settings))
+        except EstimateError:
+            if not run.kinds:
+                raise
+            # A method that tells nothing of such images tells nothing.
+            return ErrorMaps({}, {}, {})
+        return compute_error_maps(found, truth, job.scene.score)
+
+
+@lru_cache(maxsize=1)
+def _rendered(plain: str) -> tuple[xr.Dataset, xr.Dataset]:
+    return simulate(scene_from_plain(json.loads(plain)))
+
+
+def read_run(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
+    """Return what the file of a run holds.
+
+    Raises
+    ------
+    StoreError
+        If it is not there, or damaged.
+    """
+    path = job.path(run)
+    try:
+        with np.load(path) as file:
+            groups: Mapping[str, dict[str, Any]] = {"error": {}, "truth": {}, "region": {}}
+            for key in file.files:
+                group, _, name = key.partition(".")
+                if group in groups:
+                    groups[group][name] = file[key] if group == "region" else file[key].astype(np.float64)
+    except (OSError, ValueError, KeyError) as error:
+        message = f"is damaged: {error}; remove it, and make the budget again"
+        raise StoreError(path, message) from error
+    return ErrorMaps(groups["error"], groups["truth"], groups["region"])
+
+
+@contextmanager
+def suppress_warnings() -> Iterator[None]:
+    """Leave out what scenes are warned of: whoever asks for a budget is told by it."""
+    with warnings.catch_warnings():
+        for category in (EstimateWarning, SceneWarning, RuntimeWarning):
+            warnings.simplefilter("ignore", category)
+        yield

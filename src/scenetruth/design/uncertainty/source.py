@@ -1,0 +1,260 @@
+"""Sources of uncertainty: the base class, the uncertainty of the calibration, and scenes with some sources only."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, ClassVar, Literal
+
+import xarray as xr
+from pydantic import ValidationError
+
+from scenetruth.camera import build_sensor_chain
+from scenetruth.design.uncertainty.observation_model import Disturbance, ObservationModel
+from scenetruth.design.uncertainty.propagation import Errors, Propagation
+from scenetruth.discovery import classes_in
+from scenetruth.errors import Problem, RecipeError
+from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.validated_model import FrozenModel, NonNegative
+
+__all__ = [
+    "Calibration",
+    "CalibrationLike",
+    "Group",
+    "Mitigation",
+    "UncertaintySource",
+    "active_sources",
+    "all_sources",
+    "contrast_sources",
+    "resolve_calibration",
+    "restrict_sources",
+]
+
+
+class Calibration(FrozenModel):
+    """Standard deviations of the calibration that a recording carries; its images know nothing of them.
+
+    Typical are calibrations with some 20 images of a chessboard. Two that were published with the toolbox of J.-Y.
+    Bouguet state 0.05 % of the focal length, and 0.5 and 2.8 px of the principal point (a third of the three standard
+    deviations that are printed). A screw stage with an accuracy of 10 µm over a travel of 20 mm has 0.05 % of its
+    steps.
+
+    See Also
+    --------
+    scenetruth.design.uncertainty.budget : Takes it, and tells what it does to depth and motion.
+
+    Examples
+    --------
+    >>> Calibration()
+    Calibration(focal_length_percent=0.05, principal_point_px=1.0, baseline_percent=0.05)
+
+    0.1 % of the focal length is 0.5 mm of depth at a wall 500 mm away:
+
+    >>> from scenetruth.design.uncertainty import budget
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
+    >>> scene |= {"frames": {"count": 3}, "render": {"backend": "raycast"}, "score": {"interior_margin_px": 0}}
+    >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2.2}, "sensor": {"noise_std": 0.002}}
+    >>> known = Calibration(focal_length_percent=0.1, principal_point_px=0, baseline_percent=0.02)
+    >>> found = budget(scene, method="structure_tensor", calibration=known, draws=1, confirm=0)
+    >>> for cause in ("focal_length", "baseline"):
+    ...     part = found.part(cause, "depth")
+    ...     print(f"{part.title}, {part.size}: {part.predicted:.2f} {part.unit}")
+    focal length, 0.1 %: 0.50 mm
+    baseline, 0.02 %: 0.10 mm
+    """
+
+    focal_length_percent: NonNegative = 0.05
+    """Of the focal length, in % of it."""
+    principal_point_px: NonNegative = 1.0
+    """Of the principal point, along x and along y, in px."""
+    baseline_percent: NonNegative = 0.05
+    """Of the scale of the stage's positions, in %."""
+
+
+CalibrationLike = Calibration | Mapping[str, float] | Literal["typical", "perfect"]
+"""A calibration as a caller gives it."""
+
+_PERFECT = Calibration(focal_length_percent=0, principal_point_px=0, baseline_percent=0)
+
+
+def resolve_calibration(given: Any) -> Calibration:
+    """Return a calibration; of a mapping, what is not given is perfect.
+
+    Raises
+    ------
+    RecipeError
+        With everything that is wrong with it.
+    """
+    if isinstance(given, Calibration):
+        return given
+    if given in ("typical", "perfect"):
+        return Calibration() if given == "typical" else _PERFECT
+    if not isinstance(given, Mapping):
+        message = f"must be 'typical', 'perfect', or a mapping of {', '.join(Calibration.model_fields)}"
+        raise RecipeError([Problem("calibration", message, given)], source="an error budget")
+    try:
+        return Calibration.model_validate({**_PERFECT.model_dump(), **given})
+    except ValidationError as error:
+        problems = [
+            Problem(
+                ".".join(["calibration", *map(str, entry["loc"])]),
+                f"is unknown; known: {', '.join(Calibration.model_fields)}"
+                if entry["type"] == "extra_forbidden"
+                else entry["msg"][:1].lower() + entry["msg"][1:],
+                entry.get("input"),
+            )
+            for entry in error.errors(include_url=False)
+        ]
+        raise RecipeError(problems, source="an error budget") from error
+
+
+Group = Literal["images", "stage", "calibration", "surface"]
+
+
+@dataclass(frozen=True)
+class Mitigation:
+    """What helps against a cause.
+
+    Parameters
+    ----------
+    words
+        What to do, with the field of the scene and its new value.
+    factors
+        What is left of the parts of causes, by their kinds.
+    """
+
+    words: str
+    factors: Mapping[str, float] = field(default_factory=dict)
+
+
+class UncertaintySource:
+    """A cause of errors; one module in a room of `causes` each, which is found by itself.
+
+    Derive from it, set what is below, and write what it does: `disturbances`, or `responses` where it does nothing to
+    images.
+    """
+
+    kind: ClassVar[str]
+    """Its name: lower-case letters and underscores."""
+    title: ClassVar[str]
+    """What it is, in a few words, as in "stage yaw makes 1.4 of 1.5 mm"."""
+    group: ClassVar[Group]
+    """What it belongs to."""
+    perfect: ClassVar[Mapping[str, Any]] = {}
+    """Its fields in the scene, by path, and their values where it is off."""
+    takes_contrast: ClassVar[bool] = False
+    """Whether it changes what images look like, so that it stays on while causes in the sensor are looked at."""
+    coarse: ClassVar[bool] = False
+    """Whether it is always simulated, because its prediction leaves out what may matter."""
+    of_surface: ClassVar[bool] = False
+    """Whether it is a part of what is left with ideal images, and cannot be switched off."""
+
+    def is_on(self, scene: Scene, calibration: Calibration) -> bool:
+        """Return whether a scene has it."""
+        plain = scene.to_plain()
+        return any(_get_field(plain, path) not in (value, None) for path, value in self.perfect.items())
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return how large the cause is in a scene, with its unit."""
+        return ""
+
+    def switch_off(self, plain: dict[str, Any]) -> None:
+        """Change a scene in place, given as plain values with all fields, so that the cause does nothing."""
+        for path, value in self.perfect.items():
+            *above, last = path.split(".")
+            place: Any = plain
+            for key in above:
+                place = None if place is None else place.get(key)
+            if place is not None:
+                place[last] = value
+
+    def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
+        """Give what it does to the images: disturbances that are independent of each other, of one standard deviation.
+
+        What it does in all draws alike is one of them.
+        """
+        return ()
+
+    def drawn(self, sight: ObservationModel, scene: Scene) -> Iterable[Disturbance] | None:
+        """Return what it does to the images of this very scene and seed; None if only its size is known."""
+        return None
+
+    def responses(
+        self, sight: ObservationModel, propagation: Propagation, calibration: Calibration
+    ) -> Iterator[Errors]:
+        """Give the errors that follow, independent of each other, of one standard deviation each."""
+        for one in self.disturbances(sight):
+            yield propagation.respond(one)
+
+    def responses_drawn(
+        self, sight: ObservationModel, propagation: Propagation, calibration: Calibration, scene: Scene, draw: int
+    ) -> Iterator[Errors] | None:
+        """Return the errors that follow in this very scene and draw, which add up; None if only their size is known."""
+        found = self.drawn(sight, scene)
+        return None if found is None else (propagation.respond(one) for one in found)
+
+    def miscalibrate(self, recording: xr.Dataset, calibration: Calibration, draw: int) -> None:
+        """Change in place what a recording tells of its camera in a draw, from 0 on; most causes do not."""
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation | None:
+        """Return what helps; None if nothing does."""
+        return None
+
+
+def _get_field(plain: Mapping[str, Any], path: str) -> Any:
+    place: Any = plain
+    for key in path.split("."):
+        place = None if place is None else place.get(key)
+    return place
+
+
+@cache
+def all_sources() -> Mapping[str, UncertaintySource]:
+    """Return all sources of uncertainty by kind, in the order of modules and of classes in them."""
+    found = classes_in(UncertaintySource, "scenetruth.design.uncertainty.sources")
+    # Base classes of a group have no kind.
+    return {cls.kind: cls() for cls in found if hasattr(cls, "kind")}
+
+
+def active_sources(scene: Scene, calibration: Calibration) -> list[UncertaintySource]:
+    """Return the causes that a scene has, those of its surface aside."""
+    return [one for one in all_sources().values() if not one.of_surface and one.is_on(scene, calibration)]
+
+
+def contrast_sources(causes: Iterable[UncertaintySource]) -> frozenset[str]:
+    """Return the kinds of those causes that change what images look like."""
+    return frozenset(one.kind for one in causes if one.takes_contrast)
+
+
+def restrict_sources(scene: Scene, kinds: Collection[str], seed: int | None = None) -> Scene:
+    """Return a scene with no other causes of errors than some.
+
+    Parameters
+    ----------
+    scene
+        The scene with all of them.
+    kinds
+        The causes that stay on.
+    seed
+        Of all its random numbers; the scene's own if not given.
+
+    Returns
+    -------
+    Scene
+        Its sensor is a chain of those effects that stay. Images are ray-cast unless the scene says otherwise: where
+        backends differ, their difference must not be taken for a cause.
+    """
+    plain: dict[str, Any] = scene.to_plain()
+    if plain["sensor"] != "ideal":
+        plain["sensor"] = build_sensor_chain(scene.sensor).model_dump(mode="json")
+    for cause in all_sources().values():
+        if cause.kind not in kinds:
+            cause.switch_off(plain)
+    if plain["render"]["backend"] == "auto":
+        plain["render"]["backend"] = "raycast"
+    if seed is not None:
+        plain["seed"] = seed
+    return scene_from_plain(plain)

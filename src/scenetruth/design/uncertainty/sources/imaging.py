@@ -1,0 +1,394 @@
+"""Sources of uncertainty in the images: sensor, lens and illumination."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.ndimage import laplace
+
+from scenetruth.camera import LinearImage, build_sensor_chain
+from scenetruth.camera.lens import AiryPsf, GaussianPsf
+from scenetruth.design.uncertainty.observation_model import Disturbance, ImageDisturbance, Map, ObservationModel
+from scenetruth.design.uncertainty.source import Calibration, Mitigation, UncertaintySource, restrict_sources
+from scenetruth.random_streams import generator_for
+from scenetruth.scene import Scene
+
+__all__ = ["SensorSource", "compute_blur_change"]
+
+
+class SensorSource(UncertaintySource):
+    """A cause in the sensor: some effects of its chain, or some of their values."""
+
+    group = "images"
+    effects: ClassVar[tuple[str, ...]] = ()
+    """Kinds of the effects that are left out where the cause is off."""
+    settings: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Values of other effects where it is off, by their kinds."""
+
+    def is_on(self, scene: Scene, calibration: Calibration) -> bool:
+        """Return whether the sensor has such an effect."""
+        sensor = build_sensor_chain(scene.sensor).model_dump(mode="json")
+        return any(one["kind"] in self.effects for one in sensor["effects"]) or self.unlike(sensor)
+
+    def unlike(self, sensor: Any) -> bool:
+        """Return whether a value of another effect makes the cause."""
+        return False
+
+    def switch_off(self, plain: dict[str, Any]) -> None:
+        """Take its effects out of the chain; see `UncertaintySource`."""
+        if not isinstance(plain["sensor"], dict):
+            return
+        left = [one for one in plain["sensor"]["effects"] if one["kind"] not in self.effects]
+        plain["sensor"]["effects"] = [{**one, **self.settings.get(one["kind"], {})} for one in left]
+
+    def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
+        """Give one draw of what the sensor adds to each image: over many pixels it is as good as all."""
+        perfect, alone = (
+            build_sensor_chain(restrict_sources(sight.scene, kinds).sensor) for kinds in ((), (self.kind,))
+        )
+        size = sight.texture.shape
+        # Others than those of the images, which are drawn from the scene's own seed.
+        without, with_it = (chain.open(size, partial(generator_for, 1, "budget")) for chain in (perfect, alone))
+
+        def change(s: int, t: int) -> ImageDisturbance:
+            image = LinearImage(sight.recording["ideal"].sel(s=s, t=t).values, 0, s, t)
+            grey = np.asarray(with_it.read(image), dtype=np.float64) / alone.full_scale
+            return ImageDisturbance(grey=sight.fetched(grey - without.read(image) / perfect.full_scale, s, t))
+
+        yield change
+
+    def deviation(self, scene: Scene) -> float:
+        """Return the standard deviation that it gives a grey value of half of full scale, as a share of that."""
+        perfect, alone = (build_sensor_chain(restrict_sources(scene, kinds).sensor) for kinds in ((), (self.kind,)))
+        size = (64, 64)
+        image = LinearImage(np.full(size, 0.5 * perfect.saturation_radiance, dtype=np.float32))
+        found = [
+            np.asarray(chain.open(size, partial(generator_for, 1, "budget")).read(image), dtype=np.float64)
+            / chain.full_scale
+            for chain in (perfect, alone)
+        ]
+        return float((found[1] - found[0]).std())
+
+
+def compute_blur_change(sight: ObservationModel, variance: Callable[[Map, Map], Map]) -> Disturbance:
+    """Return what it does that the blur of the texture changes over time.
+
+    Parameters
+    ----------
+    sight
+        The scene.
+    variance
+        By how much the blur's variance changes along x and along y, in px², referred to the texture as the reference
+        shows it: a function of the share by which a point is seen larger, and of its depth in mm there and then.
+
+    Notes
+    -----
+    A Gaussian blur whose variance grows by δ changes an image by δ/2 ∇²T.
+    """
+    curvature = 0.5 * laplace(sight.texture)
+
+    def change(s: int, t: int) -> ImageDisturbance:
+        place = sight.place(s, t)
+        depth = sight.intrinsics.focal_length_px * sight.intrinsics.baseline_mm / (sight.points.d * place.scale)
+        return ImageDisturbance(grey=np.asarray(variance(place.scale - 1, depth) * curvature))
+
+    return change
+
+
+class IlluminationDriftSource(UncertaintySource):
+    """All that is seen is brighter in one frame than in another."""
+
+    kind = "brightness"
+    title = "light that changes"
+    group = "images"
+    perfect: ClassVar[Mapping[str, Any]] = {"lighting.drift_per_frame": 0.0, "lighting.flicker": None}
+    takes_contrast = True
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return drift and flicker."""
+        light = scene.lighting
+        told = [f"{100 * light.drift_per_frame:g} % per frame"] if light.drift_per_frame else []
+        return ", ".join(told + ([f"± {100 * light.flicker.amplitude:g} %"] if light.flicker else []))
+
+    def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
+        """Give the change of all grey values."""
+        light = sight.scene.lighting
+
+        def change(s: int, t: int) -> ImageDisturbance:
+            return ImageDisturbance(grey=(light.brightness(t) / light.brightness(0) - 1) * sight.texture)
+
+        yield change
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
+        """Return steady light."""
+        drift = scene.lighting.drift_per_frame / 10
+        words = f"light that is steady to a tenth of this (lighting.drift_per_frame: {drift:g})"
+        return Mitigation(f"{words}, or images that are divided by a grey reference in the picture", {self.kind: 0.1})
+
+
+class DefocusBlurSource(UncertaintySource):
+    """Discs of blur that change as the object comes nearer; a disc of diameter D has a variance of D²/16."""
+
+    kind = "defocus"
+    title = "blur out of focus"
+    group = "images"
+    perfect: ClassVar[Mapping[str, Any]] = {"optics.defocus": None}
+    takes_contrast = True
+    coarse = True
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return aperture and distance of focus."""
+        defocus = scene.optics.defocus
+        return "" if defocus is None else f"{defocus.aperture_mm:g} mm, focus at {defocus.focus_distance_mm:g} mm"
+
+    def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
+        """Give the change of blur with the object's distance."""
+        defocus = sight.scene.optics.defocus
+        if defocus is None:
+            return
+        focal = sight.intrinsics.focal_length_px
+        now = defocus.blur_diameter_px(np.nan_to_num(sight.depth, nan=defocus.focus_distance_mm), focal) ** 2 / 16
+
+        def grown(closer: Map, depth: Map) -> Map:
+            return defocus.blur_diameter_px(depth, focal) ** 2 / 16 - now * (1 + 2 * closer)
+
+        yield compute_blur_change(sight, grown)
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation | None:
+        """Return half the aperture."""
+        defocus = scene.optics.defocus
+        if defocus is None:
+            return None
+        return Mitigation(
+            f"half the aperture (optics.defocus.aperture_mm: {defocus.aperture_mm / 2:g})", {self.kind: 0.25}
+        )
+
+
+class FixedPatternNoiseSource(SensorSource):
+    """Sensitivities and offsets that differ from pixel to pixel, and hot pixels."""
+
+    kind = "fixed_pattern"
+    title = "fixed pattern of the sensor"
+    effects = ("photo_response_nonuniformity", "dark_signal_nonuniformity")
+    # Hot pixels are a part of the dark current, which has no pattern else.
+    settings: ClassVar[Mapping[str, Mapping[str, Any]]] = {"dark_current": {"hot_pixel_share": 0.0}}
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return the deviation of a grey value."""
+        return f"{100 * self.deviation(scene):.2g} % of full scale"
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
+        """Return what takes most of it."""
+        return Mitigation(
+            "a correction of the images by a dark and a bright one (`two_point_correction`)", {self.kind: 0.1}
+        )
+
+    def unlike(self, sensor: Any) -> bool:
+        """Return whether the sensor has hot pixels."""
+        return any(one.get("hot_pixel_share") for one in sensor["effects"])
+
+
+class PointSpreadSource(UncertaintySource):
+    """A point spread that has the same size in px wherever the object is.
+
+    What comes nearer is seen larger, and less blurred in proportion. Of a blur with the variance σ², an image that is
+    larger by ε shows the texture changed by - ε σ² ∇²T.
+    """
+
+    kind = "lens_blur"
+    title = "blur of the lens"
+    group = "images"
+    perfect: ClassVar[Mapping[str, Any]] = {"optics.psf": None}
+    takes_contrast = True
+    coarse = True
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return the width of the point spread."""
+        psf = scene.optics.psf
+        return "" if psf is None else f"{np.sqrt(_variance(psf)):.2g} px"
+
+    def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
+        """Give the change of contrast with the object's distance."""
+        psf = sight.scene.optics.psf
+        if psf is not None:
+            variance = _variance(psf)
+            yield compute_blur_change(sight, lambda closer, depth: -2 * closer * variance)
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
+        """Return a wider aperture, or another lens."""
+        words = "a wider aperture (optics.psf.f_number)" if isinstance(scene.optics.psf, AiryPsf) else "a better lens"
+        return Mitigation(f"{words}, half as blurred", {self.kind: 0.25})
+
+
+def _variance(psf: GaussianPsf | AiryPsf) -> float:
+    # Airy's disc has no variance; that of the Gaussian that fits its core.
+    return float(psf.finest_px**2)
+
+
+class MotionBlurSource(UncertaintySource):
+    """The object, or the camera, moves while an image is taken.
+
+    All images are blurred in the same way as long as the motion is steady: that takes contrast, and shifts nothing.
+    """
+
+    kind = "motion_blur"
+    title = "motion during the exposure"
+    group = "images"
+    perfect: ClassVar[Mapping[str, Any]] = {"shutter.exposure_time_s": 0.0, "shutter.stage_speed_mm_per_s": 0.0}
+    takes_contrast = True
+    coarse = True
+
+    def is_on(self, scene: Scene, calibration: Calibration) -> bool:
+        """Return whether anything may move while the shutter is open."""
+        return scene.shutter.exposure_time_s > 0
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return the exposure time."""
+        return f"{scene.shutter.exposure_time_s:g} s"
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
+        """Return half the exposure."""
+        half = scene.shutter.exposure_time_s / 2
+        return Mitigation(f"half the exposure (shutter.exposure_time_s: {half:g})", {self.kind: 0.25})
+
+
+class TemporalNoiseSource(SensorSource):
+    """Shot noise, noise of the readout, and the plain sensor's Gaussian noise."""
+
+    kind = "noise"
+    title = "noise of the sensor"
+    effects = ("gaussian_noise", "shot_noise", "readout_noise")
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return the noise of a grey value in the middle of the range."""
+        if getattr(scene.sensor, "kind", "") == "gaussian":
+            return f"{100 * float(getattr(scene.sensor, 'noise_std', 0.0)):g} % of full scale"
+        return f"{100 * self.deviation(scene):.2g} % of full scale"
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
+        """Return what halves it."""
+        kinds = {effect.kind for effect in build_sensor_chain(scene.sensor).effects}
+        if "gaussian_noise" in kinds:
+            value = float(getattr(scene.sensor, "noise_std", 0.0)) / 2
+            field = f"sensor.noise_std: {value:g}" if value else "half the noise"
+            return Mitigation(f"the mean of four images ({field})", {self.kind: 0.5})
+        return Mitigation("the mean of four images, or four times the light and full well", {self.kind: 0.5})
+
+
+_BITS = 16
+
+
+class QuantisationSource(SensorSource):
+    """Rounding to the bits of a digital number; off, these are 16."""
+
+    kind = "quantisation"
+    title = "rounding to digital numbers"
+
+    def is_on(self, scene: Scene, calibration: Calibration) -> bool:
+        """Return whether numbers have less than 16 bits."""
+        return 0 < self._bits(scene) < _BITS
+
+    def switch_off(self, plain: dict[str, Any]) -> None:
+        """Give digital numbers 16 bits, and the gain before them what that takes."""
+        if not isinstance(plain["sensor"], dict):
+            return
+        effects = plain["sensor"]["effects"]
+        more = sum(_BITS - one["bit_depth"] for one in effects if one["kind"] == "digitisation")
+        for one in effects:
+            if one["kind"] == "digitisation":
+                one["bit_depth"] = _BITS
+            if one["kind"] == "gain":
+                one["gain_dn_per_e"] *= 2**more
+                one["black_level_dn"] *= 2**more
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return the bits, and the deviation that rounding makes."""
+        bits = self._bits(scene)
+        return f"{bits} bits, {100 / np.sqrt(12) / (2**bits - 1):.2g} % of full scale"
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
+        """Return four more bits, up to 16."""
+        more = min(4, _BITS - self._bits(scene))
+        return Mitigation(f"{more} more bits (sensor.bit_depth: {self._bits(scene) + more})", {self.kind: 2.0**-more})
+
+    def _bits(self, scene: Scene) -> int:
+        bits = [
+            getattr(one, "bit_depth", 0)
+            for one in build_sensor_chain(scene.sensor).effects
+            if one.kind == "digitisation"
+        ]
+        return int(bits[0]) if bits else 0
+
+
+class ShadingSource(UncertaintySource):
+    """A surface that turns, or moves past a lamp, is brighter in one frame than in another; off, nothing is lit.
+
+    Without lamps, radiance is the texture's own. No model predicts it: it is always simulated.
+    """
+
+    kind = "shading"
+    title = "light on surfaces that move"
+    group = "images"
+    perfect: ClassVar[Mapping[str, Any]] = {"lighting.lights": [], "lighting.ambient": None}
+    takes_contrast = True
+    coarse = True
+
+    def is_on(self, scene: Scene, calibration: Calibration) -> bool:
+        """Return whether there are lamps: ambient light is the same everywhere."""
+        return bool(scene.lighting.lights)
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return the number of lamps."""
+        count = len(scene.lighting.lights)
+        return f"{count} lamp{'s' if count > 1 else ''}"
+
+    def switch_off(self, plain: dict[str, Any]) -> None:
+        """Take the lamps away; ambient light alone stays as it is."""
+        if plain["lighting"]["lights"]:
+            super().switch_off(plain)
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation | None:
+        """Return a method that lets the light of each image be unknown."""
+        if scene.estimate.method == "refined":
+            return Mitigation("even light from all sides (lighting: {ambient: 1})", {self.kind: 0.1})
+        words = "a method that allows for changing light (estimate: {method: refined})"
+        return Mitigation(words, {self.kind: 0.05, "brightness": 0.05, "slope": 0.01})
+
+
+class VignettingSource(UncertaintySource):
+    """A point is darker where it is nearer to a corner: its grey value changes from image to image."""
+
+    kind = "vignetting"
+    title = "darkening towards the corners"
+    group = "images"
+    perfect: ClassVar[Mapping[str, Any]] = {"optics.vignetting": None}
+    takes_contrast = True
+    coarse = True
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return what is left in a corner."""
+        vignetting = scene.optics.vignetting
+        return "" if vignetting is None else f"{100 * float(vignetting.factor(scene.camera)[0, 0]):.0f} % in a corner"
+
+    def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
+        """Give the change of brightness from image to image."""
+        vignetting = sight.scene.optics.vignetting
+        if vignetting is None:
+            return
+        factor = vignetting.factor(sight.scene.camera)
+        gradient = np.gradient(factor)
+
+        def change(s: int, t: int) -> ImageDisturbance:
+            place = sight.place(s, t)
+            apart = gradient[1] * (place.x - sight.points.x) + gradient[0] * (place.y - sight.points.y)
+            # The texture is darkened already as the reference shows it.
+            return ImageDisturbance(grey=sight.texture * apart / np.maximum(factor, 1e-6))
+
+        yield change
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
+        """Return a division by a bright image."""
+        return Mitigation("images divided by that of an even light field", {self.kind: 0.1})

@@ -1,0 +1,86 @@
+"""Registries: the classes of a family are found in its modules, and a new member needs no other entry."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, BeforeValidator, Field
+
+__all__ = ["classes_in", "discriminated_union", "kind_in_lower_case", "kinds_in"]
+
+
+def classes_in(base: type[Any], *names: str) -> Iterator[type[Any]]:
+    """Yield the classes derived from a base that some modules define, in the order of the files.
+
+    Parameters
+    ----------
+    base
+        The base class; it is not yielded itself.
+    names
+        Dotted names of modules, or of packages, whose modules are searched in alphabetical order. Modules of
+        kernels are passed over: they hold nothing else, and importing them loads the compiler.
+
+    Yields
+    ------
+    type
+        Each class once, in the module that defines it.
+    """
+    for name in names:
+        module = import_module(name)
+        inner = [f"{name}.{entry.name}" for entry in pkgutil.iter_modules(getattr(module, "__path__", ()))]
+        # A list: a module may register its own classes while it is being imported.
+        for value in list(vars(module).values()):
+            if isinstance(value, type) and issubclass(value, base) and value.__module__ == name and value is not base:
+                yield value
+        yield from classes_in(base, *(path for path in inner if not path.endswith("kernels")))
+
+
+def discriminated_union(base: type[BaseModel], *names: str) -> Any:
+    """Return the type of a field that holds any member of a family, selected by its ``kind``.
+
+    Parameters
+    ----------
+    base
+        Base class of all members.
+    names
+        Modules or packages that define them: ``"scenetruth.scene.motion"``.
+
+    Returns
+    -------
+    type
+        A discriminated union, for annotations. To type checkers its values are those of ``base``.
+    """
+    models = tuple(kinds_in(base, *names).values())
+    union: Any = Union[models]  # noqa: UP007
+    return Annotated[union, Field(discriminator="kind"), BeforeValidator(kind_in_lower_case)]
+
+
+def kinds_in(base: type[BaseModel], *names: str) -> dict[str, type[BaseModel]]:
+    """Return the models derived from a base that some modules define, by their ``kind`` in alphabetical order.
+
+    Raises
+    ------
+    TypeError
+        If two models have the same kind.
+    """
+    models: dict[str, type[BaseModel]] = {}
+    for model in classes_in(base, *names):
+        field = model.model_fields.get("kind")
+        if field is None or get_origin(field.annotation) is not Literal:
+            continue
+        (kind,) = get_args(field.annotation)
+        if kind in models:
+            msg = f"kind '{kind}' is taken twice: by {models[kind].__qualname__} and {model.__qualname__}"
+            raise TypeError(msg)
+        models[kind] = model
+    return dict(sorted(models.items()))
+
+
+def kind_in_lower_case(value: Any) -> Any:
+    """Return a mapping with its ``kind`` in lower case, and anything else unchanged: kinds may be in any case."""
+    if isinstance(value, dict) and isinstance(value.get("kind"), str):
+        return {**value, "kind": value["kind"].lower()}
+    return value

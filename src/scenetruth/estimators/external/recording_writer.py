@@ -1,0 +1,227 @@
+"""A recording as a folder for programs in any language: images, camera.json, and a key of its content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.errors import EstimateError, OutputExistsError
+from scenetruth.estimators.external.image_writer import (
+    ImageForm,
+    IntensityScaling,
+    each_frame,
+    image_problems,
+    image_scale,
+    single_row,
+    write_images,
+)
+from scenetruth.plain_data import argument_problems
+from scenetruth.progress import Progress
+from scenetruth.schema import check_dataset, compute_pixel_grid, read_intrinsics
+
+__all__ = ["CAMERA_FILE", "EXCHANGE_VERSION", "describe_camera", "recording_key", "write_recording"]
+
+
+def recording_key(recording: xr.Dataset) -> str:
+    """Return a key of a recording's images, mask and intrinsics: the first 16 hexadecimal digits of a SHA-256.
+
+    Attributes do not count, so that a recording has the same key wherever it comes from: from a simulation, from a
+    store, or from images and intrinsics alone. Images that are given in another type have another key.
+
+    Parameters
+    ----------
+    recording
+        The recording, in memory or opened from a store; it is read frame by frame.
+
+    Raises
+    ------
+    RecordingError
+        If the recording does not have the agreed form.
+    EstimateError
+        If its cameras stand in several rows.
+
+    See Also
+    --------
+    scenetruth.estimators.external.ResultsFolder : Looks results up by this key.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> again = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5, attrs={"note": "mine"})
+    >>> recording_key(recording) == recording_key(again), len(recording_key(recording))
+    (True, 16)
+    """
+    check_dataset(recording, "recording")
+    recording = single_row(recording)
+    image, grid = recording["image"], compute_pixel_grid(recording)
+    told = {
+        **read_intrinsics(recording).to_attrs(),
+        "full_scale": float(recording.attrs["full_scale"]),
+        "distortion": [float(value) for value in recording.attrs.get("distortion", ())],
+        "dims": [str(dim) for dim in image.dims],
+        "shape": list(image.shape),
+        # Without the order of its bytes, which is the machine's business.
+        "type": image.dtype.str[1:],
+        "s": recording["s"].values.tolist(),
+        "t": recording["t"].values.tolist(),
+        "stage_x_mm": [float(value) for value in recording["stage_x_mm"].values],
+        "pixels": [grid.first_x, grid.first_y, grid.step_px],
+    }
+    found = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    for values, bad in each_frame(recording):
+        found.update(np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).data)
+        found.update(np.packbits(bad).data)
+    return found.hexdigest()[:16]
+
+
+CAMERA_FILE = "camera.json"
+"""Name of the file; it is written last, when all images are there."""
+
+EXCHANGE_VERSION = 1
+"""Version of the folders that programs are given, and of those that are read."""
+
+_FILES = {
+    "png": "s{s:+d}_t{t:+d}.png",
+    "tiff": "s{s:+d}_t{t:+d}.tiff",
+    "npy": "images.npy, float32, (s, t, y, x[, channel])",
+}
+_CONVENTIONS = {
+    "frame": "X right, Y down, Z forward, in mm; the reference camera (s = 0) stands at the origin and looks along Z",
+    "pixels": "centres are integers, the first one (0, 0); x counts columns to the right, y rows down, of these images",
+    "projection": "x = focal_length_px (X - stage_x_mm) / Z + c_x, y = focal_length_px Y / Z + c_y",
+    "depth": "Z along the optical axis in mm, at the pixels of the reference camera, positive",
+    "disparity": "d = focal_length_px baseline_mm / Z in px per step of s: x_s = x_0 - d stage_x_mm / baseline_mm",
+    "flow": "(dx/dt, dy/dt) in px per frame; dx > 0 to the right, dy > 0 down",
+    "velocity": "(U_X, U_Y, U_Z) in mm per frame; U_Z < 0 comes nearer",
+    "depth_rate": "U_Z alone, in mm per frame, of the surface point",
+    "unknown": "NaN; in .pfm +inf, in .flo 1e10",
+    "image": "value = image_offset + image_scale * number in the file; full_scale is the largest possible value",
+    "masks": "not 0 where a pixel must not be used; images without a mask are good everywhere",
+}
+
+
+def describe_camera(
+    recording: xr.Dataset, form: ImageForm, scale: IntensityScaling, masks: list[str]
+) -> dict[str, Any]:
+    """Return what camera.json says: intrinsics, positions, frames, and how images are to be read; never a scene.
+
+    Everything counts in columns and rows of the images as they are written. Where a recording is cropped or thinned
+    out, these are not the camera's pixels: focal length and principal point are converted.
+
+    Parameters
+    ----------
+    recording
+        A checked recording of one row of cameras.
+    form
+        The form of its images.
+    scale
+        How numbers in files stand for values.
+    masks
+        Names of the files of masks.
+    """
+    grid, image = compute_pixel_grid(recording), recording["image"]
+    intrinsics = grid.in_columns(read_intrinsics(recording))
+    frames = [int(t) for t in recording["t"].values]
+    return {
+        "format_version": EXCHANGE_VERSION,
+        "width_px": int(image.sizes["x"]),
+        "height_px": int(image.sizes["y"]),
+        "channels": int(image.sizes.get("channel", 1)),
+        **intrinsics.to_attrs(),
+        # As OpenCV orders them; they belong to x / focal_length_px, whatever the columns.
+        "distortion_k1_k2_p1_p2_k3_k4_k5_k6": _distortion(recording),
+        "s": [int(s) for s in recording["s"].values],
+        "stage_x_mm": [float(x) for x in recording["stage_x_mm"].values],
+        "t": frames,
+        "reference_s": 0,
+        "reference_t": 0,
+        "estimate_t": frames,
+        "image_format": form,
+        "image_files": _FILES[form],
+        "image_scale": scale.scale,
+        "image_offset": scale.offset,
+        "image_lossless": scale.lossless,
+        "full_scale": float(recording.attrs["full_scale"]),
+        "masks": masks,
+        "part": {"first_column_px": grid.first_x, "first_row_px": grid.first_y, "pixel_step_px": grid.step_px},
+        "conventions": _CONVENTIONS,
+    }
+
+
+def _distortion(recording: xr.Dataset) -> list[float]:
+    return [float(value) for value in recording.attrs.get("distortion", ())]
+
+
+def write_recording(
+    recording: xr.Dataset,
+    folder: str | os.PathLike[str],
+    images: ImageForm = "png",
+    *,
+    progress: Progress | None = None,
+) -> None:
+    """Write a recording as images and camera.json; nothing else of it, and nothing of its scene, is written.
+
+    Parameters
+    ----------
+    recording
+        The recording, in memory or opened from a store; it is read frame by frame.
+    folder
+        Where files go; made if it is not there. It must be empty.
+    images
+        ``"png"``: ``s+0_t+0.png`` of 16 bits, (colours of 8 if there are no more); ``"tiff"``: the same names, as
+        recorded or float32; ``"npy"``: ``images.npy``, float32, shape (s, t, y, x[, channel]).
+    progress
+        Called with ("images", frames done, frames in all).
+
+    Raises
+    ------
+    RecordingError
+        If the recording does not have the agreed form.
+    EstimateError
+        If its cameras stand in several rows, or its images cannot be written in this form.
+    OutputExistsError
+        If the folder holds something.
+
+    See Also
+    --------
+    read_results : What a program made of it.
+
+    Examples
+    --------
+    >>> import json
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((3, 1, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> with TemporaryDirectory() as folder:
+    ...     write_recording(recording, folder)
+    ...     print(*sorted(path.name for path in Path(folder).iterdir()))
+    ...     camera = json.loads(Path(folder, "camera.json").read_text(encoding="utf-8"))
+    camera.json s+0_t+0.png s+1_t+0.png s-1_t+0.png
+    >>> camera["focal_length_px"], camera["stage_x_mm"], camera["reference_s"]
+    (500.0, [-5.0, 0.0, 5.0], 0)
+    """
+    problems = argument_problems(progress, images=(images, ImageForm))
+    if problems:
+        raise EstimateError(problems, source="call of write_recording")
+    check_dataset(recording, "recording")
+    recording = single_row(recording)
+    problems = image_problems(recording, images)
+    if problems:
+        raise EstimateError(problems, source="recording to write")
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    if any(place.iterdir()):
+        raise OutputExistsError(place, "is not empty; name a folder that is, or is not there yet")
+    scale = image_scale(recording, images)
+    masks = write_images(recording, place, images, scale, progress)
+    told = json.dumps(describe_camera(recording, images, scale, masks), indent=2, ensure_ascii=False)
+    (place / CAMERA_FILE).write_text(told + "\n", encoding="utf-8")

@@ -1,0 +1,357 @@
+"""Common parts of the methods based on OpenCV.
+
+The check that it is installed, grey images in 8 bits, stereo matching and optical flow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
+from math import prod
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from scenetruth.errors import Problem
+from scenetruth.estimators.protocol import MethodSettings
+from scenetruth.progress import Progress
+from scenetruth.schema import compute_pixel_grid
+
+__all__ = [
+    "FlowSettings",
+    "GreyImages",
+    "StereoSettings",
+    "camera_problems",
+    "cv2_problems",
+    "disparities",
+    "disparity_between",
+    "eight_bit_images",
+    "flow_between",
+    "flows",
+    "outer_percentiles",
+]
+
+
+Values = NDArray[np.float64]
+
+
+def outer_percentiles(parts: Iterable[Values], percent: float, most: int) -> tuple[float, float]:
+    """Return a low percentile and the high one opposite, exact, as of `numpy.nanpercentile` of all values together.
+
+    Held are the values beyond the percentiles, about twice, and one part: with 0.1 percent on either side some
+    thousandths of all values.
+
+    Parameters
+    ----------
+    parts
+        Values of any shape; NaN does not count.
+    percent
+        The low percentile, from 0 to 50; the high one is 100 - percent.
+    most
+        How many values there are in all parts at most.
+
+    Examples
+    --------
+    >>> outer_percentiles([np.array([3.0, 1.0]), np.array([[2.0], [np.nan]])], 25, 4)
+    (1.5, 2.5)
+    """
+    quantiles = np.true_divide((percent, 100 - percent), 100)
+    count = int(most * quantiles[0]) + 3
+    lowest, highest, known = _Least(count), _Least(count), 0
+    for part in parts:
+        values = part[~np.isnan(part)]
+        known += values.size
+        lowest.add(values)
+        highest.add(-values)
+    if known == 0:
+        # NaN, with NumPy's warning.
+        low, high = np.nanquantile([np.nan], quantiles).tolist()
+        return low, high
+    least, greatest = lowest.in_order(), -highest.in_order()
+
+    def between(place: float) -> float:
+        """Return the value at a place among all in their order, as a rule between two of them."""
+        below = int(place)
+        ranks = (below, min(below + 1, known - 1))
+        pair = [least[rank] if rank < least.size else greatest[known - 1 - rank] for rank in ranks]
+        return float(np.quantile(pair, place - below))
+
+    return between((known - 1) * quantiles[0]), between((known - 1) * quantiles[1])
+
+
+class _Least:
+    """Keeps the least of the values that it is given, as many as asked for and some more."""
+
+    def __init__(self, count: int) -> None:
+        self._count, self._bound = count, np.inf
+        self._kept: list[Values] = []
+        self._size = 0
+
+    def add(self, values: Values) -> None:
+        self._kept.append(values[values <= self._bound])
+        self._size += self._kept[-1].size
+        if self._size > 2 * self._count:
+            least = np.partition(np.concatenate(self._kept), self._count - 1)[: self._count]
+            self._kept, self._size, self._bound = [least], least.size, float(least[-1])
+
+    def in_order(self) -> Values:
+        return np.sort(np.concatenate(self._kept))
+
+
+Map = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+GreyImages = Callable[[int, int], Bytes]
+"""Gives the image of a camera s in a frame, counted from 0: uint8 of shape (y, x)."""
+
+# Images that are held: of two cameras and two frames.
+_HELD = 4
+_SIXTEENTHS = 16
+# Columns that are enough to find the range of disparities.
+_LEAST_WIDTH = 160
+
+
+class StereoSettings(MethodSettings):
+    """How OpenCV matches two images of a rectified pair."""
+
+    stereo: Literal["sgbm", "bm"] = "sgbm"
+    """``sgbm``: semi-global matching of blocks; ``bm``: block matching."""
+    camera: Annotated[int, Field(ge=-1001, le=1001)] | None = None
+    """The position s that is matched with the reference s = 0; null: the nearest, the right one of two."""
+    min_disparity_px: Annotated[int, Field(ge=0, le=32768)] | Literal["auto"] = "auto"
+    """Least disparity between the two images in px; ``auto`` finds the range from the images."""
+    disparity_range_px: Annotated[int, Field(ge=16, le=32768, multiple_of=16)] = 32
+    """How many disparities are tried from there on: a multiple of 16."""
+    stereo_block_px: Annotated[int, Field(ge=1, le=255)] | None = None
+    """Side of the blocks that are compared, odd; null: 7 for ``sgbm``, 21 for ``bm``."""
+
+    @model_validator(mode="after")
+    def _block(self) -> StereoSettings:
+        block = self.stereo_block_px
+        least = 5 if self.stereo == "bm" else 1
+        if block is not None and (block % 2 == 0 or block < least):
+            msg = f"stereo_block_px must be odd and at least {least} for '{self.stereo}' (got {block})"
+            raise ValueError(msg)
+        return self
+
+
+class FlowSettings(MethodSettings):
+    """How OpenCV finds the optical flow from a frame to the next."""
+
+    flow: Literal["farneback", "dis"] = "farneback"
+    """``farneback``: polynomial expansion; ``dis``: dense inverse search (medium preset)."""
+    flow_window_px: Annotated[int, Field(ge=3, le=1001)] = 25
+    """Side of Farnebäck's window in px."""
+    flow_levels: Annotated[int, Field(ge=1, le=10)] = 3
+    """Levels of Farnebäck's pyramid."""
+    flow_iterations: Annotated[int, Field(ge=1, le=1000)] = 3
+    """Iterations of Farnebäck's method at each level."""
+    flow_polynomial_sigma_px: Annotated[float, Field(ge=0.1, le=100, allow_inf_nan=False)] = 1.5
+    """Standard deviation of the Gaussian in which Farnebäck's polynomials are fitted to 7 x 7 pixels, in px."""
+
+
+def cv2_problems() -> list[Problem]:
+    """Return why OpenCV cannot be used here, if so."""
+    try:
+        import cv2  # noqa: F401
+    except ImportError as error:
+        remedy = "install it: pip install 'scenetruth[opencv]' (or opencv-python-headless)"
+        return [Problem("method", f"needs OpenCV, which cannot be imported ({error}); {remedy}")]
+    return []
+
+
+def eight_bit_images(recording: xr.Dataset) -> GreyImages:
+    """Return what reads the images of a recording one by one, grey and in 8 bits, as OpenCV takes them.
+
+    What does not fit into 8 bits is scaled by its 0.1th and 99.9th percentile over the whole recording, alike for all
+    images, so that brightness stays comparable.
+    """
+    image = recording["image"].variable
+    # A grid of one row is a row.
+    image = image.isel(s_y=0) if "s_y" in image.dims else image
+    positions = recording["s"].values.tolist()
+
+    def recorded(camera: int, frame: int) -> NDArray[Any]:
+        return np.asarray(image.isel(s=camera, t=frame).values)
+
+    low, high = 0.0, 255.0
+    if image.dtype != np.uint8:
+        everywhere = ((camera, frame) for camera in range(len(positions)) for frame in range(image.sizes["t"]))
+        sampled = (recorded(*place)[..., ::4, ::4].astype(np.float64) for place in everywhere)
+        rows, columns = (len(range(0, size, 4)) for size in image.shape[-2:])
+        low, high = outer_percentiles(sampled, 0.1, prod(image.shape[:-2]) * rows * columns)
+
+    @lru_cache(maxsize=_HELD)
+    def grey(s: int, frame: int) -> Bytes:
+        values = recorded(positions.index(s), frame)
+        values = values[..., 0] if "channel" in image.dims else values
+        if values.dtype != np.uint8:
+            scaled = (values.astype(np.float64) - low) * (255 / max(high - low, 1e-12))
+            values = np.rint(np.clip(np.nan_to_num(scaled), 0, 255)).astype(np.uint8)
+        return np.ascontiguousarray(values)
+
+    return grey
+
+
+def camera_problems(recording: xr.Dataset, settings: StereoSettings) -> list[Problem]:
+    """Return what is wrong with the position that is to be matched with the reference."""
+    others = [s for s in recording["s"].values.tolist() if s != 0]
+    if settings.camera is not None and settings.camera not in others:
+        return [Problem("estimate.camera", f"must be one of the positions {others}", settings.camera)]
+    return []
+
+
+def disparities(
+    recording: xr.Dataset, images: GreyImages, settings: StereoSettings, progress: Progress | None
+) -> Iterator[Map]:
+    """Give the disparity of the reference camera in every frame, px per step of s, each of shape (y, x).
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    images
+        Its images as of `eight_bit_images`.
+    settings
+        How they are matched.
+    progress
+        Called with (what, done, total).
+    """
+    positions = recording["s"].values.tolist()
+    other = settings.camera or min((s for s in positions if s != 0), key=lambda s: (abs(s), -s))
+    stage = recording["stage_x_mm"].values
+    apart_mm = float(stage[positions.index(other)] - stage[positions.index(0)])
+    # Per step of s, and in pixels of the camera where only every n-th is there.
+    per_step = apart_mm / float(recording.attrs["baseline_mm"])
+    scale = float(np.sign(apart_mm) * compute_pixel_grid(recording).step_px / per_step)
+
+    def found(frame: int) -> Map:
+        # Matching gives the shift to the left of a camera that stands to the right.
+        pair = images(0, frame), images(other, frame)
+        return disparity_between(*pair, settings, to_the_right=apart_mm > 0) * scale
+
+    return _frame_by_frame("stereo", found, recording.sizes["t"], progress)
+
+
+def flows(
+    recording: xr.Dataset, images: GreyImages, settings: FlowSettings, progress: Progress | None
+) -> Iterator[Map]:
+    """Give the flow of the reference camera from every frame to the next, px per frame, each of shape (2, y, x).
+
+    Parameters
+    ----------
+    recording, images, progress
+        As of `disparities`.
+    settings
+        How the flow is found.
+    """
+    step_px = compute_pixel_grid(recording).step_px
+
+    def found(frame: int) -> Map:
+        return step_px * flow_between(images(0, frame), images(0, frame + 1), settings)
+
+    return _frame_by_frame("flow", found, recording.sizes["t"] - 1, progress)
+
+
+def _frame_by_frame(what: str, found: Callable[[int], Map], count: int, progress: Progress | None) -> Iterator[Map]:
+    """Give what is found in each frame, and tell of the progress."""
+    tell = progress or (lambda *_: None)
+    tell(what, 0, count)
+    for frame in range(count):
+        values = found(frame)
+        tell(what, frame + 1, count)
+        yield values
+
+
+def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, *, to_the_right: bool) -> Map:
+    """Return the disparity of every pixel of the reference image in px, positive; NaN where nothing fits.
+
+    Parameters
+    ----------
+    reference, other
+        Images of a rectified pair, shape (y, x).
+    settings
+        How they are matched.
+    to_the_right
+        Whether the other camera stands to the right of the reference.
+    """
+    if not to_the_right:
+        # Seen in a mirror, the camera on the left stands on the right.
+        mirrored = disparity_between(
+            np.ascontiguousarray(reference[:, ::-1]), np.ascontiguousarray(other[:, ::-1]), settings, to_the_right=True
+        )
+        return np.ascontiguousarray(mirrored[:, ::-1])
+    import cv2
+
+    span = settings.disparity_range_px
+    least = (
+        _least_disparity(reference, other, span) if settings.min_disparity_px == "auto" else settings.min_disparity_px
+    )
+    # What lies left of the range's end in the other image would have no disparity: room is added there.
+    pad = least + span
+    padded = [cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (reference, other)]
+    matcher: Any
+    if settings.stereo == "sgbm":
+        block = settings.stereo_block_px or 7
+        penalties = {"P1": 8 * block**2, "P2": 32 * block**2}
+        matcher = cv2.StereoSGBM.create(least, span, block, **penalties, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)
+    else:
+        matcher = cv2.StereoBM.create(span, settings.stereo_block_px or 21)
+        matcher.setMinDisparity(least)
+    found = np.asarray(matcher.compute(*padded)[:, pad:], dtype=np.float64) / _SIXTEENTHS
+    # Pixels whose match would lie outside the other image have been matched with the added room.
+    outside = np.arange(found.shape[1]) - found < 0
+    found[(found < least) | (found <= 0) | outside] = np.nan
+    return found
+
+
+def _least_disparity(reference: Bytes, other: Bytes, span: int) -> int:
+    """Return the least disparity of the range in which most of the image is found, at a lower resolution if it can."""
+    import cv2
+
+    factor = next((factor for factor in (4, 2) if reference.shape[1] // factor >= _LEAST_WIDTH), 1)
+    size = (reference.shape[1] // factor, reference.shape[0] // factor)
+    small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (reference, other)]
+    # Matching needs some columns beside the range.
+    most = max(16, (size[0] - 32) // 16 * 16)
+    matcher = cv2.StereoSGBM.create(0, most, 7, P1=8 * 49, P2=32 * 49, uniquenessRatio=10)
+    padded = [cv2.copyMakeBorder(image, 0, 0, most, 0, cv2.BORDER_REPLICATE) for image in small]
+    found = np.asarray(matcher.compute(*padded)[:, most:], dtype=np.float64) / _SIXTEENTHS
+    found[np.arange(size[0]) - found < 0] = 0
+    known = found[found > 0] * factor
+    if known.size == 0:
+        return 0
+    low, high = np.percentile(known, (5, 95))
+    return max(0, round(float(low + high - span) / 2))
+
+
+def flow_between(first: Bytes, second: Bytes, settings: FlowSettings) -> Map:
+    """Return the optical flow from one image to another in px, (dx, dy), shape (2, y, x).
+
+    Parameters
+    ----------
+    first, second
+        The images, shape (y, x); the flow belongs to the pixels of the first.
+    settings
+        How it is found.
+    """
+    import cv2
+
+    if settings.flow == "farneback":
+        found = cv2.calcOpticalFlowFarneback(
+            first,
+            second,
+            None,  # type: ignore[call-overload]
+            0.5,
+            settings.flow_levels,
+            settings.flow_window_px,
+            settings.flow_iterations,
+            7,
+            settings.flow_polynomial_sigma_px,
+            cv2.OPTFLOW_FARNEBACK_GAUSSIAN,
+        )
+    else:
+        found = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(first, second, None)  # type: ignore[call-overload]
+    return np.ascontiguousarray(np.moveaxis(np.asarray(found, dtype=np.float64), -1, 0))

@@ -1,0 +1,203 @@
+"""Disparity of every pixel from all cameras: the ranges that occur, one frame, and all frames of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.method_settings import PlaneSweepSettings
+from scenetruth.estimators.plane_sweep.cost_volume import (
+    BestHypothesis,
+    CameraRow,
+    choose_hypotheses,
+    downsample,
+    spread_hypotheses,
+)
+from scenetruth.estimators.protocol import FrameReader
+from scenetruth.progress import Progress
+from scenetruth.schema import compute_pixel_grid, read_intrinsics
+
+__all__ = ["DisparityResult", "disparity_ranges", "estimate_disparities", "sweep_disparity"]
+
+
+# Any other answer must cost this many times as much.
+_SURE = 1.5
+_COARSEST = 8
+# Columns that are enough to tell disparities apart.
+_LEAST_WIDTH = 120
+# Columns that two views must have in common: as many, and as large a share.
+_COMMON, _COMMON_SHARE = 8, 0.125
+# Pixels of low resolution that make a range: as many, and as large a share.
+_LEAST_PIXELS, _LEAST_SHARE = 6, 2e-4
+# Ranges are widened by this many columns of low resolution.
+_WIDER = 1.5
+# Where a smaller share of pixels is sure, texture is too fine for the low resolution, or missing.
+_ENOUGH = 0.25
+_MOST_COSTS = 5e8
+
+
+def disparity_ranges(images: NDArray[np.float32], row: CameraRow) -> list[tuple[float, float]]:
+    """Return the ranges of disparity in columns per step that images show; none if they show nothing.
+
+    Parameters
+    ----------
+    images
+        Grey values, shape (s, y, x).
+    row
+        Which of them is the reference, and where the others stand.
+    """
+    factor = _COARSEST
+    while factor > 1 and images.shape[2] // factor < _LEAST_WIDTH:
+        factor //= 2
+    ranges: list[tuple[float, float]] = []
+    while factor >= 1:
+        small = downsample(images, factor)
+        height, width = small.shape[1:]
+        step = min(0.5, 1 / row.farthest)
+        widest = (width - max(_COMMON, _COMMON_SHARE * width)) / float(np.abs(row.nearest).min())
+        if widest <= 0 or (ranges and widest / step * height * width > _MOST_COSTS):
+            break
+        chosen = choose_hypotheses(small, row, spread_hypotheses([(0.0, widest)], step))
+        sure = chosen.sure(_SURE)
+        ranges += [(low * factor, high * factor) for low, high in _ranges(chosen, sure, step, widest)]
+        if sure.mean() > _ENOUGH:
+            break
+        factor //= 2
+    return ranges
+
+
+def _ranges(chosen: BestHypothesis, sure: NDArray[np.bool_], step: float, widest: float) -> list[tuple[float, float]]:
+    """Return the ranges in which there are enough pixels."""
+    places = np.rint(chosen.disparity[sure] / step).astype(np.int64)
+    counts = np.bincount(np.clip(places, 0, None), minlength=1)
+    # As many within a column to either side.
+    reach = round(1 / step)
+    around = np.convolve(counts, np.ones(2 * reach + 1))[reach : reach + len(counts)]
+    least = max(_LEAST_PIXELS, _LEAST_SHARE * sure.size)
+    found = np.flatnonzero((around >= least) & (counts > 0)) * step
+    runs = np.split(found, np.flatnonzero(np.diff(found) > _WIDER) + 1) if len(found) else []
+    return [(max(float(run[0]) - _WIDER, 0.0), min(float(run[-1]) + _WIDER, widest)) for run in runs]
+
+
+# Least disparity that is told, in steps of those that are tried.
+_FARTHEST = 0.5
+_MEDIAN_PX = 3
+
+
+@dataclass(frozen=True, eq=False)
+class DisparityResult:
+    """What a plane sweep finds."""
+
+    disparity: NDArray[np.float64]
+    """In columns per step of s, finite everywhere if anything is known, shape (y, x)."""
+    known: NDArray[np.bool_]
+    """Where the images tell it beyond doubt, shape (y, x)."""
+    ranges: list[tuple[float, float]]
+    """The ranges that were searched."""
+    far: NDArray[np.bool_]
+    """Where disparity is nearer to zero than can be told, shape (y, x)."""
+
+
+def sweep_disparity(
+    images: NDArray[np.float32],
+    positions: ArrayLike,
+    sign: float = 1.0,
+    ranges: Sequence[tuple[float, float]] | None = None,
+    distinctness: float = 1.3,
+) -> DisparityResult:
+    """Find the disparity of every pixel of the reference.
+
+    Parameters
+    ----------
+    images
+        Grey values of all cameras at one time, finite, shape (channel, s, y, x). Channels are averaged.
+    positions
+        Where the cameras stand, in steps, one of them at 0: camera s sees at x - d s what the reference sees at x.
+    sign
+        That of all disparities d: that of the baseline.
+    ranges
+        Ranges of disparity to search, in columns per step; they are found if not given.
+    distinctness
+        How many times as much as the chosen disparity any other must cost, lest it is not known.
+
+    Returns
+    -------
+    Swept
+        Pixels are known whose disparity another view would choose too where it sees them, so that they are not hidden
+        from all, and for which any other disparity would fit clearly worse.
+    """
+    from scipy import ndimage
+
+    from scenetruth.estimators.plane_sweep.cost_volume import choose_hypotheses, make_camera_row, spread_hypotheses
+
+    row = make_camera_row(positions, sign)
+    grey = np.ascontiguousarray(images.mean(axis=0, dtype=np.float32))
+    turn = 1.0 if sign > 0 else -1.0
+    if ranges is None:
+        searched = disparity_ranges(grey, row)
+    else:
+        searched = [(min(low * turn, high * turn), max(low * turn, high * turn)) for low, high in ranges]
+    if not searched:
+        nowhere = np.zeros(grey.shape[1:], dtype=np.bool_)
+        return DisparityResult(np.full(grey.shape[1:], np.nan), nowhere, [], nowhere)
+    chosen = choose_hypotheses(grey, row, spread_hypotheses(searched, _step(row.farthest)))
+    disparity = ndimage.median_filter(chosen.disparity, _MEDIAN_PX)
+    # What is as far away as anything, or farther, has no depth.
+    least = _FARTHEST * _step(row.farthest)
+    far = disparity <= least
+    known = chosen.sure(distinctness) & ~far
+    disparity = np.maximum(disparity, least) * turn
+    return DisparityResult(disparity, known, [(low * turn, high * turn) for low, high in searched], far)
+
+
+def _step(farthest: float) -> float:
+    """Return the distance of two hypotheses: a quarter of a column in the farthest view, if that is not too fine.
+
+    Beyond four steps from the reference it is half a column.
+    """
+    return min(0.25, max(0.25 / farthest, min(0.125, 0.5 / farthest)))
+
+
+def estimate_disparities(
+    recording: xr.Dataset, settings: PlaneSweepSettings, progress: Progress | None
+) -> Iterator[NDArray[np.float64]]:
+    """Give the disparity of the reference camera in every frame, px per step of s, NaN where it is not known.
+
+    Parameters
+    ----------
+    recording
+        A checked recording of several cameras.
+    settings
+        Which disparities are tried.
+    progress
+        Called with (what, done, total).
+
+    Raises
+    ------
+    EstimateError
+        If the images hold values that are not finite.
+    """
+    reader = FrameReader(recording)
+    missing = reader.missing()
+    if missing:
+        message = f"holds {missing} values that are not finite in float32; leave out these rows and columns"
+        raise EstimateError([Problem("image", message)])
+    baseline_mm = read_intrinsics(recording).baseline_mm
+    positions = recording["stage_x_mm"].values / baseline_mm
+    step_px, frames = compute_pixel_grid(recording).step_px, reader.shape[2]
+    ranges = None
+    if settings.disparity_px != "auto":
+        low, high = sorted(settings.disparity_px)
+        ranges = [(low / step_px, high / step_px)]
+    tell = progress or (lambda *_: None)
+    tell("sweep", 0, frames)
+    for frame in range(frames):
+        images = reader.frames(frame, frame + 1)[:, :, 0].astype(np.float32, copy=False)
+        found = sweep_disparity(images, positions, baseline_mm, ranges, settings.distinctness)
+        tell("sweep", frame + 1, frames)
+        yield np.where(found.known, found.disparity * step_px, np.nan)

@@ -1,1 +1,0 @@
-"""Hot loops of the plane sweep, compiled by numba."""

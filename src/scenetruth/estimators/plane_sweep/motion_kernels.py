@@ -1,0 +1,200 @@
+"""Kernels of the motion search: random search with propagation to neighbouring pixels (PatchMatch)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.intrinsic_kernels import ones
+
+__all__ = ["HALVES", "UNSEEN_BITS", "NeighbourFrame", "costs_of", "search"]
+
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+HALVES = 2
+"""Fractions of a pixel by which images are shifted, along x and along y."""
+UNSEEN_BITS = 16.0
+"""Cost of a motion that leads out of all images."""
+
+
+class NeighbourFrame(NamedTuple):
+    """A frame as the reference sees it, and the images of other times in which its points are looked for."""
+
+    reference: NDArray[np.uint64]
+    """Census of the reference, shape (y, x)."""
+    images: NDArray[np.uint64]
+    """Census of all images, shifted by halves of a pixel up and to the left, shape (t, s, half y, half x, y, x)."""
+    t: NDArray[np.float64]
+    """Their times, in frames from the reference's."""
+    s: NDArray[np.float64]
+    """Positions of the cameras in steps."""
+    farthest: float
+    """The largest distance of any from the reference, at least 1."""
+    disparity: NDArray[np.float64]
+    """In columns per step, of the reference's pixels, shape (y, x)."""
+    focal: float
+    """Focal length in columns; infinite if nothing is to move in depth."""
+    centre_x: float
+    """Column of the principal point."""
+    centre_y: float
+    """Row of the principal point."""
+
+
+@_jit
+def _cost(later: Any, y: int, x: int, qx: float, qy: float, qz: float) -> float:
+    """Return the number of bits that differ if a pixel's point moves by q: the better time, of each the better side."""
+    height, width = later.reference.shape
+    d = later.disparity[y, x]
+    here = later.reference[y, x]
+    best, sum_of_times, times = 1e9, 0.0, 0
+    for n in range(len(later.t)):
+        t = later.t[n]
+        scale = 1.0 / (1.0 + t * d * qz / later.focal)
+        there_x = 2.0 * ((x - later.centre_x + d * t * qx) * scale + later.centre_x)
+        there_y = 2.0 * ((y - later.centre_y + d * t * qy) * scale + later.centre_y)
+        if not (abs(there_x) < 1e6 and abs(there_y) < 1e6):
+            continue
+        row = int(np.floor(there_y + 0.5))
+        if row < 0 or row > 2 * (height - 1):
+            continue
+        left = right = middle = 0
+        lefts = rights = middles = 0
+        for v in range(len(later.s)):
+            s = later.s[v]
+            column = int(np.floor(there_x - 2.0 * d * scale * s + 0.5))
+            if column < 0 or column > 2 * (width - 1):
+                continue
+            differ = int(ones(here ^ later.images[n, v, row & 1, column & 1, row >> 1, column >> 1]))
+            if s > 0:
+                left, lefts = left + differ, lefts + 1
+            elif s < 0:
+                right, rights = right + differ, rights + 1
+            else:
+                middle, middles = middle + differ, middles + 1
+        if lefts + rights + middles == 0:
+            continue
+        cost = 1e9
+        if lefts + middles > 0:
+            cost = (left + middle) / (lefts + middles)
+        if rights + middles > 0:
+            cost = min(cost, (right + middle) / (rights + middles))
+        best = min(best, cost)
+        sum_of_times += cost
+        times += 1
+    if times == 0:
+        return UNSEEN_BITS
+    # What is hidden at one time is seen at the other; where both see it, both should agree.
+    return 0.75 * best + 0.25 * sum_of_times / times
+
+
+@_jit
+def _unlike(later: Any, q: Any, y: int, x: int, motion: Any, same: float, most: float) -> float:
+    """Return by how many px a motion differs from those of the four neighbours on the same surface."""
+    height, width = later.reference.shape
+    d = later.disparity[y, x]
+    total = 0.0
+    for n in range(4):
+        i, j = y + (1 if n == 0 else (-1 if n == 1 else 0)), x + (1 if n == 2 else (-1 if n == 3 else 0))
+        if 0 <= i < height and 0 <= j < width and abs(later.disparity[i, j] - d) < same:
+            rate = d * (q[2, i, j] - motion[2]) / later.focal
+            apart = abs(d * (q[0, i, j] - motion[0]) - (x - later.centre_x) * rate)
+            apart += abs(d * (q[1, i, j] - motion[1]) - (y - later.centre_y) * rate)
+            total += min(apart + later.farthest * abs(d * rate), most)
+    return total
+
+
+@_jit
+def costs_of(later: Any, q: Any, shift_x: float, shift_y: float, out: Any) -> None:
+    """Write the cost of given motions, in bits of 48.
+
+    Parameters
+    ----------
+    later
+        The images.
+    q
+        Velocity in baselines per frame, shape (3, y, x).
+    shift_x, shift_y
+        Flow in columns per frame that is added.
+    out
+        Output, shape (y, x).
+    """
+    height, width = later.reference.shape
+    for y in range(height):
+        for x in range(width):
+            d = later.disparity[y, x]
+            out[y, x] = _cost(later, y, x, q[0, y, x] + shift_x / d, q[1, y, x] + shift_y / d, q[2, y, x])
+
+
+@_jit
+def search(later: Any, q: Any, sweeps: int, reach: float, smooth: Any, seed: int) -> None:
+    """Better the motion of every pixel by those of its neighbours, and by random changes that become smaller.
+
+    Parameters
+    ----------
+    later
+        The images.
+    q
+        Velocity in baselines per frame, shape (3, y, x); bettered in place.
+    sweeps
+        How often to go through all pixels, forth and back.
+    reach
+        Changes of flow to begin with, in columns; halved with every sweep.
+    smooth
+        Bits that a difference of one px from a neighbour costs; px beyond which more does not cost more; difference of
+        disparity beyond which a neighbour belongs to another surface.
+    seed
+        Where random numbers begin.
+    """
+    height, width = later.reference.shape
+    weight, most, same = smooth
+    deep = np.isfinite(later.focal)
+    costs = np.empty((height, width))
+    costs_of(later, q, 0.0, 0.0, costs)
+    motion = np.empty(3)
+    state = np.uint64(seed * 2 + 88172645463325252)
+    for sweep in range(sweeps):
+        forth = sweep % 2 == 0
+        step = -1 if forth else 1
+        for row in range(height):
+            y = row if forth else height - 1 - row
+            for column in range(width):
+                x = column if forth else width - 1 - column
+                d = later.disparity[y, x]
+                motion[:] = q[:, y, x]
+                own = costs[y, x]
+                total = own + weight * _unlike(later, q, y, x, motion, same, most)
+                for n in range(5):
+                    if n == 0 and 0 <= x + step < width:
+                        motion[:] = q[:, y, x + step]
+                    elif n == 1 and 0 <= y + step < height:
+                        motion[:] = q[:, y + step, x]
+                    elif n >= 2:
+                        motion[:] = q[:, y, x]
+                        for i in range(3):
+                            # xorshift64
+                            state ^= state << np.uint64(13)
+                            state ^= state >> np.uint64(7)
+                            state ^= state << np.uint64(17)
+                            chance = float(state >> np.uint64(11)) * 2.0**-52 - 1.0
+                            if i < 2 and n != 3:
+                                motion[i] += chance * reach / d
+                            elif i == 2 and n != 2 and deep:
+                                # The flow stays as it is.
+                                rate = chance * reach / (d * later.farthest)
+                                motion[0] += (x - later.centre_x + d * motion[0]) * rate / d
+                                motion[1] += (y - later.centre_y + d * motion[1]) * rate / d
+                                motion[2] += rate * later.focal / d
+                    else:
+                        continue
+                    cost = _cost(later, y, x, motion[0], motion[1], motion[2])
+                    if cost >= total:
+                        continue
+                    tried = cost + weight * _unlike(later, q, y, x, motion, same, most)
+                    if tried < total:
+                        total, own = tried, cost
+                        q[:, y, x] = motion
+                costs[y, x] = own
+        reach *= 0.5

@@ -1,1 +1,0 @@
-"""Pixels and images that must not be used, found before and while surfaces are fitted."""

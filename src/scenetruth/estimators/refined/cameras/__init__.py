@@ -1,1 +1,0 @@
-"""Cameras that are not where they should be: how far each image is off, found from all points together."""

@@ -1,0 +1,499 @@
+"""Refits at discontinuities.
+
+Small windows, models of neighbouring pixels selected by photo-consistency, then windows without the pixels of other
+surfaces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.method_settings import RefinedSettings
+from scenetruth.estimators.refined.fit_maps import (
+    DISCONTINUITY_PX,
+    blank_fit,
+    carried,
+    chosen_fit,
+    differ,
+    explained,
+    extract_fields,
+    find_discontinuities,
+    find_mixed_pixels,
+    initial_parameters,
+    with_bias,
+)
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.initialisation import fill_gaps
+from scenetruth.estimators.refined.iterations import (
+    STAGES,
+    RefinedState,
+    fill_invalid_parameters,
+    fit_round,
+    is_valid_step,
+    select_models,
+)
+from scenetruth.estimators.refined.kernels.photo_consistency import SIDES, hide, judge_rows
+from scenetruth.estimators.refined.kernels.warp import ImageView, warp_rows
+from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
+from scenetruth.estimators.refined.kernels.window_sums import solve_members
+from scenetruth.estimators.refined.motion_model_selection import (
+    MotionModelTrial,
+    choose_motion_model,
+    encode_motion_models,
+    list_motion_models,
+)
+from scenetruth.estimators.refined.noise_estimation import estimate_noise, textured
+from scenetruth.estimators.refined.row_bands import (
+    NO_OCCLUSION,
+    PixelEvidence,
+    RowBand,
+    around,
+    bands,
+    local_gradient,
+    local_means,
+    pieces,
+    window_weights,
+)
+from scenetruth.schema.variables import MOTION_PLAIN
+from scenetruth.threads import in_threads
+
+__all__ = [
+    "BLOCK_PX",
+    "FARTHEST",
+    "DiscontinuityContext",
+    "GainOffset",
+    "HypothesisSelection",
+    "empty_discontinuity_context",
+    "estimate_gain_offset",
+    "refit_discontinuities",
+    "uniform_gain_offset",
+]
+
+
+BLOCK_PX = 32
+"""Edge of a block."""
+# A block needs so many pixels.
+_LEAST_BLOCK_PIXELS = 64
+
+
+class GainOffset(NamedTuple):
+    """What takes an image to the brightness of the images' mean: (grey value - offset) / gain, in blocks."""
+
+    gain: NDArray[np.float32]
+    """Gains, shape (n, rows of blocks, columns of blocks)."""
+    offset: NDArray[np.float32]
+    """Offsets in grey values, of the same shape."""
+
+
+def uniform_gain_offset(count: int) -> GainOffset:
+    """Return that all images have the same brightness.
+
+    Parameters
+    ----------
+    count
+        Number of images.
+    """
+    return GainOffset(np.ones((count, 1, 1), dtype=np.float32), np.zeros((count, 1, 1), dtype=np.float32))
+
+
+def estimate_gain_offset(
+    coefficients: NDArray[np.float32],
+    view: ImageView,
+    fields: NDArray[np.float64],
+    bad: NDArray[np.uint8],
+    good: NDArray[np.bool_],
+) -> GainOffset:
+    """Find the images' gains and offsets against their mean by regression in blocks.
+
+    Parameters
+    ----------
+    coefficients, view, fields, bad
+        As of `warp_rows`.
+    good
+        Pixels that are asked, shape (y, x).
+
+    Returns
+    -------
+    Brightness
+        Blocks with too few pixels, or without contrast, have the values of the nearest that suffice.
+    """
+    count, height, width = coefficients.shape
+    down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
+    gain = np.full((count, down, across), np.nan, dtype=np.float32)
+    offset = np.full_like(gain, np.nan)
+    asked = np.where(good, fields, np.nan)
+    # Images that are left out as a whole have no brightness.
+    used = ~bad.all(axis=(1, 2)) if bad.shape[0] > 0 else np.ones(count, dtype=np.bool_)
+
+    def regress(block: int) -> None:
+        first = block * BLOCK_PX
+        rows = min(BLOCK_PX, height - first)
+        warped = np.empty((count, rows, width), dtype=np.float32)
+        gradient = np.empty((2, rows, width), dtype=np.float32)
+        warp_rows(coefficients, view, asked, NO_OCCLUSION, bad, first, warped, gradient, (0, rows))
+        for column in range(across):
+            part = warped[:, :, column * BLOCK_PX : (column + 1) * BLOCK_PX].reshape(count, -1).astype(np.float64)
+            found = _in_block(part[used], some_bad=bad.shape[0] > 0)
+            if found is not None:
+                gain[used, block, column], offset[used, block, column] = found
+
+    in_threads(regress, range(down))
+    gain[~used], offset[~used] = 1.0, 0.0
+    known = np.isfinite(gain).all(axis=0) & (gain > 0.1).all(axis=0)
+    if not known.any():
+        return uniform_gain_offset(count)
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return GainOffset(*(np.ascontiguousarray(values[:, nearest[0], nearest[1]]) for values in (gain, offset)))
+
+
+def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return gains and offsets of images against their mean, from grey values (n, pixels), NaN where unknown."""
+    known = np.isfinite(values)
+    # Pixels that all images show have one texture; if bad ones lie between, every image is asked where it is known.
+    values = values[:, known.mean(axis=0) >= 0.5 if some_bad else known.all(axis=0)]
+    known = np.isfinite(values)
+    counts = known.sum(axis=1)
+    if counts.min(initial=values.shape[1]) < _LEAST_BLOCK_PIXELS:
+        return None
+    means = np.where(known, values, 0.0).sum(axis=1) / counts
+    around = np.where(known, values - means[:, None], 0.0)
+    texture = around.sum(axis=0) / known.sum(axis=0)
+    # Over the pixels that each image shows.
+    middle = known @ texture / counts
+    squares = known @ texture**2 - counts * middle**2
+    if squares.min(initial=np.inf) <= 0:
+        return None
+    gain = (around @ texture) / squares
+    return gain, means - gain * (middle + means.mean())
+
+
+Map = NDArray[np.float64]
+
+# The images of one side alone must agree better by this than all of them do.
+_SIDE_COST = 1.05
+# So much of a pixel's neighbourhood must be judged.
+_LEAST_JUDGED_SHARE = 0.3
+# Models that move a point by more than this in any image are of different surfaces.
+_DIFFERENT_PX = 0.5
+
+
+class HypothesisSelection:
+    """The best model of every pixel so far.
+
+    Parameters
+    ----------
+    images
+        The images that judge.
+    theta
+        Parameters to begin with, shape (15 or 18, y, x).
+    where
+        Pixels to be judged, shape (y, x).
+    noise
+        Standard deviation of what the images leave by noise alone.
+    steady
+        Pixels that tell the images' brightness, shape (y, x); without, it is the same in all.
+    """
+
+    def __init__(
+        self,
+        images: ImageStack,
+        theta: Map,
+        where: NDArray[np.bool_],
+        noise: float,
+        steady: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self._images, self._where, self._square = images, where, noise**2
+        self._stacks = [images.stack(channel) for channel in range(images.channels)]
+        self._bad = images.bad_stack()
+        view, fields = images.view(), np.ascontiguousarray(extract_fields(theta))
+        self._brightness = [
+            uniform_gain_offset(len(stack))
+            if steady is None
+            else estimate_gain_offset(stack, view, fields, self._bad, steady)
+            for stack in self._stacks
+        ]
+        self.theta = theta.copy()
+        self.cost = self._judge(theta)
+        """What the images leave with it, in squares of the noise."""
+        self.rival = np.full(images.shape, np.inf, dtype=np.float32)
+        """The same for the best model of another surface that was offered."""
+
+    def offer(self, theta: Map) -> None:
+        """Take models where they explain the images better.
+
+        Parameters
+        ----------
+        theta
+            Parameters, shape (15 or 18, y, x); NaN where there are none.
+        """
+        cost = self._judge(theta)
+        with np.errstate(invalid="ignore"):
+            moved = self._images.moved_px(extract_fields(self.theta), extract_fields(theta))
+            other = ~(moved <= _DIFFERENT_PX)
+            # No worse than by what noise may do: models that came first stay.
+            better = cost < self.cost - 0.03
+        worse = np.where(better, self.cost, cost)
+        self.rival[other] = np.minimum(self.rival, worse)[other]
+        self.theta[:, better] = theta[:, better]
+        self.cost[better] = cost[better]
+
+    def spread(self, distance: int) -> None:
+        """Offer every pixel the models of eight others in turn.
+
+        Parameters
+        ----------
+        distance
+            How far away they are, in rows and columns.
+        """
+        for down in (-distance, 0, distance):
+            for right in (-distance, 0, distance):
+                if right or down:
+                    self.offer(carried(self.theta, right, down))
+
+    def _judge(self, theta: Map) -> NDArray[np.float32]:
+        fields = np.where(self._where, extract_fields(theta), np.nan)
+        sides = np.empty((SIDES, *self._images.shape), dtype=np.float32)
+        best = np.full(self._images.shape, np.inf, dtype=np.float32)
+        totals = np.zeros_like(sides)
+        for stack, brightness in zip(self._stacks, self._brightness, strict=True):
+            judge = partial(judge_rows, stack, self._images.view(), fields, self._bad, *brightness, BLOCK_PX, sides)
+            in_threads(judge, pieces(0, self._images.shape[0]))
+            totals += sides / len(self._stacks)
+        for side in range(SIDES):
+            known = np.isfinite(totals[side])
+            share = local_means(known.astype(np.float32))
+            mean = local_means(np.where(known, totals[side], 0.0)) / np.maximum(share, _LEAST_JUDGED_SHARE)
+            cost = np.where(share > _LEAST_JUDGED_SHARE, mean, np.inf) * (1.0 if side == 0 else _SIDE_COST)
+            best = np.minimum(best, cost / self._square)
+        return best
+
+
+Mask = NDArray[np.bool_]
+
+# A surface explains pixels if it leaves this many times the noise at most, or what a shift by so many px would leave.
+_NOISES, _SHIFT_PX = 1.3, 0.2
+# Standard deviations of the windows that come first and of those in the end, over that of the whole windows.
+_SMALL, _FINAL = 0.4, 2 / 3
+_LEAST_SIGMA_PX = 1.5
+# Points whose disparities differ by less than this at the farthest camera do not hide each other.
+_SAME_PX = 0.75
+_ROUNDS = 2
+# Motion may be as rich as it is in whole windows so many half windows away.
+_REACH_HALF_WINDOWS = 2
+_PIXELS = 2000
+# Of the images so many must show a pixel, of a window so much must be known, and of its texture's middle not be farther
+# from the window's than so many standard deviations: at a straight outline it is 0.8.
+_LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class DiscontinuityContext:
+    """What is known beside outlines."""
+
+    where: Mask
+    """Pixels whose windows hold an outline, or what one motion does not explain, shape (y, x)."""
+    sound: Mask
+    """Those of them whose own surface is told."""
+
+
+def empty_discontinuity_context(shape: tuple[int, int]) -> DiscontinuityContext:
+    """Return that no pixel is beside an outline.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns.
+    """
+    return DiscontinuityContext(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
+
+
+def refit_discontinuities(
+    images: ImageStack,
+    start: Map,
+    refined: RefinedState,
+    settings: RefinedSettings,
+    told: Callable[[int], None] | None = None,
+) -> tuple[RefinedState, DiscontinuityContext]:
+    """Fit pixels anew whose windows hold more than one surface.
+
+    Parameters
+    ----------
+    images
+        The images.
+    start
+        Disparity and velocity that whole windows started from, shape (4, y, x), finite.
+    refined
+        What whole windows found.
+    settings
+        Windows, model and brightness.
+    told
+        Called with the number of steps that are done.
+    """
+    noise = estimate_noise(np.sqrt(refined.fit.residual[0]))
+    sigma = settings.window_sigma_px
+    whole = refined.fit.theta
+    reach = window_weights(sigma).shape[2] // 2
+    where = around(_unexplained(refined.seen, noise) | find_discontinuities(images, whole), reach) | refined.uneven
+    if not where.any() or not np.isfinite(noise):
+        return refined, DiscontinuityContext(where, np.zeros_like(where))
+    steady = ~where if settings.brightness == "per_image" else None
+    selection = HypothesisSelection(images.few(), whole, where, noise, steady)
+    selection.offer(_small_windows(images, start, where, settings))
+    for distance in sorted({round(1.6 * sigma), round(sigma), round(sigma / 2), 2, 1} - {0}, reverse=True):
+        selection.spread(distance)
+    theta = fill_invalid_parameters(fill_gaps(whole, np.asarray(np.isfinite(whole).all(axis=0))), selection.theta)
+    found = _refit(images, theta, where, noise, settings)
+    found, motion = _refit_motion_models(images, found, where, refined.motion, noise, settings)
+    fit, seen, shares = found.fit, found.seen, found.shares
+    # Whole windows suffice where they find the same: their noise is the least.
+    fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.acceptance * noise)
+    where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
+    final = chosen_fit(where, fit, refined.fit)
+    own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
+    sound = (
+        where
+        & explained(seen.square, seen.gradient, settings.acceptance * noise)
+        & (shares[0] > _LEAST_SHARE)
+        & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
+    )
+    sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole))
+    motion = np.where(where, motion, refined.motion)
+    result = replace(refined, fit=final, curved=refined.curved & ~where, motion=motion)
+    return result, DiscontinuityContext(where, sound)
+
+
+def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
+    return np.asarray(seen.square > _limit_of(seen.gradient, noise))
+
+
+def _limit_of(gradient: NDArray[Any], noise: float) -> Map:
+    """Return the largest mean square that is left where a pixel is explained."""
+    return np.maximum((_NOISES * noise) ** 2, _SHIFT_PX**2 * gradient.astype(np.float64))
+
+
+def _final_sigma(sigma: float) -> float:
+    return max(_LEAST_SIGMA_PX, _FINAL * sigma)
+
+
+def _plain(images: ImageStack, settings: RefinedSettings) -> Model:
+    """Return the model of small windows: no curvature."""
+    return select_models(images, settings)[0]
+
+
+def _small_windows(images: ImageStack, start: Map, where: Mask, settings: RefinedSettings) -> Map:
+    """Fit small windows with one velocity each, frames in stages."""
+    model = _plain(images, settings)
+    model = model._replace(gradient=0) if model.surface > 0 else model
+    sigma, gains = max(_LEAST_SIGMA_PX, _SMALL * settings.window_sigma_px), settings.brightness == "per_image"
+    state = initial_parameters(start, accelerated=settings.accelerated)
+    steady = model._replace(accelerated=False)
+    stages = [(images.within(reach), steady) for reach in STAGES if reach < images.longest]
+    fit = None
+    for part, each in [*stages, (images, model), (images, model)]:
+        (fit,) = fit_round(part, np.where(where, state, np.nan), [each], sigma, gains=gains)
+        state = fill_invalid_parameters(state, fit.theta)
+    assert fit is not None
+    return fit.theta
+
+
+@dataclass(frozen=True, eq=False)
+class _Refit:
+    """Fits to the pixels of the surface in the middle of windows."""
+
+    fit: Fit
+    seen: PixelEvidence
+    """What every pixel shows by itself."""
+    shares: Map
+    """How much of every window is known, and how far its texture's middle is from its own, shape (2, y, x)."""
+
+
+def _refit_motion_models(
+    images: ImageStack, found: _Refit, where: Mask, beside: NDArray[np.int8], noise: float, settings: RefinedSettings
+) -> tuple[_Refit, NDArray[np.int8]]:
+    """Fit the motions of whole windows beside where they differ from the plain one; return the chosen ones, too."""
+    known = np.asarray(np.isfinite(found.fit.theta).all(axis=0))
+    reach = _REACH_HALF_WINDOWS * (window_weights(settings.window_sigma_px).shape[2] // 2)
+    near = {
+        motion: where & known & around(beside == motion.number, reach)
+        for motion in list_motion_models(images, settings)
+    }
+    richer = [motion for motion, tried in near.items() if tried.any()]
+    if not richer:
+        return found, np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
+    seen, shares = found.seen, found.shares
+
+    def trials() -> Iterator[MotionModelTrial]:
+        theta = fill_gaps(found.fit.theta, known)
+        for motion in richer:
+            theta = motion.begun(theta)
+            made = _refit(motion.images, theta, near[motion], noise, motion.settings)
+            theta = np.where(near[motion] & is_valid_step(theta, made.fit.theta), made.fit.theta, theta)
+
+            def take(other: Mask, made: _Refit = made) -> None:
+                nonlocal seen, shares
+                seen, shares = seen.chosen(other, made.seen), np.where(other, made.shares, shares)
+
+            yield MotionModelTrial(made.fit, motion.images is images, take)
+
+    sigma = _final_sigma(settings.window_sigma_px)
+    tried = [near[motion] for motion in richer]
+    fit, which = choose_motion_model(found.fit, trials(), tried, sigma, settings.acceptance * noise)
+    return _Refit(fit, seen, shares), encode_motion_models(which, richer)
+
+
+def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: RefinedSettings) -> _Refit:
+    sigma, finer = (max(_LEAST_SIGMA_PX, share * settings.window_sigma_px) for share in (_FINAL, _SMALL))
+    gains = settings.brightness == "per_image"
+    shares = np.full((2, *images.shape), np.nan)
+    seen, model = PixelEvidence.blank(images.shape), _plain(images, settings)
+    reach = 3 * (window_weights(sigma).shape[2] // 2)
+    fit = fine = blank_fit(theta, variances=True)
+    for number in range(_ROUNDS):
+        fields = np.ascontiguousarray(extract_fields(theta))
+        hidden = _hidden(images, fields)
+        last = number == _ROUNDS - 1
+        fit, fine = (blank_fit(theta, variances=last) for _ in range(2))
+        wanted = np.where(around(where, reach), fields, np.nan)
+        for band in bands(images, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
+            seen.put(band)
+            inner = np.zeros(images.shape, dtype=np.bool_)
+            inner[band.top : band.bottom] = where[band.top : band.bottom]
+            shares[:, inner] = _solve(images, band, fields, noise, sigma, model, fit, inner)
+            if last:
+                _solve(images, band, fields, noise, finer, model, fine, inner)
+        theta = np.where(where & is_valid_step(theta, fit.theta), fit.theta, theta)
+    uneven = differ(fit, fine, finer, motion=True)
+    return _Refit(chosen_fit(uneven, with_bias(fine, fit, finer, sigma), fit), seen, shares)
+
+
+def _solve(
+    images: ImageStack, band: RowBand, fields: Map, noise: float, sigma: float, model: Model, fit: Fit, where: Mask
+) -> Map:
+    """Fit the windows around the pixels of a band, and return what `solve_members` tells of them."""
+    pixels = np.argwhere(where)
+    found = np.empty((len(pixels), 2))
+    limit = _limit_of(local_gradient(band.products), noise)
+    products = np.ascontiguousarray(band.products.transpose(1, 2, 0))
+    reach = np.array([images.farthest, images.longest, images.aside, DISCONTINUITY_PX])
+    fixed = products, limit, fields, reach, window_weights(sigma), model, images.view(), band.first, fit
+    solve = partial(solve_members, *fixed, pixels, found)
+    in_threads(solve, [(n, min(n + _PIXELS, len(pixels))) for n in range(0, len(pixels), _PIXELS)])
+    return found.T
+
+
+def _hidden(images: ImageStack, fields: Map) -> NDArray[np.uint8]:
+    """Tell in which images which pixels are hidden: with more than one camera."""
+    if images.farthest == 0.0:
+        return NO_OCCLUSION
+    view = images.view()
+    hidden = np.empty((-(-len(view.s) // 8), *images.shape), dtype=np.uint8)
+    in_threads(partial(hide, view, fields, _SAME_PX / images.farthest, hidden), range(len(hidden)))
+    return hidden

@@ -1,0 +1,311 @@
+"""Inconsistent images, which contradict the other images and are excluded; and the report of what was excluded."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.errors import EstimateWarning
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.kernels.warp import warp_rows
+from scenetruth.threads import in_threads
+
+__all__ = [
+    "ExclusionReport",
+    "ImageAgreement",
+    "compute_agreement",
+    "describe_missing_contrast",
+    "find_inconsistent_images",
+    "fine_contrast",
+]
+
+
+# Blocks are windows' squares; so many rows of them are looked at.
+_CUT, _ROWS = 2.0, 6
+# In blocks that tell, half of the images correlate by this with the mean of the others; so many must tell, and of a
+# block an image must show this share.
+_AGREE, _LEAST_BLOCKS, _LEAST_SHARE = 0.5, 3, 0.5
+# Of fewer images, there is no mean of the others.
+_LEAST_IMAGES = 3
+# Blocks count as textured whose contrast is this share of what a tenth of them exceed.
+_TEXTURED, _UPPER = 0.25, 90
+# An image is left out whose correlation, in the median block, is below this share of the median image's; or of which
+# less than this share can be used.
+_FAR_BELOW, _LEAST_USABLE = 0.5, 0.1
+# Of images that are not blank, so many must remain, of several cameras and frames so many, and less than this share may
+# be left out.
+_REMAIN, _REMAIN_OF_BOTH, _MOST_LEFT = 4, 7, 1 / 4
+
+Map = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageAgreement:
+    """How well images agree where fields say that they show the same."""
+
+    images: Map
+    """Correlation of each image with the mean of all others, in the median of the blocks that tell; NaN where an image
+    shows too few of them, shape (n,)."""
+    blocks: float
+    """Share of the textured blocks that half of all images show, and agree."""
+
+
+def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even: bool = False) -> ImageAgreement:
+    """Compare every image with the mean of all others, block by block.
+
+    Parameters
+    ----------
+    images
+        The images; those that are left out are looked at too.
+    fields
+        d and q of every pixel, shape (4, y, x).
+    sigma_px
+        Standard deviation of the windows; blocks are as wide as they.
+    even
+        Whether each block has one value of each field, the median: where pixels were free to choose, they choose what
+        agrees by chance.
+    """
+    height, width = images.shape
+    edge = min(2 * math.ceil(_CUT * sigma_px) + 1, height, width)
+    rows = np.unique(np.linspace(0, height - edge, min(_ROWS, height // edge)).round().astype(np.intp))
+    view, bad = images.view(), images.without(()).bad_stack()
+    fields = fields.copy()
+    columns = range(0, width - edge + 1, edge)
+    for row, left in product(rows if even else (), columns):
+        block = fields[:, row : row + edge, left : left + edge]
+        block[:] = np.median(block, axis=(1, 2), keepdims=True)
+    stacks = [images.stack(channel) for channel in range(images.channels)]
+    jobs = [(stack, int(row)) for stack in stacks for row in rows]
+    parts: dict[int, tuple[Map, Map]] = {}
+
+    def work(number: int) -> None:
+        stack, row = jobs[number]
+        warped = np.empty((len(stack), edge, width), dtype=np.float32)
+        gradient = np.empty((2, edge, width), dtype=np.float32)
+        warp_rows(stack, view, fields, np.zeros((0, 0, 0), np.uint8), bad, row, warped, gradient, (0, edge))
+        blocks = [_correlations(warped[:, :, left : left + edge].reshape(len(stack), -1)) for left in columns]
+        found, contrast = zip(*blocks, strict=True)
+        parts[number] = np.array(found), np.array(contrast)
+
+    in_threads(work, range(len(jobs)))
+    each = np.concatenate([parts[n][0] for n in range(len(jobs))])
+    contrast = np.concatenate([parts[n][1] for n in range(len(jobs))])
+    enough = np.isfinite(each).sum(axis=1) >= _LEAST_IMAGES
+    middle = np.full(len(each), -np.inf)
+    middle[enough] = np.nanmedian(each[enough], axis=1)
+    tell = middle >= _AGREE
+    textured = enough & (contrast >= _TEXTURED * np.percentile(contrast, _UPPER)) & (contrast > 0)
+    scores = np.full(each.shape[1], np.nan)
+    shown = np.isfinite(each[tell]).sum(axis=0) >= _LEAST_BLOCKS
+    if shown.any():
+        scores[shown] = np.nanmedian(each[tell][:, shown], axis=0)
+    # Of a wrong start, two cameras of many may agree by chance, out of the others' sight.
+    most = np.median(np.nan_to_num(each), axis=1) >= _AGREE
+    return ImageAgreement(scores, float((most & textured).sum() / max(textured.sum(), 1)))
+
+
+def find_inconsistent_images(
+    images: ImageStack, fields: Map, sigma_px: float, part: ImageStack
+) -> frozenset[tuple[int, int]]:
+    """Return the images that do not show what the others show, as places of their frames and cameras.
+
+    Their correlation with the mean of the others is below half of what is usual: that is a shift by a sixth of a
+    texture's wavelength in most windows, another scene, or no contrast at all. Few images do not tell which of
+    them is wrong: a reference that is shifted agrees with all frames of a second camera and one frame of its own, with
+    another depth and a motion in depth. So four must remain, of several cameras and frames seven, and more than three
+    of four; blank images are not counted.
+
+    Parameters
+    ----------
+    images
+        All images that will be fitted together.
+    fields, sigma_px
+        As of `agreement`.
+    part
+        Those of the frames to be fitted now: they are compared with each other if they suffice, else with all.
+
+    Returns
+    -------
+    frozenset
+        Places in the part.
+    """
+    cameras = len(images.positions)
+    least = _REMAIN if min(cameras, len(images.times)) == 1 else _REMAIN_OF_BOTH
+    if len(part.times) * cameras <= least and len(part.times) < len(images.times):
+        places = {int(frame): n for n, frame in enumerate(np.flatnonzero(np.isin(images.times, part.times)))}
+        every = find_inconsistent_images(images, fields, sigma_px, images)
+        return frozenset((places[frame], camera) for frame, camera in every if frame in places)
+    found = {
+        (frame, camera)
+        for frame, flags in enumerate(part.bad)
+        for camera in range(cameras)
+        if flags[camera].mean() > 1.0 - _LEAST_USABLE
+    }
+    scores = compute_agreement(part, fields, sigma_px).images
+    off = scores == 0
+    shown = np.isfinite(scores) & ~off
+    if shown.any():
+        low = shown & (scores < _FAR_BELOW * np.median(scores[shown]))
+        if low.sum() < _MOST_LEFT * shown.sum() and shown.sum() - low.sum() >= least:
+            off |= low
+    found |= {(int(n) // cameras, int(n) % cameras) for n in np.flatnonzero(off)}
+    return frozenset(found)
+
+
+def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
+    """Return the correlation of every image with the mean of the others, and the median image's contrast.
+
+    Parameters
+    ----------
+    values
+        Grey values of a block, shape (n, pixels), NaN where unknown.
+    """
+    known = np.isfinite(values)
+    counts = known.sum(axis=1)
+    shown = counts >= _LEAST_SHARE * values.shape[1]
+    known &= shown[:, None]
+    counts = np.maximum(known.sum(axis=1), 1)
+    plain = np.where(known, values, 0.0).astype(np.float64)
+    means = plain.sum(axis=1) / counts
+    plain = np.where(known, plain - means[:, None], 0.0)
+    contrast = np.sqrt((plain**2).sum(axis=1) / counts)
+    # What rounding leaves of a constant is no contrast.
+    some = contrast > 1e-6 * np.abs(means) + 1e-30
+    plain[some] /= contrast[some, None]
+    plain[~some] = 0.0
+    sums, used = plain.sum(axis=0), (known & some[:, None]).sum(axis=0)
+    out = np.full(len(values), np.nan)
+    for n in np.flatnonzero(shown):
+        # An image without contrast shows nothing at all.
+        if not some[n]:
+            out[n] = 0.0
+            continue
+        own = known[n]
+        others = (sums[own] - plain[n, own]) / np.maximum(used[own] - 1, 1)
+        others -= others.mean()
+        square = float(others @ others)
+        out[n] = plain[n, own] @ others / np.sqrt(square * counts[n]) if square > 0 else np.nan
+    return out, float(np.median(contrast[shown])) if shown.any() else 0.0
+
+
+def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
+    """Return what one image holds of noise and finest texture around every pixel, as a standard deviation.
+
+    Fits that are right leave no more than that; if they are wrong everywhere, what they leave does not tell. Second
+    differences along x of those along y, over 6, leave white noise as it is, and little of texture.
+
+    Parameters
+    ----------
+    images
+        The images; the nearest to the reference counts that is not left out.
+    sigma_px
+        Standard deviation of the windows.
+
+    Returns
+    -------
+    numpy.ndarray
+        In grey values, infinite where too few pixels can be used, shape (y, x).
+    """
+    from scipy.ndimage import convolve1d, gaussian_filter
+
+    cameras = len(images.positions)
+    view = images.view()
+    order = np.lexsort((np.hypot(view.s, view.s_y), np.abs(view.t)))
+    place = next(int(n) for n in order if (int(n) // cameras, int(n) % cameras) not in images.left_out)
+    frame, camera = place // cameras, place % cameras
+    usable = 1.0 - (images.bad[frame][camera] > 0) if images.bad else np.ones(images.shape)
+    squares = np.zeros(images.shape)
+    second = np.array([1.0, -2.0, 1.0]) / np.sqrt(6.0)
+    for channel in range(images.channels):
+        grey = images.grey(frame, camera, channel)
+        squares += convolve1d(convolve1d(grey, second, 0, mode="mirror"), second, 1, mode="mirror") ** 2
+    share = gaussian_filter(usable, sigma_px)
+    mean = gaussian_filter(usable * squares, sigma_px) / images.channels / np.maximum(share, _LEAST_USABLE)
+    return np.where(share > _LEAST_USABLE, np.sqrt(mean), np.inf)
+
+
+# Frames of the call stack up to whoever called `scenetruth.estimate`, at whose line the warning points.
+_CALLER = 7
+_MOST_NAMED = 6
+
+
+def describe_missing_contrast(images: ImageStack) -> str:
+    """Return why images that are all the same tell nothing; empty if they differ.
+
+    Parameters
+    ----------
+    images
+        The images that are fitted together.
+    """
+    first = images.coefficients[0][:, :1]
+    alike = [bool((frame == frame[:, :1]).all()) for frame in images.coefficients]
+    if all(alike) and all(np.array_equal(frame[:, :1], first) for frame in images.coefficients):
+        return "all images are equal: copies of one show neither depth nor motion"
+    if len(images.positions) > 1 and all(alike):
+        return "all cameras show the same in every frame: without disparity, there is no depth"
+    return ""
+
+
+class ExclusionReport:
+    """Collects what is left out.
+
+    Parameters
+    ----------
+    recording
+        The recording, whose s and t name images; s_y, too, if cameras stand in rows.
+    """
+
+    def __init__(self, recording: xr.Dataset) -> None:
+        self._t = recording["t"].values.tolist()
+        self._dims = [dim for dim in ("s_y", "s") if dim in recording["image"].dims]
+        self._cameras = list(product(*(recording[dim].values.tolist() for dim in self._dims)))
+        self._left_out: set[tuple[int, ...]] = set()
+        self._reasons: dict[str, str] = {}
+
+    def leave_out(self, first: int, images: frozenset[tuple[int, int]]) -> None:
+        """Note images that were left out.
+
+        Parameters
+        ----------
+        first
+            Place along t of the first frame of their window.
+        images
+            Places of their frames in the window and cameras.
+        """
+        self._left_out |= {(*self._cameras[camera], self._t[first + frame]) for frame, camera in images}
+
+    def nothing_known(self, frame: int, reason: str) -> None:
+        """Note a frame of which nothing is known.
+
+        Parameters
+        ----------
+        frame
+            Its place along t.
+        reason
+            Why.
+        """
+        self._reasons[str(self._t[frame])] = reason
+
+    def attributes(self) -> dict[str, Any]:
+        """Return the attributes of the estimate, and warn of what was left out."""
+        named = sorted(self._left_out)
+        if named:
+            dims = [*self._dims, "t"]
+            spelled = ([f"{dim} {n}" for dim, n in zip(dims, image, strict=True)] for image in named[:_MOST_NAMED])
+            listed = ", ".join(f"({', '.join(each)})" for each in spelled)
+            more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+            message = (
+                f"images: {listed}{more} were left out: they do not show what the others show there; look for a camera "
+                "that was moved, a wrong file or a wrong exposure (attribute images_left_out)"
+            )
+            warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
+        for frame, reason in self._reasons.items():
+            warnings.warn(f"frame {frame}: nothing is known: {reason}", EstimateWarning, stacklevel=_CALLER)
+        return {"images_left_out": [list(image) for image in named], "nothing_known": self._reasons}

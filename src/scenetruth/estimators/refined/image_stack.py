@@ -1,0 +1,269 @@
+"""The images that are fitted together: the window of frames, its spline coefficients, and the arrays for warping."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, ImageView
+from scenetruth.estimators.refined.noise_estimation import EVEN, GreyVariance
+from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+from scenetruth.threads import in_threads
+
+__all__ = ["NO_DEFECTS", "FramesNeeded", "ImageStack", "Splines", "frames_needed"]
+
+
+@dataclass(frozen=True)
+class FramesNeeded:
+    """The frames behind one estimate, as places along t."""
+
+    output: int
+    """The frame that is estimated."""
+    first: int
+    """The first frame that is fitted."""
+    last: int
+    """The one behind the last."""
+
+
+def frames_needed(count: int, window: int, *, every: bool) -> list[FramesNeeded]:
+    """Tell which frames are estimated, and from which.
+
+    Parameters
+    ----------
+    count
+        Number of frames of the recording.
+    window
+        Number of frames to be fitted together, at most.
+    every
+        Whether frames are estimated whose window does not lie inside the recording; it is cut there.
+
+    Returns
+    -------
+    list of FramesNeeded
+        In the order of time. For an even window, one frame more comes after the estimated one than before.
+
+    Examples
+    --------
+    >>> [frames.output for frames in frames_needed(9, 9, every=False)]
+    [4]
+    >>> frames_needed(3, 9, every=True)[0]
+    FramesNeeded(output=0, first=0, last=3)
+    """
+    window = window if every else min(window, count)
+    before = (window - 1) // 2
+    after = window - before
+    return [
+        FramesNeeded(n, max(n - before, 0), min(n + after, count))
+        for n in range(count)
+        if every or (n >= before and n + after <= count)
+    ]
+
+
+class Splines:
+    """Coefficients of splines through the images of a window of frames; frames are transformed once.
+
+    Parameters
+    ----------
+    images
+        Reads the images.
+    order
+        Order of the splines, 3 or 5.
+    """
+
+    def __init__(self, images: DefectFilteredFrames, order: int) -> None:
+        self._images, self._order = images, order
+        self._held: dict[int, NDArray[np.float32]] = {}
+
+    def frames(self, first: int, last: int) -> list[NDArray[np.float32]]:
+        """Return the coefficients of successive frames, shape (channel, s, y, x) each.
+
+        Parameters
+        ----------
+        first, last
+            The first frame, and the one behind the last, as places along t.
+        """
+        for frame in [frame for frame in self._held if not first <= frame < last]:
+            del self._held[frame]
+        for frame in range(first, last):
+            if frame not in self._held:
+                self._held[frame] = _coefficients(self._images.frames(frame, frame + 1)[:, :, 0], self._order)
+        return [self._held[frame] for frame in range(first, last)]
+
+
+def _coefficients(images: NDArray[Any], order: int) -> NDArray[np.float32]:
+    from scipy.ndimage import spline_filter
+
+    out = np.empty(images.shape, dtype=np.float32)
+
+    def transform(index: tuple[int, int]) -> None:
+        out[index] = spline_filter(images[index].astype(np.float64), order, mode="mirror")
+
+    in_threads(transform, list(np.ndindex(images.shape[:2])))
+    return out
+
+
+# Values of B-splines at whole pixels, by their order.
+_VALUES = {CUBIC: np.array([1.0, 4.0, 1.0]) / 6.0, QUINTIC: np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0}
+
+NO_DEFECTS = np.zeros((0, 0, 0), dtype=np.uint8)
+
+Map = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageStack:
+    """Images that are fitted together.
+
+    Parameters
+    ----------
+    coefficients
+        Coefficients of their splines by frame, shape (channel, s, y, x) each.
+    positions
+        Positions (s, s_y) of the cameras in steps, shape (cameras, 2).
+    times
+        Times of the frames after the estimated one.
+    focal, centre
+        Focal length, and principal point (x, y), in columns and rows.
+    moved
+        How far every image is from where it should be, in the order of `stack`, as of `warp.corrected`, shape (n, 4).
+    bad
+        Not 0 at pixels around which nothing must be fetched, by frame, shape (s, y, x) each; empty if there are none.
+    left_out
+        Images that are left out as a whole, as places of their frames and cameras.
+    variance
+        How the noise's variance depends on the grey value.
+    spline
+        Order of the splines.
+    """
+
+    coefficients: list[NDArray[np.float32]]
+    positions: Map
+    times: Map
+    focal: float
+    centre: tuple[float, float]
+    moved: Map
+    bad: list[NDArray[np.uint8]] = field(default_factory=list)
+    left_out: frozenset[tuple[int, int]] = frozenset()
+    variance: GreyVariance = EVEN
+    spline: int = QUINTIC
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        height, width = self.coefficients[0].shape[-2:]
+        return height, width
+
+    @property
+    def channels(self) -> int:
+        """Number of colour channels."""
+        return len(self.coefficients[0])
+
+    @property
+    def farthest(self) -> float:
+        """Distance of the farthest camera, in steps."""
+        return float(np.hypot(*self.positions.T).max())
+
+    @property
+    def longest(self) -> float:
+        """Time to the farthest frame, in frames."""
+        return float(np.abs(self.times).max())
+
+    @property
+    def aside(self) -> float:
+        """By how many px U_Z = Z moves a point at an end of the image per frame, over those that U_X = Z does."""
+        return max(self.centre) / self.focal
+
+    @property
+    def frames(self) -> int:
+        """How many frames there are of which not all images are left out."""
+        cameras = range(len(self.positions))
+        return sum(any((frame, s) not in self.left_out for s in cameras) for frame in range(len(self.times)))
+
+    def within(self, reach: float) -> ImageStack:
+        """Return the images of the frames up to so many before and after."""
+        return self._of(np.flatnonzero(np.abs(self.times) <= reach))
+
+    def few(self) -> ImageStack:
+        """Return the images of the first frame, the estimated one and the last."""
+        return self._of(np.unique([np.argmin(self.times), np.argmin(np.abs(self.times)), np.argmax(self.times)]))
+
+    def _of(self, frames: NDArray[np.intp]) -> ImageStack:
+        return replace(
+            self,
+            coefficients=[self.coefficients[n] for n in frames],
+            times=self.times[frames],
+            moved=self.moved.reshape(len(self.times), -1, 4)[frames].reshape(-1, 4),
+            bad=[self.bad[n] for n in frames] if self.bad else [],
+            left_out=frozenset((place, s) for place, n in enumerate(frames) for t, s in self.left_out if t == n),
+        )
+
+    def without(self, left_out: Iterable[tuple[int, int]]) -> ImageStack:
+        """Return the images with others left out than now.
+
+        Parameters
+        ----------
+        left_out
+            Places of their frames and cameras.
+        """
+        return replace(self, left_out=frozenset(left_out))
+
+    @property
+    def count(self) -> int:
+        """How many images there are that are not left out."""
+        return len(self.times) * len(self.positions) - len(self.left_out)
+
+    def stack(self, channel: int) -> NDArray[np.float32]:
+        """Return the coefficients of one channel, camera by camera within each frame, shape (n, y, x)."""
+        return np.concatenate([part[channel] for part in self.coefficients])
+
+    def bad_stack(self) -> NDArray[np.uint8]:
+        """Return where nothing must be fetched, in the order of `stack`, shape (n, y, x); (0, 0, 0) if nowhere."""
+        if not self.bad and not self.left_out:
+            return NO_DEFECTS
+        shape = (len(self.positions), *self.shape)
+        found = np.concatenate(self.bad or [np.zeros(shape, dtype=np.uint8)] * len(self.times))
+        for frame, camera in self.left_out:
+            found[frame * len(self.positions) + camera] = 1
+        return found
+
+    def view(self) -> ImageView:
+        """Return where and when all images were taken, in the order of `stack`."""
+        s, s_y = np.tile(self.positions.T, len(self.times))
+        t = np.repeat(self.times, len(self.positions))
+        return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline)
+
+    def reference(self) -> tuple[int, int]:
+        """Return the places of the frame and the camera whose image is estimated."""
+        return int(np.argmin(np.abs(self.times))), int(np.argmin(np.abs(self.positions).sum(axis=1)))
+
+    def grey(self, frame: int, camera: int, channel: int) -> Map:
+        """Return the grey values of an image, shape (y, x)."""
+        from scipy.ndimage import convolve1d
+
+        image: Map = self.coefficients[frame][channel, camera].astype(np.float64)
+        for axis in (0, 1):
+            image = np.asarray(convolve1d(image, _VALUES[self.spline], axis=axis, mode="mirror"))
+        return image
+
+    def mean_grey(self) -> float:
+        """Return the mean grey value of the reference."""
+        return float(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)]))
+
+    def moved_px(self, before: Map, after: Map) -> Map:
+        """Return by how much a change of d, q and acceleration moves points where it moves them most, in px.
+
+        Parameters
+        ----------
+        before, after
+            As of `warp_rows`, shape (4 or 7, ...).
+        """
+        steps = np.abs(after - before)
+        moved = steps[0] * self.farthest
+        for place, step in enumerate(steps[1:]):
+            arm = self.longest * (self.aside if place % 3 == 2 else 1.0) * (1.0 if place < 3 else 0.5 * self.longest)
+            moved = np.maximum(moved, step * np.abs(before[0]) * arm)
+        return np.asarray(moved)

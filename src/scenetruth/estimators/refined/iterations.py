@@ -1,0 +1,369 @@
+"""Iterations of warping all images and fitting all windows, until convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSettings
+from scenetruth.estimators.refined.fit_maps import (
+    STEADY_PLACES,
+    blank_fit,
+    differ,
+    extract_fields,
+    fill_between,
+    initial_parameters,
+)
+from scenetruth.estimators.refined.image_consistency import find_inconsistent_images
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.initialisation import fill_gaps
+from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit, Model
+from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL, solve_rows
+from scenetruth.estimators.refined.noise_estimation import (
+    GreyVariance,
+    estimate_noise,
+    estimate_variance,
+    spline_transfer,
+    textured,
+)
+from scenetruth.estimators.refined.pose_corrections import PoseCorrections, ShiftObservations
+from scenetruth.estimators.refined.row_bands import PixelEvidence, bands, local_means, pieces, window_weights
+from scenetruth.schema.variables import MOTION_PLAIN
+from scenetruth.threads import in_threads
+
+__all__ = [
+    "STAGES",
+    "RefinedState",
+    "fill_invalid_parameters",
+    "fit_final",
+    "fit_round",
+    "is_valid_step",
+    "refine",
+    "select_models",
+]
+
+# Windows of which less is known have no estimate.
+_LEAST_SHARE = 0.5
+# Frames before and after that take part in the first rounds.
+STAGES = (1, 2)
+# Share of the pixels that must stand still at the end: at outlines, some never do.
+_STILL_SHARE = 0.9
+# Smaller windows that tell whether whole ones suffice, over these.
+_FINER = 0.5
+# Windows whose residual is beyond this many times the noise are not asked whether they stand still.
+_FITTED = 1.5
+# Rounds with all pixels.
+_FULL_ITERATIONS = 2
+
+Map = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedState:
+    """What the rounds end with."""
+
+    fit: Fit
+    """The fit around every pixel; NaN where there is none."""
+    curved: NDArray[np.bool_]
+    """Where the surface is of second order, shape (y, x)."""
+    rounds: int
+    """How many rounds it took."""
+    seen: PixelEvidence
+    """What every pixel shows by itself."""
+    uneven: NDArray[np.bool_]
+    """Where smaller windows find another disparity or velocity: the surface is not what the model takes it for."""
+    motion: NDArray[np.int8]
+    """Which motion was fitted, as of ``motion_model``."""
+    images: ImageStack
+    """The images, where they turned out to be."""
+    cameras: PoseCorrections | None
+    """How far they are from where they should be, if that was asked for."""
+
+
+def refine(
+    images: ImageStack, start: Map, settings: RefinedSettings, told: Callable[[int], None] | None = None
+) -> RefinedState:
+    """Fit surface and motion around every pixel.
+
+    The first rounds take the nearest frames only, and a motion without gradient, so that the start need not be good.
+
+    Parameters
+    ----------
+    images
+        The images.
+    start
+        Disparity and velocity to start from, shape (4, y, x), finite.
+    settings
+        Window, model and rounds.
+    told
+        Called with the number of rounds that are done.
+    """
+    models, sigma, gains = select_models(images, settings), settings.window_sigma_px, settings.brightness == "per_image"
+    plain = models[0]._replace(gradient=0) if models[0].surface > 0 else models[0]
+    steady = plain._replace(accelerated=False)
+    cameras = None if settings.corrections is None else PoseCorrections(settings.corrections, images)
+    span = float(np.abs(images.times).max())
+    stages = [(reach, steady) for reach in STAGES if reach < span]
+    state = initial_parameters(start, accelerated=settings.accelerated)
+    done, left = 0, settings.rounds - _FULL_ITERATIONS
+    left_out: frozenset[tuple[int, int]] = frozenset()
+    settled = cameras is None
+    for reach, model in [*stages, (span, plain), *[(span, models[0])] * left]:
+        if done >= left:
+            break
+        part = images.within(reach)
+        if done <= len(stages):
+            left_out = find_inconsistent_images(images, extract_fields(state), sigma, part)
+        part = part.without(left_out)
+        shifts = None if cameras is None or settled else ShiftObservations.blank(images.shape, len(part.view().s))
+        told_by = PixelEvidence.blank(images.shape) if settings.noise == "estimated" and model is models[0] else None
+        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts, seen=told_by, coarse=True)
+        if told_by is not None:
+            images = replace(images, variance=_estimated_variance(images, told_by))
+        before, state = state, fill_invalid_parameters(state, fit.theta)
+        if cameras is not None and shifts is not None:
+            moved = cameras.update(shifts, before[STEADY_PLACES], part)
+            images = replace(images, moved=cameras.values)
+            # What images cannot tell would move on for ever, by little, and all surfaces with it.
+            settled = reach == span and moved < settings.tolerance_px
+        done += 1
+        if told is not None:
+            told(done)
+        if model is models[0] and settled and _still(before, state, fit, images, settings.tolerance_px):
+            break
+    images = images.without(find_inconsistent_images(images, extract_fields(state), sigma, images))
+    # All pixels move from what every other row has found, and where the order changes: another round follows.
+    theta, curved, chosen = fit_surface(images, state, models, settings)
+    state = fill_invalid_parameters(state, theta)
+    done += 1
+    if told is not None:
+        told(done)
+    last = fit_final(images, state, models, settings, chosen)
+    if told is not None:
+        told(done + 1)
+    motion = np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
+    return RefinedState(last.fit, curved, done + 1, last.seen, last.uneven, motion, images, cameras)
+
+
+def fit_surface(
+    images: ImageStack,
+    state: Map,
+    models: list[Model],
+    settings: RefinedSettings,
+    where: NDArray[np.bool_] | None = None,
+) -> tuple[Map, NDArray[np.bool_], NDArray[np.int8]]:
+    """Fit the models, and choose one for every pixel.
+
+    Parameters
+    ----------
+    images, state, models
+        As of `fit_round`.
+    settings
+        Window and brightness.
+    where
+        Pixels to be fitted, shape (y, x); without, all are.
+
+    Returns
+    -------
+    theta
+        Parameters of the chosen model.
+    curved
+        Where it has a surface of second order, shape (y, x).
+    chosen
+        Which one it is; where none is fitted, `NO_MODEL`.
+    """
+    sigma, gains = settings.window_sigma_px, settings.brightness == "per_image"
+    wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
+    every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
+    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every)
+    if len(models) == 1:
+        curved, theta = np.full(images.shape, models[0].surface == _CURVED), fits[0].theta
+        return theta, curved, np.where(wanted, 0, NO_MODEL).astype(np.int8)
+    plane, bent = fits
+    curved = differ(plane, bent, sigma)
+    return np.where(curved, bent.theta, plane.theta), curved, np.where(wanted, curved, NO_MODEL).astype(np.int8)
+
+
+@dataclass(frozen=True, eq=False)
+class FinalIteration:
+    """What the last round ends with."""
+
+    fit: Fit
+    """The fit around every pixel, with all variances."""
+    seen: PixelEvidence
+    """What every pixel shows by itself."""
+    uneven: NDArray[np.bool_]
+    """As of `RefinedState`."""
+
+
+def fit_final(
+    images: ImageStack, state: Map, models: list[Model], settings: RefinedSettings, chosen: NDArray[np.int8]
+) -> FinalIteration:
+    """Warp all images and fit the chosen models, with all that is told of them.
+
+    Parameters
+    ----------
+    images, state, models, chosen
+        As of `fit_round`.
+    settings
+        Window and brightness.
+    """
+    seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True)
+    small = _FINER * settings.window_sigma_px
+    gains = settings.brightness == "per_image"
+    final = partial(fit_round, images, state, models, settings.window_sigma_px, gains=gains, chosen=chosen)
+    fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, finer), seen=seen)
+    return FinalIteration(fit, seen, differ(fit, finer, small, motion=True))
+
+
+_CONSTANT, _PLANE, _CURVED = 1, 3, 6
+_SURFACES = {"constant": [_CONSTANT], "plane": [_PLANE], "curved": [_CURVED], "auto": [_PLANE, _CURVED]}
+_GRADIENTS = {"auto": 2, "translation": 0, "rigid": 1, "growing": 2, "affine": 3}
+
+
+def select_models(images: ImageStack, settings: RefinedSettings) -> list[Model]:
+    """Return the models to choose from, the simplest first, as far as cameras and frames can tell."""
+    moves = len(images.times) > 1
+    accelerated = settings.accelerated and len(images.times) >= LEAST_ACCELERATED
+    if len(images.positions) == 1:
+        return [Model(0, 2, 3 if settings.motion != "translation" else 0, accelerated)]
+    gradient = _GRADIENTS[settings.motion] if moves else 0
+    # Without slopes, a surface has no tangents that could turn.
+    if settings.surface == "constant" and 0 < gradient < _GRADIENTS["affine"]:
+        gradient = 0
+    return [Model(surface, 3 if moves else 0, gradient, accelerated) for surface in _SURFACES[settings.surface]]
+
+
+def fit_round(
+    images: ImageStack,
+    state: Map,
+    models: list[Model],
+    sigma_px: float,
+    *,
+    gains: bool,
+    variances: int = 0,
+    chosen: NDArray[np.int8] | None = None,
+    finer: tuple[float, Fit] | None = None,
+    seen: PixelEvidence | None = None,
+    shifts: ShiftObservations | None = None,
+    coarse: bool = False,
+) -> list[Fit]:
+    """Warp all images by what is known of every pixel, and fit each model anew, or the one that is chosen.
+
+    Parameters
+    ----------
+    images
+        The images.
+    state
+        Parameters of all pixels, shape (15 or 18, y, x); pixels where they are NaN are left out.
+    models
+        The models, two at most.
+    sigma_px
+        Standard deviation of the windows.
+    gains
+        Whether every image has a gain and an offset of its own.
+    variances
+        How many variances are wanted, as of `solve_rows`.
+    chosen
+        Which model fits every pixel, or `EVERY_MODEL`, or `NO_MODEL`; without, every model all.
+    finer
+        Windows of another standard deviation, and what the chosen models find in them, with the variance of
+        disparity: is written, if given.
+    seen
+        Is written, if given.
+    shifts
+        Is added to, if given.
+    coarse
+        Whether every other row is left out, and windows are fitted around every other pixel of the others only; between
+        them, parameters are those of the pixel above or at the left.
+    """
+    view, windows = images.view(), window_weights(sigma_px)
+    chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen.copy()
+    if (chosen == EVERY_MODEL).any():
+        fits = [blank_fit(state, variances=variances > 0) for _ in models]
+    else:
+        fits = [blank_fit(state, variances=variances > 0)] * len(models)
+    fields, least_share = extract_fields(state), _LEAST_SHARE
+    if coarse:
+        fields[:, 1::2] = np.nan
+        least_share /= 2
+        chosen[1::2], chosen[:, 1::2] = NO_MODEL, NO_MODEL
+    for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts):
+        # Always two, so that the kernel is compiled once.
+        pair = (
+            (models[0], models[-1]),
+            len(models),
+            view,
+            images.channels,
+            band.first,
+            least_share,
+            (fits[0], fits[-1]),
+        )
+        solve = partial(solve_rows, band.products, windows, *pair, chosen, variances)
+        in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
+        if finer is not None:
+            pair = (
+                (models[0], models[-1]),
+                len(models),
+                view,
+                images.channels,
+                band.first,
+                least_share,
+                (finer[1],) * 2,
+            )
+            solve = partial(solve_rows, band.products, window_weights(finer[0]), *pair, chosen, 6)
+            in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
+        if seen is not None:
+            seen.put(band)
+    if coarse:
+        for fit in fits:
+            fill_between(fit.theta)
+    return fits
+
+
+def is_valid_step(state: Map, theta: Map) -> NDArray[np.bool_]:
+    """Tell where new parameters are known, and disparity neither changes its sign nor by half.
+
+    Parameters
+    ----------
+    state, theta
+        Parameters before and after, shape (15 or 18, y, x).
+    """
+    with np.errstate(invalid="ignore"):
+        sound = np.isfinite(theta).all(axis=0) & (theta[0] * state[0] > 0)
+        return np.asarray(sound & (np.abs(theta[0] - state[0]) < 0.5 * np.abs(state[0])))
+
+
+def fill_invalid_parameters(state: Map, theta: Map) -> Map:
+    """Return parameters that are known everywhere: a fit's where its step is sound, else those of the nearest pixel.
+
+    Parameters
+    ----------
+    state, theta
+        Parameters before and after, shape (15 or 18, y, x).
+    """
+    sound = is_valid_step(state, theta)
+    return fill_gaps(theta, sound) if sound.any() else state
+
+
+def _estimated_variance(images: ImageStack, seen: PixelEvidence) -> GreyVariance:
+    """Return how noise depends on the grey value, as what pixels show by themselves tells."""
+    grey = local_means(
+        np.mean([images.grey(*images.reference(), channel) for channel in range(images.channels)], axis=0)
+    )
+    return estimate_variance(grey, seen.square * images.variance.at(grey))
+
+
+def _still(before: Map, after: Map, fit: Fit, images: ImageStack, tolerance_px: float) -> bool:
+    """Tell whether almost no pixel that is fitted well moved by more than a tolerance in any image."""
+    moved = images.moved_px(extract_fields(before), extract_fields(after))
+    left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
+    with np.errstate(invalid="ignore"):
+        fitted = textured(fit.residual[1], estimate_noise(left), images.count, images.spline) & (
+            left < _FITTED * estimate_noise(left)
+        )
+    return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)

@@ -1,0 +1,282 @@
+"""Kernels that compare the warped images.
+
+Agreement at every pixel, occlusion by nearer surfaces, and shifts of blocks.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.kernels.warp import (
+    ACCELERATED,
+    CUBIC,
+    QUINTIC,
+    REACH,
+    STEADY,
+    TAPS,
+    ImageView,
+    corrected,
+    cubic_weights,
+    mean_of_row,
+    place_of,
+    quintic_weights,
+)
+
+__all__ = ["SIDES", "SUMS", "add_shifts", "hide", "judge_rows"]
+
+
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+
+SUMS = 7
+"""Sums that `add_shifts` fills."""
+
+
+@_jit
+def add_shifts(
+    warped: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    least: int,
+    first_row: int,
+    block: int,
+    sums: NDArray[np.float64],
+    rows: tuple[int, int],
+) -> None:
+    """Sum up, over blocks of pixels, what each image and the images' mean T tell of a shift between them.
+
+    An image that shows g where the mean shows T is to be moved by the δ that minimises Σ (g + ∇T · δ - T)²: the
+    solution of Σ ∇T ∇Tᵀ δ = Σ ∇T (T - g).
+
+    Parameters
+    ----------
+    warped, gradient, least
+        As of `products.add_products`.
+    first_row
+        Row of the image at which the arrays begin.
+    block
+        Edge of a block in px; blocks begin at row and column 0 of the image.
+    sums
+        Is added to: for every row of blocks, block and image the sums of T_x², T_x T_y, T_y², T_x (T - g), T_y (T - g),
+        (T - g)² and 1, shape (rows of blocks, columns of blocks, n, 7).
+    rows
+        First and last + 1 of the rows of blocks to be summed up; they lie inside the arrays, as far as the image goes.
+    """
+    count, height, width = warped.shape
+    mean = np.empty(width)
+    for down in range(rows[0], rows[1]):
+        for row in range(max(down * block - first_row, 0), min((down + 1) * block - first_row, height)):
+            mean_of_row(warped, row, least, mean)
+            for i in range(count):
+                for x in range(width):
+                    g = warped[i, row, x]
+                    if np.isnan(g) or np.isnan(mean[x]):
+                        continue
+                    along, below, left = gradient[0, row, x], gradient[1, row, x], mean[x] - g
+                    out = sums[down, x // block, i]
+                    out[0] += along * along
+                    out[1] += along * below
+                    out[2] += below * below
+                    out[3] += along * left
+                    out[4] += below * left
+                    out[5] += left * left
+                    out[6] += 1.0
+
+
+SIDES = 7
+"""All images; those with s ≤ 0, s ≥ 0, t ≤ 0, t ≥ 0, s_y ≤ 0, s_y ≥ 0: what hides a point hides it on one side."""
+# A variance needs that many images.
+_LEAST = 3
+
+
+def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
+    @_jit
+    def compiled(
+        coefficients: Any, view: Any, fields: Any, bad: Any, gain: Any, offset: Any, block: Any, out: Any, rows: Any
+    ) -> None:
+        count, height, width = coefficients.shape
+        wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
+        dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
+        sums = np.empty((SIDES, 3))
+        _, down, across = gain.shape
+        some_bad = bad.shape[0] > 0
+        for y in range(rows[0], rows[1]):
+            for x in range(width):
+                out[:, y, x] = np.nan
+                if np.isnan(fields[0, y, x]):
+                    continue
+                sums[:] = 0.0
+                # The four middles of blocks around the pixel.
+                row = min(max((y + 0.5) / block - 0.5, 0.0), down - 1.0)
+                column = min(max((x + 0.5) / block - 0.5, 0.0), across - 1.0)
+                above, beside = int(row), int(column)
+                below, right = min(above + 1, down - 1), min(beside + 1, across - 1)
+                v1, u1 = np.float32(row - above), np.float32(column - beside)
+                v0, u0 = np.float32(1.0) - v1, np.float32(1.0) - u1
+                origin, met = 0.0, False
+                for i in range(count):
+                    s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+                    at_x, at_y, _ = place_of(accelerated, view, s, s_y, t, fields, y, x)
+                    at_x, at_y = corrected(view, i, at_x, at_y)
+                    if not (at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
+                        continue
+                    if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
+                        continue
+                    left, top = int(at_x), int(at_y)
+                    # A function for both takes half as much time again.
+                    if cubic:
+                        cubic_weights(at_x - left, wx, dx)
+                        cubic_weights(at_y - top, wy, dy)
+                    else:
+                        quintic_weights(at_x - left, wx, dx)
+                        quintic_weights(at_y - top, wy, dy)
+                    value = np.float32(0.0)
+                    for k in range(TAPS):
+                        a = np.float32(0.0)
+                        for j in range(TAPS):
+                            a += wx[j] * coefficients[i, top + k - REACH, left + j - REACH]
+                        value += wy[k] * a
+                    g, o = gain[i], offset[i]
+                    scaled = v0 * (u0 * g[above, beside] + u1 * g[above, right])
+                    scaled += v1 * (u0 * g[below, beside] + u1 * g[below, right])
+                    shifted = v0 * (u0 * o[above, beside] + u1 * o[above, right])
+                    shifted += v1 * (u0 * o[below, beside] + u1 * o[below, right])
+                    value = (value - shifted) / scaled
+                    if not met:
+                        origin, met = float(value), True
+                    v = value - origin
+                    for side in range(SIDES):
+                        if (
+                            side == 0
+                            or (side == 1 and s <= 0.0)
+                            or (side == 2 and s >= 0.0)
+                            or (side == 3 and t <= 0.0)
+                            or (side == 4 and t >= 0.0)
+                            or (side == 5 and s_y <= 0.0)
+                            or (side == 6 and s_y >= 0.0)
+                        ):
+                            sums[side, 0] += 1.0
+                            sums[side, 1] += v
+                            sums[side, 2] += v * v
+                for side in range(SIDES):
+                    n = sums[side, 0]
+                    if n >= _LEAST:
+                        out[side, y, x] = (sums[side, 2] - sums[side, 1] ** 2 / n) / (n - 1.0)
+
+    return compiled
+
+
+_JUDGES = {
+    (fields, order): _compile_judge(accelerated=fields == ACCELERATED, cubic=order == CUBIC)
+    for fields in (STEADY, ACCELERATED)
+    for order in (CUBIC, QUINTIC)
+}
+
+
+def judge_rows(
+    coefficients: NDArray[np.float32],
+    view: ImageView,
+    fields: NDArray[np.float64],
+    bad: NDArray[np.uint8],
+    gain: NDArray[np.float32],
+    offset: NDArray[np.float32],
+    block: int,
+    out: NDArray[np.float32],
+    rows: tuple[int, int],
+) -> None:
+    """Compute the variances of the grey values that the images show of every pixel's point.
+
+    Parameters
+    ----------
+    coefficients, view, fields, bad, rows
+        As of `warp.warp_rows`.
+    gain, offset
+        What takes the images to one brightness, (value - offset) / gain, in blocks of pixels, shape (n, rows of blocks,
+        columns of blocks); linear in between.
+    block
+        Edge of a block in px.
+    out
+        Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (7, height, width).
+    """
+    _JUDGES[len(fields), view.spline](coefficients, view, fields, bad, gain, offset, block, out, rows)
+
+
+_jit_exact = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+# Grey values this many px beside what hides a point mix both.
+_MARGIN = 1
+
+
+@numba.njit(inline="always")
+def _place(accelerated: Any, view: Any, i: Any, fields: Any, y: Any, x: Any) -> Any:
+    """Return where an image shows the point of a pixel, and the point's disparity there."""
+    at_x, at_y, scale = place_of(accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x)
+    at_x, at_y = corrected(view, i, at_x, at_y)
+    return at_x, at_y, abs(fields[0, y, x] * scale)
+
+
+def _compile_visibility(*, accelerated: bool) -> Any:
+    @_jit_exact
+    def compiled(view: Any, fields: Any, tolerance_px: Any, hidden: Any, group: Any) -> None:
+        _, height, width = fields.shape
+        largest = np.empty((height, width), dtype=np.float32)
+        hidden[group] = 0
+        for i in range(8 * group, min(8 * group + 8, len(view.s))):
+            if view.s[i] == 0.0 and view.s_y[i] == 0.0 and view.t[i] == 0.0:
+                continue
+            largest[:] = 0.0
+            for y in range(height):
+                for x in range(width):
+                    at_x, at_y, d = _place(accelerated, view, i, fields, y, x)
+                    if at_x >= 0 and at_x < width - 1 and at_y >= 0 and at_y < height - 1:
+                        left, top = int(at_x), int(at_y)
+                        # The four pixels around it, so that no gaps open.
+                        for v in range(top, top + 2):
+                            for u in range(left, left + 2):
+                                largest[v, u] = max(largest[v, u], d)
+            for y in range(height):
+                for x in range(width):
+                    at_x, at_y, d = _place(accelerated, view, i, fields, y, x)
+                    if not (at_x >= 0 and at_x < width - 1 and at_y >= 0 and at_y < height - 1):
+                        continue
+                    left, top = int(at_x + 0.5), int(at_y + 0.5)
+                    behind = False
+                    for v in range(max(top - _MARGIN, 0), min(top + _MARGIN + 1, height)):
+                        for u in range(max(left - _MARGIN, 0), min(left + _MARGIN + 1, width)):
+                            behind = behind or largest[v, u] > d + tolerance_px
+                    if behind:
+                        hidden[group, y, x] |= np.uint8(1 << (i & 7))
+
+    return compiled
+
+
+_HIDES = {STEADY: _compile_visibility(accelerated=False), ACCELERATED: _compile_visibility(accelerated=True)}
+
+
+def hide(
+    view: ImageView,
+    fields: NDArray[np.float64],
+    tolerance_px: float,
+    hidden: NDArray[np.uint8],
+    group: int,
+) -> None:
+    """Mark the pixels whose points are hidden in eight of the images.
+
+    A point is hidden where another point of larger disparity is seen in its place or beside it.
+
+    Parameters
+    ----------
+    view
+        Where and when the images were taken.
+    fields
+        As of `warp_rows`, finite.
+    tolerance_px
+        Disparities that differ by less are those of one surface.
+    hidden
+        Output: bit i % 8 of the byte i // 8 for image i, shape (n / 8, height, width).
+    group
+        Which byte.
+    """
+    _HIDES[len(fields)](view, fields, tolerance_px, hidden, group)

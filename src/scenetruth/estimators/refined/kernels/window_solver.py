@@ -1,0 +1,610 @@
+"""Kernels that fit one window from its sums.
+
+Derive slopes, curvature, rotation and growth of the surface element.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.kernels.pixel_equations import PAIR_OF, SIDE_OF, SQUARE_OF
+from scenetruth.estimators.refined.kernels.warp import ImageView
+
+__all__ = [
+    "ALL",
+    "CURVED",
+    "EVERY_VARIANCE",
+    "FULL",
+    "FUNCTIONALS",
+    "GRADIENTS",
+    "KNOWN",
+    "POWERS",
+    "TOLD",
+    "VALUES",
+    "Fit",
+    "Model",
+    "describe_element",
+    "fit_window",
+    "metric",
+    "tangents_of",
+    "work_space",
+]
+
+
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+
+FUNCTIONALS = 11
+"""What has a variance: slopes along X and Y, mean and Gaussian curvature, three components of the rotation, growth of
+area, the larger and the lesser growth of length, the angle of the larger one's direction."""
+VALUES = 13
+"""The first ten of these, and the three components of the direction."""
+_CURVATURE, _ROTATION, _AREA, _PRINCIPAL, _ANGLE = 2, 4, 7, 8, 10
+# Of the parameters, those of velocity's slopes: along x and along y, for three components.
+_VELOCITY = 6
+# Rates that are linear in the velocity's slopes: rotation, growth of area, and the tensor of growth (aa, bb, ab).
+_RATES = 7
+# Parts of the disparity by which parameters are changed to find derivatives: two thirds of the digits are left.
+_STEP = 1e-5
+
+
+@_jit
+def tangents_of(theta: Any, x: float, y: float, focal: float, out: Any) -> None:
+    """Write the surface's derivatives along x and y, in baselines: p = (x, y, f) / d."""
+    d = theta[0]
+    for side in range(2):
+        slope = theta[1 + side] / (d * d)
+        out[side, 0] = -x * slope
+        out[side, 1] = -y * slope
+        out[side, 2] = -focal * slope
+        out[side, side] += 1.0 / d
+
+
+@_jit
+def metric(tangents: Any) -> Any:
+    """Return the first fundamental form E, F, G of two tangents, and its determinant."""
+    e, f, g = 0.0, 0.0, 0.0
+    for k in range(3):
+        e += tangents[0, k] * tangents[0, k]
+        f += tangents[0, k] * tangents[1, k]
+        g += tangents[1, k] * tangents[1, k]
+    return e, f, g, e * g - f * f
+
+
+@_jit
+def _shape(theta: Any, x: float, y: float, focal: float, curved: bool, values: Any, gradients: Any) -> None:
+    """Write slopes and curvatures, and their derivatives by the disparity's parameters.
+
+    The normal is (f d_x, f d_y, m) with m = d - x d_x - y d_y. Of p = (x, y, f) / d, second derivatives along the
+    normal are those of d, times -(p n) / d: the second fundamental form is the Hessian of d.
+    """
+    d, d_x, d_y = theta[0], theta[1], theta[2]
+    ahead = d - x * d_x - y * d_y
+    for side in range(2):
+        slope = -focal * theta[1 + side] / ahead
+        values[side] = slope
+        gradients[side, 0] = -slope / ahead
+        gradients[side, 1] = slope * x / ahead
+        gradients[side, 2] = slope * y / ahead
+        gradients[side, 1 + side] -= focal / ahead
+    if not curved:
+        return
+    xx, xy, yy = 2.0 * theta[3], theta[4], 2.0 * theta[5]
+    # The tangents times d², and the normal times d³.
+    u = (d - x * d_x, -y * d_x, -focal * d_x)
+    v = (-x * d_y, d - y * d_y, -focal * d_y)
+    n = (focal * d_x, focal * d_y, ahead)
+    e, f, g, square = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        e += u[k] * u[k]
+        f += u[k] * v[k]
+        g += v[k] * v[k]
+        square += n[k] * n[k]
+    size = np.sqrt(square)
+    trace, area = g * xx - 2.0 * f * xy + e * yy, xx * yy - xy * xy
+    factor = -0.5 * focal * d / (square * size)
+    mean, product = factor * trace, focal * focal * d**4 * area / square**2
+    values[_CURVATURE], values[_CURVATURE + 1] = mean, product
+    along = (x, y, focal)
+    for p in range(3):
+        by_e, by_f, by_g, by_square = 0.0, 0.0, 0.0, 0.0
+        for k in range(3):
+            # Derivatives of u, v and n by d, d_x and d_y.
+            by_u = (1.0 if k == 0 else 0.0) if p == 0 else (-along[k] if p == 1 else 0.0)
+            by_v = (1.0 if k == 1 else 0.0) if p == 0 else (-along[k] if p == 2 else 0.0)
+            by_n = (1.0 if k == 2 else 0.0) if p == 0 else (focal if k == p - 1 else 0.0)
+            if p > 0 and k == 2:
+                by_n -= along[p - 1]
+            by_e += 2.0 * u[k] * by_u
+            by_f += u[k] * by_v + v[k] * by_u
+            by_g += 2.0 * v[k] * by_v
+            by_square += 2.0 * n[k] * by_n
+        change = by_g * xx - 2.0 * by_f * xy + by_e * yy
+        gradients[2, p] = factor * change - 1.5 * mean * by_square / square
+        gradients[3, p] = -2.0 * product * by_square / square
+    gradients[2, 0] += mean / d
+    gradients[3, 0] += 4.0 * product / d
+    gradients[2, 3], gradients[2, 4], gradients[2, 5] = 2.0 * factor * g, -2.0 * factor * f, 2.0 * factor * e
+    scale = focal * focal * d**4 / square**2
+    gradients[3, 3], gradients[3, 4], gradients[3, 5] = 2.0 * scale * yy, -2.0 * scale * xy, 2.0 * scale * xx
+
+
+@_jit
+def _rates(theta: Any, x: float, y: float, focal: float, rows: Any, values: Any, second: Any) -> Any:
+    """Write what the velocity's slopes make of the element; return both growths' difference, and the direction.
+
+    Parameters
+    ----------
+    rows
+        Output: what each rate takes of the slopes q_x and q_y, shape (7, 6).
+    values
+        Output: rotation, growth of area, both growths of length, and the direction of the larger.
+    second
+        Output: the direction across that one, in the surface.
+    """
+    tangents = np.empty((2, 3))
+    tangents_of(theta, x, y, focal, tangents)
+    e, f, g, area = metric(tangents)
+    size, first = np.sqrt(area), np.sqrt(e)
+    n, a, b = np.empty(3), np.empty(3), np.empty(3)
+    dual, turned = np.empty((2, 3)), np.empty((2, 3))
+    for k in range(3):
+        one, other = (k + 1) % 3, (k + 2) % 3
+        n[k] = (tangents[0, one] * tangents[1, other] - tangents[0, other] * tangents[1, one]) / size
+        a[k] = tangents[0, k] / first
+        dual[0, k] = (g * tangents[0, k] - f * tangents[1, k]) / area
+        dual[1, k] = (e * tangents[1, k] - f * tangents[0, k]) / area
+    for k in range(3):
+        one, other = (k + 1) % 3, (k + 2) % 3
+        b[k] = n[one] * a[other] - n[other] * a[one]
+        for side in range(2):
+            turned[side, k] = n[one] * dual[side, other] - n[other] * dual[side, one]
+    for side in range(2):
+        by_a, by_b = 0.0, 0.0
+        for k in range(3):
+            by_a += dual[side, k] * a[k]
+            by_b += dual[side, k] * b[k]
+        for k in range(3):
+            at = 3 * side + k
+            for i in range(3):
+                # n x dn/dt with dn/dt = -(p^x (n q_x) + p^y (n q_y)), and half the curl along n.
+                rows[i, at] = -turned[side, i] * n[k] + 0.5 * n[i] * turned[side, k]
+            rows[3, at] = dual[side, k]
+            rows[4, at] = a[k] * by_a
+            rows[5, at] = b[k] * by_b
+            rows[6, at] = 0.5 * (a[k] * by_b + b[k] * by_a)
+    rates = np.zeros(_RATES)
+    for i in range(_RATES):
+        for side in range(2):
+            for k in range(3):
+                rates[i] += rows[i, 3 * side + k] * theta[_VELOCITY + 3 * k + 1 + side]
+    for i in range(4):
+        values[_ROTATION + i] = rates[i]
+    half = 0.5 * (rates[4] - rates[5])
+    spread = np.sqrt(half * half + rates[6] * rates[6])
+    values[_PRINCIPAL], values[_PRINCIPAL + 1] = 0.5 * rates[3] + spread, 0.5 * rates[3] - spread
+    angle = 0.5 * np.arctan2(rates[6], half)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    for k in range(3):
+        values[_ANGLE + k] = cosine * a[k] + sine * b[k]
+        second[k] = cosine * b[k] - sine * a[k]
+    return 2.0 * spread, cosine, sine
+
+
+@_jit
+def _motion(theta: Any, x: float, y: float, focal: float, free: bool, values: Any, gradients: Any) -> None:
+    """Write rotation and growth, and their derivatives by the parameters.
+
+    Where the velocity's slopes are ``free`` of the surface's, errors of the surface count too. Otherwise rotation and
+    growth themselves are what is fitted, and turn the slopes along with the surface.
+    """
+    rows, second = np.empty((_RATES, 6)), np.empty(3)
+    apart, cosine, sine = _rates(theta, x, y, focal, rows, values, second)
+    mixed = cosine * sine
+    for at in range(6):
+        place = _VELOCITY + 3 * (at % 3) + 1 + at // 3
+        for i in range(4):
+            gradients[_ROTATION + i, place] = rows[i, at]
+        aa, bb, ab = rows[4, at], rows[5, at], rows[6, at]
+        gradients[_PRINCIPAL, place] = cosine * cosine * aa + 2.0 * mixed * ab + sine * sine * bb
+        gradients[_PRINCIPAL + 1, place] = sine * sine * aa - 2.0 * mixed * ab + cosine * cosine * bb
+        gradients[_ANGLE, place] = (mixed * (bb - aa) + (cosine * cosine - sine * sine) * ab) / apart
+    if not free:
+        return
+    changed, either, unused = theta.copy(), np.empty((2, VALUES)), np.empty(3)
+    for p in range(3):
+        step = _STEP * (abs(theta[0]) if p == 0 else abs(theta[0]) / focal)
+        for side in range(2):
+            changed[p] = theta[p] + (step if side == 0 else -step)
+            _rates(changed, x, y, focal, rows, either[side], unused)
+        changed[p] = theta[p]
+        for i in range(_ROTATION, _ANGLE):
+            gradients[i, p] = (either[0, i] - either[1, i]) / (2.0 * step)
+        for side in range(2):
+            along, across = 0.0, 0.0
+            for k in range(3):
+                along += either[side, _ANGLE + k] * values[_ANGLE + k]
+                across += either[side, _ANGLE + k] * second[k]
+            # Either sign of a direction is the same.
+            gradients[_ANGLE, p] += (0.5 if side == 0 else -0.5) * across / along / step
+
+
+@_jit
+def describe_element(
+    surface: int, gradient: int, theta: Any, x: float, y: float, focal: float, values: Any, gradients: Any
+) -> None:
+    """Write what a surface element is and does, and how that depends on the fit's parameters.
+
+    Parameters
+    ----------
+    surface, gradient
+        Of the model, see `windows.Model`. What it does not tell is NaN.
+    theta
+        The parameters.
+    x, y, focal
+        The pixel, from the principal point, and the focal length.
+    values
+        Output, shape (13,), lengths in baselines: what `VALUES` says. Curvatures are positive where the surface bulges
+        towards the camera, rotations turn by the right hand; of the direction either sign is meant.
+    gradients
+        Output, shape (11, 15): derivatives of what `FUNCTIONALS` says by the parameters.
+    """
+    values[:] = np.nan
+    gradients[:] = 0.0
+    if surface < 2:
+        return
+    _shape(theta, x, y, focal, surface == _VELOCITY, values, gradients)
+    if gradient > 0:
+        _motion(theta, x, y, focal, gradient == 3, values, gradients)
+    # Of a turn without growth, growth is not known to be zero; it is not asked for.
+    if gradient < 2:
+        values[_AREA] = np.nan
+    if gradient < 3:
+        values[_PRINCIPAL:] = np.nan
+
+
+FULL = 15
+"""Parameters of the full model: d, d_x, d_y, d_xx, d_xy, d_yy; q_X, its slopes along x and y, q_Y alike, q_Z alike."""
+ALL = FULL + 3
+"""With those of the acceleration, a_X, a_Y and a_Z, which are the same in a whole window."""
+CURVED = 6
+
+# Monomials x^j y^k of the disparity's parameters, then of each velocity component's, and the fields of all.
+_J = np.array((0, 1, 0, 2, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0))
+_K = np.array((0, 0, 1, 0, 1, 2, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0))
+_FIELD = np.repeat(np.arange(7), [CURVED, 3, 3, 3, 1, 1, 1])
+# Moments are numbered by product, power of x, power of y: those of pairs of parameters, of the right sides, and of
+# parameters with the second powers of each velocity component. (Tuples would be copied at every look.)
+POWERS = 5
+
+
+def _number(product: Any, j: Any, k: Any) -> NDArray[np.int64]:
+    return np.asarray((product * POWERS + j) * POWERS + k)
+
+
+_OF_PAIR = _number(PAIR_OF[_FIELD[:, None], _FIELD], _J[:, None] + _J, _K[:, None] + _K)
+_OF_RIGHT = _number(SIDE_OF[_FIELD], _J, _K)
+_OF_BEND = _number(
+    PAIR_OF[_FIELD, 1:4][:, None, :].repeat(3, axis=1),
+    _J[:, None, None] + np.array([2, 1, 0])[:, None],
+    _K[:, None, None] + np.array([0, 1, 2])[:, None],
+)
+_SQUARES, _FREEDOM, KNOWN, GRADIENTS = (int(_number(n, 0, 0)) for n in (14, 15, 16, 17))
+# Squares of b of the fields, and what white noise of 1 would make of them.
+_LEFT, _EXPECTED = _number(SQUARE_OF, 0, 0), _number(np.diag(PAIR_OF), 0, 0)
+TOLD = np.array([0, 1, 2, 6, 9, 12, 15, 16, 17])
+"""Parameters whose variances are told."""
+EVERY_VARIANCE = len(TOLD) + 1
+"""Asks for all variances, with those of the surface element."""
+
+
+class Model(NamedTuple):
+    """Which surface and which motion are fitted."""
+
+    surface: int
+    """Parameters of disparity: 0 (none), 1 (constant), 3 (slopes), 6 (curvature)."""
+    components: int
+    """Components of velocity: 0 (none), 2 (X and Y) or 3."""
+    gradient: int
+    """Velocity gradient: 0 (none), 1 (rotation), 2 (rotation and isotropic growth), 3 (all six)."""
+    accelerated: bool = False
+    """Whether the components of velocity change over time, evenly."""
+
+
+class Fit(NamedTuple):
+    """What `solve_rows` writes, each with the rows and columns of the image last."""
+
+    theta: NDArray[np.float64]
+    """The full model's parameters, shape (15, height, width), or (18, height, width) with the acceleration's."""
+    variance: NDArray[np.float64]
+    """Variances of d, d_x, d_y, q_X, q_Y, q_Z, and a_X, a_Y, a_Z, shape (9, height, width)."""
+    element: NDArray[np.float32]
+    """What the surface element is and does, as of `describe_element`, shape (13, height, width)."""
+    element_variance: NDArray[np.float32]
+    """Variances of that, shape (11, height, width)."""
+    images: NDArray[np.float32]
+    """Mean number of images that show the pixels of the window, shape (height, width)."""
+    residual: NDArray[np.float64]
+    """Mean squares of what is left, per degree of freedom, and of the texture's gradient, shape (2, height, width)."""
+
+
+@_jit
+def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places: Any, values: Any, sizes: Any) -> int:
+    """Write the basis of what is fitted, the places and values of each column's numbers; return the columns' number."""
+    used = 0
+    for k in range(model.surface):
+        places[used, 0], values[used, 0], sizes[used] = k, 1.0, 1
+        used += 1
+    for c in range(model.components):
+        for side in range(3 if model.gradient == 3 else 1):
+            places[used, 0], values[used, 0], sizes[used] = CURVED + 3 * c + side, 1.0, 1
+            used += 1
+    if model.gradient == 1 or model.gradient == 2:
+        # q changes by A p over the surface, whose tangents are p_x and p_y; a rotation is A = [w]x, growth is A = e I.
+        tangents = np.empty((2, 3))
+        tangents_of(theta, x, y, focal, tangents)
+        for turn in range(3):
+            sizes[used + turn] = 4
+        sizes[used + 3] = 6
+        for side in range(2):
+            at = CURVED + 1 + side
+            for turn in range(3):
+                one, other = (turn + 1) % 3, (turn + 2) % 3
+                places[used + turn, 2 * side], values[used + turn, 2 * side] = at + 3 * one, -tangents[side, other]
+                places[used + turn, 2 * side + 1], values[used + turn, 2 * side + 1] = (
+                    at + 3 * other,
+                    tangents[side, one],
+                )
+            if model.gradient == 2:
+                for k in range(3):
+                    places[used + 3, 3 * side + k], values[used + 3, 3 * side + k] = at + 3 * k, tangents[side, k]
+        used += 3 + (model.gradient == 2)
+    if model.accelerated:
+        for c in range(model.components):
+            places[used, 0], values[used, 0], sizes[used] = FULL + c, 1.0, 1
+            used += 1
+    return used
+
+
+@_jit
+def _bend(theta: Any, x: float, y: float, focal: float, tangents: Any, bend: Any) -> None:
+    """Write the velocity's second-order terms that follow from the surface's: those of ξ², ξη and η², shape (3, 3).
+
+    A surface element that turns and grows takes its curvature along: the second derivatives of q are A p_xx, A p_xy and
+    A p_yy, where A takes the tangents to the derivatives of q, and the normal to the normal's own rate.
+    """
+    tangents_of(theta, x, y, focal, tangents)
+    d = theta[0]
+    e, f, g, area = metric(tangents)
+    n0 = tangents[0, 1] * tangents[1, 2] - tangents[0, 2] * tangents[1, 1]
+    n1 = tangents[0, 2] * tangents[1, 0] - tangents[0, 0] * tangents[1, 2]
+    n2 = tangents[0, 0] * tangents[1, 1] - tangents[0, 1] * tangents[1, 0]
+    # How fast the tangents turn towards the normal.
+    along = n0 * theta[CURVED + 1] + n1 * theta[CURVED + 4] + n2 * theta[CURVED + 7]
+    down = n0 * theta[CURVED + 2] + n1 * theta[CURVED + 5] + n2 * theta[CURVED + 8]
+    for term in range(3):
+        i, j = (0, 0) if term == 0 else ((0, 1) if term == 1 else (1, 1))
+        second = (2.0 * theta[3], theta[4], 2.0 * theta[5])[term]
+        slope_i, slope_j = theta[1 + i] / (d * d), theta[1 + j] / (d * d)
+        own = 2.0 * theta[1 + i] * theta[1 + j] / d**3 - second / (d * d)
+        v0, v1, v2 = x * own, y * own, focal * own
+        v0 -= (slope_j if i == 0 else 0.0) + (slope_i if j == 0 else 0.0)
+        v1 -= (slope_j if i == 1 else 0.0) + (slope_i if j == 1 else 0.0)
+        a = v0 * tangents[0, 0] + v1 * tangents[0, 1] + v2 * tangents[0, 2]
+        b = v0 * tangents[1, 0] + v1 * tangents[1, 1] + v2 * tangents[1, 2]
+        c = (v0 * n0 + v1 * n1 + v2 * n2) / area
+        a, b = (g * a - f * b) / area, (e * b - f * a) / area
+        half = 1.0 if term == 1 else 0.5
+        # The normal n, as long as the area, turns by -(p^x (n q_x) + p^y (n q_y)), with the dual tangents p^x and p^y.
+        for k in range(3):
+            dual_x = (g * tangents[0, k] - f * tangents[1, k]) / area
+            dual_y = (e * tangents[1, k] - f * tangents[0, k]) / area
+            turned = -(dual_x * along + dual_y * down)
+            bend[term, k] = half * (a * theta[CURVED + 1 + 3 * k] + b * theta[CURVED + 2 + 3 * k] + c * turned)
+
+
+@_jit
+def _factorise(a: Any, n: int) -> bool:
+    """Factorise a symmetric matrix in place, L Lᵀ; return whether it is positive definite."""
+    for j in range(n):
+        total = a[j, j]
+        for k in range(j):
+            total -= a[j, k] * a[j, k]
+        if not total > 1e-12:
+            return False
+        a[j, j] = np.sqrt(total)
+        for i in range(j + 1, n):
+            total = a[i, j]
+            for k in range(j):
+                total -= a[i, k] * a[j, k]
+            a[i, j] = total / a[j, j]
+    return True
+
+
+@_jit
+def _solve(factor: Any, n: int, x: Any) -> None:
+    """Solve L Lᵀ x = x in place."""
+    for i in range(n):
+        for k in range(i):
+            x[i] -= factor[i, k] * x[k]
+        x[i] /= factor[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= factor[k, i] * x[k]
+        x[i] /= factor[i, i]
+
+
+@_jit
+def _full_matrix(moments: Any, place: int, surface: int, count: int, out: Any, weights: Any) -> None:
+    """Write W H W with the normal matrix H at a pixel, of so many parameters, and weights W of the fields.
+
+    What a surface of so many parameters has not, is left as it is.
+    """
+    for p in range(count):
+        if surface <= p < CURVED:
+            continue
+        for q in range(p, count):
+            if surface <= q < CURVED:
+                continue
+            out[p, q] = out[q, p] = moments[_OF_PAIR[p, q], place] * weights[_FIELD[p]] * weights[_FIELD[q]]
+
+
+@_jit
+def _reduce(full: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) -> None:
+    """Write Cᵀ F C with a matrix F of the full model."""
+    for j in range(n):
+        for i in range(j, n):
+            total = 0.0
+            for k in range(sizes[j]):
+                line, share = full[places[j, k]], 0.0
+                for m in range(sizes[i]):
+                    share += values[i, m] * line[places[i, m]]
+                total += values[j, k] * share
+            out[i, j] = out[j, i] = total
+
+
+@_jit
+def _along(column: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) -> None:
+    """Write Cᵀ times a vector of the full model's parameters."""
+    for i in range(n):
+        out[i] = 0.0
+        for k in range(sizes[i]):
+            out[i] += values[i, k] * column[places[i, k]]
+
+
+class WorkSpace(NamedTuple):
+    """Arrays that the fit of one window writes to."""
+
+    places: NDArray[np.int64]
+    values: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    bend: NDArray[np.float64]
+    tangents: NDArray[np.float64]
+    matrices: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+    element: NDArray[np.float64]
+    gradients: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    ones: NDArray[np.float64]
+
+
+@_jit
+def work_space() -> Any:
+    """Return arrays for `fit_window`."""
+    gradients = np.zeros((len(TOLD) + FUNCTIONALS, ALL))
+    for k in range(len(TOLD)):
+        gradients[k, TOLD[k]] = 1.0
+    return WorkSpace(
+        np.empty((ALL, 6), dtype=np.int64),
+        np.empty((ALL, 6)),
+        np.empty(ALL, dtype=np.int64),
+        np.empty((3, 3)),
+        np.empty((2, 3)),
+        np.empty((3, ALL, ALL)),
+        np.empty((4, ALL)),
+        np.empty(VALUES),
+        gradients,
+        np.empty(7),
+        np.ones(7),
+    )
+
+
+@_jit
+def fit_window(
+    moments: Any,
+    seconds: Any,
+    place: int,
+    model: Model,
+    view: ImageView,
+    enough: bool,
+    fit: Fit,
+    x: int,
+    y: int,
+    told: int,
+    work: Any,
+) -> None:
+    """Fit a model to the moments of the window around the pixel (x, y), which stand in some column, if they suffice."""
+    places, values, sizes, bend, tangents = work.places, work.values, work.sizes, work.bend, work.tangents
+    small, other, full = work.matrices[0], work.matrices[1], work.matrices[2]
+    right, scale, solution, column = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
+    element = work.element
+    fit.residual[:, y, x] = np.nan
+    theta = fit.theta[:, y, x]
+    count = len(theta)
+    if not enough:
+        theta[:] = np.nan
+        return
+    from_x, from_y = x - view.centre_x, y - view.centre_y
+    n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
+    _full_matrix(moments, place, model.surface, count, full, work.ones)
+    _reduce(full, places, values, sizes, n, small)
+    for p in range(count):
+        right[p] = moments[_OF_RIGHT[p], place]
+    if model.surface == 0:
+        for p in range(count):
+            right[p] -= moments[_OF_PAIR[p, 0], place] * theta[0]
+    if model.gradient > 0 and model.surface > 1:
+        _bend(theta, from_x, from_y, view.focal, tangents, bend)
+        for p in range(count):
+            for term in range(3):
+                for c in range(3):
+                    right[p] -= bend[term, c] * moments[_OF_BEND[p, term, c], place]
+    _along(right, places, values, sizes, n, solution)
+    good = True
+    for i in range(n):
+        good = good and small[i, i] > 0.0
+        scale[i] = 1.0 / np.sqrt(small[i, i]) if small[i, i] > 0.0 else 0.0
+        solution[i] *= scale[i]
+    for i in range(n):
+        for j in range(n):
+            small[i, j] *= scale[i] * scale[j]
+    if not good or not _factorise(small, n):
+        theta[:] = np.nan
+        return
+    _solve(small, n, solution)
+    # Without depth, d is a unit: it stays.
+    theta[1 if model.surface == 0 else 0 :] = 0.0
+    for i in range(n):
+        for k in range(sizes[i]):
+            theta[places[i, k]] += values[i, k] * solution[i] * scale[i]
+    fit.residual[0, y, x] = moments[_SQUARES, place] / max(moments[_FREEDOM, place], 1e-300)
+    fit.residual[1, y, x] = moments[GRADIENTS, place] / moments[KNOWN, place]
+    if told == 0:
+        return
+    # Cov = H^-1 S H^-1 with the sums H of the weights, and S of their squares times what b has in place of its part of
+    # white noise: what the images leave may go the same way in many of them.
+    for field in range(7 if count > FULL else 4):
+        expected = moments[_EXPECTED[field], place]
+        square = moments[_LEFT[field], place] / expected if expected > 0.0 else 0.0
+        work.noise[field] = np.sqrt(max(square, fit.residual[0, y, x]))
+    _full_matrix(seconds, place, model.surface, count, full, work.noise)
+    _reduce(full, places, values, sizes, n, other)
+    for i in range(n):
+        for j in range(n):
+            other[i, j] *= scale[i] * scale[j]
+    fit.images[y, x] = moments[_FREEDOM, place] / moments[KNOWN, place] + 1.0
+    several = len(TOLD)
+    if told > several:
+        own = work.gradients[several:]
+        describe_element(model.surface, model.gradient, theta, from_x, from_y, view.focal, element, own)
+        fit.element[:, y, x] = element
+    for k in range(several + FUNCTIONALS if told > several else told):
+        if (k >= several and np.isnan(element[k - several])) or (k < several and TOLD[k] >= count):
+            continue
+        _along(work.gradients[k], places, values, sizes, n, column)
+        for i in range(n):
+            column[i] *= scale[i]
+        _solve(small, n, column)
+        total = 0.0
+        for i in range(n):
+            share = 0.0
+            for j in range(n):
+                share += other[i, j] * column[j]
+            total += column[i] * share
+        if k < several:
+            fit.variance[k, y, x] = total
+        else:
+            fit.element_variance[k - several, y, x] = total

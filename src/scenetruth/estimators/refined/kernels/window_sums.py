@@ -1,0 +1,350 @@
+"""Kernels that sum the normal equations over windows and fit them.
+
+Of all pixels, or of those of the central surface.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.kernels.pixel_equations import PAIR_OF, PRODUCTS, SIDE_OF, is_pair
+from scenetruth.estimators.refined.kernels.warp import ACCELERATED, STEADY, ImageView
+from scenetruth.estimators.refined.kernels.window_solver import (
+    CURVED,
+    EVERY_VARIANCE,
+    FULL,
+    GRADIENTS,
+    KNOWN,
+    POWERS,
+    Fit,
+    Model,
+    fit_window,
+    work_space,
+)
+
+__all__ = ["EVERY_MODEL", "NO_MODEL", "solve_members", "solve_rows"]
+
+
+EVERY_MODEL, NO_MODEL = -1, -2
+"""Whether every model is fitted to a pixel, or none."""
+
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+
+
+@numba.njit(inline="always")
+def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
+    """Return the highest power of the distance by which moments of a product are asked for."""
+    surface = 2 if curved else 1
+    if product == 0:
+        return 2 * surface
+    motion = 1 if turning else 0
+    if product < 4:
+        return surface + (2 if bent else motion)
+    if product < 10:
+        return motion + (2 if bent else motion)
+    if product == 10:
+        return surface
+    if product < PRODUCTS:
+        return motion if product < 14 else 0
+    # Those of the acceleration, which is the same in a whole window.
+    if product in (PAIR_OF[0, 4], PAIR_OF[0, 5], PAIR_OF[0, 6]):
+        return surface
+    return 2 if bent else motion
+
+
+@_jit
+def _add_pairs(out: Any, weight: float, one: Any, other: Any, odd: bool) -> None:
+    """Add what lies at either side of the middle, whose weights are the same, or opposite."""
+    if odd:
+        for x in range(out.size):
+            out[x] += weight * (one[x] - other[x])
+    else:
+        for x in range(out.size):
+            out[x] += weight * (one[x] + other[x])
+
+
+@_jit
+def _window_sums(products: Any, pairs_only: bool, window: Any, y: int, asked: Any, scratch: Any, moments: Any) -> None:
+    """Sum products over windows of a row, times powers of the distance: moments (numbered, x)."""
+    count, height, width = products.shape
+    reach = window.shape[1] // 2
+    curved, turning, bent = asked
+    middle = scratch[reach : reach + width]
+    for n in range(count):
+        if pairs_only and not is_pair(n):
+            continue
+        degree = _degree(n, curved, turning, bent)
+        for k in range(degree + 1):
+            middle[:] = 0.0
+            for v in range(max(y - reach, 0), min(y + reach + 1, height)):
+                weight, line = window[k, v - y + reach], products[n, v]
+                for x in range(width):
+                    middle[x] += weight * line[x]
+            for j in range(degree + 1 - k):
+                out = moments[(n * POWERS + j) * POWERS + k]
+                for x in range(width):
+                    out[x] = window[j, reach] * middle[x]
+                for u in range(1, reach + 1):
+                    right, left = scratch[reach + u : reach + u + width], scratch[reach - u : reach - u + width]
+                    _add_pairs(out, window[j, reach + u], right, left, j % 2 == 1)
+
+
+@_jit
+def solve_rows(
+    products: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    models: tuple[Model, Model],
+    count: int,
+    view: ImageView,
+    channels: int,
+    first_row: int,
+    least: float,
+    fits: tuple[Fit, Fit],
+    chosen: NDArray[np.int8],
+    told: int,
+    rows: tuple[int, int],
+) -> None:
+    """Fit surface and motion in the window around every pixel of some rows.
+
+    Parameters
+    ----------
+    products
+        The pixels' normal equations, as of `add_products`.
+    weights
+        Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
+        (2, 5, 2 r + 1).
+    models, count
+        What is fitted; only the first ``count`` are.
+    view
+        Focal length and principal point, as of `warp.View`.
+    channels
+        Number of colour channels that were added up.
+    first_row
+        Row of the image at which the products begin.
+    least
+        Least share of the window that must be known.
+    fits
+        Output for the whole image, of each model; ``theta`` is read too: tangents of the surface come from it.
+    chosen
+        The model of every pixel of the image, shape (height, width); or `EVERY_MODEL`, or `NO_MODEL`.
+    told
+        How many variances are wanted, in the order of `Fit`; `EVERY_VARIANCE` for all, those of the surface
+        element too.
+    rows
+        First and last + 1 row of the products to solve for.
+    """
+    width = products.shape[2]
+    window, squared = weights[0], weights[1]
+    # Nothing lies beyond the ends of a row.
+    scratch = np.zeros(width + window.shape[1] - 1)
+    moments = np.zeros((len(products) * POWERS**2, width))
+    seconds = np.zeros((len(moments) if told > 0 else 1, width))
+    work = work_space()
+    whole = channels * window[0].sum() ** 2
+    curved, turning, bent = _asked(models, count)
+    for row in range(rows[0], rows[1]):
+        y = row + first_row
+        if chosen[y].max() < EVERY_MODEL:
+            continue
+        _window_sums(products, False, window, row, (curved, turning, bent), scratch, moments)
+        if told > 0:
+            _window_sums(products, True, squared, row, (curved, turning, False), scratch, seconds)
+        for m in range(count):
+            for x in range(width):
+                if chosen[y, x] == EVERY_MODEL or chosen[y, x] == m:
+                    enough = moments[KNOWN, x] / whole >= least
+                    fit_window(moments, seconds, x, models[m], view, enough, fits[m], x, y, told, work)
+
+
+@_jit
+def _asked(models: Any, count: int) -> Any:
+    """Tell whether any model has curvature, any a velocity gradient, and any motion of second order."""
+    curved, turning, bent = False, False, False
+    for m in range(count):
+        curved = curved or models[m].surface == CURVED
+        turning = turning or models[m].gradient > 0
+        bent = bent or (models[m].gradient > 0 and models[m].surface > 1)
+    return curved, turning, bent
+
+
+# Place of the number of channels that are known, among the products.
+_IN_USE = 16
+
+
+@numba.njit(inline="always")
+def _belongs(
+    several: Any,
+    theta: Any,
+    x: float,
+    y: float,
+    own: Any,
+    products: Any,
+    v: int,
+    u: int,
+    limit: float,
+    reach: Any,
+    step: Any,
+) -> bool:
+    """Tell whether a pixel at (x, y) from a window's centre shows the surface that is fitted there.
+
+    It does if the surface's parameters at the pixel hardly move it against its own ones, and explain its images.
+    """
+    x_x, x_y, y_y = x * x, x * y, y * y
+    if not products[v, u, 14] <= limit * products[v, u, 15]:
+        return False
+    step[0] = (theta[0] + theta[1] * x + theta[2] * y + theta[3] * x_x + theta[4] * x_y + theta[5] * y_y) - own[0]
+    for k in range(3):
+        step[1 + k] = theta[CURVED + 3 * k] + theta[CURVED + 1 + 3 * k] * x + theta[CURVED + 2 + 3 * k] * y - own[1 + k]
+    for k in range(STEADY, several):
+        step[k] = theta[FULL + k - STEADY] - own[k]
+    moved = abs(step[0]) * reach[0]
+    along = abs(own[0]) * reach[1]
+    for k in range(1, several):
+        later = 0.5 * reach[1] if k >= STEADY else 1.0
+        moved = max(moved, abs(step[k]) * along * later * (reach[2] if k == 3 or k == 6 else 1.0))
+    if not moved < reach[3]:
+        return False
+    # b = (M p + b) - M p; squares after the step are e - 2 b step + step M step.
+    total = products[v, u, 14]
+    for k in range(several):
+        total -= 2.0 * step[k] * products[v, u, SIDE_OF[k]]
+        total += products[v, u, PAIR_OF[k, k]] * (step[k] * step[k] + 2.0 * step[k] * own[k])
+        for m in range(k + 1, several):
+            total += 2.0 * products[v, u, PAIR_OF[k, m]] * (step[k] * step[m] + step[k] * own[m] + step[m] * own[k])
+    return bool(total <= limit * products[v, u, 15])
+
+
+def _compiled(several: int) -> Any:
+    @_jit
+    def compiled(
+        products: Any,
+        limit: Any,
+        fields: Any,
+        reach: Any,
+        weights: Any,
+        model: Any,
+        view: Any,
+        first_row: Any,
+        fit: Any,
+        pixels: Any,
+        shares: Any,
+        part: Any,
+    ) -> None:
+        rows, width = limit.shape
+        around = weights.shape[2] // 2
+        window, squared = weights[0], weights[1]
+        count = products.shape[2]
+        moments, seconds = np.empty((count * POWERS**2, 1)), np.empty((count * POWERS**2, 1))
+        # One power of the distance after the other, so that the products of a pixel are taken at once.
+        sums, second_sums = np.empty((POWERS, count)), np.empty((POWERS, count))
+        work, step = work_space(), np.empty(several)
+        theta, own = np.empty(len(fit.theta)), np.empty(several)
+        powers = 4 if model.gradient > 0 and model.surface > 1 else 3
+        fewer = 3
+        if model.surface == CURVED:
+            powers = fewer = POWERS
+        told = EVERY_VARIANCE if fit.variance.shape[1] > 1 else 0
+        fewer = fewer if told > 0 else 0
+        whole = window[0].sum() ** 2
+        for number in range(part[0], part[1]):
+            y, x = pixels[number]
+            for k in range(len(theta)):
+                theta[k] = fit.theta[k, y, x]
+            moments[:], seconds[:] = 0.0, 0.0
+            row = y - first_row
+            for v in range(max(row - around, 0), min(row + around + 1, rows)):
+                sums[:], second_sums[:] = 0.0, 0.0
+                met = False
+                for u in range(max(x - around, 0), min(x + around + 1, width)):
+                    if products[v, u, _IN_USE] == 0.0:
+                        continue
+                    for k in range(several):
+                        own[k] = fields[k, v + first_row, u]
+                    if not _belongs(several, theta, u - x, v - row, own, products, v, u, limit[v, u], reach, step):
+                        continue
+                    met = True
+                    for j in range(powers):
+                        w = window[j, u - x + around]
+                        for n in range(count):
+                            sums[j, n] += w * products[v, u, n]
+                    for j in range(fewer):
+                        w = squared[j, u - x + around]
+                        for n in range(count):
+                            second_sums[j, n] += w * products[v, u, n]
+                if not met:
+                    continue
+                at = v - row + around
+                for k in range(powers):
+                    for n in range(count):
+                        for j in range(powers - k):
+                            moments[(n * POWERS + j) * POWERS + k, 0] += window[k, at] * sums[j, n]
+                    for n in range(count):
+                        if not is_pair(n):
+                            continue
+                        for j in range(max(fewer - k, 0)):
+                            seconds[(n * POWERS + j) * POWERS + k, 0] += squared[k, at] * second_sums[j, n]
+            gradient = moments[GRADIENTS, 0]
+            known = moments[KNOWN, 0]
+            shares[number, 0] = known / whole
+            if gradient > 0.0:
+                shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
+            else:
+                shares[number, 1] = np.inf
+            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, told, work)
+
+    return compiled
+
+
+_SOLVES = {several: _compiled(several) for several in (STEADY, ACCELERATED)}
+
+
+def solve_members(
+    products: NDArray[np.float64],
+    limit: NDArray[np.float64],
+    fields: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    model: Model,
+    view: ImageView,
+    first_row: int,
+    fit: Fit,
+    pixels: NDArray[np.int64],
+    shares: NDArray[np.float64],
+    part: tuple[int, int],
+) -> None:
+    """Fit surface and motion around some pixels to those of their windows' pixels that belong to the same surface.
+
+    Parameters
+    ----------
+    products
+        The pixels' normal equations, as of `products.add_products`, side by side: shape (rows, width, 22 or 46).
+    limit
+        Largest mean square that is left where a pixel is explained, shape (rows, width).
+    fields
+        The own d and q of the image's pixels, and their acceleration if the fit has one, shape (4 or 7, height, width).
+    reach
+        The farthest camera in steps, the longest time in frames, half an image over the focal length, and by how much a
+        pixel may be moved against its own parameters, in px.
+    weights
+        As of `windows.solve_rows`.
+    model
+        What is fitted.
+    view
+        Focal length and principal point.
+    first_row
+        Row of the image at which the products begin.
+    fit
+        Read, and written at the pixels, of the whole image; with variances if there is room for them.
+    pixels
+        Rows and columns in the image, shape (n, 2).
+    shares
+        Output: share of the window that belongs to the surface, and distance of the middle of its texture (weighted by
+        the squared gradient) from the window's, in px, shape (n, 2).
+    part
+        First and last + 1 of the pixels.
+    """
+    _SOLVES[len(fields)](products, limit, fields, reach, weights, model, view, first_row, fit, pixels, shares, part)

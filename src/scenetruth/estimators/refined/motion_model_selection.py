@@ -1,0 +1,280 @@
+"""Selection of the motion model: further parameters of the motion where the images need them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSettings
+from scenetruth.estimators.refined.fit_maps import (
+    CURVATURES,
+    accelerated,
+    between,
+    chosen_fit,
+    differ,
+    every_other,
+    explained,
+    extract_fields,
+    find_discontinuities,
+)
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.initialisation import fill_gaps
+from scenetruth.estimators.refined.iterations import (
+    STAGES,
+    FinalIteration,
+    RefinedState,
+    fit_final,
+    fit_round,
+    fit_surface,
+    is_valid_step,
+    select_models,
+)
+from scenetruth.estimators.refined.kernels.window_solver import Fit
+from scenetruth.estimators.refined.noise_estimation import estimate_noise
+from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
+
+__all__ = [
+    "MotionModelCandidate",
+    "MotionModelTrial",
+    "choose_motion_model",
+    "encode_motion_models",
+    "list_motion_models",
+    "refit_motion_models",
+]
+
+# What moves in another way is larger than a window: changes are averaged over this many times its standard deviation,
+# lest some pixels look so by chance.
+_WIDER = 2.0
+# A pixel counts by this many times its noise at most: no few of them may decide.
+_MOST = 9.0
+# Some of the images leave by chance so much more than all of them.
+_OTHER_NOISE = 1.02
+# Mean squares, after over before.
+_MUCH_LESS = 0.5
+# In the last round, points must move by less than this in all images.
+_SETTLED_PX = 0.1
+# Spans of frames that are asked for an acceleration.
+_ACCELERATIONS = 2
+# Disparity, q_X, q_Y and q_Z.
+_VARIANCES = 6
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionModelCandidate:
+    """A motion of more parameters."""
+
+    images: ImageStack
+    """The images that it is fitted to: acceleration may change, so that all frames are too many."""
+    settings: RefinedSettings
+    """Which one it is."""
+    number: int
+    """Its value as ``motion_model``."""
+
+    def begun(self, theta: Map) -> Map:
+        """Return parameters to start from, shape (15 or 18, y, x)."""
+        return accelerated(theta) if self.settings.accelerated else theta
+
+
+def list_motion_models(images: ImageStack, settings: RefinedSettings) -> list[MotionModelCandidate]:
+    """Return the motions to choose from if the plain one does not do, the simplest first.
+
+    Parameters
+    ----------
+    images
+        All images.
+    settings
+        Which motions may be chosen.
+    """
+    found: list[MotionModelCandidate] = []
+    if len(images.times) == 1:
+        return found
+    if settings.motion == "auto":
+        settings = settings.model_copy(update={"motion": "affine"})
+        if len(images.positions) > 1 and settings.surface != "constant":
+            found.append(MotionModelCandidate(images, settings, MOTION_AFFINE))
+    if settings.acceleration == "auto":
+        settings = settings.model_copy(update={"acceleration": True})
+        parts = [images, *(images.within(reach) for reach in reversed(STAGES) if reach < images.longest)]
+        for part in parts:
+            if part.frames >= LEAST_ACCELERATED:
+                number = MOTION_ACCELERATED if part is images else MOTION_ACCELERATED_IN_PART
+                found.append(MotionModelCandidate(part, settings, number))
+    return found
+
+
+class MotionModelTrial(NamedTuple):
+    """A fit of one of `list_motion_models`."""
+
+    fit: Fit
+    all_images: bool
+    """Whether it was fitted to all images."""
+    take: Callable[[Mask], None]
+    """Is called with the pixels where it is chosen."""
+
+
+def choose_motion_model(
+    plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float
+) -> tuple[Fit, NDArray[np.int8]]:
+    """Choose the last fit at every pixel that explains the images better and changes what was chosen before.
+
+    Parameters
+    ----------
+    plain
+        Fit of the plain motion.
+    trials
+        Fits of `list_motion_models`, one after the other.
+    where
+        Pixels where each may be chosen, shape (y, x).
+    sigma_px
+        Standard deviation of their windows.
+    noise
+        Standard deviation of what may be left by noise.
+
+    Returns
+    -------
+    fit
+        The chosen one.
+    which
+        Which one that is: 0 for the plain one, the trials from 1 on, shape (y, x).
+    """
+    which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
+    fit = plain
+    for number, (trial, tried) in enumerate(zip(trials, where, strict=True), 1):
+        other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
+        other &= differ(fit, trial.fit, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
+        other &= _leaves_less(fit, trial, other, _WIDER * sigma_px, noise)
+        fit = chosen_fit(other, trial.fit, fit)
+        which[other] = number
+        trial.take(other)
+    return fit, which
+
+
+def _leaves_less(fit: Fit, trial: MotionModelTrial, among: Mask, sigma_px: float, noise: float) -> Mask:
+    """Tell where a trial leaves less than what was chosen before, averaged over a window.
+
+    Where it leaves more than noise still, motion is not what did not fit, unless it leaves much less.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    before, after = (gaussian_filter(np.where(among, each.residual[0], 0.0), sigma_px) for each in (fit, trial.fit))
+    less = after < (1.0 if trial.all_images else _OTHER_NOISE) * before
+    return np.asarray(less & ((trial.fit.residual[0] <= noise**2) | (after < _MUCH_LESS * before)))
+
+
+def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> RefinedState:
+    """Fit pixels anew whose motion is richer than the plain one.
+
+    Parameters
+    ----------
+    refined
+        What the plain motion finds.
+    settings
+        Window, models and brightness.
+    """
+    images = refined.images
+    sigma, richer = settings.window_sigma_px, list_motion_models(images, settings)
+    known = np.asarray(np.isfinite(refined.fit.theta).all(axis=0))
+    if not richer or not known.any():
+        return refined
+    reach = window_weights(sigma).shape[2] // 2
+    # Windows with more than one surface see motion change where there is none.
+    whole = known & ~around(find_discontinuities(images, refined.fit.theta), reach)
+    state = fill_gaps(refined.fit.theta, known)
+    # What looked like curvature may have been motion.
+    state[CURVATURES] = 0.0
+    tried, state = _find_promising_pixels(refined, richer, whole, state)
+    if not any(where.any() for where in tried):
+        return refined
+    seen, uneven, curved = refined.seen, refined.uneven, refined.curved
+
+    def trials(theta: Map) -> Iterator[MotionModelTrial]:
+        for motion, where in zip(richer, tried, strict=True):
+            models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
+            begun = np.where(around(where, 3 * reach), theta, np.nan)
+            first, bent, chosen = fit_surface(motion.images, begun, models, settings, where)
+            begun = np.where(where & is_valid_step(theta, first), first, begun)
+            last = fit_final(motion.images, begun, models, settings, chosen)
+            theta = np.where(where & is_valid_step(theta, last.fit.theta), last.fit.theta, theta)
+            with np.errstate(invalid="ignore"):
+                settled = images.moved_px(extract_fields(begun), extract_fields(last.fit.theta)) < _SETTLED_PX
+
+            def take(other: Mask, last: FinalIteration = last, bent: Mask = bent) -> None:
+                nonlocal seen, uneven, curved
+                seen = seen.chosen(other, last.seen)
+                uneven, curved = np.where(other, last.uneven, uneven), np.where(other, bent, curved)
+
+            # What has no variance is not chosen.
+            fit = last.fit._replace(variance=np.where(settled, last.fit.variance, np.nan))
+            yield MotionModelTrial(fit, motion.images is images, take)
+
+    noise = settings.acceptance * estimate_noise(np.sqrt(refined.fit.residual[0]))
+    fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise)
+    return replace(
+        refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)
+    )
+
+
+def encode_motion_models(which: NDArray[np.int8], richer: list[MotionModelCandidate]) -> NDArray[np.int8]:
+    """Return the values of ``motion_model`` of what `choose_motion_model` chose.
+
+    Parameters
+    ----------
+    which
+        The chosen ones, shape (y, x).
+    richer
+        What could be chosen.
+    """
+    return np.array([MOTION_PLAIN, *(motion.number for motion in richer)], dtype=np.int8)[which]
+
+
+def _find_promising_pixels(
+    refined: RefinedState, richer: list[MotionModelCandidate], whole: Mask, theta: Map
+) -> tuple[list[Mask], Map]:
+    """Tell where each motion is worth to be tried, as every other row and column tells, and where it would start."""
+    plain, tried = refined.fit, []
+    accelerations = [motion for motion in richer if motion.settings.accelerated]
+    for motion in richer[: len(richer) - len(accelerations)]:
+        plain, theta = _coarse_fit(refined, motion, theta)
+        tried.append(_changed(refined.fit, plain, whole, motion.settings.window_sigma_px))
+    found = []
+    for motion in accelerations[:_ACCELERATIONS]:
+        fit, theta = _coarse_fit(refined, motion, theta)
+        # Smaller windows tell what is uneven.
+        found.append(_changed(plain, fit, whole & ~refined.uneven, motion.settings.window_sigma_px))
+    # Over all frames jerk is no acceleration, and over fewer a little acceleration is lost in noise: these are tried
+    # wherever either was seen.
+    tried += found[:1] + [np.logical_or.reduce(found)] * (len(accelerations) - 1)
+    return tried, theta
+
+
+def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map) -> tuple[Fit, Map]:
+    """Fit a motion at every other row and column; return the parameters of all pixels, too."""
+    models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
+    sigma, gains = motion.settings.window_sigma_px, motion.settings.brightness == "per_image"
+    fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains, coarse=True)
+    curved = refined.curved.astype(np.int8)
+    # A plane first: what looks like curvature may be motion. What is left over is noise only once both are known.
+    plane = fitted(theta, chosen=np.zeros_like(curved))[0]
+    theta = np.where(is_valid_step(theta, plane.theta), plane.theta, theta)
+    fit = fitted(theta, chosen=curved, variances=_VARIANCES)[0]
+    return fit, np.where(is_valid_step(theta, fit.theta), fit.theta, theta)
+
+
+def _changed(plain: Fit, rough: Fit, among: Mask, sigma_px: float) -> Mask:
+    """Tell around which pixels a rough fit differs from another in areas as large as a window."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    pair = every_other(plain), every_other(rough), 0.5 * _WIDER * sigma_px
+    found = between(differ(*pair, motion=True, among=among[::2, ::2], most=_MOST), among.shape)
+    size = 2 * round(sigma_px) + 1
+    large = maximum_filter(minimum_filter(found, size, mode="nearest"), size, mode="nearest")
+    return np.asarray(among & large)

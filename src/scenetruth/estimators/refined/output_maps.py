@@ -1,0 +1,306 @@
+"""The maps of an estimate from the fits around its pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from scenetruth.estimators.method_settings import RefinedSettings
+from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
+from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
+from scenetruth.estimators.refined.image_consistency import fine_contrast
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_gaps
+from scenetruth.estimators.refined.iterations import RefinedState
+from scenetruth.estimators.refined.kernels.window_solver import Fit
+from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
+from scenetruth.estimators.refined.pose_corrections import PoseCorrections
+from scenetruth.schema.variables import KIND_FULL, KIND_NONE, KIND_NORMAL, MOTION_NONE
+
+__all__ = ["CORRECTIONS", "compute_correction_maps", "compute_maps", "list_map_types", "make_invalid_maps"]
+
+Map = NDArray[np.float64]
+
+CORRECTIONS: Mapping[str, tuple[int, ...]] = {
+    f"{name}{end}": components
+    for name, components in {"image_shift": (2,), "image_roll": (), "image_scale": ()}.items()
+    for end in ("", "_std")
+}
+"""What is told of the images of the estimated frame if they may be off: dimensions beside camera and frame."""
+
+# Residuals that a texture shifted by this many px would leave are not told from noise.
+_SHIFT_PX = 0.25
+# What texture of a pixel itself is, in a window of this many px.
+_OWN_PX, _OWN_GRADIENT = 2.0, 2.0
+# Beyond this, disparity or flow is not known.
+_LARGEST_STD_PX = 0.5
+# A disparity is told from zero, and depth from infinity, by so many standard deviations.
+_CLEAR_OF_ZERO = 6.0
+# Rough disparities move a point by more than this in the farthest camera.
+_CLEAR_OF_ZERO_PX = 1.0
+# If fewer pixels fit, over those that do not, none is told.
+_BY_CHANCE = 0.05
+# Values of ``surface_model``.
+_NONE, _CONSTANT, _PLANE, _CURVED = range(4)
+
+
+def list_map_types(
+    cameras: int, frames: int, settings: RefinedSettings
+) -> Mapping[str, tuple[tuple[int, ...], DTypeLike]]:
+    """Return the maps that some cameras and frames give: their dimensions beside frame and pixels, and their type."""
+    single = np.float32
+    # What nothing tells of is unknown everywhere.
+    found: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
+        "depth": ((), single),
+        "velocity": ((3,), single),
+        "disparity": ((), single),
+        "flow": ((2,), single),
+    }
+    if cameras > 1:
+        found |= {"depth_std": ((), single), "disparity_std": ((), single)}
+        found |= {"surface_model": ((), np.uint8)}
+        if settings.surface != "constant":
+            found |= {"slope": ((2,), single), "slope_std": ((2,), single), "normal": ((3,), single)}
+        if settings.surface in ("curved", "auto"):
+            found |= _with_std("mean_curvature", ()) | _with_std("gaussian_curvature", ())
+    if frames > 1:
+        found |= {"divergence": ((), single), "motion_model": ((), np.uint8)}
+    if cameras > 1 and frames > 1:
+        found |= {"velocity_std": ((3,), single)}
+        if settings.accelerated:
+            found |= _with_std("acceleration", (3,))
+        motion = "translation" if settings.surface == "constant" else settings.motion
+        if motion != "translation":
+            found |= _with_std("rotation_rate", (3,))
+        if motion in ("auto", "growing", "affine"):
+            found |= _with_std("growth_rate", ())
+        if motion == "affine":
+            found |= _with_std("growth_principal", (2,))
+            found |= {"growth_direction": ((3,), single), "growth_direction_std": ((), single)}
+    found |= {
+        "residual": ((), single),
+        "images_used": ((), single),
+        "kind": ((), np.uint8),
+        "model_violation": ((), np.bool_),
+    }
+    return found
+
+
+def _with_std(name: str, components: tuple[int, ...]) -> dict[str, tuple[tuple[int, ...], DTypeLike]]:
+    return {name: (components, np.float32), f"{name}_std": (components, np.float32)}
+
+
+def make_invalid_maps(cameras: int, frames: int, settings: RefinedSettings, shape: tuple[int, int]) -> dict[str, Any]:
+    """Return the maps of one frame of which nothing is known.
+
+    Parameters
+    ----------
+    cameras, frames, settings
+        As of `list_map_types`.
+    shape
+        Rows and columns.
+    """
+    types = list_map_types(cameras, frames, settings).items()
+    nothing = {name: np.zeros((*components, *shape), dtype=dtype) for name, (components, dtype) in types}
+    for name, values in nothing.items():
+        if values.dtype.kind == "f" and name != "images_used":
+            values[:] = np.nan
+    return nothing
+
+
+def compute_maps(
+    images: ImageStack,
+    refined: RefinedState,
+    beside: DiscontinuityContext,
+    start: InitialEstimate,
+    settings: RefinedSettings,
+    step_px: float,
+    baseline_mm: float,
+) -> dict[str, Any]:
+    """Return the maps of one frame.
+
+    Parameters
+    ----------
+    images
+        The images that were fitted.
+    refined
+        What was found.
+    beside
+        What is known beside outlines.
+    start
+        Where the fit started: some of its disparities are told where no fit is.
+    settings
+        What counts as an estimate.
+    step_px
+        Distance of two columns in the camera's pixels.
+    baseline_mm
+        Distance of two positions.
+
+    Returns
+    -------
+    dict
+        The maps of `list_map_types`; disparity and flow in the camera's pixels.
+    """
+    fit = refined.fit
+    height, width = images.shape
+    cameras, frames = len(images.positions), len(images.times)
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    x -= images.centre[0]
+    y -= images.centre[1]
+    theta, focal = fit.theta, images.focal
+    d, q = theta[0], theta[[6, 9, 12]]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
+        usual = estimate_noise(left)
+        variance = fit.variance / spline_transfer(images.spline) ** 2
+        if refined.cameras is not None:
+            finite = fill_gaps(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
+            variance[[0, 3, 4, 5]] += refined.cameras.effect(images, finite).variance
+        std = np.sqrt(variance)
+        shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
+        limit = np.maximum(settings.acceptance * usual, shifted)
+        most = np.maximum(settings.acceptance * fine_contrast(images, settings.window_sigma_px), shifted)
+        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count, images.spline)
+        known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
+        violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
+        # Where hardly anything fits, what does fits by chance.
+        known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
+        found: dict[str, Any] = {"residual": left}
+        depth = focal * baseline_mm / d
+        if cameras > 1:
+            known &= (depth > 0) & (std[0] < np.minimum(_LARGEST_STD_PX, np.abs(d) / _CLEAR_OF_ZERO))
+            found |= {"disparity": d * step_px, "disparity_std": std[0] * step_px}
+            found |= {"depth": depth, "depth_std": depth / np.abs(d) * std[0]}
+            found |= {"normal": _normal(theta, x, y, focal)}
+        if frames > 1:
+            known &= np.abs(d) * std[3:5].max(axis=0) < _LARGEST_STD_PX
+            rate = -d * q[2] / focal if cameras > 1 else 0.5 * (theta[7] + theta[11])
+            moved = d * q[:2]
+            found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
+        if cameras > 1 and frames > 1:
+            found |= {"velocity": q * baseline_mm, "velocity_std": std[3:6] * abs(baseline_mm)}
+            if settings.accelerated:
+                # Where a window has too few frames, it is zero by definition, and not known.
+                told = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
+                found |= {"acceleration": told * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
+        found |= _element(fit, baseline_mm, images.spline)
+    rough = np.zeros_like(known)
+    if settings.unfitted == "plane_sweep" and cameras > 1:
+        # Of what stands at infinity, there is no depth.
+        rough = start.known & ~known & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX)
+        rough &= _own_texture(images, usual)
+        # Where hardly anything fits, images do not show one scene.
+        rough &= known.sum() > rough.sum()
+    order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
+    # These are told everywhere.
+    maps: dict[str, NDArray[Any]] = {
+        "residual": left,
+        "images_used": fit.images,
+        "surface_model": np.where(known, order, _NONE),
+        "motion_model": np.where(known, refined.motion, MOTION_NONE),
+        "kind": np.where(known, KIND_FULL, np.where(rough, KIND_NORMAL, KIND_NONE)),
+        "model_violation": violated,
+    }
+    types = list_map_types(cameras, frames, settings)
+    for name, (components, _) in types.items():
+        if name not in maps:
+            values = found.get(name, np.full((*components, height, width), np.nan))
+            maps[name] = np.where(known, values, np.nan)
+    if rough.any():
+        swept = start.fields[0][rough]
+        maps["disparity"][rough], maps["depth"][rough] = swept * step_px, focal * baseline_mm / swept
+    return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
+
+
+def compute_correction_maps(cameras: PoseCorrections, images: ImageStack, step_px: float) -> dict[str, Map]:
+    """Return how far the images of the estimated frame are from where they should be.
+
+    Parameters
+    ----------
+    cameras
+        What was found.
+    images
+        The images that were fitted.
+    step_px
+        Distance of two columns in the camera's pixels.
+
+    Returns
+    -------
+    dict
+        The variables of `CORRECTIONS` with the cameras as last dimension.
+    """
+    frame = np.flatnonzero(images.view().t == 0.0)
+    found: dict[str, Map] = {}
+    for end, each in (("", cameras.values), ("_std", cameras.std)):
+        of_frame = each[frame].T
+        found |= {f"image_shift{end}": of_frame[:2] * step_px, f"image_roll{end}": of_frame[2]}
+        found |= {f"image_scale{end}": of_frame[3]}
+    return found
+
+
+def _in_texture(gradient: NDArray[Any], noise: float, images: ImageStack, sigma_px: float) -> NDArray[np.bool_]:
+    """Tell where texture lies around a pixel, or at least not aside of it: else the fit tells of another place.
+
+    The middle of the texture in a Gaussian window, weighted by its squared gradient, lies σ² ∇ ln S from the window's
+    middle, with the window's sum S of the squared gradient.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    texture = gradient.astype(np.float64)
+    total = np.maximum(gaussian_filter(texture, sigma_px), 1e-300)
+    aside = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
+    middle_px = sigma_px**2 * np.hypot(*aside)
+    return np.asarray(textured(texture, noise, images.count, images.spline) | (middle_px < FARTHEST * sigma_px))
+
+
+def _own_texture(images: ImageStack, noise: float) -> NDArray[np.bool_]:
+    """Tell where the reference's image may be used and has twice the gradient that noise would give it, over 5 px."""
+    from scipy.ndimage import gaussian_filter
+
+    square = np.zeros(images.shape)
+    frame, camera = images.reference()
+    usable = images.bad[frame][camera] == 0 if images.bad else np.ones(images.shape, dtype=np.bool_)
+    for channel in range(images.channels):
+        square += sum(np.square(each) for each in np.gradient(images.grey(frame, camera, channel)))
+    # Half the difference of two values has half their variance, along x and along y.
+    return np.asarray(usable & (gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels))
+
+
+def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:
+    """Return the unit normal towards the camera.
+
+    With the plane d(x, y) = d_0 + d_x ξ + d_y η in the image, the surface is N · P = const with
+    N = (f d_x, f d_y, d_0 - d_x x - d_y y).
+    """
+    normal = np.stack([focal * theta[1], focal * theta[2], theta[0] - theta[1] * x - theta[2] * y])
+    normal /= np.linalg.norm(normal, axis=0)
+    # Towards the camera: against the line of sight (x, y, f).
+    facing = normal[0] * x + normal[1] * y + normal[2] * focal
+    normal *= -np.sign(facing)
+    return normal
+
+
+def _element(fit: Fit, baseline_mm: float, spline: int) -> dict[str, Map]:
+    """Return what the surface element is and does, with standard deviations; see `describe_element`."""
+    values, std = fit.element.astype(np.float64), np.sqrt(fit.element_variance) / spline_transfer(spline)
+    # Where baselines are negative, so are disparities.
+    for place, unit in ((2, abs(baseline_mm)), (3, baseline_mm**2)):
+        values[place] /= unit
+        std[place] /= unit
+    direction = values[10:]
+    # Of both signs that with X > 0, as in the truth.
+    direction *= np.where(direction[0] < 0, -1.0, 1.0)
+    parts: dict[str, int | slice] = {
+        "slope": slice(0, 2),
+        "mean_curvature": 2,
+        "gaussian_curvature": 3,
+        "rotation_rate": slice(4, 7),
+        "growth_rate": 7,
+        "growth_principal": slice(8, 10),
+    }
+    found = {name: values[part] for name, part in parts.items()}
+    found |= {f"{name}_std": std[part] for name, part in parts.items()}
+    return found | {"growth_direction": direction, "growth_direction_std": std[10]}

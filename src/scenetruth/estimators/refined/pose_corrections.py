@@ -1,0 +1,500 @@
+"""Corrections of the camera poses of all images.
+
+Shifts observed in blocks, normal equations with depth and motion eliminated, and the added uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.method_settings import CorrectionPriors
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.kernels.photo_consistency import SUMS, add_shifts
+from scenetruth.estimators.refined.kernels.warp import ImageView
+from scenetruth.estimators.refined.noise_estimation import spline_transfer
+from scenetruth.threads import in_threads
+
+__all__ = [
+    "BLOCK_PX",
+    "CORRECTIONS",
+    "Blocks",
+    "CorrectionUncertainty",
+    "Elimination",
+    "Equations",
+    "PointDerivatives",
+    "PoseCorrections",
+    "ShiftObservations",
+    "compute_correction_uncertainty",
+    "compute_point_derivatives",
+    "select_blocks",
+]
+
+
+CORRECTIONS = 4
+"""Corrections of an image: along x and y in px, roll in rad, larger by a share."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PointDerivatives:
+    """Derivatives of where images show points, x and y in px."""
+
+    by_point: Array
+    """By d, q_X, q_Y, q_Z and the point's column and row; behind them, if wanted, by the acceleration along X and Y;
+    shape (points, n, 2, 6 or 8)."""
+    by_image: Array
+    """By the corrections of the image itself, shape (points, n, 2, 4)."""
+
+
+def compute_point_derivatives(
+    view: ImageView, fields: Array, at: Array, *, accelerated: bool = False
+) -> PointDerivatives:
+    """Return how points move in images.
+
+    Parameters
+    ----------
+    view
+        Where and when the images were taken.
+    fields
+        d, q_X, q_Y and q_Z of the points, shape (4, points).
+    at
+        Column and row of the points in the reference image, shape (2, points).
+    accelerated
+        Whether the points' velocity may change.
+    """
+    d, q_x, q_y, q_z = fields[:, :, None]
+    s, s_y, t = view.s[None], view.s_y[None], view.t[None]
+    scale = 1.0 / (1.0 + t * d * q_z / view.focal)
+    x = (at[0][:, None] - view.centre_x + d * (t * q_x - s)) * scale
+    y = (at[1][:, None] - view.centre_y + d * (t * q_y - s_y)) * scale
+    nil, one = np.zeros_like(x), np.ones_like(x)
+    shrink = t / view.focal
+    right = [scale * (t * q_x - s - x * shrink * q_z), scale * d * t, nil, -scale * d * shrink * x, one, nil]
+    down = [scale * (t * q_y - s_y - y * shrink * q_z), nil, scale * d * t, -scale * d * shrink * y, nil, one]
+    if accelerated:
+        later = 0.5 * scale * d * t**2
+        right, down = [*right, later, nil], [*down, nil, later]
+    by_point = np.stack([np.stack(np.broadcast_arrays(*each), axis=-1) for each in (right, down)], axis=2)
+    by_image = np.stack([np.stack([one, nil, -y, x], axis=-1), np.stack([nil, one, x, y], axis=-1)], axis=2)
+    return PointDerivatives(by_point, by_image)
+
+
+BLOCK_PX = 8
+"""Edge of a block: smaller than the part of a band's rows that lies beyond it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShiftObservations:
+    """Normal equations of the shifts between every image and the images' mean, in blocks of pixels."""
+
+    sums: NDArray[np.float64]
+    """As of `add_shifts`, shape (rows of blocks, columns of blocks, n, 7)."""
+
+    @classmethod
+    def blank(cls, shape: tuple[int, int], count: int) -> ShiftObservations:
+        """Return sums to be added to.
+
+        Parameters
+        ----------
+        shape
+            Rows and columns of the images.
+        count
+            Number of images.
+        """
+        height, width = shape
+        return cls(np.zeros((-(-height // BLOCK_PX), -(-width // BLOCK_PX), count, SUMS)))
+
+    def add(
+        self, warped: NDArray[np.float32], gradient: NDArray[np.float32], least: int, first: int, rows: tuple[int, int]
+    ) -> None:
+        """Add one channel's images for the blocks that begin in some rows.
+
+        Parameters
+        ----------
+        warped, gradient, least
+            As of `add_products`.
+        first
+            Row of the image at which the arrays begin.
+        rows
+            The first row in which blocks begin, and the one behind the last.
+        """
+        top, bottom = (-(-row // BLOCK_PX) for row in rows)
+        add = partial(add_shifts, warped, gradient, least, first, BLOCK_PX, self.sums)
+        in_threads(add, [(row, row + 1) for row in range(top, bottom)])
+
+    def centres(self) -> NDArray[np.intp]:
+        """Return row and column in the middle of every block, shape (2, rows of blocks, columns of blocks)."""
+        down, across = self.sums.shape[:2]
+        return np.stack(np.meshgrid(*(np.arange(n) * BLOCK_PX + BLOCK_PX // 2 for n in (down, across)), indexing="ij"))
+
+
+# Distance in px of the points at which it is computed; in between it is linear.
+_STEP_PX = 24
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionUncertainty:
+    """Variances that uncertain corrections add."""
+
+    variance: Array
+    """Of d, q_X, q_Y and q_Z at every pixel, shape (4, y, x)."""
+
+
+def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array) -> CorrectionUncertainty:
+    """Return by how much uncertain corrections vary what is fitted to every pixel.
+
+    A point whose texture is the same in all directions follows the corrections c by K c, with the derivatives A and E
+    of where images show it by its own parameters and by corrections, K = (Aᵀ A)⁻¹ Aᵀ E.
+
+    Parameters
+    ----------
+    view
+        Where and when the images were taken.
+    fields
+        d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
+    rooted
+        L of the corrections' covariance L Lᵀ, shape (4 n, any).
+    """
+    from scipy.ndimage import map_coordinates
+
+    height, width = fields.shape[1:]
+    rows, columns = (np.linspace(0, size - 1, max(2, size // _STEP_PX)).round().astype(int) for size in (height, width))
+    down, across = np.meshgrid(rows, columns, indexing="ij")
+    at = np.stack([across.ravel(), down.ravel()]).astype(np.float64)
+    own = fields[:, down.ravel(), across.ravel()]
+    moves = compute_point_derivatives(view, own, at)
+    points = len(at[0])
+    by_point = moves.by_point.reshape(points, -1, moves.by_point.shape[-1])
+    size = np.linalg.norm(by_point, axis=1) + 1e-300
+    follow = np.linalg.pinv(by_point / size[:, None], rcond=1e-4) / size[:, :, None]
+    varied = np.empty((4, points))
+    pairs = rooted.reshape(-1, 4, rooted.shape[-1])
+    for n in range(points):
+        moved = np.einsum("nki,niu->nku", moves.by_image[n], pairs, optimize=True).reshape(-1, rooted.shape[-1])
+        varied[:, n] = np.square(follow[n, :4] @ moved).sum(axis=-1)
+    # The effect on the velocity goes with 1 / d.
+    varied[1:] *= own[0] ** 2
+    y, x = np.mgrid[:height, :width]
+    places = np.stack([np.interp(y, rows, np.arange(len(rows))), np.interp(x, columns, np.arange(len(columns)))])
+    maps = [map_coordinates(each.reshape(down.shape), places, order=1, mode="nearest") for each in varied]
+    variance = np.stack(maps)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance[1:] /= fields[0] ** 2
+    return CorrectionUncertainty(variance)
+
+
+# Blocks that fewer pixels show in the mean of the images say nothing.
+_LEAST_SHARE = 0.5
+# Directions that blocks do not tell: eigenvalues below this share of what one parameter alone is told by.
+_SINGULAR_SHARE = 1e-7
+# Frames from which on acceleration is told from velocity.
+_ACCELERATED = 5
+# Blocks that are taken at a time, and about how many of all are taken.
+_PIECE, _MOST_BLOCKS = 256, 6000
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """What blocks of pixels tell."""
+
+    weight: Array
+    """Σ ∇T ∇Tᵀ of every image, shape (blocks, n, 2, 2)."""
+    shift: Array
+    """Σ ∇T (T - g), shape (blocks, n, 2)."""
+    fields: Array
+    """d, q_X, q_Y and q_Z, shape (4, blocks)."""
+    at: Array
+    """Column and row of their middles, shape (2, blocks)."""
+    noise: float
+    """Standard deviation of what the images leave around their mean in blocks that fit well."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Normal equations of the corrections c of n images, image by image: matrix · c = side."""
+
+    matrix: Array
+    """Shape (4 n, 4 n)."""
+    side: Array
+    """Shape (4 n,)."""
+
+
+def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
+    """Return what blocks tell that show texture.
+
+    Parameters
+    ----------
+    shifts
+        The sums over blocks.
+    fields
+        d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
+    """
+    rows, columns = shifts.centres()
+    height, width = fields.shape[1:]
+    rows, columns = np.minimum(rows, height - 1), np.minimum(columns, width - 1)
+    counts = shifts.sums[..., 6].mean(axis=-1)
+    told = counts > _LEAST_SHARE * counts.max()
+    apart = math.isqrt(told.size // _MOST_BLOCKS) + 1
+    some = np.zeros_like(told)
+    some[::apart, ::apart] = True
+    told &= some
+    sums = shifts.sums[told]
+    left = np.sqrt(sums[..., 5].sum(axis=-1) / np.maximum(sums[..., 6].sum(axis=-1), 1.0))
+    images = max(sums.shape[1] - 1, 1)
+    noise = float(np.quantile(left, 0.25)) * np.sqrt(sums.shape[1] / images) if left.size else float("nan")
+    return Blocks(
+        sums[..., [0, 1, 1, 2]].reshape(*sums.shape[:2], 2, 2),
+        sums[..., 3:5],
+        fields[:, rows[told], columns[told]],
+        np.stack([columns[told], rows[told]]).astype(np.float64),
+        noise,
+    )
+
+
+class Elimination:
+    """The equations of the corrections alone: those of every block's own depth and motion are solved for any of them.
+
+    Parameters
+    ----------
+    blocks
+        What blocks tell.
+    view
+        Where and when the images were taken.
+    """
+
+    def __init__(self, blocks: Blocks, view: ImageView) -> None:
+        self._noise = blocks.noise
+        self._size = CORRECTIONS * len(view.s)
+        accelerated = len(np.unique(view.t)) >= _ACCELERATED
+        self._parts = [
+            _part_of(blocks, view, slice(first, first + _PIECE), accelerated=accelerated)
+            for first in range(0, len(blocks.shift), _PIECE)
+        ]
+
+    def equations(self, weight: Array) -> Equations:
+        """Return the equations of all blocks together.
+
+        Parameters
+        ----------
+        weight
+            Weights of the blocks, shape (blocks,).
+        """
+        matrix, side = np.zeros((self._size, self._size)), np.zeros(self._size)
+        own = np.zeros((self._size // CORRECTIONS, CORRECTIONS, CORRECTIONS))
+        for part, w in self._weighted(weight):
+            own += np.tensordot(w, part.own, 1)
+            side += w @ part.side
+            rooted = (np.sqrt(w)[:, None, None] * part.mixed).reshape(-1, self._size)
+            matrix -= rooted.T @ rooted
+        for n in range(len(own)):
+            at = slice(CORRECTIONS * n, CORRECTIONS * (n + 1))
+            matrix[at, at] += own[n]
+        return Equations(matrix, side)
+
+    def misfit(self, corrections: Array) -> Array:
+        """Return what corrections leave of the blocks' shifts when their depth and motion follow.
+
+        Parameters
+        ----------
+        corrections
+            Of every image, shape (n, 4).
+
+        Returns
+        -------
+        numpy.ndarray
+            In squares of the images' noise per free shift, shape (blocks,).
+        """
+        c = corrections.ravel()
+        found = []
+        for part in self._parts:
+            # |shift - c|² in the norm of all unknowns, less what the blocks' own parameters take of it.
+            moved = np.einsum("pnij,nj->pni", part.own, corrections, optimize=True).reshape(len(part.free), -1)
+            square = part.square - 2.0 * part.plain @ c + moved @ c
+            own = part.own_shift - part.mixed @ c
+            found.append((square - (own**2).sum(axis=-1)) / (part.free * self._noise**2))
+        return np.concatenate(found)
+
+    def _weighted(self, weight: Array) -> Iterator[tuple[_Part, Array]]:
+        for number, part in enumerate(self._parts):
+            yield part, weight[number * _PIECE : (number + 1) * _PIECE]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Products of some blocks, p of them."""
+
+    own: Array
+    """Σ Eᵀ W E of every image with its corrections' derivatives E, shape (p, n, 4, 4)."""
+    mixed: Array
+    """Those of the blocks' own parameters, told apart, with all corrections, shape (p, m, 4 n)."""
+    plain: Array
+    """Σ Eᵀ W δ, shape (p, 4 n)."""
+    own_shift: Array
+    """The same of the own parameters, shape (p, m)."""
+    square: Array
+    """Σ δᵀ W δ, shape (p,)."""
+    free: Array
+    """How many shifts there are, less the own parameters, at least 1, shape (p,)."""
+
+    @property
+    def side(self) -> Array:
+        """Right side of the corrections' equations, shape (p, 4 n)."""
+        return np.asarray(self.plain - np.einsum("pms,pm->ps", self.mixed, self.own_shift, optimize=True))
+
+
+def _part_of(blocks: Blocks, view: ImageView, part: slice, *, accelerated: bool) -> _Part:
+    moves = compute_point_derivatives(view, blocks.fields[:, part], blocks.at[:, part], accelerated=accelerated)
+    weight, shift = blocks.weight[part], blocks.shift[part]
+    a, e = moves.by_point, moves.by_image
+    count = len(weight)
+    weighted = np.matmul(weight, a)
+    matrix = np.matmul(a.reshape(count, -1, a.shape[-1]).swapaxes(1, 2), weighted.reshape(count, -1, a.shape[-1]))
+    size = np.sqrt(np.maximum(np.einsum("pii->pi", matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / (size[:, :, None] * size[:, None]))
+    told = values > _SINGULAR_SHARE
+    apart = (
+        vectors * np.where(told, 1.0 / np.sqrt(np.maximum(values, _SINGULAR_SHARE)), 0.0)[:, None] / size[:, :, None]
+    )
+    by_image = np.matmul(weight, e)
+    mixed = np.einsum("pnki,pnkj->pinj", a, by_image, optimize=True).reshape(count, a.shape[-1], -1)
+    square, shifts = _squares(weight, shift)
+    return _Part(
+        np.matmul(e.swapaxes(-1, -2), by_image),
+        np.matmul(apart.swapaxes(1, 2), mixed),
+        np.einsum("pnki,pnk->pni", e, shift, optimize=True).reshape(count, -1),
+        np.einsum("pim,pnki,pnk->pm", apart, a, shift, optimize=True),
+        square,
+        np.maximum(shifts - told.sum(axis=1), 1).astype(np.float64),
+    )
+
+
+def _squares(weight: Array, shift: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Return Σ bᵀ W⁻¹ b of every block, and how many shifts its images tell: two each, or one along a gradient."""
+    a, b, c = weight[..., 0, 0], weight[..., 0, 1], weight[..., 1, 1]
+    half, spread = (a + c) / 2, np.hypot((a - c) / 2, b)
+    largest = half + spread
+    determinant = a * c - b * b
+    both = determinant > 1e-3 * largest**2
+    x, y = shift[..., 0], shift[..., 1]
+    whole = (c * x * x - 2.0 * b * x * y + a * y * y) / np.where(both, determinant, 1.0)
+    # Along the gradient alone, b lies in its direction, but for rounding.
+    some = largest > 0
+    along = (x * x + y * y) / np.where(some, largest, 1.0)
+    square = np.where(both, whole, np.where(some, along, 0.0)).sum(axis=1)
+    return square, (2 * both + (some & ~both)).sum(axis=1)
+
+
+# Blocks that leave this many times what half of them leave are left out: what moves there is no point.
+_OUTLIER = 4.0
+_PASSES = 3
+_STILL = 0.1
+
+
+class PoseCorrections:
+    """Corrections of all images and their covariance.
+
+    An image is off by what its position is off at every visit and by what is new at each; the image of the reference
+    position in the estimated frame stands where it should by definition, and all others are off against it.
+
+    Parameters
+    ----------
+    priors
+        Standard deviations of what images are off before anything is known of them.
+    images
+        The images.
+    """
+
+    def __init__(self, priors: CorrectionPriors, images: ImageStack) -> None:
+        view = images.view()
+        count, cameras = len(view.s), len(images.positions)
+        fresh = (priors.repeatability_px, priors.repeatability_px)
+        fixed = (priors.x_px, priors.y_px, 1e-6 * priors.roll_urad, 1e-6 * priors.scale_ppm)
+        # Unknown are the errors of positions, then those of single visits, each in units of its standard deviation.
+        parts = np.zeros((count, CORRECTIONS, cameras * len(fixed) + count * len(fresh)))
+        for n in range(count):
+            for k, std in enumerate(fixed):
+                parts[n, k, (n % cameras) * len(fixed) + k] = std
+            for k, std in enumerate(fresh):
+                parts[n, k, cameras * len(fixed) + n * len(fresh) + k] = std
+        reference = np.flatnonzero((view.s == 0) & (view.s_y == 0) & (view.t == 0))
+        if reference.size:
+            parts = parts - parts[reference[0]]
+        told = np.abs(parts).max(axis=(0, 1)) > 0
+        self._parts = parts[..., told].reshape(count * CORRECTIONS, -1)
+        self._times = view.t
+        self._unknown = np.zeros(self._parts.shape[1])
+        self._covariance: Array = np.eye(len(self._unknown))
+
+    @property
+    def values(self) -> Array:
+        """Corrections in the order of `ImageStack.stack`, shape (n, 4): along x and y in px, roll in rad, scale."""
+        return np.asarray((self._parts @ self._unknown).reshape(-1, CORRECTIONS))
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of `values`."""
+        variance = np.einsum("cu,uv,cv->c", self._parts, self._covariance, self._parts, optimize=True)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, CORRECTIONS))
+
+    def update(self, shifts: ShiftObservations, fields: Array, images: ImageStack) -> float:
+        """Take into account what blocks of pixels tell, and return by how many px an image moved at most.
+
+        What stays within a tenth of its standard deviation does not count.
+
+        Parameters
+        ----------
+        shifts
+            The sums over blocks, of some frames' images at their latest corrections.
+        fields
+            d, q_X, q_Y and q_Z of every pixel by which they were warped, shape (4, y, x).
+        images
+            The images of these frames.
+        """
+        blocks, view = select_blocks(shifts, fields), images.view()
+        if not len(blocks.shift) or not blocks.noise > 0:
+            return 0.0
+        taken = np.repeat(np.isin(self._times, images.times), CORRECTIONS)
+        parts, before = self._parts[taken], self.values
+        elimination = Elimination(blocks, view)
+        kept: Array = np.ones(len(blocks.shift))
+        excess = 1.0
+        unknown: Array = self._unknown
+        for _ in range(_PASSES):
+            told = elimination.equations(kept)
+            noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
+            matrix = parts.T @ told.matrix @ parts / noise
+            side = parts.T @ told.side / noise - self._unknown
+            covariance = np.asarray(np.linalg.inv(matrix + np.eye(len(matrix))), dtype=np.float64)
+            step = covariance @ side
+            unknown = self._unknown + step
+            left = elimination.misfit((parts @ step).reshape(-1, CORRECTIONS))
+            usual = float(np.median(left))
+            kept = (left < _OUTLIER * usual).astype(np.float64)
+            # Where blocks leave more than noise, their shifts err by more.
+            excess = max(1.0, float(left[kept > 0].mean())) if kept.any() else 1.0
+            self._covariance = covariance
+        self._unknown = unknown
+        change = np.abs(self.values - before)
+        arm = max(images.shape) / 2
+        moved = np.where(change > _STILL * self.std, change, 0.0) * np.array([1.0, 1.0, arm, arm])
+        return float(moved.max())
+
+    def effect(self, images: ImageStack, fields: Array) -> CorrectionUncertainty:
+        """Return what the corrections' uncertainty does to disparity and velocity.
+
+        Parameters
+        ----------
+        images
+            The images.
+        fields
+            d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
+        """
+        rooted = self._parts @ np.linalg.cholesky(self._covariance)
+        return compute_correction_uncertainty(images.view(), fields, rooted)

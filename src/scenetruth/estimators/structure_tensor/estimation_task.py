@@ -1,0 +1,225 @@
+"""The inputs of an estimation.
+
+Images, filters and settings, common to all registrations, rows and frames; and the images shifted by subpixels where
+the stage positions require it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d, spline_filter1d
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.method_settings import StructureTensorSettings
+from scenetruth.estimators.structure_tensor.filters import PAPER, REACH, AcquisitionAxes, FilterPair
+from scenetruth.estimators.structure_tensor.noise_model import NoiseModel, propagate_noise
+from scenetruth.estimators.structure_tensor.registration import Rectangle, Registration
+from scenetruth.schema import Intrinsics
+
+__all__ = [
+    "EstimationInputs",
+    "check_common_view",
+    "columns_of_s",
+    "common_area",
+    "largest_disparity",
+    "make_inputs",
+    "shift_by_subpixels",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class EstimationInputs:
+    """What to estimate, and with what."""
+
+    images: NDArray[Any]
+    """Images, shape (channel, s, t, y, x)."""
+    rig: AcquisitionAxes
+    settings: StructureTensorSettings
+    intrinsics: Intrinsics
+    over_s: FilterPair
+    """Filters along s for grey values, the derivative scaled to the noise of the others."""
+    over_t: FilterPair
+    scales: tuple[float, float]
+    """By what the derivatives along s and t were scaled."""
+    noise: NoiseModel
+    outputs: NDArray[np.int64]
+    """Indices of the frames to estimate."""
+
+
+def make_inputs(
+    images: NDArray[Any],
+    rig: AcquisitionAxes,
+    settings: StructureTensorSettings,
+    intrinsics: Intrinsics,
+    full_scale: float,
+) -> EstimationInputs:
+    """Scale the filters of a rig to grey values and to equal noise.
+
+    Parameters
+    ----------
+    images
+        Images, shape (channel, s, t, y, x).
+    rig, settings, intrinsics
+        What they were taken with, and what to do with them.
+    full_scale
+        Value of the images that stands for the grey value 1.
+
+    Returns
+    -------
+    Task
+        The task.
+    """
+    # Grey values in [-1, 1] are 2 image / full scale - 1; derivatives do not depend on the constant.
+    grey = 2 / full_scale
+    # Total least squares assumes errors of equal size in all derivatives.
+    equal = np.sqrt(PAPER.noise_ratio)
+    scale_s = equal / np.sqrt(rig.over_s.noise_ratio) if rig.sees_depth else 1.0
+    scale_t = equal / np.sqrt(rig.over_t.noise_ratio) if rig.sees_motion else 1.0
+    over_s = replace(rig.over_s, derivative=rig.over_s.derivative * scale_s)
+    over_t = replace(rig.over_t, derivative=rig.over_t.derivative * scale_t)
+    noise = propagate_noise(rig, over_s, over_t, images.shape[0], settings)
+    return EstimationInputs(
+        images=images,
+        rig=rig,
+        settings=settings,
+        intrinsics=intrinsics,
+        over_s=replace(over_s, smoothing=over_s.smoothing * grey, derivative=over_s.derivative * grey),
+        over_t=over_t,
+        scales=(float(scale_s), float(scale_t)),
+        noise=noise,
+        outputs=rig.outputs(images.shape[2]),
+    )
+
+
+def columns_of_s(rig: AcquisitionAxes, disparity: int) -> NDArray[np.int64]:
+    """Return by how many columns the image of each camera is read further to the right at a working point.
+
+    Parameters
+    ----------
+    rig
+        The cameras.
+    disparity
+        Disparity of the working point in px per step of s.
+
+    Returns
+    -------
+    numpy.ndarray
+        Whole columns, negative to the left, shape (s,), int64.
+    """
+    return -np.rint(disparity * rig.positions).astype(np.int64)
+
+
+def common_area(task: EstimationInputs, registration: Registration) -> Rectangle:
+    """Return the pixels whose filters and window lie inside all registered images.
+
+    Parameters
+    ----------
+    task
+        The images, filters and window.
+    registration
+        The working point.
+
+    Returns
+    -------
+    Rectangle
+        The pixels; empty if the registered images do not overlap by filters and window.
+    """
+    height, width = task.images.shape[-2:]
+    reach = REACH + task.settings.window_taps_px // 2
+    after = task.rig.frames - 1 - task.rig.before
+    x = np.add.outer(
+        columns_of_s(task.rig, registration.disparity), registration.flow[0] * np.array([-task.rig.before, after])
+    )
+    y = registration.flow[1] * np.array([-task.rig.before, after])
+    return Rectangle(
+        top=max(0, -int(y.min())) + reach,
+        bottom=height - max(0, int(y.max())) - reach,
+        left=max(0, -int(x.min())) + reach,
+        right=width - max(0, int(x.max())) - reach,
+    )
+
+
+def largest_disparity(task: EstimationInputs) -> int:
+    """Return the largest disparity at which the registered images still overlap by filters and window.
+
+    Parameters
+    ----------
+    task
+        The images, filters and window.
+
+    Returns
+    -------
+    int
+        Disparity in px per step of s.
+    """
+    width = task.images.shape[-1]
+    reach = REACH + task.settings.window_taps_px // 2
+    span = task.rig.positions.max() - task.rig.positions.min()
+    return int((width - 2 * reach - 1) / max(span, 1.0))
+
+
+def check_common_view(task: EstimationInputs, registrations: Sequence[Registration]) -> None:
+    """Check that the images of at least one registration overlap by filters and window.
+
+    Parameters
+    ----------
+    task
+        The images, filters and window.
+    registrations
+        The working points.
+
+    Raises
+    ------
+    EstimateError
+        If there is none.
+    """
+    areas = [common_area(task, item) for item in registrations]
+    if not all(area.is_empty for area in areas):
+        return
+    item, area = registrations[0], areas[0]
+    needed = 2 * REACH + task.settings.window_taps_px
+    rows, columns = (max(size + needed - 1, 0) for size in (area.bottom - area.top, area.right - area.left))
+    message = f"images registered by {item.disparity} px per step"
+    if item.flow != (0, 0):
+        message += f" and {item.flow} px per frame"
+    message += f" share only {rows} rows and {columns} columns; filters and window need {needed}"
+    raise EstimateError([Problem("estimate.working_point_px", message)])
+
+
+def shift_by_subpixels(task: EstimationInputs, disparity: int) -> NDArray[Any]:
+    """Shift images by the fraction of a pixel that registration by whole columns leaves.
+
+    Quintic splines interpolate the images. Cameras at whole steps of s need no shift.
+
+    Parameters
+    ----------
+    task
+        The images and the rig.
+    disparity
+        Disparity of the working point in px per step of s.
+
+    Returns
+    -------
+    numpy.ndarray
+        Images, shape (channel, s, t, y, x): as recorded if no camera needs a shift, else float32.
+    """
+    part = -disparity * task.rig.positions - columns_of_s(task.rig, disparity)
+    if np.all(np.abs(part) < 1e-9):
+        return task.images
+    images = task.images.astype(np.float32)
+    for s in np.flatnonzero(np.abs(part) >= 1e-9):
+        spline = spline_filter1d(images[:, s].astype(np.float64), order=5, axis=-1, mode="mirror")
+        images[:, s] = correlate1d(spline, _quintic(part[s]), axis=-1, mode="mirror")
+    return images
+
+
+def _quintic(part: float) -> NDArray[np.float64]:
+    """Return the weights of the quintic B-spline's coefficients at ``part`` of a pixel to the right of a sample."""
+    distance = np.abs(np.arange(-3, 4) - part)
+    edges = np.maximum(np.array([3.0, 2.0, 1.0]) - distance[:, None], 0.0) ** 5
+    return np.asarray(edges @ np.array([1.0, -6.0, 15.0]) / 120)

@@ -1,0 +1,383 @@
+"""Running the kernels over registrations, bands of rows and frames in bounded memory.
+
+Resampling the maps at the reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from scenetruth.compilation import thread_count
+from scenetruth.estimators.structure_tensor.estimation_task import (
+    EstimationInputs,
+    columns_of_s,
+    common_area,
+    shift_by_subpixels,
+)
+from scenetruth.estimators.structure_tensor.filters import DERIVATIVE_MOMENT, PAPER, AcquisitionAxes, gaussian_window
+from scenetruth.estimators.structure_tensor.maps import STRIDE, BestRegistration, EstimateMaps
+from scenetruth.estimators.structure_tensor.noise_model import texture_transfer
+from scenetruth.estimators.structure_tensor.registration import CELL, Rectangle, Registration, split_into_tiles
+from scenetruth.progress import Progress
+from scenetruth.threads import bands, in_threads
+
+if TYPE_CHECKING:
+    from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
+
+__all__ = ["CandidateRegistration", "carry_to_reference", "frames_at_a_time", "run", "run_kernel", "step_count"]
+
+
+_ROUNDS = 4
+
+
+def carry_to_reference(
+    moved: NDArray[np.float64], maps: NDArray[Any], flags: NDArray[Any]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Resample maps at the pixels of the reference, for rigs whose estimates belong between cameras or frames.
+
+    Parameters
+    ----------
+    moved
+        By how much the reference sees each pixel's point further right and down, in px, shape (2, y, x); NaN where
+        there is no estimate.
+    maps
+        Floating-point maps, shape (n, y, x): interpolated linearly, NaN next to NaN.
+    flags
+        Maps of integers, shape (m, y, x): taken from the nearest pixel.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Both, resampled.
+    """
+    rows, columns = np.mgrid[: moved.shape[1], : moved.shape[2]].astype(np.float64)
+    filled = np.nan_to_num(moved)
+    # The pixel q whose point lands on r: q = r - moved(q), a contraction while surfaces do not fold.
+    at = np.stack([rows, columns])
+    for _ in range(_ROUNDS):
+        shift = [map_coordinates(part, at, order=1, mode="nearest") for part in filled]
+        at = np.stack([rows - shift[1], columns - shift[0]])
+    known = np.isfinite(moved).all(axis=0)
+    whole = map_coordinates(known.astype(np.float64), at, order=1, mode="constant") > 1 - 1e-9
+    carried = np.stack(
+        [np.where(whole, map_coordinates(part, at, order=1, mode="nearest"), np.nan) for part in maps]
+    ).astype(maps.dtype)
+    nearest = np.rint(at).astype(np.int64)
+    nearest[0] = np.clip(nearest[0], 0, moved.shape[1] - 1)
+    nearest[1] = np.clip(nearest[1], 0, moved.shape[2] - 1)
+    return carried, np.where(whole, flags[:, *nearest], 0).astype(flags.dtype)
+
+
+# Bytes of a pixel of `BestRegistration`, bytes of all pixels that are kept at a time, and the least rows of a band.
+_BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 128e6, 128
+# Bytes of a pixel of `Maps`, and bytes of all maps that are made at a time.
+_BYTES_PER_PIXEL_OF_MAPS, _MAP_BYTES = 84, 192e6
+
+
+class CandidateRegistration(NamedTuple):
+    """A registration in the choice of the best one."""
+
+    number: int
+    """Number under which `BestRegistration` remembers it."""
+    images: NDArray[Any]
+    """The images as `registered` returns them for this working point."""
+    weight_t: float
+    """What motion along t counts beside that along s in the choice."""
+
+
+def run_kernel(
+    task: EstimationInputs,
+    registration: Registration,
+    candidate: CandidateRegistration,
+    tiles: NDArray[np.int64],
+    best: BestRegistration,
+    first_row: int,
+) -> None:
+    """Estimate the frames of a task in some tiles at one registration.
+
+    Parameters
+    ----------
+    task, registration
+        What to estimate, and at which working point.
+    candidate
+        The registration's number and images.
+    tiles
+        First and last + 1 row, then column, of every tile, shape (n, 4).
+    best, first_row
+        What is known so far of the rows from the first on; tiles must lie in them.
+    """
+    from scenetruth.estimators.structure_tensor.tensor_kernels import Criteria, Registered, estimate_tile
+
+    if len(tiles) == 0:
+        return
+    rig, settings = task.rig, task.settings
+    filters = _filters_at(task, registration.disparity)
+    half = settings.window_taps_px // 2
+    criteria = Criteria(
+        candidate=candidate.number,
+        weight_t=candidate.weight_t,
+        tau=float(settings.tau),
+        moment_ratio=task.noise.moment_ratio,
+        window_moment=float(
+            gaussian_window(settings.window_sigma_px, settings.window_taps_px) @ np.arange(-half, half + 1) ** 2
+        ),
+    )
+    # numba compiles anew for images that may be written to, such as those that were not read from a store.
+    images = candidate.images.view()
+    images.flags.writeable = False
+    still = registration.flow == (0, 0)
+    # Frames slide through the window. Frames that are registered along t are shifted anew for every estimate.
+    groups = [task.outputs] if still else [task.outputs[n : n + 1] for n in range(len(task.outputs))]
+    for index, group in enumerate(groups):
+        first = int(group[0]) - rig.before
+        view = Registered(
+            images=images,
+            columns_of_s=columns_of_s(rig, registration.disparity),
+            flow=np.array(registration.flow, dtype=np.int64),
+            first=first,
+            last=first + rig.frames + len(group) - 1,
+            centre_t=(rig.frames - 1) / 2,
+        )
+        in_threads(partial(estimate_tile, view, filters, criteria, best, index, first_row), tiles)
+
+
+def _filters_at(task: EstimationInputs, disparity: int) -> Filters:
+    """Return the kernels of all filters for images registered by a disparity."""
+    from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
+
+    rig, settings = task.rig, task.settings
+    # The divergence term counts x from each camera's own principal point.
+    own = -disparity * (rig.positions - rig.centre_s)
+    moment = DERIVATIVE_MOMENT[::-1]
+    window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
+    local = np.arange(len(window)) - len(window) // 2
+
+    def single(weights: NDArray[np.float64]) -> NDArray[np.float32]:
+        return np.ascontiguousarray(weights, dtype=np.float32)
+
+    return Filters(
+        smoothing_s=single(task.over_s.smoothing),
+        derivative_s=single(task.over_s.derivative),
+        moment_s=single(own * task.over_s.smoothing),
+        smoothing_t=single(task.over_t.smoothing),
+        derivative_t=single(task.over_t.derivative),
+        smoothing=single(PAPER.smoothing),
+        derivative=single(PAPER.derivative),
+        moment=single(moment),
+        moment_less_smoothing=single(moment - 2 * PAPER.smoothing),
+        window_t=single(rig.window_t),
+        window=single(window),
+        window_moment=single(window * local),
+        window_second_moment=single(window * local**2),
+        window_twice_moment=single(2 * window * local),
+        with_correction=settings.divergence == "consistent",
+    )
+
+
+def frames_at_a_time(shape: Sequence[int]) -> int:
+    """Return how many frames to estimate at once, so that their maps and scratch memory stay bounded.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of the images.
+    """
+    by_maps = _MAP_BYTES / (_BYTES_PER_PIXEL_OF_MAPS * shape[0] * shape[1])
+    by_scratch = _SCRATCH_BYTES / (_BYTES_PER_PIXEL * shape[1] * min(_BAND_ROWS, shape[0]))
+    return max(1, int(min(by_maps, by_scratch)))
+
+
+def step_count(frames: int, shape: Sequence[int]) -> int:
+    """Return how many bands of rows `run` works on, one after the other.
+
+    Parameters
+    ----------
+    frames
+        Number of frames to estimate.
+    shape
+        Rows and columns of the images.
+    """
+    return len(_bands(frames, shape))
+
+
+def _bands(frames: int, shape: Sequence[int]) -> list[tuple[int, int]]:
+    """Return the first row of every band, and the one behind its last."""
+    height, width = shape
+    at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
+    rows = max(_BAND_ROWS, at_a_time // frames // STRIDE * STRIDE)
+    return [(top, min(top + rows, height)) for top in range(0, height, rows)]
+
+
+def run(task: EstimationInputs, registrations: Sequence[Registration], progress: Progress | None) -> EstimateMaps:
+    """Estimate the frames of a task, a band of rows at a time, so that scratch memory stays bounded.
+
+    Parameters
+    ----------
+    task
+        Images, filters and settings, with a threshold τ.
+    registrations
+        The working points; every pixel takes the best of those that are tried in its cell.
+    progress
+        Called with (what, done, total); None for no reports.
+
+    Returns
+    -------
+    Maps
+        The estimate at the reference camera and frame.
+    """
+    height, width = task.images.shape[-2:]
+    frames = len(task.outputs)
+    elsewhere = task.rig.centre_s != 0 or task.rig.centre_t != 0
+    maps = EstimateMaps.empty(frames, height, width, shifted=elsewhere)
+    parts = _bands(frames, (height, width))
+    areas = [common_area(task, item) for item in registrations]
+    only = shift_by_subpixels(task, registrations[0].disparity) if len(registrations) == 1 else None
+    steps = len(parts) * len(registrations)
+    # Where registrations differ in flow, the displacement that they leave along t counts too.
+    weight_t = float(len({item.flow for item in registrations}) > 1)
+    if progress is not None:
+        progress("estimate", 0, steps)
+    best: BestRegistration | None = None
+    for done, (top, bottom) in enumerate(parts):
+        if best is None or best.choice.shape[1] != bottom - top:
+            best = BestRegistration.empty(frames, bottom - top, width)
+        else:
+            best.clear()
+        for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
+            inside = Rectangle(max(area.top, top), min(area.bottom, bottom), area.left, area.right)
+            tiles = split_into_tiles(inside, item.cells, thread_count())
+            images = shift_by_subpixels(task, item.disparity) if only is None else only
+            run_kernel(task, item, CandidateRegistration(number, images, weight_t), tiles, best, top)
+            if progress is not None:
+                progress("estimate", done * len(registrations) + number + 1, steps)
+        _forget_second_best(best.choice, registrations, areas, top)
+        for index in range(frames):
+            _to_world(task, registrations, best, maps, index, (top, bottom))
+    if elsewhere:
+        for index in range(frames):
+            _carry(maps, index, task.rig)
+    return maps
+
+
+def _forget_second_best(
+    choice: NDArray[np.int16], registrations: Sequence[Registration], areas: Sequence[Rectangle], first_row: int
+) -> None:
+    """Drop choices, shape (t, y, x), where a disparity that fits better could not be tried.
+
+    Near the border of the image, large disparities leave the common view first. The disparities that are left there are
+    wrong by more than the filters can measure, and may still look right.
+    """
+    _, rows, columns = choice.shape
+    flows = [item.flow for item in registrations]
+    # Registrations by another flow have a view of their own.
+    chosen = np.array([*map(flows.index, flows), -1], dtype=np.int16)[choice]
+    for item, area in zip(registrations, areas, strict=True):
+        if item.fits is None:
+            continue
+        fits = item.fits.repeat(CELL, axis=0)[first_row : first_row + rows].repeat(CELL, axis=1)[:, :columns]
+        top, bottom, every = max(area.top - first_row, 0), max(area.bottom - first_row, 0), slice(None)
+        if bottom > top and not area.is_empty:
+            outside = [
+                (every, slice(area.left)),
+                (every, slice(area.right, None)),
+                (slice(top), every),
+                (slice(bottom, None), every),
+            ]
+        else:
+            outside = [(every, every)]
+        for part in outside:
+            choice[:, *part][fits[part] & (chosen[:, *part] == flows.index(item.flow))] = -1
+
+
+def _to_world(
+    task: EstimationInputs,
+    registrations: Sequence[Registration],
+    best: BestRegistration,
+    maps: EstimateMaps,
+    index: int,
+    rows: tuple[int, int],
+) -> None:
+    """Write one frame of a task's band of rows, given as its index in the task."""
+    from scenetruth.estimators.structure_tensor.world_coordinate_kernels import (
+        Axes,
+        NoisePower,
+        WorkingPoints,
+        to_world,
+    )
+
+    rig, intrinsics, model, (top, bottom) = task.rig, task.intrinsics, task.noise, rows
+    camera = int(np.argmin(np.abs(rig.positions)))
+    # A few rows more than the band, for the window over the texture.
+    border = 2 * STRIDE * (task.settings.window_taps_px // STRIDE + 1)
+    start = max(top - border, 0) // STRIDE * STRIDE
+    image = task.images[:, camera, task.outputs[index], start : bottom + border].astype(np.float32)
+    texture = texture_transfer(image, task.settings).cropped(slice((top - start) // STRIDE, None))
+    sigma = task.settings.noise_std
+    axes = Axes(
+        intrinsics.focal_length_px,
+        *intrinsics.principal_point_px,
+        baseline_mm=intrinsics.baseline_mm,
+        centre_s=rig.centre_s,
+        centre_t=rig.centre_t,
+        scale_s=task.scales[0],
+        scale_t=task.scales[1],
+        sees_depth=rig.sees_depth,
+        sees_motion=rig.sees_motion,
+    )
+    whole = np.array([(item.disparity, *item.flow) for item in registrations], dtype=np.float64).T.copy()
+    points = WorkingPoints(*whole, *(bool(np.ptp(values) > 0) for values in whole))
+    noise = NoisePower(
+        power=np.nan if sigma == "auto" else float(sigma) ** 2,
+        residual_s=model.residual_s,
+        residual_t=model.residual_t,
+        window=model.window,
+        motion_s=model.motion_s,
+        phases=model.phases,
+        disparity_s=model.disparity_s,
+        disparity_t=model.disparity_t,
+        motion_t=model.motion_t,
+    )
+    in_threads(partial(to_world, axes, points, noise, texture, best, maps, index, top), bands(bottom - top))
+
+
+def _carry(maps: EstimateMaps, index: int, rig: AcquisitionAxes) -> None:
+    """Resample one frame of the maps at the pixels of the reference camera and frame."""
+    shift = maps.shift[:, index].astype(np.float64)
+    interpolated = (
+        *(maps.depth[None], maps.velocity, maps.disparity[None], maps.flow, maps.divergence[None]),
+        *(maps.depth_std[None], maps.velocity_std, maps.disparity_std[None], maps.confidence[None], maps.eigenvalues),
+    )
+    # Working points are whole numbers.
+    whole = np.nan_to_num(maps.working_point[index]).astype(np.int64)
+    flags = (maps.kind, maps.kind_disparity, maps.kind_motion, maps.model_violation)
+    carried, kinds = carry_to_reference(
+        shift,
+        np.concatenate([part[:, index] for part in interpolated]),
+        np.stack([*(part[index].astype(np.int64) for part in flags), whole]),
+    )
+    first = 0
+    for part in interpolated:
+        part[:, index] = carried[first : first + len(part)]
+        first += len(part)
+    for flag, values in zip(flags, kinds, strict=False):
+        flag[index] = values
+    maps.confidence[index] = np.nan_to_num(maps.confidence[index])
+    # A value that is interpolated between pixels of which one has none is NaN, and its kind is none.
+    disparity_known = np.isfinite(maps.depth[index]) & np.isfinite(maps.disparity[index])
+    motion_known = np.isfinite(maps.flow[:, index]).all(axis=0) & np.isfinite(maps.divergence[index])
+    for kind, known, lost in (
+        (maps.kind_disparity, disparity_known, (maps.depth[index], maps.disparity[index])),
+        (maps.kind_motion, motion_known, (*maps.flow[:, index], maps.divergence[index])),
+    ):
+        kind[index][~known] = 0
+        for values in (*lost, *maps.velocity[:, index]):
+            values[~known] = np.nan
+    lesser = np.minimum if rig.sees_depth and rig.sees_motion else np.maximum
+    maps.kind[index] = lesser(maps.kind_disparity[index], maps.kind_motion[index])
+    maps.working_point[index] = np.where(maps.kind[index] > 0, kinds[len(flags)], np.nan)

@@ -1,1 +1,0 @@
-"""Hot loops of the structure tensor, compiled by numba."""

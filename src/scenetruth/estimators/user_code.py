@@ -1,0 +1,185 @@
+"""The user's own code.
+
+Plain functions as methods, the files that belong to it, and where in them an exception was raised.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import inspect
+import sysconfig
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import xarray as xr
+from pydantic import Field, create_model
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.protocol import Method, MethodSettings
+from scenetruth.progress import Progress
+from scenetruth.schema import make_estimate
+
+__all__ = ["FunctionMethod", "is_user_file", "locate_exception", "with_imported"]
+
+
+_OURS = Path(__file__).resolve().parents[1]
+_INSTALLED = {"site-packages", "dist-packages"}
+_TYPED_IN = ("<stdin>", "<python-input", "<ipython")
+
+
+def is_user_file(file: str | Path) -> bool:
+    """Tell whether a file belongs neither to scenetruth, nor to Python, nor to a package that is installed."""
+    try:
+        path = Path(file).resolve()
+        if not path.is_file() or _INSTALLED.intersection(path.parts):
+            return False
+    except (OSError, ValueError):  # a name that no file can have
+        return False
+    return not any(path.is_relative_to(folder) for folder in (_OURS, *_python()))
+
+
+def locate_exception(error: BaseException) -> str:
+    """Return where the last line of one's own code stands that an exception came through: ``mine.py:12 in helper``.
+
+    Empty if it came through none.
+    """
+    told, step = "", error.__traceback__
+    while step is not None:
+        code = step.tb_frame.f_code
+        if code.co_filename.startswith(_TYPED_IN) or is_user_file(code.co_filename):
+            told = f"{_shown(code.co_filename)}:{step.tb_lineno} in {code.co_name}"
+        step = step.tb_next
+    return told
+
+
+def with_imported(file: Path) -> list[Path]:
+    """Return a file, and those of the modules beside it that it imports, they in turn, and so on, in order."""
+    first = file.resolve()
+    found, left = {first}, [first]
+    # Modules of a package are named from where its outermost folder lies.
+    root = next(folder for folder in first.parents if not (folder / "__init__.py").is_file())
+    while left:
+        here = left.pop()
+        for one in _imported(here, root):
+            if one not in found and is_user_file(one):
+                found.add(one)
+                left.append(one)
+    return sorted(found)
+
+
+def _imported(file: Path, root: Path) -> Iterator[Path]:
+    if file.suffix != ".py":
+        return
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (OSError, ValueError, SyntaxError):  # whoever runs it says what is wrong with it
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield from _files_of(alias.name.split("."), {file.parent, root})
+        elif isinstance(node, ast.ImportFrom):
+            folders = {file.parents[node.level - 1]} if 0 < node.level <= len(file.parents) else {file.parent, root}
+            parts = node.module.split(".") if node.module else []
+            for alias in node.names:
+                yield from _files_of([*parts, alias.name], folders)
+
+
+def _files_of(parts: list[str], folders: set[Path]) -> Iterator[Path]:
+    """Yield the files that make a dotted name, as far as they are there: of its packages, and of itself."""
+    for folder in folders:
+        for count in range(len(parts) + 1):
+            base = folder.joinpath(*parts[:count])
+            names = [base / "__init__.py", *([base.with_name(f"{base.name}.py")] if count else [])]
+            yield from (one.resolve() for one in names if one.is_file())
+
+
+def _shown(name: str) -> str:
+    path = Path(name)
+    if path.is_absolute() and path.is_relative_to(Path.cwd()):
+        return str(path.relative_to(Path.cwd()))
+    return path.name
+
+
+@cache
+def _python() -> tuple[Path, ...]:
+    paths = sysconfig.get_paths()
+    names = ("stdlib", "platstdlib", "purelib", "platlib")
+    return tuple(dict.fromkeys(Path(paths[name]).resolve() for name in names if name in paths))
+
+
+class FunctionMethod(Method):
+    """A function of a recording as a method.
+
+    Parameters
+    ----------
+    function
+        Called with the recording, with ``progress`` if it has a parameter of that name, and with its other parameters
+        as settings, validated by their annotations. It returns an estimate, or a mapping of plain arrays, the arguments
+        of `scenetruth.make_estimate`. If it has attributes ``gives`` or ``needs``, they are the method's.
+    name
+        What it is called.
+
+    Raises
+    ------
+    TypeError
+        If the function takes no recording, or any number of parameters.
+    """
+
+    def __init__(self, function: Callable[..., Any], name: str) -> None:
+        self.name = name
+        self.function = function
+        parameters = list(inspect.signature(function).parameters.values())
+        if not parameters:
+            msg = "takes no recording"
+            raise TypeError(msg)
+        rest = parameters[1:]
+        endless = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
+        if any(item.kind in endless for item in rest):
+            msg = "takes any number of parameters: name each setting, so that it can be validated"
+            raise TypeError(msg)
+        hints = _hints_of(function)
+        self._takes_progress = any(item.name == "progress" for item in rest)
+        fields: dict[str, Any] = {
+            item.name: (hints.get(item.name, Any), Field(... if item.default is item.empty else item.default))
+            for item in rest
+            if item.name != "progress"
+        }
+        self.settings = create_model("FunctionSettings", __base__=MethodSettings, **fields)
+        self.gives = frozenset(getattr(function, "gives", ()))
+        self.needs = getattr(function, "needs", Method.needs)
+
+    def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
+        """Call the function."""
+        given = {name: getattr(settings, name) for name in type(settings).model_fields}
+        if self._takes_progress:
+            given["progress"] = progress
+        found = self.function(recording, **given)
+        if isinstance(found, Mapping) and not isinstance(found, xr.Dataset):
+            _reject_unknown_quantities(found)
+            return make_estimate(like=recording, **found)
+        return found  # type: ignore[no-any-return]  # whatever it is, it is checked where methods are called
+
+
+def _reject_unknown_quantities(found: Mapping[Any, Any]) -> None:
+    """Refuse what a function returns under names that no estimate has."""
+    parameters = inspect.signature(make_estimate).parameters.values()
+    known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY and one.name != "like"]
+    problems = []
+    for name in found:
+        if name not in known:
+            near = difflib.get_close_matches(str(name), known, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else "."
+            problems.append(Problem(str(name), f"is nothing that an estimate holds{hint} Known: {', '.join(known)}"))
+    if problems:
+        raise EstimateError(problems)
+
+
+def _hints_of(function: Callable[..., Any]) -> dict[str, Any]:
+    try:
+        return get_type_hints(function)
+    except Exception:  # annotations may name what exists only for type checkers
+        return {}

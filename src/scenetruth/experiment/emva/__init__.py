@@ -1,1 +1,0 @@
-"""Sensors measured as EMVA 1288 does."""

@@ -1,1 +1,0 @@
-"""The fidelity of the renderers to the exact pixel integral."""

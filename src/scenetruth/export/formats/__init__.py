@@ -1,1 +1,0 @@
-"""The formats: one module each, with its options, what it needs, and how it is written."""

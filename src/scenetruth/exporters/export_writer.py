@@ -1,0 +1,316 @@
+"""Writing of data sets in an export format, and which files of an earlier export may be replaced."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from pydantic import ValidationError
+
+from scenetruth.errors import ExportError, Problem, RecordingError
+from scenetruth.exporters.export_source import ExportSource
+from scenetruth.exporters.format_base import ExportFormat, load_formats
+from scenetruth.output import OwnershipResult, check_output, describe_foreign_files, write_atomically
+from scenetruth.schema import check_dataset, check_same_run, read_lineage
+from scenetruth.validated_model import field_docstrings
+
+__all__ = [
+    "EXPORT_RECORD",
+    "MAKER",
+    "ExportResult",
+    "checked_source",
+    "choose_format",
+    "claim_export",
+    "export_data",
+    "export_formats",
+    "write_export",
+]
+
+
+EXPORT_RECORD = "export.json"
+"""The file in every export that tells what it is, and which files belong to it."""
+MAKER = "scenetruth"
+
+
+def claim_export(path: Path) -> OwnershipResult:
+    """Claim the folder of an earlier export; files of others stay, and inside its own folders they forbid it."""
+    if not path.is_dir():
+        return OwnershipResult("is a file, and not the folder of an export")
+    try:
+        told = json.loads((path / EXPORT_RECORD).read_text(encoding="utf-8"))
+        own = {EXPORT_RECORD, *map(str, told["files"])} if told["made_by"] == MAKER else None
+    except (OSError, ValueError, KeyError, TypeError):
+        own = None
+    if own is None:
+        return OwnershipResult(f"is a folder without the {EXPORT_RECORD} of an export")
+    folders = {name.split("/")[0] for name in own if "/" in name}
+    foreign, inside = [], []
+    for entry in path.iterdir():
+        if entry.name in folders and entry.is_dir() and not entry.is_symlink():
+            inside += [name for name in _files_below(entry, path) if name not in own]
+        elif entry.name not in own or entry.is_symlink():
+            foreign.append(entry.name)
+    return (
+        OwnershipResult(describe_foreign_files(inside)) if inside else OwnershipResult(foreign=tuple(sorted(foreign)))
+    )
+
+
+def _files_below(folder: Path, top: Path) -> list[str]:
+    """Return everything but folders below a folder, by names that count from the top; links are not followed."""
+    found = []
+    for place, folders, files in os.walk(folder):
+        links = [name for name in folders if (Path(place) / name).is_symlink()]
+        found += [(Path(place) / name).relative_to(top).as_posix() for name in (*files, *links)]
+    return found
+
+
+@dataclass(frozen=True)
+class ExportResult:
+    """What an export has written.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    files
+        Names of the files in it, but ``export.json``, which tells of them.
+    notes
+        What a user should know: steps of a format, pixels that do not fit into it, flow that is no displacement.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def export_formats(*names: str) -> dict[str, str]:
+    """Return what each format writes, by its name.
+
+    Parameters
+    ----------
+    *names
+        Formats; all if none is named.
+
+    Returns
+    -------
+    dict
+        One line for each format.
+
+    Raises
+    ------
+    ExportError
+        If there is no format of a name.
+
+    See Also
+    --------
+    export_data : Write data sets in one of them.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> st.export_formats("flo")
+    {'flo': 'optical flow as .flo (Middlebury), with the images'}
+    """
+    found = {str(name).lower(): _find_format(name) for name in names} if names else load_formats()
+    return {kind: model.summary for kind, model in found.items()}
+
+
+def choose_format(name: str, options: Mapping[str, Any]) -> ExportFormat:
+    """Return a format with validated options.
+
+    Raises
+    ------
+    ExportError
+        With everything that is wrong with the name and the options.
+    """
+    model = _find_format(name)
+    try:
+        return model.model_validate({"kind": str(name).lower(), **options})
+    except ValidationError as error:
+        raise ExportError(list(_option_problems(model, error)), source=f"options of {str(name).lower()}") from None
+
+
+def export_data(
+    recording: xr.Dataset,
+    maps: xr.Dataset,
+    folder: str | Path,
+    format: str,
+    *,
+    overwrite: bool = False,
+    **options: Any,
+) -> ExportResult:
+    """Write a recording and its truth, or an estimate, in a format of others.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    maps
+        Its truth, or an estimate. A truth holds displacements to other frames only if it is complete
+        (``truth_content="complete"``).
+    folder
+        Folder to make.
+    format
+        Name of the format; see `export_formats` and ``docs/export.md``.
+    overwrite
+        Whether an earlier export may be replaced; what it did not write stays.
+    **options
+        Options of the format.
+
+    Returns
+    -------
+    Exported
+        The files, and what a user should know of them. The same stands in the file ``export.json``.
+
+    Raises
+    ------
+    ExportError
+        If the format, its options or the data sets do not fit together; lists everything that is wrong.
+    MismatchError
+        If recording and maps are of different runs.
+    StoreError
+        If the folder exists and is not to be replaced, or cannot be written.
+
+    See Also
+    --------
+    export_run : The same for the folder of a run.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 2, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> estimate = st.make_estimate(flow=np.ones((2, 2, 8, 8)), like=recording)
+    >>> with TemporaryDirectory() as folder:
+    ...     done = st.export_data(recording, estimate, f"{folder}/flow", "flo", flow="instantaneous")
+    >>> done.files
+    ('flow/s+0_t+0.flo', 'images/s+0_t+0.png', 'images/s+0_t+1.png')
+    """
+    chosen = choose_format(format, options)
+    source = checked_source(recording, maps, chosen)
+    check_output(folder, overwrite=overwrite, claim=claim_export)
+    with write_atomically(folder, overwrite=overwrite, claim=claim_export) as aside:
+        written = write_export(source, chosen, aside)
+    return replace(written, folder=Path(folder))
+
+
+def write_export(source: ExportSource, chosen: ExportFormat, folder: Path) -> ExportResult:
+    """Write what has been checked straight into a new folder: for callers that put it under its name themselves.
+
+    Parameters
+    ----------
+    source
+        What is exported; see `checked_source`.
+    chosen
+        The format with its options; see `choose_format`.
+    folder
+        The folder; it must not exist yet, and the one above it must.
+    """
+    folder.mkdir()
+    notes = chosen.write(source, folder)
+    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    told = _meta(source, chosen, notes, files)
+    (folder / EXPORT_RECORD).write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return ExportResult(folder, tuple(files), tuple(notes))
+
+
+def _find_format(name: str) -> type[ExportFormat]:
+    known = load_formats()
+    model = known.get(str(name).lower())
+    if model is None:
+        raise ExportError([Problem("format", f"{_meant(str(name), known)}must be one of {', '.join(known)}", name)])
+    return model
+
+
+def checked_source(recording: xr.Dataset, maps: xr.Dataset, chosen: ExportFormat) -> ExportSource:
+    """Return what a format writes of data sets.
+
+    Raises
+    ------
+    ExportError
+        With everything that is wrong with them, or keeps them from being written in this format.
+    MismatchError
+        If they are of different runs.
+    """
+    is_truth = isinstance(maps, xr.Dataset) and "mixed" in maps
+    problems = []
+    for dataset, kind in ((recording, "recording"), (maps, "truth" if is_truth else "estimate")):
+        try:
+            check_dataset(dataset, kind)
+        except RecordingError as error:
+            problems += [Problem(f"{kind}.{each.path}", each.message, each.value) for each in error.problems]
+    problems += list(chosen.missing_packages())
+    if not any(problem.path.startswith(("recording.", "truth.", "estimate.")) for problem in problems):
+        check_same_run({"recording": recording.attrs, "truth" if is_truth else "estimate": maps.attrs})
+        source = ExportSource(recording, maps, is_truth)
+        fitting = list(_fit_problems(source))
+        problems += fitting or list(chosen.problems(source))
+    if problems:
+        raise ExportError(problems)
+    return source
+
+
+def _fit_problems(source: ExportSource) -> Iterator[Problem]:
+    recording, maps = source.recording, source.maps
+    if "s_y" in recording["image"].dims or any("s_y" in item.dims for item in maps.data_vars.values()):
+        rows = recording["s_y"].values.tolist()
+        yield Problem(
+            "s_y", "must be one row of cameras; choose it: --row N, recording.sel(s_y=N), truth.sel(s_y=N)", rows
+        )
+    elif source.is_truth and source.views == [0] and int(recording.coords.get("s_y", 0)) != 0:
+        remedy = "make the truth of all cameras (`--truth all`)"
+        yield Problem(
+            "s_y", f"is that of other cameras than the truth's, which is of row 0; {remedy}", int(recording["s_y"])
+        )
+    for name in ("y", "x"):
+        if name not in maps.dims:
+            continue
+        one, other = (dataset[name].values if name in dataset.coords else None for dataset in (recording, maps))
+        same = recording.sizes[name] == maps.sizes[name] and (one is None or other is None or (one == other).all())
+        if not same:
+            message = f"has {maps.sizes[name]} pixels that are not the {recording.sizes[name]} of the recording"
+            yield Problem(name, f"{message}; select the same pixels of both, recording.sel({name}=maps.{name})")
+    if not source.frames:
+        yield Problem("t", "of the maps must be frames of the recording", maps["t"].values.tolist())
+
+
+def _option_problems(model: type[ExportFormat], error: ValidationError) -> Iterator[Problem]:
+    names = [name for name in model.model_fields if name != "kind"]
+    for entry in error.errors(include_url=False):
+        path = ".".join(map(str, entry["loc"]))
+        if entry["type"] == "extra_forbidden":
+            offered = f"options are {', '.join(names)}" if names else "there are none"
+            yield Problem(path, f"{_meant(path, names)}is no option of this format; {offered}", entry["input"])
+        else:
+            told = " ".join(field_docstrings(model).get(path, "").split())
+            yield Problem(
+                path, f"{entry['msg'][:1].lower()}{entry['msg'][1:]}" + (f"; {told}" if told else ""), entry["input"]
+            )
+
+
+def _meant(name: str, known: Any) -> str:
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"did you mean '{close[0]}'? It " if close else ""
+
+
+def _meta(source: ExportSource, chosen: ExportFormat, notes: list[str], files: list[str]) -> dict[str, Any]:
+    """Return what an export tells of itself."""
+    options = chosen.model_dump(mode="json")
+    return {
+        "made_by": MAKER,
+        "format": options.pop("kind"),
+        "options": options,
+        "from": "truth" if source.is_truth else f"estimate by {source.maps.attrs.get('method', 'another program')}",
+        **read_lineage(source.recording),
+        **read_lineage(source.maps),
+        "notes": notes,
+        "meaning": chosen.meaning().splitlines(),
+        "files": files,
+    }

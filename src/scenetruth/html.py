@@ -1,0 +1,222 @@
+"""HTML pages that need no network: templates, sortable tables, charts and plotly's script."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+__all__ = [
+    "COLOURS",
+    "Chart",
+    "HtmlCell",
+    "HtmlTable",
+    "make_table",
+    "plotly_script",
+    "render_page",
+    "script_json",
+    "sort_key",
+    "template_environment",
+]
+
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F3C8D", "#6B6B00")
+"""Colours that people with colour blindness tell apart (M. Okabe and K. Ito, 2008), and two more."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart.
+
+    Parameters
+    ----------
+    name
+        Its name within the page.
+    alt
+        What it shows, in words, for those who do not see it.
+    data, layout
+        Traces and layout, as plotly has them.
+    """
+
+    name: str
+    alt: str
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+
+
+_NONE = "–"
+_NUMBER = re.compile(r"[-+]?(∞|\d+(\.\d*)?([eE][-+]?\d+)?)(?!\w)")
+
+
+@dataclass(frozen=True)
+class HtmlCell:
+    """A cell of a table.
+
+    Parameters
+    ----------
+    text
+        What it says.
+    key
+        The number by which it sorts; None to sort by what it says.
+    address, saved_as
+        Address of a file that it hands over, and what that is called when it is saved; empty if there is none.
+    """
+
+    text: str
+    key: float | None = None
+    address: str = ""
+    saved_as: str = ""
+
+    @property
+    def sorts_by(self) -> str:
+        """The key, as JavaScript reads it; empty if there is none."""
+        if self.key is None or math.isnan(self.key):
+            return ""
+        return repr(float(self.key)).replace("inf", "Infinity")
+
+
+@dataclass(frozen=True)
+class HtmlTable:
+    """A table.
+
+    Parameters
+    ----------
+    name
+        Its name within the page.
+    caption
+        What it shows.
+    columns
+        Heads.
+    lines
+        Its lines.
+    marked
+        Number of the line that stands out; None if none does.
+    foot
+        Lines that stay below the others, such as sums.
+    """
+
+    name: str
+    caption: str
+    columns: Sequence[str]
+    lines: Sequence[Sequence[HtmlCell]]
+    marked: int | None = None
+    foot: Sequence[Sequence[HtmlCell]] = ()
+
+    @property
+    def numeric(self) -> list[bool]:
+        """Which columns hold numbers, or dashes where there are none."""
+        columns = [[line[place] for line in self.lines] for place in range(len(self.columns))]
+        return [
+            any(cell.key is not None for cell in cells) or (bool(cells) and all(cell.text == _NONE for cell in cells))
+            for cells in columns
+        ]
+
+
+def make_table(name: str, caption: str, columns: Sequence[str], lines: Iterable[Iterable[Any]]) -> HtmlTable:
+    """Return a table of texts; those that begin with a number sort by it.
+
+    Parameters
+    ----------
+    name, caption, columns
+        As of `HtmlTable`.
+    lines
+        What cells say.
+    """
+    cells = [[HtmlCell(str(text), sort_key(str(text))) for text in line] for line in lines]
+    return HtmlTable(name, caption, columns, cells)
+
+
+def sort_key(text: str) -> float | None:
+    """Return the number that a text begins with; None if it begins with none.
+
+    Examples
+    --------
+    >>> [sort_key(text) for text in ("0.5", "-3 px", "1e-3 to 2", "−2", "∞", "leaf", "–", "3d")]
+    [0.5, -3.0, 0.001, -2.0, inf, None, None, None]
+    """
+    found = _NUMBER.match(text.strip().replace("\N{MINUS SIGN}", "-"))
+    return None if found is None else float(found[0].replace("∞", "inf"))
+
+
+# Plotly's own default has a button that uploads the chart.
+_SETTINGS = '{responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: ""}'
+
+
+def plotly_script() -> str:
+    """Return plotly's script, set for pages that need no network: its buttons offer no upload.
+
+    Examples
+    --------
+    >>> plotly_script().rstrip().endswith('showSendToCloud: false, plotlyServerURL: ""});')
+    True
+    """
+    from plotly.offline import get_plotlyjs
+
+    return f"{get_plotlyjs()}\nPlotly.setPlotConfig({_SETTINGS});\n"
+
+
+def template_environment(package: str, *, autoescape: bool = True, **options: Any) -> Environment:
+    """Return what reads templates: those of a package, and those that all pages share.
+
+    Parameters
+    ----------
+    package
+        The package whose folder ``templates`` has the templates.
+    autoescape
+        Whether what is told is text, of which nothing acts as HTML.
+    **options
+        Further options of `jinja2.Environment`.
+    """
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=ChoiceLoader([PackageLoader(name) for name in (package, "scenetruth")]),
+        autoescape=autoescape,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        **options,
+    )
+
+
+def render_page(package: str, template: str, charts: Any, **told: Any) -> str:
+    """Return a page.
+
+    Parameters
+    ----------
+    package
+        The package whose folder ``templates`` has the template, which extends ``page_with_charts.html.j2``.
+    template
+        Name of the template.
+    charts
+        Charts as plain values, which the page's script finds as ``charts``.
+    told
+        What the template tells.
+    """
+    return (
+        template_environment(package)
+        .get_template(template)
+        .render(
+            **told,
+            table_of=make_table,
+            plotly=plotly_script(),
+            charts=script_json(charts),
+        )
+    )
+
+
+def script_json(values: Any) -> str:
+    r"""Return plain values as they may stand in a page's script, which nothing in them ends.
+
+    Examples
+    --------
+    >>> print(script_json({"title": "</script>"}))
+    {"title": "\u003c/script>"}
+    """
+    return json.dumps(values, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")

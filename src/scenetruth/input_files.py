@@ -1,0 +1,169 @@
+"""Fields of models that name input files, and the files that are bundled with the package."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+from pydantic import AfterValidator, BaseModel, ValidationInfo
+
+__all__ = [
+    "InputFile",
+    "SceneFile",
+    "bundled_file",
+    "bundled_files",
+    "bundled_folder",
+    "collect_input_files",
+    "regular_file_size",
+    "validation_context",
+]
+
+
+def bundled_folder() -> Path | None:
+    """Return the folder of all that is shipped: in an installed package inside it, in a checkout ``scenes/``."""
+    from importlib.resources import files
+
+    package = Path(str(files("scenetruth")))
+    checkout = package.parents[1]
+    if (package / "shipped").is_dir():
+        return package / "shipped"
+    return checkout / "scenes" if (checkout / "pyproject.toml").is_file() and (checkout / "scenes").is_dir() else None
+
+
+def bundled_files(folder: str = ".") -> dict[str, Path]:
+    """Return files that are shipped by their names, in order; none where nothing is shipped.
+
+    Parameters
+    ----------
+    folder
+        ``"."`` for scenes, ``"datasets"`` for recipes, ``"goals"`` for goals.
+
+    Examples
+    --------
+    >>> bundled_files()["cube"].name
+    'cube.yaml'
+    """
+    base = bundled_folder()
+    return {} if base is None else {file.stem: file for file in sorted((base / folder).glob("*.yaml"))}
+
+
+def bundled_file(given: object, folder: Path | None = None, *, within: str = ".") -> Path | None:
+    """Return the file that is shipped under a plain name; None if there is none, or a file has that name.
+
+    Parameters
+    ----------
+    given
+        A name or a path.
+    folder
+        Where relative paths count from.
+    within
+        As of `bundled_files`; scenes if not given.
+
+    Examples
+    --------
+    >>> bundled_file("cube").name, bundled_file("cube.yaml"), bundled_file("mine")
+    ('cube.yaml', None, None)
+    """
+    name = str(given)
+    # Of names that no file can have, os.path says no.
+    if Path(name).name != name or Path(name).suffix or os.path.isfile((folder or Path()) / name):
+        return None
+    return bundled_files(within).get(name)
+
+
+_FOLDER = "folder"
+
+
+class _NamesAFile:
+    """Marks the type of a path."""
+
+
+_MARK = _NamesAFile()
+
+
+def _absolute(value: str, info: ValidationInfo) -> str:
+    folder = (info.context or {}).get(_FOLDER)
+    return value if folder is None else str(folder / value)
+
+
+def _of_scene(value: str, info: ValidationInfo) -> str:
+    folder = (info.context or {}).get(_FOLDER)
+    return value if folder is None else str(bundled_file(value, folder) or folder / value)
+
+
+InputFile = Annotated[str, _MARK, AfterValidator(_absolute)]
+"""Path of a file that a model is made from; relative paths count from the folder of the validation's context."""
+SceneFile = Annotated[str, _MARK, AfterValidator(_of_scene)]
+"""The same of a scene, which may be the name of one that is shipped if no file has it."""
+
+
+def regular_file_size(path: Path) -> int:
+    """Return the size of a regular file in bytes; nothing is opened, as opening a pipe may take for ever.
+
+    Raises
+    ------
+    ValueError
+        If there is something else; says what.
+    OSError
+        If there is nothing, or it cannot be looked at.
+    """
+    found = os.stat(path)
+    if not stat.S_ISREG(found.st_mode):
+        what = "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file (a pipe, a socket or a device)"
+        msg = f"is {what}"
+        raise ValueError(msg)
+    return found.st_size
+
+
+def validation_context(folder: Path | None) -> dict[str, Any]:
+    """Return the context of a validation that makes relative paths absolute.
+
+    Parameters
+    ----------
+    folder
+        Folder that relative paths count from; None leaves them as they are.
+    """
+    return {_FOLDER: folder}
+
+
+def collect_input_files(model: BaseModel) -> list[tuple[str, Path]]:
+    """Return every file that a validated model names.
+
+    Parameters
+    ----------
+    model
+        The model; models, tuples, lists and mappings in it are looked through.
+
+    Returns
+    -------
+    list
+        Where the model names it (``objects.0.mesh.file``), and the path.
+    """
+    return list(_files_of_model(model, ""))
+
+
+def _files_of_model(model: BaseModel, where: str) -> Iterator[tuple[str, Path]]:
+    for name, field in type(model).model_fields.items():
+        marked = _MARK in field.metadata or _is_marked(field.annotation)
+        yield from _files_in(getattr(model, name), f"{where}{name}", marked)
+
+
+def _files_in(value: Any, where: str, marked: bool) -> Iterator[tuple[str, Path]]:
+    if isinstance(value, BaseModel):
+        yield from _files_of_model(value, f"{where}.")
+    elif isinstance(value, tuple | list):
+        for index, item in enumerate(value):
+            yield from _files_in(item, f"{where}.{index}", marked)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _files_in(item, f"{where}.{key}", marked)
+    elif marked and isinstance(value, str):
+        yield where, Path(value)
+
+
+def _is_marked(annotation: Any) -> bool:
+    """Whether a type is, or is made from, that of a path."""
+    return annotation is _MARK or any(_is_marked(part) for part in get_args(annotation))

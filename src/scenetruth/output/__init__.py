@@ -1,0 +1,33 @@
+"""Writing of results: atomic, by one writer at a time, and never over files that scenetruth did not write."""
+
+from scenetruth.output.atomic_write import (
+    check_output,
+    is_full_disk,
+    lock_output,
+    remove_leftovers,
+    scratch_path,
+    write_atomically,
+)
+from scenetruth.output.ownership import (
+    Claim,
+    OwnershipResult,
+    claim_file,
+    claim_folder,
+    claim_pictures,
+    describe_foreign_files,
+)
+
+__all__ = [
+    "Claim",
+    "OwnershipResult",
+    "check_output",
+    "claim_file",
+    "claim_folder",
+    "claim_pictures",
+    "describe_foreign_files",
+    "is_full_disk",
+    "lock_output",
+    "remove_leftovers",
+    "scratch_path",
+    "write_atomically",
+]

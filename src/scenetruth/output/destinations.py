@@ -1,0 +1,73 @@
+"""Whether a result can be written to a path, checked before any work."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from scenetruth.errors import StoreError
+from scenetruth.output.locks import this_writer
+
+__all__ = ["check_destination"]
+
+_NAME_BYTES = 255
+
+
+def check_destination(target: str | Path) -> Path:
+    """Return the absolute path of a target, links followed.
+
+    Parameters
+    ----------
+    target
+        The file or folder that is to be made.
+
+    Raises
+    ------
+    StoreError
+        If nothing can be made there: no name, a name too long, a link to nothing, a folder above that is none or that
+        may not be written to, the current folder, a mount point.
+    """
+    shown = Path(target)
+    try:
+        given = Path(os.path.abspath(shown))
+        place = Path(os.path.realpath(given))
+        dangling = given.is_symlink() and not place.exists()
+    except (OSError, ValueError) as error:
+        raise StoreError(
+            repr(str(target)), f"is no path that a result can have: {error}; give another output"
+        ) from error
+    if dangling:
+        raise StoreError(shown, f"is a link to {os.readlink(given)}, which is not there; remove the link, or mend it")
+    _refuse_name(shown, place)
+    _refuse_position(shown, place)
+    _refuse_parent(shown, place)
+    return place
+
+
+def _refuse_name(shown: Path, place: Path) -> None:
+    # Beside a result stands, while it is written, one with a longer name.
+    longest = _NAME_BYTES - len(f"..replaced-{this_writer()}")
+    length = len(os.fsencode(place.name))
+    if length > longest:
+        message = f"has a name of {length} bytes, {length - longest} more than a result may have; give a shorter one"
+        raise StoreError(shown, message)
+
+
+def _refuse_position(shown: Path, place: Path) -> None:
+    remedy = "give a folder in it"
+    if not place.name or os.path.ismount(place):
+        raise StoreError(shown, f"is where a file system begins, and cannot be replaced; {remedy}")
+    here = Path(os.path.realpath(os.curdir))
+    if place == here or place in here.parents:
+        raise StoreError(shown, f"is the current folder, or holds it; {remedy}, or go elsewhere first")
+
+
+def _refuse_parent(shown: Path, place: Path) -> None:
+    for folder in place.parents:
+        if not os.path.lexists(folder):
+            continue
+        if not folder.is_dir():
+            raise StoreError(shown, f"cannot be made, because {folder} is not a folder; give another output")
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise StoreError(shown, f"cannot be made, because {folder} may not be written to; give another output")
+        return

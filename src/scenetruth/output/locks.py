@@ -1,0 +1,183 @@
+"""One writer at a time: locks on results, and the identity of the writing process in names of unfinished files."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import hashlib
+import os
+import re
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from scenetruth.errors import OutputExistsError
+
+__all__ = ["Writer", "lock_path", "locked", "this_writer", "written_by"]
+
+
+@dataclass(frozen=True)
+class Writer:
+    """A process on a machine.
+
+    Parameters
+    ----------
+    host
+        Eight digits that stand for the machine's name.
+    process
+        Number of the process.
+    start
+        When it started, in clock ticks since the machine did; a number may be given to another process later.
+
+    Examples
+    --------
+    >>> writer = Writer("0123abcd", 17, 4711)
+    >>> written_by(f".cube.partial-{writer}") == (".cube.partial", writer)
+    True
+    """
+
+    host: str
+    process: int
+    start: int
+
+    def __str__(self) -> str:
+        return f"{self.host}-{self.process}-{self.start}"
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether the process has ended; of another machine's process, nobody here can tell: False."""
+        return self.host == _host() and _start_of(self.process) != self.start
+
+
+def this_writer() -> Writer:
+    """Return the process that asks."""
+    return Writer(_host(), os.getpid(), _start_of(os.getpid()))
+
+
+def written_by(name: str) -> tuple[str, Writer] | None:
+    """Return the first part of a file's name and the writer that the rest of it tells; None if it tells none."""
+    found = _NAME.fullmatch(name)
+    return None if found is None else (found[1], Writer(found[2], int(found[3]), int(found[4])))
+
+
+_NAME = re.compile(r"(.+)-([0-9a-f]{8})-([0-9]+)-([0-9]+)", re.DOTALL)
+
+
+@cache
+def _host() -> str:
+    return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
+
+
+def _start_of(process: int) -> int:
+    """Return when a process started, 0 where the system does not tell, -1 if there is no such process."""
+    try:
+        # Its second word, the name of the program, may hold spaces and brackets.
+        words = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return -1 if Path("/proc/self/stat").exists() or not _is_alive(process) else 0
+    # A process that has ended and was not yet asked for its result still has an entry.
+    return -1 if words[0] == "Z" else int(words[19])
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+_held: ContextVar[frozenset[Path]] = ContextVar("held", default=frozenset())
+_TAKEN = (errno.EWOULDBLOCK, errno.EACCES, errno.EAGAIN)
+
+
+def lock_path(target: Path) -> Path:
+    """Return the file that is locked while a target is written."""
+    return target.with_name(f".{target.name}.lock")
+
+
+@contextmanager
+def locked(target: Path) -> Iterator[bool]:
+    """Keep every other writer of a target away while the block runs; whoever has it already keeps it.
+
+    The lock ends with the process that holds it, however that ends. Where the file system has no locks, nobody is kept
+    away.
+
+    Parameters
+    ----------
+    target
+        Absolute path of the file or folder that is to be written.
+
+    Yields
+    ------
+    bool
+        Whether the target is locked.
+
+    Raises
+    ------
+    OutputExistsError
+        If another writer has it.
+    """
+    if target in _held.get():
+        yield True
+        return
+    handle = _acquire(target)
+    token = _held.set(_held.get() | {target})
+    try:
+        yield handle is not None
+    finally:
+        _held.reset(token)
+        if handle is not None:
+            try:
+                # Removed while it is still locked: whoever opened it meanwhile finds that it is no longer there.
+                with contextlib.suppress(OSError):
+                    lock_path(target).unlink()
+            finally:
+                os.close(handle)
+
+
+def _acquire(target: Path) -> int | None:
+    lock = lock_path(target)
+    while True:
+        try:
+            handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except OSError:
+            # What cannot be locked here cannot be written here either, and the writing tells why.
+            return None
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_same(handle, lock):
+                os.ftruncate(handle, 0)
+                os.write(handle, f"{os.getpid()}\n".encode())
+                return handle
+        except OSError as error:
+            holder = _holder(handle)
+            os.close(handle)
+            if error.errno not in _TAKEN:
+                return None
+            message = f"is being written by another run{holder}; wait until it has ended, or give another output"
+            raise OutputExistsError(target, message) from error
+        # The former holder has removed it between our opening and locking it.
+        os.close(handle)
+
+
+def _is_same(handle: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _holder(handle: int) -> str:
+    try:
+        number = os.pread(handle, 20, 0).decode().strip()
+    except (OSError, UnicodeDecodeError):
+        return ""
+    return f" (process {number})" if number.isdecimal() else ""

@@ -1,0 +1,186 @@
+"""A second process that compiles kernels while the first one does too, and draws figures."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import IO, TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from scenetruth.estimators import MethodChoice
+    from scenetruth.scoring import FigureInfo
+
+__all__ = ["FigureWorker", "open_figure_worker"]
+
+_DIE_WITH_PARENT = 1
+
+
+class FigureWorker:
+    """Starts the process, which imports what it needs while other work goes on; it ends with the block, or with us.
+
+    Compiling and drawing keep one processor busy, whatever else there is.
+    """
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+        self._asked = False
+
+    def __enter__(self) -> Self:
+        with suppress(OSError):
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "scenetruth.pipeline.figure_worker", str(os.getpid())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                encoding="utf-8",
+            )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+
+    def compile_method(self, choice: MethodChoice, dtype: str) -> None:
+        """Have the kernels of a method compiled; whoever needs them reads them from disk then, or compiles on its own.
+
+        Parameters
+        ----------
+        choice
+            The method with its settings.
+        dtype
+            Of the images that it will be given.
+        """
+        settings = choice.settings.model_dump(mode="json")
+        self._compile({"method": choice.method, "settings": settings, "dtype": dtype})
+
+    def compile_last_of_truth(self) -> None:
+        """Have those kernels of the truth compiled that a run comes to last (`warming.compile_last_of_truth`)."""
+        self._compile({})
+
+    def _compile(self, what: dict[str, Any]) -> None:
+        if self._asked or self._process is None or self._process.stdin is None:
+            return
+        with suppress(OSError, ValueError):
+            self._process.stdin.write(json.dumps({"compile": what}) + "\n")
+            self._process.stdin.flush()
+
+    def draw(self, name: str, stores: dict[str, str | None], folder: Path) -> Future[FigureInfo | None]:
+        """Have one figure drawn; one at a time.
+
+        Parameters
+        ----------
+        name
+            The figure, one of `scenetruth.scoring.FIGURES`.
+        stores
+            Paths of ``recording``, ``estimate``, ``truth`` and ``score``, None for what there is not.
+        folder
+            Folder for the picture, which exists.
+
+        Returns
+        -------
+        concurrent.futures.Future
+            What `scenetruth.scoring.plot_all` tells of the figure. It fails if the process cannot draw it: whoever asks
+            draws it then, and meets the reason.
+        """
+        self._asked = True
+        future: Future[FigureInfo | None] = Future()
+        request = json.dumps({"name": name, "folder": str(folder), **stores})
+        threading.Thread(target=self._ask, args=(request, future), daemon=True).start()
+        return future
+
+    def _ask(self, request: str, future: Future[FigureInfo | None]) -> None:
+        try:
+            if self._process is None or self._process.stdin is None or self._process.stdout is None:
+                msg = "no second process"
+                raise OSError(msg)
+            self._process.stdin.write(request + "\n")
+            self._process.stdin.flush()
+            told = json.loads(self._process.stdout.readline())["figure"]
+            from scenetruth.scoring import FigureInfo
+
+            future.set_result(None if told is None else FigureInfo(*told))
+        except Exception as error:  # the process may end at any moment, in any way
+            future.set_exception(error)
+
+
+@contextmanager
+def open_figure_worker(wanted: int | FigureWorker) -> Iterator[FigureWorker | None]:
+    """Give a second process that compiles and draws while the block runs, or None.
+
+    Parameters
+    ----------
+    wanted
+        How many processes are wanted; there is at most one. Or one that runs, which is given as it is and not ended.
+    """
+    if isinstance(wanted, FigureWorker):
+        yield wanted
+    elif wanted < 1:
+        yield None
+    else:
+        with FigureWorker() as helper:
+            yield helper
+
+
+def _serve(requests: IO[str], answers: IO[str]) -> None:
+    """Compile and draw what is asked for, a line each."""
+    from scenetruth.scoring import Score, plot_one
+    from scenetruth.storage import open_store
+
+    opened: dict[str, Any] = {}
+
+    def read(path: str) -> Any:
+        if path.endswith(".json"):
+            return Score.from_json(Path(path).read_text(encoding="utf-8"))
+        return open_store(path)
+
+    for line in requests:
+        request = json.loads(line)
+        if "compile" in request:
+            from scenetruth.pipeline.precompilation import compile_late_truth_kernels, compile_method
+
+            # What goes wrong here does so again where somebody is told.
+            with suppress(Exception):
+                if request["compile"]:
+                    compile_method(**request["compile"])
+                else:
+                    compile_late_truth_kernels()
+            continue
+        parts: dict[str, Any] = {}
+        for key in ("recording", "estimate", "truth", "score"):
+            path = request[key]
+            if path is not None and path not in opened:
+                opened[path] = read(path)
+            parts[key] = None if path is None else opened[path]
+        figure = plot_one(request["name"], **parts, folder=request["folder"])
+        told = None if figure is None else [figure.file, figure.title, figure.caption]
+        answers.write(json.dumps({"figure": told}) + "\n")
+        answers.flush()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent does, however that ends."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+    if os.getppid() != parent:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    _end_with(int(sys.argv[1]))
+    import matplotlib.figure  # noqa: F401  # ahead of the first request
+
+    _serve(sys.stdin, sys.stdout)

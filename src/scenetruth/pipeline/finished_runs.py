@@ -1,0 +1,218 @@
+"""Verification and export of the results in a run directory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from scenetruth.errors import ExportError, MismatchError, Problem, ScenetruthError, StoreError
+from scenetruth.exporters import ExportResult, choose_format, export_data
+from scenetruth.pipeline.run_directory import RunDirectory
+from scenetruth.progress import Progress
+from scenetruth.scene import load_scene
+from scenetruth.schema import check_same_run
+from scenetruth.storage import is_store, open_store, verify_store
+
+__all__ = ["VerificationResult", "export_run", "verify_run"]
+
+
+@dataclass(frozen=True)
+class VerificationResult:
+    """What became of checking one result.
+
+    Parameters
+    ----------
+    path
+        The file or store.
+    problem
+        What is wrong with it; empty if nothing is.
+    """
+
+    path: Path
+    problem: str = ""
+
+
+def verify_run(folder: str | Path, progress: Progress | None = None) -> list[VerificationResult]:
+    """Check every result in the folder of a run, or a single store, down to the last byte of its data.
+
+    Parameters
+    ----------
+    folder
+        The folder, or the store.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    list of Verdict
+        One for every scene, store and score in the folder; of parts that do not belong together, one more.
+
+    Raises
+    ------
+    StoreError
+        If there is nothing of ours.
+
+    See Also
+    --------
+    load_store : It checks what it reads.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> with TemporaryDirectory() as folder:
+    ...     st.save_store(recording, f"{folder}/recording.zarr")
+    ...     [(found.path.name, found.problem) for found in verify_run(folder)]
+    [('recording.zarr', '')]
+    """
+    path = Path(folder)
+    if is_store(path):
+        parts = [path]
+    elif path.is_dir():
+        parts = list(_parts(RunDirectory(path)))
+    else:
+        raise StoreError(path, "no such folder")
+    if not parts:
+        raise StoreError(path, "holds no results of scenetruth")
+    verdicts = []
+    for done, part in enumerate(parts):
+        if progress is not None:
+            progress("verify", done, len(parts))
+        verdicts.append(VerificationResult(part, _problem(part)))
+    if progress is not None:
+        progress("verify", len(parts), len(parts))
+    whole = [verdict.path for verdict in verdicts if not verdict.problem and _is_named_store(verdict.path)]
+    try:
+        check_same_run({str(store): open_store(store).attrs for store in whole})
+    except MismatchError as error:
+        verdicts += [VerificationResult(Path(problem.path), problem.message) for problem in error.problems]
+    return verdicts
+
+
+def _parts(run: RunDirectory) -> Iterator[Path]:
+    yield from (file for file in (run.scene, run.recording, run.truth) if file.exists())
+    yield from sorted(run.stores("estimate*"))
+    yield from sorted(run.path.glob("score*.json"))
+
+
+def _is_named_store(path: Path) -> bool:
+    return path.name.endswith((".zarr", ".zarr.zip"))
+
+
+def _problem(part: Path) -> str:
+    from scenetruth.scoring import Score
+
+    try:
+        if _is_named_store(part):
+            verify_store(part)
+        elif part.suffix == ".json":
+            Score.read(part)
+        else:
+            load_scene(part)
+    except StoreError as error:
+        return error.message
+    except ScenetruthError as error:
+        return str(error)
+    except (OSError, UnicodeDecodeError) as error:
+        return f"cannot be read: {error}"
+    return ""
+
+
+def export_run(
+    folder: str | Path,
+    out: str | Path,
+    format: str,
+    *,
+    method: str | None = None,
+    row: int | None = None,
+    overwrite: bool = False,
+    **options: Any,
+) -> ExportResult:
+    """Write the recording of a run, and its truth or an estimate, in a format of others.
+
+    Parameters
+    ----------
+    folder
+        The folder of a run.
+    out
+        Folder to make.
+    format
+        Name of the format; see `export_formats` and ``docs/export.md``.
+    method
+        Write the estimate of this method; the truth if not given.
+    row
+        Of a grid of cameras, the row ``s_y``.
+    overwrite
+        Whether an earlier export may be replaced; what it did not write stays.
+    **options
+        Options of the format, such as ``left=0`` or ``flow="instantaneous"``.
+
+    Returns
+    -------
+    Exported
+        The files, and what a user should know of them. The same stands in the file ``export.json``.
+
+    Raises
+    ------
+    ExportError
+        If the format, its options or the data sets do not fit together; lists everything that is wrong.
+    MismatchError
+        If recording and maps are of different runs.
+    StoreError
+        If a store is missing or damaged, ``out`` exists and is not to be replaced, or it cannot be written.
+
+    See Also
+    --------
+    export_data : The same for data sets in memory.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 2, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> estimate = st.make_estimate(depth=np.ones((2, 8, 8)), like=recording)
+    >>> with TemporaryDirectory() as folder:
+    ...     st.save_store(recording, f"{folder}/recording.zarr")
+    ...     st.save_store(estimate, f"{folder}/estimate.zarr")
+    ...     done = st.export_run(folder, f"{folder}/cameras", "opencv_yaml", method="structure_tensor")
+    >>> done.files
+    ('s+0.yml', 's+1.yml')
+    """
+    # What is wrong with the call is told before stores are opened.
+    choose_format(format, options)
+    run = RunDirectory(folder)
+    recording = open_store(run.recording, "recording")
+    maps = _open_maps(run, method)
+    if row is not None:
+        maps = _row_of_maps(recording, maps, row, "truth" if method is None else "estimate")
+        recording = recording.sel(s_y=row)
+    return export_data(recording, maps, out, format, overwrite=overwrite, **options)
+
+
+def _open_maps(run: RunDirectory, method: str | None) -> xr.Dataset:
+    if method is not None:
+        return open_store(run.of(method).estimate, "estimate")
+    if not run.truth.exists():
+        remedy = "choose an estimate with --method NAME (method='NAME')"
+        raise StoreError(run.truth, f"no such store: the run has no truth; {remedy}")
+    return open_store(run.truth, "truth")
+
+
+def _row_of_maps(recording: xr.Dataset, maps: xr.Dataset, row: int, what: str) -> xr.Dataset:
+    rows = recording["s_y"].values.tolist() if "s_y" in recording["image"].dims else []
+    if row not in rows:
+        message = f"must be one of the rows {rows}" if rows else "is for grids of cameras; these stand in one row"
+        raise ExportError([Problem("row", message, row)])
+    # Maps of the reference camera alone are of its row, whatever else tells of all rows.
+    if row != 0 and not any(
+        "s_y" in item.dims and "x" in item.dims for name, item in maps.items() if name != "visible"
+    ):
+        raise ExportError([Problem("row", f"must be 0: the {what} is of that row alone", row)])
+    return maps.sel(s_y=row) if "s_y" in maps.dims else maps

@@ -1,0 +1,165 @@
+"""Precompilation of the numba kernels, by a small example of each kind of work."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scenetruth.progress import Progress
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from scenetruth.estimators import MethodChoice
+
+__all__ = ["compile_late_truth_kernels", "compile_method", "precompile", "small_recording"]
+
+_SMALL: dict[str, Any] = {
+    "camera": {"width": 48, "height": 36, "focal_length_px": 240.0},
+    "stage": {"positions": 3, "baseline_mm": 5.0},
+    "frames": {"count": 3, "frame_interval_s": 60.0},
+    "render": {"backend": "raycast", "supersampling": 2},
+    "seed": 1,
+}
+_NOISE: dict[str, Any] = {"kind": "noise", "wavelength_mm": [3, 15], "rms_contrast": 0.2}
+_SHEET: dict[str, Any] = {
+    "name": "sheet",
+    "mesh": {"kind": "plane", "size_mm": [300, 240], "resolution_mm": 12.0},
+    "pose": {"position_mm": [0, 0, 400], "rotations": [{"axis": [0, 1, 0], "angle_deg": 10}]},
+    "texture": _NOISE,
+}
+_MOVING: dict[str, Any] = {"motion": [{"kind": "velocity", "velocity_mm_per_frame": [0.3, 0, -0.5]}]}
+_SCENES: dict[str, dict[str, Any]] = {
+    "cube": {
+        **_SMALL,
+        "objects": [
+            {**_SHEET, **_MOVING},
+            {
+                "name": "cube",
+                "mesh": {"kind": "box", "size_mm": [60, 60, 60]},
+                "pose": {"position_mm": [0, 0, 330], "rotations": [{"axis": [0, 1, 0], "angle_deg": 30}]},
+                "texture": _NOISE,
+                **_MOVING,
+            },
+        ],
+        "lighting": {"ambient": 0.3, "lights": [{"kind": "directional", "direction": [0, 0.3, 1], "irradiance": 0.7}]},
+        "optics": {"psf": {"kind": "gaussian", "sigma_px": 0.7}},
+        "camera": {**_SMALL["camera"], "distortion": {"k1": -0.1}},
+        "sensor": {"bit_depth": 8, "noise_std": 0.005},
+    },
+    "leaf": {
+        **_SMALL,
+        "objects": [
+            {
+                "name": "leaf",
+                "mesh": {"kind": "leaf", "length_mm": 70, "width_mm": 60, "resolution_mm": 3.0},
+                "pose": {"position_mm": [-20, 0, 380]},
+                "texture": {"kind": "leaf", "channel": "green"},
+                "deformation": [{"kind": "growth", "rate_per_hour": 0.03}],
+            },
+            _SHEET,
+        ],
+        "sensor": "ideal",
+    },
+}
+
+
+def precompile(
+    progress: Progress | None = None, beside: Callable[[MethodChoice, str], None] | None = None
+) -> list[str]:
+    """Let numba compile the kernels of scenes, truth, methods and scores; what it has kept is read instead.
+
+    Compiled code is kept beside the package or in the user's cache, so that this takes a minute or two once, and a few
+    seconds from then on.
+
+    Parameters
+    ----------
+    progress
+        Called with (what, done, total).
+    beside
+        Lets a second process compile a method for images of a type, while this one compiles scenes and truth
+        (`FigureWorker.compile_method`).
+
+    Returns
+    -------
+    list of str
+        What was run: scenes and methods.
+    """
+    from scenetruth.errors import EstimateError
+    from scenetruth.estimators import choose, estimate, method_entries
+    from scenetruth.scene import scene_from_plain
+    from scenetruth.scoring import score
+    from scenetruth.simulation import simulate
+
+    methods = [entry.name for entry in method_entries() if entry.origin == "scenetruth"]
+    steps = len(_SCENES) * (1 + len(methods))
+    done: list[str] = []
+
+    def tell(what: str) -> None:
+        if progress is not None:
+            progress("warm-up", len(done), steps)
+        done.append(what)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if beside is not None:
+            for method in methods:
+                beside(choose({"method": method}), "uint8")
+        for name, plain in _SCENES.items():
+            tell(f"{name}: images and truth")
+            recording, truth = simulate(scene_from_plain(plain))
+            for method in methods:
+                tell(f"{name}: {method}")
+                # What an extra brings may not be there.
+                with suppress(EstimateError):
+                    score(estimate(recording, method), truth, margin_px=2)
+    if progress is not None:
+        progress("warm-up", steps, steps)
+    return done
+
+
+def compile_method(method: str, settings: Mapping[str, Any], dtype: str) -> None:
+    """Let numba compile the kernels of one method, by an estimate of a few small images.
+
+    Parameters
+    ----------
+    method, settings
+        As of `scenetruth.estimate`.
+    dtype
+        Of the images: kernels are compiled for each type.
+    """
+    from scenetruth.estimators import estimate
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        estimate(small_recording(dtype), method, dict(settings))
+
+
+def small_recording(dtype: str) -> xr.Dataset:
+    """Return a few small images of a type, of which every method can tell something."""
+    from scenetruth.schema import make_recording
+
+    # Noise smoothed by a binomial filter along both axes.
+    wide = np.random.default_rng(0).normal(size=(60, 108))
+    for _ in range(6):
+        wide = wide[2:] + 2 * wide[1:-1] + wide[:-2]
+        wide = wide[:, 2:] + 2 * wide[:, 1:-1] + wide[:, :-2]
+    wide = 0.5 + 0.15 * wide / wide.std()
+    # Disparity 2 px, and flow of 1 px per frame to the right.
+    images = np.array([[wide[:, 16 + 2 * s - t : 80 + 2 * s - t] for t in range(-2, 3)] for s in range(-2, 3)])
+    scale = 1.0 if np.dtype(dtype).kind == "f" else float(np.iinfo(dtype).max)
+    return make_recording(
+        (scale * np.clip(images, 0, 1)).astype(dtype), focal_length_px=240.0, baseline_mm=5.0, full_scale=scale
+    )
+
+
+def compile_late_truth_kernels() -> None:
+    """Let numba compile what truth needs last: the kernels that tell which cameras see a point."""
+    from scenetruth.scene import scene_from_plain
+    from scenetruth.truth import compile_visibility
+
+    compile_visibility(scene_from_plain(_SCENES["cube"]))

@@ -1,0 +1,86 @@
+"""Checks before a run: the methods that it uses, and whether they can estimate what will be recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import xarray as xr
+
+from scenetruth.errors import Problem
+from scenetruth.estimators import MethodChoice, StreamingMethod, choose, find_method, requirements
+from scenetruth.provenance import blank_recording
+from scenetruth.resources import MethodWorkload, RecordingWorkload
+from scenetruth.scene import Scene
+
+__all__ = ["compute_method_workload", "compute_recording_workload", "method_choices", "run_problems"]
+
+
+def method_choices(scene: Scene, methods: Sequence[str | MethodChoice]) -> list[MethodChoice]:
+    """Return methods with their settings: the scene's for the scene's own method, defaults for others.
+
+    Raises
+    ------
+    EstimateError
+        If there is no such method.
+    """
+    own = scene.estimate
+    if not methods:
+        return [own]
+    return [
+        item if isinstance(item, MethodChoice) else own if item == own.method else choose({"method": item})
+        for item in dict.fromkeys(methods)
+    ]
+
+
+def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]:
+    """Return what will keep methods from estimating the recording of a scene, before it is made."""
+    blank = blank_recording(scene)
+    found = [
+        problem for choice in choices for problem in requirements(blank, find_method(choice.method), choice.settings)
+    ]
+    return list(dict.fromkeys(found))
+
+
+def compute_method_workload(choices: Sequence[MethodChoice]) -> MethodWorkload:
+    """Return what the methods that estimate a recording one after the other take at most.
+
+    Parameters
+    ----------
+    choices
+        The methods.
+    """
+    efforts = []
+    for choice in choices:
+        method = find_method(choice.method)
+        if isinstance(method, StreamingMethod):
+            efforts.append(
+                MethodWorkload(False, method.bytes_per_pixel, method.pixels_at_once, method.seconds_per_sample)
+            )
+        else:
+            efforts.append(MethodWorkload(in_memory=True))
+    if not efforts:
+        return MethodWorkload()
+    most = max(efforts, key=lambda effort: effort.bytes_per_pixel)
+    seconds = sum(effort.seconds_per_sample for effort in efforts)
+    return replace(most, in_memory=any(effort.in_memory for effort in efforts), seconds_per_sample=seconds)
+
+
+def compute_recording_workload(recording: xr.Dataset, effort: MethodWorkload | None = None) -> RecordingWorkload:
+    """Return what the work on a recording grows with.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    effort
+        What the method of estimation takes; that of the structure tensor if not given.
+    """
+    sizes = recording["image"].sizes
+    return RecordingWorkload(
+        pixels=sizes["y"] * sizes["x"],
+        positions=sizes["s"] * sizes.get("s_y", 1),
+        frames=sizes["t"],
+        sample_bytes=recording["image"].dtype.itemsize * sizes.get("channel", 1),
+        effort=effort or MethodWorkload(),
+    )

@@ -1,0 +1,163 @@
+"""Validation of plain data: JSON texts and values from files, and arguments of functions."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any, get_args
+
+from scenetruth.errors import Problem
+
+__all__ = [
+    "LARGEST_INTEGER",
+    "MAX_DEPTH",
+    "MAX_VALUES",
+    "argument_problems",
+    "parse_json",
+    "plain_problems",
+    "scalar_problem",
+]
+
+MAX_DEPTH = 40
+"""Mappings and lists inside each other; scenes need about ten, and recursive code bears some hundreds."""
+MAX_VALUES = 100_000
+"""Values of a tree, each counted as often as it is there: what a second or two can go through."""
+LARGEST_INTEGER = 2**63 - 1
+"""What 64 bits hold, as files and arrays do."""
+
+
+def scalar_problem(value: Any) -> str:
+    r"""Return what is wrong with a value that is no mapping and no list, or an empty text.
+
+    Examples
+    --------
+    >>> scalar_problem(2**63), scalar_problem("a\0b"), scalar_problem(2**62)
+    ('does not fit into 64 bits', 'holds the character NUL, which no name or text may have', '')
+    """
+    if isinstance(value, str):
+        if "\0" in value:
+            return "holds the character NUL, which no name or text may have"
+        if not value.isascii() and any("\ud800" <= character <= "\udfff" for character in value):
+            return "holds half a character (a surrogate), which cannot be written in UTF-8"
+    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        return "does not fit into 64 bits"
+    return ""
+
+
+def plain_problems(tree: Any, *, any_keys: bool = False) -> list[Problem]:
+    r"""Return what keeps a tree of plain values from being worked on; what it means is not looked at.
+
+    Refused are keys that are no texts, texts that cannot be written, integers of more than 64 bits, trees that are too
+    deep or contain themselves, and those of more values than `MAX_VALUES`.
+
+    Parameters
+    ----------
+    tree
+        Mappings, lists and tuples, and whatever is in them.
+    any_keys
+        Whether keys may be anything.
+
+    Examples
+    --------
+    >>> endless = {"a": 1}
+    >>> endless["b"] = [endless]
+    >>> print(*plain_problems(endless), *plain_problems({"a": {3: 4}}), sep="\n")
+    b.0: contains itself (got {'a': 1, 'b': [{'a': 1, 'b': [{'a': 1, 'b': [{'a': 1, 'b': [{'a': 1, 'b'...)
+    a: keys must be texts, not of type int (got 3)
+    """
+    problems: list[Problem] = []
+    count = 0
+    # What is open: an iterator over what is left of a mapping or list, and the identity of it.
+    path: list[str] = []
+    around: list[int] = []
+    open_: list[Iterator[tuple[Any, Any]]] = [iter([("", tree)])]
+    while open_:
+        try:
+            key, value = next(open_[-1], (None, open_))
+        except RuntimeError:  # changed while it was gone through: by another thread
+            return [*problems, Problem(".".join(path), "changes while it is read")]
+        if value is open_:
+            open_.pop()
+            if path:
+                path.pop()
+                around.pop()
+            continue
+        here = ".".join([*path[1:], str(key)]) if path else ""
+        count += 1
+        if count > MAX_VALUES:
+            return [*problems, Problem(here, f"makes more than {MAX_VALUES:,} values in all, which no scene needs")]
+        message = "" if isinstance(value, Mapping | list | tuple) else scalar_problem(value)
+        if message:
+            problems.append(Problem(here, message, value))
+        if not isinstance(value, Mapping | list | tuple):
+            continue
+        if id(value) in around:
+            problems.append(Problem(here, "contains itself", value))
+            continue
+        if len(around) == MAX_DEPTH:
+            return [*problems, Problem(here, f"is nested more than {MAX_DEPTH} deep")]
+        if isinstance(value, Mapping):
+            problems += [
+                Problem(here, f"keys must be texts, not of type {type(name).__name__}", name)
+                for name in value
+                if not any_keys and not isinstance(name, str)
+            ]
+            problems += [
+                Problem(here, f"a key {message}", name)
+                for name in value
+                if isinstance(name, str) and (message := scalar_problem(name))
+            ]
+        if len(problems) > _MAX_SHOWN:
+            return problems
+        path.append(str(key) if path else "")
+        around.append(id(value))
+        open_.append(iter(value.items()) if isinstance(value, Mapping) else enumerate(value))
+    return problems
+
+
+_MAX_SHOWN = 100
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return what a JSON text says.
+
+    Raises
+    ------
+    ValueError
+        If it is no JSON, is nested too deeply for the reader, or holds a number that Python does not read.
+
+    Examples
+    --------
+    >>> parse_json('{"a": [1, 2.5]}')
+    {'a': [1, 2.5]}
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        msg = "is nested too deeply"
+        raise ValueError(msg) from error
+
+
+def argument_problems(progress: Any = None, **choices: tuple[Any, Any]) -> list[Problem]:
+    """Return what is wrong with arguments whose types nobody checks at a call.
+
+    Parameters
+    ----------
+    progress
+        What is to be called as the work goes on, or None.
+    **choices
+        Values and the literal types of which they must be, by the names of the arguments.
+
+    Examples
+    --------
+    >>> from typing import Literal
+    >>> print(*argument_problems(truth_views=("al", Literal["reference", "all"])))
+    truth_views: must be 'reference' or 'all' (got 'al')
+    """
+    problems = [] if progress is None or callable(progress) else [Problem("progress", "must be callable", progress)]
+    for name, (value, literal) in choices.items():
+        words = get_args(literal)
+        if not any(value == word and type(value) is type(word) for word in words):
+            message = f"must be {' or '.join(map(repr, words))}"
+            problems.append(Problem(name, message, "None" if value is None else value))
+    return problems

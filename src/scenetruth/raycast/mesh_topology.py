@@ -1,0 +1,150 @@
+"""The topology of a mesh, its edges and the faces that share them.
+
+The arrays of a textured mesh and of an image's rays that kernels take.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["ImageRays", "TexturedMesh", "Topology"]
+
+
+CREASE_DEG = 1.0
+"""Crease angle of meshes without one of their own: almost every edge is sharp."""
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Faces and edges of a mesh, and which faces meet at an edge; constant while the mesh moves.
+
+    Parameters
+    ----------
+    faces
+        Vertex indices, shape (m, 3), int32.
+    edges
+        The two vertices of every edge, shape (k, 2), int32.
+    edge_faces
+        The two faces at every edge, shape (k, 2), int32; -1 where a boundary edge has no second face.
+    edge_flipped
+        Whether the two faces at the edge run around it in the same sense, so that one of them is turned inside out.
+    edge_crowded
+        Whether more than two faces meet at the edge.
+    face_neighbours
+        The face across each of the three edges of every face, shape (m, 3), int32; -1 for none. Edge k runs from corner
+        k to the next one.
+    edge_crease_cosine
+        Cosine of the angle between the two faces at the edge above which the edge is sharp, shape (k,), float64; 2
+        where it is sharp whatever the angle.
+    """
+
+    faces: NDArray[np.int32]
+    edges: NDArray[np.int32]
+    edge_faces: NDArray[np.int32]
+    edge_flipped: NDArray[np.bool_]
+    edge_crowded: NDArray[np.bool_]
+    face_neighbours: NDArray[np.int32]
+    edge_crease_cosine: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        vertices: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        crease_deg: float | NDArray[np.float64] = CREASE_DEG,
+    ) -> Topology:
+        """Find the edges of a mesh; vertices at the same place count as one, as at the seams of a texture.
+
+        Parameters
+        ----------
+        vertices
+            Positions, shape (n, 3).
+        faces
+            Vertex indices, shape (m, 3).
+        crease_deg
+            Crease angle of all faces, of each, shape (m,), or of each of their sides, shape (m, 3), where side k runs
+            from corner k to the next: an edge is sharp if its faces differ by more than the smaller of their two
+            angles, or if that is 0.
+
+        Returns
+        -------
+        Topology
+            Faces and edges.
+        """
+        first, welded = _weld(vertices)
+        corners = welded[faces]
+        count = len(faces)
+        half = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
+        owner = np.repeat(np.arange(count, dtype=np.int32), 3)
+        # One number for each pair sorts faster than pairs, and in the same order.
+        keys = half.min(axis=1) * len(first) + half.max(axis=1)
+        pairs, edge_of_half, uses = np.unique(keys, return_inverse=True, return_counts=True)
+        order = np.argsort(edge_of_half, kind="stable")
+        start = np.concatenate([[0], np.cumsum(uses)[:-1]])
+        one = order[start]
+        two = np.where(uses > 1, order[np.minimum(start + 1, len(order) - 1)], -1)
+        has_two = two >= 0
+        edge_faces = np.stack([owner[one], np.where(has_two, owner[two], -1)], axis=1).astype(np.int32)
+        given = np.asarray(crease_deg, dtype=np.float64)
+        creases = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (count, 3)).reshape(-1)
+        crease = np.where(has_two, np.minimum(creases[one], creases[two]), creases[one])
+        flipped = has_two & (half[one, 0] == half[two, 0])
+        neighbours = np.full(len(half), -1, dtype=np.int32)
+        neighbours[one[has_two]] = owner[two[has_two]]
+        neighbours[two[has_two]] = owner[one[has_two]]
+        return cls(
+            faces=faces,
+            edges=first[np.stack(np.divmod(pairs, len(first)), axis=1)].astype(np.int32),
+            edge_faces=edge_faces,
+            edge_flipped=flipped,
+            edge_crowded=uses > 2,
+            face_neighbours=neighbours.reshape(count, 3),
+            edge_crease_cosine=np.where(crease > 0, np.cos(np.deg2rad(crease)), 2.0),
+        )
+
+
+def _weld(vertices: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first vertex at every place, in the places' order, and the place of every vertex."""
+    order = np.lexsort(vertices.T[::-1])
+    ahead = vertices[order]
+    new = np.ones(len(order), dtype=np.bool_)
+    new[1:] = (ahead[1:] != ahead[:-1]).any(axis=1)
+    places = np.empty(len(order), dtype=np.int64)
+    places[order] = np.cumsum(new) - 1
+    return order[new].astype(np.int64), places
+
+
+class TexturedMesh(NamedTuple):
+    """A mesh at one time with texture coordinates."""
+
+    vertices: NDArray[np.float64]
+    """World positions in mm, shape (n, 3)."""
+    faces: NDArray[np.int32]
+    """Corners of the faces, shape (m, 3)."""
+    neighbours: NDArray[np.int32]
+    """The face across each edge, shape (m, 3); -1 for none (`Topology.face_neighbours`)."""
+    face_body: NDArray[np.int32]
+    """The body that each face belongs to, shape (m,)."""
+    uv: NDArray[np.float64]
+    """Texture coordinates of the faces' corners, shape (m, 3, 2)."""
+
+
+class ImageRays(NamedTuple):
+    """The rays through the pixel centres of an image, row by row, and the faces that they meet first."""
+
+    origin: NDArray[np.float64]
+    """Where all rays start, shape (3,)."""
+    directions: NDArray[np.float64]
+    """Their directions, shape (n, 3)."""
+    across: NDArray[np.float64]
+    """Change of the direction by one pixel to the right, a row for every pixel or one for all, shape (n or 1, 3)."""
+    down: NDArray[np.float64]
+    """Change of the direction by one pixel down."""
+    face: NDArray[np.int32]
+    """The face that each ray meets first, -1 for none, shape (n,)."""
+    width: int
+    """Pixels per row."""

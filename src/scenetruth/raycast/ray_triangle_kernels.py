@@ -1,0 +1,293 @@
+"""A triangle as linear functions of a ray's direction, the rule by which a ray is inside it.
+
+The central projection in which faces are sorted to rays.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "DISTANCE",
+    "FORMS",
+    "HIGH_U",
+    "HIGH_V",
+    "LEAST_COSINE",
+    "LOW_U",
+    "LOW_V",
+    "PLANE_MARGIN",
+    "RANGES",
+    "blurs",
+    "components",
+    "depth_on",
+    "edge_functions",
+    "inside",
+    "rounding",
+    "slope",
+    "weigh",
+    "within",
+    "write_forms",
+]
+
+
+# Places of the numbers that are kept of a face. All but DISTANCE are coefficients of a ray's direction d = (x, y, z):
+# of the edge functions of the edges opposite to corners 0, 1 and 2, of the scalar product with the normal (not of unit
+# length), and of the bound of the edge functions' rounding, which |x|, |y| and |z| multiply. DISTANCE is the scalar
+# product of the normal with a corner.
+W0_X, W0_Y, W0_Z, W1_X, W1_Y, W1_Z, W2_X, W2_Y, W2_Z = range(9)
+NORMAL_X, NORMAL_Y, NORMAL_Z, DISTANCE = range(9, 13)
+BLUR_X, BLUR_Y, BLUR_Z = range(13, 16)
+FORMS = 16
+
+# An edge function d . (p x q) has at most 3 roundings (of 2^-53) of a sum of six products, and two of the whole.
+_ROUNDINGS = 8 * 2.0**-52
+# Faces whose three edge functions add up to less than so many times the rounding are seen edge-on: they gain no border.
+_EDGE_ON = 1e3
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def blurs(
+    ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
+) -> Any:  # fmt: skip
+    """Bound the rounding errors of a face's edge functions.
+
+    Parameters
+    ----------
+    ax, ay, az, bx, by, bz, cx, cy, cz
+        The three corners, relative to the origin of the ray, in mm.
+
+    Returns
+    -------
+    tuple of float
+        Bounds in mm² for each unit of |d_x|, |d_y| and |d_z| of the ray's direction d.
+    """
+    x, y, z = max(abs(ax), abs(bx), abs(cx)), max(abs(ay), abs(by), abs(cy)), max(abs(az), abs(bz), abs(cz))
+    return _ROUNDINGS * y * z, _ROUNDINGS * z * x, _ROUNDINGS * x * y
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def inside(w0: float, w1: float, w2: float, blur: float) -> Any:
+    """Tell whether a ray is inside a face, edges included.
+
+    The edge functions of two faces at their common edge have exactly opposite signs, so that no ray passes between the
+    two. At a corner, the functions of several edges are zero but for rounding, and their signs may be such that no face
+    has the ray. Therefore a face also has the rays that pass outside its edges by no more than the rounding error.
+
+    Parameters
+    ----------
+    w0, w1, w2
+        The edge functions of the ray.
+    blur
+        Bound of their rounding errors, not negative.
+
+    Returns
+    -------
+    bool
+        Whether all three have the same sign, within rounding. Never for faces seen exactly edge-on.
+    """
+    total = w0 + w1 + w2
+    if (w0 >= 0.0 and w1 >= 0.0 and w2 >= 0.0) or (w0 <= 0.0 and w1 <= 0.0 and w2 <= 0.0):
+        return total != 0.0
+    if min(w0, w1, w2) >= -blur:
+        return total > _EDGE_ON * blur
+    if max(w0, w1, w2) <= blur:
+        return total < -_EDGE_ON * blur
+    return False
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def write_forms(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
+    form: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write the coefficients by which a ray's direction gives the edge functions of a face, its slope and rounding.
+
+    The operations and their order are those of `kernels._meet`, so that both find the same bits.
+
+    Parameters
+    ----------
+    vertices
+        World positions in mm, shape (n, 3).
+    faces
+        Corners of the faces, shape (m, 3).
+    face
+        Index of the face.
+    origin
+        Where the rays start, in mm, shape (3,).
+    form
+        Output, shape (16,), in the order of `W0_X` to `BLUR_Z`.
+    """
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
+    bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
+    cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
+    form[W0_X], form[W0_Y], form[W0_Z] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    form[W1_X], form[W1_Y], form[W1_Z] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+    form[W2_X], form[W2_Y], form[W2_Z] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    ux, uy, uz = bx - ax, by - ay, bz - az
+    vx, vy, vz = cx - ax, cy - ay, cz - az
+    form[NORMAL_X], form[NORMAL_Y], form[NORMAL_Z] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    form[DISTANCE] = form[NORMAL_X] * ax + form[NORMAL_Y] * ay + form[NORMAL_Z] * az
+    form[BLUR_X], form[BLUR_Y], form[BLUR_Z] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def edge_functions(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Evaluate the edge functions of a face (Pineda, SIGGRAPH 1988) for a ray.
+
+    Parameters
+    ----------
+    form
+        What `write_forms` wrote.
+    dx, dy, dz
+        Direction of the ray, of any length.
+
+    Returns
+    -------
+    tuple of float
+        w_k = d . (p x q) with the corners p and q of the edge opposite to corner k, in mm² times the length of d.
+    """
+    w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
+    w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
+    w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
+    return w0, w1, w2
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def rounding(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Bound the rounding errors of the edge functions of a face for a ray.
+
+    Parameters
+    ----------
+    form, dx, dy, dz
+        As of `edge_functions`.
+
+    Returns
+    -------
+    float
+        The bound, in the unit of the edge functions.
+    """
+    return abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def slope(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Return the scalar product of a face's normal with the direction of a ray.
+
+    Parameters
+    ----------
+    form, dx, dy, dz
+        As of `edge_functions`.
+
+    Returns
+    -------
+    float
+        The product. ``form[DISTANCE]`` over it is the ray parameter at which the ray meets the face's plane.
+    """
+    return form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Return the barycentric coordinates of the point at which a ray meets a face.
+
+    Parameters
+    ----------
+    form, dx, dy, dz
+        As of `edge_functions`.
+
+    Returns
+    -------
+    tuple of float
+        Coordinates of the second and third corner.
+    """
+    w0, w1, w2 = edge_functions(form, dx, dy, dz)
+    total = w0 + w1 + w2
+    return w1 / total, w2 / total
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def depth_on(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
+    """Return the ray parameter at which a ray meets a face's plane; -1 if it runs along it.
+
+    Parameters
+    ----------
+    form, dx, dy, dz
+        As of `edge_functions`.
+    """
+    towards = slope(form, dx, dy, dz)
+    return form[DISTANCE] / towards if towards != 0.0 else -1.0
+
+
+LOW_U, HIGH_U, LOW_V, HIGH_V = range(4)
+"""Places of the ranges of u and v that a face, a tile or a field of rays covers in the projection."""
+
+RANGES = 4
+"""How many numbers these are."""
+
+LEAST_COSINE = 0.05
+"""Directions must point this far (cosine of the angle to the axis) into the half space of the axis."""
+
+PLANE_MARGIN = 1e-12
+"""Bounds of edge functions that only skip work err by this share of their size on the safe side; rounding is below."""
+
+# Rows of a frame: two unit vectors across the axis, and the axis itself.
+_ACROSS, _DOWN, _AXIS = range(3)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def components(x: float, y: float, z: float, frame: NDArray[np.float64]) -> Any:
+    """Return the components of a vector in a frame.
+
+    Parameters
+    ----------
+    x, y, z
+        The vector, in the world.
+    frame
+        Two unit vectors across the axis, and the axis, as the rows of a rotation, shape (3, 3).
+
+    Returns
+    -------
+    tuple of float
+        Components across, down and along the axis. Across / along and down / along are u and v of the projection.
+    """
+    across = x * frame[_ACROSS, 0] + y * frame[_ACROSS, 1] + z * frame[_ACROSS, 2]
+    down = x * frame[_DOWN, 0] + y * frame[_DOWN, 1] + z * frame[_DOWN, 2]
+    along = x * frame[_AXIS, 0] + y * frame[_AXIS, 1] + z * frame[_AXIS, 2]
+    return across, down, along
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def within(
+    along_u: float, along_v: float, constant: float, margin: float, low_v: float, high_v: float, low: float, high: float
+) -> Any:  # fmt: skip
+    """Narrow a range of u to where along_u u + along_v v + constant may be above 0, for some v in a range.
+
+    Parameters
+    ----------
+    along_u, along_v, constant
+        The linear function: an edge function over the ray's component along the axis.
+    margin
+        By how much it may be below 0; larger than all rounding.
+    low_v, high_v
+        The range of v.
+    low, high
+        The range of u.
+
+    Returns
+    -------
+    tuple of float
+        The narrower range of u, from infinity to minus infinity if it is empty.
+    """
+    least = -(margin + constant + max(along_v * low_v, along_v * high_v))
+    if along_u > 0.0:
+        low = max(low, least / along_u)
+    elif along_u < 0.0:
+        high = min(high, least / along_u)
+    elif least > 0.0:
+        low, high = np.inf, -np.inf
+    return low, high

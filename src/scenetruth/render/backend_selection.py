@@ -1,0 +1,98 @@
+"""Selection of the render backend: the one that the scene names, or the best one that runs on this machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from scenetruth.camera import Camera
+from scenetruth.errors import BackendUnavailableError
+from scenetruth.render.lens_and_shutter import LensRenderer, fine_parts, is_sharp, split_into_bands
+from scenetruth.render.renderer import Renderer
+from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.scene_models import Scene
+
+__all__ = ["BackendChoice", "choose_renderer"]
+
+
+@dataclass(frozen=True)
+class BackendChoice:
+    """A renderer, and why it is not the first choice (empty if it is)."""
+
+    renderer: Renderer
+    fallback_reason: str = ""
+
+
+def choose_renderer(scene: Scene, world: BuiltScene) -> BackendChoice:
+    """Open the render backend of a scene, behind its lens and its shutter.
+
+    ``auto`` takes ``pyrender`` on OSMesa, then on EGL, then ``raycast``; and ``raycast`` for what OpenGL cannot render:
+    a lens that distorts, a rolling shutter.
+
+    Parameters
+    ----------
+    scene
+        The scene; its ``render`` section says which backend and how many samples.
+    world
+        Its objects.
+
+    Returns
+    -------
+    Choice
+        The open renderer, and why it is not the first choice.
+
+    Raises
+    ------
+    BackendUnavailableError
+        If ``pyrender`` is asked for by name and does not run here.
+    """
+    settings = scene.render
+    reason = ""
+    if settings.backend != "raycast":
+        curved = scene.needs_rays
+        if curved and settings.backend == "auto":
+            return BackendChoice(
+                _raycast(scene, world), f"OpenGL cannot render {curved}; rendered by ray casting instead"
+            )
+        try:
+            return _pyrender(scene, world)
+        except BackendUnavailableError as error:
+            if settings.backend == "pyrender":
+                raise
+            reason = f"{error}; rendered by ray casting instead"
+    return BackendChoice(_raycast(scene, world), reason)
+
+
+def _pyrender(scene: Scene, world: BuiltScene) -> BackendChoice:
+    from scenetruth.render.pyrender_backend import PyrenderRenderer
+
+    settings = scene.render
+
+    def open_renderer(camera: Camera, supersampling: int) -> Renderer:
+        return PyrenderRenderer(world, camera, scene.background, supersampling, settings.platform, scene.lighting)
+
+    renderer = _behind_lens(scene, world, open_renderer)
+    on_egl = settings.platform == "auto" and renderer.name != "pyrender (osmesa)"
+    return BackendChoice(renderer, "OSMesa does not run here; rendered on EGL instead" if on_egl else "")
+
+
+def _raycast(scene: Scene, world: BuiltScene) -> Renderer:
+    from scenetruth.raycast import Topology
+    from scenetruth.render.raycast_backend import RaycastRenderer
+
+    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+
+    def open_renderer(camera: Camera, supersampling: int) -> Renderer:
+        return RaycastRenderer(world, camera, scene.background, supersampling, scene.lighting, topology)
+
+    return _behind_lens(scene, world, open_renderer)
+
+
+def _behind_lens(scene: Scene, world: BuiltScene, open_renderer: Callable[[Camera, int], Renderer]) -> Renderer:
+    camera, optics, shutter, samples = scene.camera, scene.optics, scene.shutter, scene.render.supersampling
+    if is_sharp(optics, shutter):
+        return open_renderer(camera, samples)
+    parts = fine_parts(optics.psf)
+    bands = split_into_bands(camera, optics, shutter, lambda fine: open_renderer(fine, max(1, -(-samples // parts))))
+    name = bands[0].renderer.name
+    return LensRenderer(name, bands, world, camera, optics, shutter, scene.frames.frame_interval_s)

@@ -1,0 +1,292 @@
+"""Images through a lens and a shutter: means of sharp images over aperture and exposure, then blurred and vignetted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import Camera, Optics, Shutter, Viewpoint
+from scenetruth.camera.lens import Psf
+from scenetruth.compilation import thread_count
+from scenetruth.render.renderer import Renderer
+from scenetruth.scene.built_scene import BuiltScene
+
+__all__ = [
+    "DepthBand",
+    "LensRenderer",
+    "blurred",
+    "fine_parts",
+    "is_sharp",
+    "margin_px",
+    "motion_px",
+    "split_into_bands",
+]
+
+# Parts of a pixel, along x and y, before light is spread. Edges within a part alias: by about (w / parts)² of what the
+# spectrum has at w periods per px, so that a lens that lets more pass needs more parts.
+_PARTS, _MORE_PARTS, _NARROW_PX = 4, 8, 0.3
+_SAMPLES_PER_PX, _FEWEST, _MOST = 4, 4, 256
+_GOLDEN = (np.sqrt(5) - 1) / 2
+
+
+@dataclass(frozen=True)
+class DepthBand:
+    """A renderer of some rows of an image, which sees a margin of rows above and below that is cut off.
+
+    Parameters
+    ----------
+    rows
+        First and last + 1 row, of the fine image.
+    margin
+        Rows that the renderer's image has above; as many as below may follow.
+    renderer
+        What renders them.
+    """
+
+    rows: tuple[int, int]
+    margin: int
+    renderer: Renderer
+
+
+def is_sharp(optics: Optics, shutter: Shutter) -> bool:
+    """Tell whether lens and shutter leave images as they are.
+
+    Parameters
+    ----------
+    optics, shutter
+        The lens and the shutter.
+
+    Returns
+    -------
+    bool
+        True without point spread function, defocus, vignetting, exposure time and readout time.
+    """
+    return optics == Optics() and shutter.exposure_time_s == 0 and shutter.readout_time_s == 0
+
+
+def fine_parts(psf: Psf | None) -> int:
+    """Return into how many parts pixels are divided before the point spread function is applied.
+
+    Parameters
+    ----------
+    psf
+        The point spread function; None for none.
+
+    Returns
+    -------
+    int
+        Number of parts along x, and along y.
+    """
+    if psf is None:
+        return 1
+    return _PARTS if psf.finest_px >= _NARROW_PX else _MORE_PARTS
+
+
+def margin_px(psf: Psf | None) -> int:
+    """Return the margin around the image from which a point spread function spreads light into it.
+
+    Parameters
+    ----------
+    psf
+        The point spread function; None for none.
+
+    Returns
+    -------
+    int
+        Margin in px on every side.
+    """
+    return 0 if psf is None else int(np.ceil(psf.reach_px))
+
+
+def motion_px(
+    world: BuiltScene, camera: Camera, viewpoint: Viewpoint, times: tuple[float, float], travel_mm: float
+) -> float:
+    """Return the longest displacement in the image of a vertex in front of the camera.
+
+    Parameters
+    ----------
+    world, camera, viewpoint
+        The scene's objects, the camera, and its pose in the middle of the time.
+    times
+        First and last moment in frames.
+    travel_mm
+        How far the camera moves along X in this time.
+
+    Returns
+    -------
+    float
+        Displacement in px; 0 if no vertex is in front of the camera.
+    """
+    ends = []
+    for time, share in zip(times, (-0.5, 0.5), strict=True):
+        place = viewpoint.moved((share * travel_mm, 0.0, 0.0))
+        ends.append(place.to_camera(world.at(time).vertices_mm))
+    front = (ends[0][:, 2] > 0) & (ends[1][:, 2] > 0)
+    if not front.any():
+        return 0.0
+    pinhole = camera.without_distortion()
+    step = pinhole.project(ends[1][front]) - pinhole.project(ends[0][front])
+    return float(np.linalg.norm(step, axis=1).max())
+
+
+def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float64]:
+    """Convolve an image with a point spread function.
+
+    The transfer function multiplies the image's spectrum; the image wraps around, so that it needs a margin.
+
+    Parameters
+    ----------
+    fine
+        Mean radiance of the parts of pixels, shape (y, x).
+    psf
+        The point spread function.
+    parts
+        Parts per pixel.
+
+    Returns
+    -------
+    numpy.ndarray
+        The blurred image, shape (y, x), float64.
+    """
+    from scipy import fft
+
+    rows, columns = (fft.next_fast_len(size, real=True) for size in fine.shape)
+    # Borders repeat into what is added to reach a fast length: no step where the image wraps around.
+    padded = np.pad(fine, ((0, rows - fine.shape[0]), (0, columns - fine.shape[1])), mode="edge")
+    frequency = np.hypot(fft.fftfreq(rows, 1 / parts)[:, None], fft.rfftfreq(columns, 1 / parts)[None, :])
+    spectrum = fft.rfft2(padded, workers=thread_count()) * psf.transfer(frequency)
+    spread = fft.irfft2(spectrum, (rows, columns), workers=thread_count())
+    return np.asarray(spread[: fine.shape[0], : fine.shape[1]])
+
+
+class LensRenderer(Renderer):
+    """Renders images through a lens and a shutter: means of sharp images, blurred and darkened.
+
+    Parameters
+    ----------
+    name
+        Name of the backend that renders the sharp images.
+    bands
+        Renderers that together see the fine image: one for all rows, or one for every row with a time of its own.
+    world, camera
+        The scene's objects, and the camera.
+    optics, shutter
+        Its lens and its shutter.
+    frame_interval_s
+        Time between frames.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        bands: Sequence[DepthBand],
+        world: BuiltScene,
+        camera: Camera,
+        optics: Optics,
+        shutter: Shutter,
+        frame_interval_s: float,
+    ) -> None:
+        self.name = name
+        self._bands = tuple(bands)
+        self._world = world
+        self._camera = camera
+        self._optics = optics
+        self._shutter = shutter
+        self._frame_interval_s = frame_interval_s
+        self._parts, self._margin = fine_parts(optics.psf), margin_px(optics.psf)
+        self._shade = None if optics.vignetting is None else optics.vignetting.factor(camera)
+
+    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the image at time t from a viewpoint, both in the middle of the exposure; see `Renderer.render`."""
+        fine = self._mean(t, viewpoint)
+        psf, parts, margin = self._optics.psf, self._parts, self._margin
+        if psf is not None:
+            fine = blurred(fine, psf, parts)
+        height, width = self._camera.height, self._camera.width
+        image = fine.reshape(height + 2 * margin, parts, width + 2 * margin, parts).mean(axis=(1, 3))
+        image = image[margin : margin + height, margin : margin + width]
+        if self._shade is not None:
+            image = image * self._shade
+        return np.asarray(image, dtype=np.float32)
+
+    def _mean(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float64]:
+        shutter = self._shutter
+        offsets_s, points_mm = self._samples(t, viewpoint)
+        focus = np.inf if self._optics.defocus is None else self._optics.defocus.focus_distance_mm
+        total = np.zeros(
+            (
+                (self._camera.height + 2 * self._margin) * self._parts,
+                (self._camera.width + 2 * self._margin) * self._parts,
+            )
+        )
+        for offset_s, point in zip(offsets_s, points_mm, strict=True):
+            aside = viewpoint.directions_to_world(np.array([point[0], point[1], 0.0]))
+            shear = (-float(point[0]) / focus, -float(point[1]) / focus)
+            for band in self._bands:
+                first, last = band.rows
+                middle = (first + last - 1) / 2 / self._parts - self._margin - (0.5 - 0.5 / self._parts)
+                later_s = float(offset_s + shutter.row_offsets_s(np.array(middle), self._camera.height))
+                travel = np.array([shutter.stage_speed_mm_per_s * later_s, 0.0, 0.0])
+                image = band.renderer.render(
+                    t + later_s / self._frame_interval_s, viewpoint.moved(aside + travel, shear)
+                )
+                total[first:last] += image[band.margin : band.margin + last - first]
+        return total / len(offsets_s)
+
+    def _samples(self, t: float, viewpoint: Viewpoint) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return times in s and points on the aperture in mm, one of each for every sharp image."""
+        shutter, defocus = self._shutter, self._optics.defocus
+        count = 1
+        if shutter.exposure_time_s > 0:
+            count = self._moments(t, viewpoint) if shutter.samples == "auto" else shutter.samples
+        if defocus is None:
+            return shutter.exposure_offsets_s(count), np.zeros((count, 2))
+        moving, count = count > 1, max(count, defocus.samples)
+        points = defocus.points_mm(count)
+        if not moving:
+            return np.zeros(count), points
+        # Neighbours on the spiral have moments far apart: every part of the aperture samples the whole exposure.
+        order = np.argsort(np.argsort((np.arange(count) * _GOLDEN) % 1.0))
+        return shutter.exposure_offsets_s(count)[order], points
+
+    def _moments(self, t: float, viewpoint: Viewpoint) -> int:
+        half = self._shutter.exposure_time_s / 2 / self._frame_interval_s
+        travel = self._shutter.stage_speed_mm_per_s * self._shutter.exposure_time_s
+        way = motion_px(self._world, self._camera, viewpoint, (t - half, t + half), travel)
+        return 1 if way == 0 else int(np.clip(np.ceil(_SAMPLES_PER_PX * way), _FEWEST, _MOST))
+
+    def close(self) -> None:
+        """Close the renderers of all bands."""
+        for band in self._bands:
+            band.renderer.close()
+
+
+def split_into_bands(
+    camera: Camera, optics: Optics, shutter: Shutter, open_renderer: Callable[[Camera], Renderer]
+) -> list[DepthBand]:
+    """Open the renderers of the sharp images: one for the fine image, or one for each row of pixels.
+
+    Parameters
+    ----------
+    camera, optics, shutter
+        The camera.
+    open_renderer
+        Opens a renderer for a camera.
+
+    Returns
+    -------
+    list of Band
+        One band with a global shutter, one for every row of pixels with a rolling shutter.
+    """
+    parts, margin = fine_parts(optics.psf), margin_px(optics.psf)
+    fine = camera.refined(parts, margin) if optics.psf is not None else camera
+    if shutter.readout_time_s == 0:
+        return [DepthBand((0, fine.height), 0, open_renderer(fine))]
+    return [
+        # A row above and one below, as rays at the border need neighbours to be exact.
+        DepthBand((first, first + parts), 1, open_renderer(fine.rows(first - 1, first + parts + 1)))
+        for first in range(0, fine.height, parts)
+    ]

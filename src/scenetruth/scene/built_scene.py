@@ -1,0 +1,449 @@
+"""A scene with its meshes, textures and motions built, which can be evaluated at any time.
+
+Deformations and motions that cannot be are refused: inverted triangles, coordinates that overflow, wrong intervals.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.errors import Problem, SceneError
+from scenetruth.input_files import collect_input_files
+from scenetruth.random_streams import generator_for
+from scenetruth.scene.deformation import DeformationModel, DeformationStep, Surroundings
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.motion import MovedPoints, PointMap, Points, apply, pose_map, to_moved_points
+from scenetruth.scene.motion.motion_presets import FRAME_INTERVAL_S
+from scenetruth.scene.reference_configuration import (
+    ReferenceConfiguration,
+    corner_normals,
+    make_reference_configuration,
+)
+from scenetruth.scene.scene_models import Scene, compute_image_times
+from scenetruth.scene.scene_object import SceneObject
+from scenetruth.scene.taylor import Jet
+from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture.procedural_textures import UniformTexture
+from scenetruth.scene.vertex_animation import VertexModel
+
+__all__ = [
+    "BuiltScene",
+    "SceneBody",
+    "Snapshot",
+    "add_missing_files",
+    "build_scene",
+    "find_motion_problems",
+    "make_point_maps",
+]
+
+
+# A triangle whose area falls below this share of what it was has shrunk to nothing; float64 leaves 1e-16.
+_LEAST_AREA = 1e-9
+# Triangles that stand upright on X and Y have no sign there.
+_UPRIGHT = 1e-6
+
+
+def find_motion_problems(
+    scene: Scene,
+    where: str,
+    thing: SceneObject,
+    start: ReferenceConfiguration,
+    maps: Sequence[PointMap],
+    faces: NDArray[np.int32],
+    times: Sequence[float],
+) -> list[Problem]:
+    """Return what is wrong with how an object is deformed and moved.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    where, thing
+        The object's path in it, and the object.
+    start, maps, faces
+        The object's points at rest, how they move, and its faces, shape (m, 3).
+    times
+        Times to look at, in frames.
+
+    Returns
+    -------
+    list
+        One problem at most for each deformation, at the first time at which there is one.
+    """
+    found: dict[int, Problem] = {}
+    last = max((n for n, item in enumerate(maps) if isinstance(item, DeformationStep)), default=-1)
+    for t in times:
+        at = np.array([float(t)])
+        points = start.at(at)
+        for item in maps[: last + 1]:
+            if not isinstance(item, DeformationStep):
+                points = item(points, at)
+                continue
+            field, message = item.problem(points, at)
+            moved = points if field else item(points, at)
+            if not field and not all(np.isfinite(coordinate).all() for coordinate in moved):
+                message = "moves points to where no number reaches; make it slower, or smaller"
+            elif not field and item.entry.in_the_flat:
+                message = _inside_out(points, moved, faces)
+            if message:
+                path = f"{where}.deformation.{item.number}" + (f".{field}" if field else "")
+                found.setdefault(item.number, Problem(path, f"{message} (at t = {t:g})"))
+                break
+            points = moved
+    return [found[number] for number in sorted(found)] + _clock_problems(scene, where, thing)
+
+
+def _inside_out(before: Points, after: Points, faces: NDArray[np.int32]) -> str:
+    """Say how many triangles a map along X and Y inverts or makes vanish, or return nothing."""
+    one, other = _areas(before, faces), _areas(after, faces)
+    sides = [_extent(np.broadcast_to(field, before[0].shape), faces) for field in before]
+    flat = np.abs(one) > _UPRIGHT * np.max(sides, axis=0) ** 2
+    bad = flat & ~(other * np.sign(one) > _LEAST_AREA * np.abs(one))
+    count = int(np.count_nonzero(bad))
+    return f"turns {count} of {len(faces)} triangles inside out, or shrinks them to nothing" if count else ""
+
+
+def _extent(field: Any, faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return by how much a coordinate differs within each face; `numpy.ptp` takes several times as long for three."""
+    a, b, c = (field[faces[:, corner]] for corner in range(3))
+    extent: NDArray[np.float64] = np.maximum(np.maximum(a, b), c) - np.minimum(np.minimum(a, b), c)
+    return extent
+
+
+def _areas(points: Points, faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return twice the signed areas along X and Y."""
+    x, y = (np.asarray(field)[faces] for field in points[:2])
+    areas: NDArray[np.float64] = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    return areas
+
+
+def _clock_problems(scene: Scene, where: str, item: SceneObject) -> list[Problem]:
+    """Return which presets, made for one frame a minute, are used at another interval."""
+    interval: Any = scene.frames.frame_interval_s
+    if interval == FRAME_INTERVAL_S:
+        return []
+    message = (
+        f"is a rate at one frame a minute, but frames.frame_interval_s is {interval:g}: make that 60, or give a rate"
+    )
+    return [
+        Problem(f"{where}.motion.{number}.preset", message, preset)
+        for number, motion in enumerate(item.motion)
+        if (preset := getattr(motion, "preset", None)) is not None
+    ]
+
+
+# Snapshots that a world keeps.
+_SNAPSHOT_COUNT = 2
+
+
+@dataclass(frozen=True, eq=False)
+class SceneBody:
+    """One object of the world.
+
+    Parameters
+    ----------
+    name
+        Its name in the scene.
+    mesh
+        Its mesh.
+    start
+        Where its points are before anything moves them.
+    uv
+        Texture coordinates at the corners, shape (m, 3, 2).
+    texture
+        What is painted on it.
+    maps
+        How it is deformed, placed and moved, first applied first.
+    uv_back
+        Texture coordinates for whoever sees a face from behind, shape (m, 3, 2); None if both sides show the same.
+    """
+
+    name: str
+    mesh: TriangleMesh
+    start: ReferenceConfiguration
+    uv: NDArray[np.float64]
+    texture: SurfaceTexture
+    maps: Sequence[PointMap]
+    uv_back: NDArray[np.float64] | None = None
+
+    @property
+    def faces(self) -> NDArray[np.int32]:
+        """Vertex indices, shape (m, 3)."""
+        return self.mesh.faces
+
+    @cached_property
+    def vertices_mm(self) -> NDArray[np.float64]:
+        """World positions at t = 0, shape (n, 3)."""
+        return self.at(0.0).positions_mm
+
+    def at(self, t: float) -> MovedPoints:
+        """Return all vertices with their velocities and accelerations at time t (in frames)."""
+        time = Jet.variable(np.array([float(t)]), 0, 1)
+        points = self.start.at(time)
+        return to_moved_points(apply(self.maps, points, time), len(points[0]))
+
+    def positions_at(self, t: float) -> NDArray[np.float64]:
+        """Return where all vertices are at time t, shape (n, 3): as `at`, without velocities and compiled code."""
+        time = np.array([float(t)])
+        points = self.start.at(time)
+        for item in self.maps:
+            points = item(points, time)
+        return np.column_stack([np.broadcast_to(field, self.mesh.vertices_mm.shape[:1]) for field in points])
+
+    def surface_at(self, t: float) -> NDArray[np.float64]:
+        """Return the tensors of motion and form of all surface points at time t; see `surface_tensors`."""
+        from scenetruth.scene.surface_tensor_kernels import surface_tensors
+
+        time = Jet.variable(np.array([float(t)]), 0, 3)
+        points = self.start.surface(time)
+        shape = points[0].coefficients.shape
+        moved = apply(self.maps, points, time)
+        tensors: NDArray[np.float64] = surface_tensors(*(np.broadcast_to(field.coefficients, shape) for field in moved))
+        return tensors
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """All vertices of the world at one time.
+
+    Parameters
+    ----------
+    t
+        Time in frames.
+    vertices_mm
+        World positions, shape (n, 3), float64.
+    velocities
+        Their velocities in mm per frame, shape (n, 3), float64.
+    accelerations
+        Their accelerations in mm per frame squared, shape (n, 3), float64.
+    """
+
+    t: float
+    vertices_mm: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    accelerations: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltScene:
+    """All objects of a scene, as one list of vertices and one of faces."""
+
+    bodies: tuple[SceneBody, ...]
+
+    @cached_property
+    def vertex_offsets(self) -> NDArray[np.int64]:
+        """First vertex of every body in the common list, and the total count."""
+        return np.cumsum([0, *(len(body.vertices_mm) for body in self.bodies)])
+
+    @cached_property
+    def face_offsets(self) -> NDArray[np.int64]:
+        """First face of every body in the common list, and the total count."""
+        return np.cumsum([0, *(len(body.faces) for body in self.bodies)])
+
+    @cached_property
+    def faces(self) -> NDArray[np.int32]:
+        """Vertex indices of all faces in the common list, shape (m, 3)."""
+        parts = [body.faces + offset for body, offset in zip(self.bodies, self.vertex_offsets, strict=False)]
+        return np.concatenate(parts).astype(np.int32)
+
+    @cached_property
+    def uv(self) -> NDArray[np.float64]:
+        """Texture coordinates at the corners of all faces, shape (m, 3, 2)."""
+        return np.concatenate([body.uv for body in self.bodies])
+
+    @cached_property
+    def image_uv(self) -> NDArray[np.float64]:
+        """Coordinates for image textures at the corners of all faces, shape (m, 3, 2); NaN where a mesh has none."""
+        parts = [body.mesh for body in self.bodies]
+        return np.concatenate([np.full(mesh.chart_mm.shape, np.nan) if mesh.uv is None else mesh.uv for mesh in parts])
+
+    @cached_property
+    def chart_mm(self) -> NDArray[np.float64]:
+        """Coordinates on the surface in mm at the corners of all faces, shape (m, 3, 2)."""
+        return np.concatenate([body.mesh.chart_mm for body in self.bodies])
+
+    @cached_property
+    def uv_back(self) -> NDArray[np.float64]:
+        """Those for whoever sees a face from behind, shape (m, 3, 2); ``uv`` itself if all bodies show it there too."""
+        if all(body.uv_back is None for body in self.bodies):
+            return self.uv
+        return np.concatenate([body.uv if body.uv_back is None else body.uv_back for body in self.bodies])
+
+    @cached_property
+    def crease_deg(self) -> NDArray[np.float64]:
+        """The angle at every side of every face above which it is an edge of the object, shape (m, 3)."""
+        return np.concatenate([np.broadcast_to(body.mesh.crease_deg, body.faces.shape) for body in self.bodies])
+
+    @cached_property
+    def face_body(self) -> NDArray[np.int32]:
+        """Index of the body that every face belongs to, shape (m,)."""
+        return np.repeat(np.arange(len(self.bodies), dtype=np.int32), np.diff(self.face_offsets))
+
+    @cached_property
+    def surface_corners(self) -> NDArray[np.int32]:
+        """The surface point of `surface_at` at every corner of every face, shape (m, 3)."""
+        counts = [int(body.start.corners.max()) + 1 for body in self.bodies]
+        offsets = np.cumsum([0, *counts[:-1]])
+        parts = [body.start.corners + offset for body, offset in zip(self.bodies, offsets, strict=True)]
+        return np.concatenate(parts).astype(np.int32)
+
+    @cached_property
+    def face_smooth(self) -> NDArray[np.bool_]:
+        """Whether light falls on the smooth surface that a face stands for, shape (m,); see `TriangleMesh.smooth`."""
+        return np.repeat([body.mesh.smooth for body in self.bodies], np.diff(self.face_offsets))
+
+    def corner_normals_at(self, t: float) -> NDArray[np.float64]:
+        """Return unit normals of smooth surfaces at the corners of all faces at time t, shape (m, 3, 3).
+
+        Of either sense; NaN for flat faces.
+        """
+        return np.concatenate(
+            [
+                corner_normals(body.mesh, body.start, body.maps, t)
+                if body.mesh.smooth
+                else np.full((len(body.faces), 3, 3), np.nan)
+                for body in self.bodies
+            ]
+        )
+
+    def at(self, t: float) -> Snapshot:
+        """Return all vertices with their velocities and accelerations at time t (in frames).
+
+        The last ones are kept: renderers and truth ask for the same time one after the other. Nobody changes them.
+        """
+        found = self._recent.get(t)
+        if found is None:
+            moved = [body.at(t) for body in self.bodies]
+            found = Snapshot(
+                t,
+                np.concatenate([item.positions_mm for item in moved]),
+                np.concatenate([item.velocities for item in moved]),
+                np.concatenate([item.accelerations for item in moved]),
+            )
+            while len(self._recent) >= _SNAPSHOT_COUNT:
+                self._recent.pop(next(iter(self._recent)), None)
+            self._recent[t] = found
+        return found
+
+    @cached_property
+    def _recent(self) -> dict[float, Snapshot]:
+        """The last snapshots by their times, oldest first."""
+        return {}
+
+    def surface_at(self, t: float) -> NDArray[np.float64]:
+        """Return the tensors of motion and form of all surface points at time t, shape (k, 18): `surface_tensors`."""
+        return np.concatenate([body.surface_at(t) for body in self.bodies])
+
+
+def build_scene(scene: Scene, folder: Path = Path(), *, painted: bool = True) -> BuiltScene:
+    """Make meshes, textures and motions of a scene.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    folder
+        Where relative paths in it count from.
+    painted
+        Whether objects get their textures, which takes most of the time; if not, they are all grey.
+
+    Raises
+    ------
+    SceneError
+        With every mesh and texture that cannot be made, and every deformation or motion that cannot be.
+    """
+    bodies: list[SceneBody] = []
+    problems: list[Problem] = []
+    for path, item in scene.parts:
+        # What overflows is found, and told of, by the checks.
+        with np.errstate(all="ignore"):
+            _build(scene, path, item, folder, painted, bodies, problems)
+    if problems:
+        raise SceneError(add_missing_files(problems, scene, folder))
+    return BuiltScene(tuple(bodies))
+
+
+def add_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> list[Problem]:
+    """Return problems, and besides them every file of a scene's objects that is missing and not among them.
+
+    Of what is wrong with an object, the first that was met says nothing of its other files.
+
+    Parameters
+    ----------
+    problems
+        What is wrong.
+    scene, folder
+        The scene, and where relative paths in it count from.
+    """
+    told = {problem.path for problem in problems}
+    files = [
+        (f"{path}.{where}", folder / file) for path, item in scene.parts for where, file in collect_input_files(item)
+    ]
+    missing = [Problem(where, "no such file", str(file)) for where, file in files if not os.path.exists(file)]
+    return [*problems, *(problem for problem in missing if problem.path not in told)]
+
+
+def _build(
+    scene: Scene,
+    path: str,
+    item: SceneObject,
+    folder: Path,
+    painted: bool,
+    bodies: list[SceneBody],
+    problems: list[Problem],
+) -> None:
+    """Add the body of one object, or the problems that it has."""
+    part = "mesh"
+    try:
+        mesh = item.mesh.make(folder)
+        part = "texture"
+        generator = generator_for(scene.seed, "texture", item.name)
+        model = item.texture if painted else UniformTexture(kind="uniform")
+        texture, uv, uv_back = model.paint(mesh, folder, generator)
+        part = "deformation.0"
+        given = item.deformation[0] if item.deformation else None
+        start = (
+            given.start(mesh, folder, scene.frames)
+            if isinstance(given, VertexModel)
+            else make_reference_configuration(mesh)
+        )
+    except SceneError as error:
+        problems += [
+            Problem(f"{path}.{part}.{problem.path}", problem.message, problem.value) for problem in error.problems
+        ]
+        return
+    maps = make_point_maps(item, mesh, scene.frames.frame_interval_s)
+    problems += find_motion_problems(scene, path, item, start, maps, mesh.faces, compute_image_times(scene))
+    bodies.append(SceneBody(item.name, mesh, start, uv, texture, maps, uv_back))
+
+
+def make_point_maps(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> list[PointMap]:
+    """Return how an object is deformed, placed and moved, first applied first.
+
+    What grows in the flat of a sheet comes before the shape of the sheet, all other deformations after it.
+    """
+    x = mesh.vertices_mm[:, 0] if mesh.material_mm is None else mesh.material_mm[:, 0]
+    around = Surroundings((float(x.min()), float(x.max())), frame_interval_s)
+    steps = [
+        DeformationStep(number, entry, around, entry.point_map(around))
+        for number, entry in enumerate(item.deformation)
+        if isinstance(entry, DeformationModel)
+    ]
+    in_the_flat = [step for step in steps if mesh.shape is not None and step.entry.in_the_flat]
+    shape = [] if mesh.shape is None else [mesh.shape]
+    rotations = [(rotation.axis, rotation.angle_deg) for rotation in item.pose.rotations]
+    return [
+        *in_the_flat,
+        *shape,
+        *(step for step in steps if step not in in_the_flat),
+        pose_map(item.pose.position_mm, rotations),
+        *(motion.point_map(item.pose.position_mm) for motion in item.motion),
+    ]

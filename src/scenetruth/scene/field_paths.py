@@ -1,0 +1,126 @@
+"""Paths of fields in scenes, recipes and design specifications: wildcards, values, assignment."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterator
+from typing import Any
+
+__all__ = ["PathError", "assign", "expand", "value_at"]
+
+_ANY = "*"
+_MAX_SUGGESTED = 3
+
+
+class PathError(Exception):
+    """A path that leads nowhere; says why."""
+
+
+def expand(plain: Any, path: str) -> list[str]:
+    """Return the paths that a path with wildcards stands for; one without stands for itself.
+
+    Parameters
+    ----------
+    plain
+        Mappings and lists, with every field that there is.
+    path
+        Keys and indices with dots between them; ``*`` stands for every key, or every index, of what is there. The last
+        key need not be there; whoever validates the result tells.
+
+    Raises
+    ------
+    PathError
+        If there is no such place.
+
+    Examples
+    --------
+    >>> expand({"objects": [{"name": "a"}, {"name": "b"}]}, "objects.*.name")
+    ['objects.0.name', 'objects.1.name']
+    """
+    found = list(_expanded(plain, path.split("."), []))
+    if not found:
+        msg = f"stands for nothing: there is nothing in '{path.partition('.*')[0]}'"
+        raise PathError(msg)
+    return found
+
+
+def _expanded(here: Any, keys: list[str], above: list[str]) -> Iterator[str]:
+    if not keys:
+        yield ".".join(above)
+        return
+    first, *rest = keys
+    if first == _ANY and isinstance(here, dict | list):
+        for key in here if isinstance(here, dict) else range(len(here)):
+            yield from _expanded(here[key], rest, [*above, str(key)])
+        return
+    if not rest and isinstance(here, dict):
+        # Whether there may be such a key is known to whoever validates.
+        yield ".".join([*above, first])
+        return
+    yield from _expanded(_below(here, first, above), rest, [*above, first])
+
+
+def value_at(plain: Any, path: str) -> Any:
+    """Return what stands at a path without wildcards.
+
+    Raises
+    ------
+    PathError
+        If nothing does.
+    """
+    here, above = plain, list[str]()
+    for key in path.split("."):
+        here = _below(here, key, above)
+        above.append(key)
+    return here
+
+
+def assign(plain: Any, path: str, value: Any) -> None:
+    """Put a value at a path without wildcards, in place.
+
+    Raises
+    ------
+    PathError
+        If there is no such place.
+    """
+    *around, last = path.split(".")
+    here, above = plain, list[str]()
+    for key in around:
+        here = _below(here, key, above)
+        above.append(key)
+    if isinstance(here, dict):
+        here[last] = value
+    elif isinstance(here, list):
+        _below(here, last, above)
+        here[int(last)] = value
+    else:
+        raise PathError(_no_fields(here, last, above))
+
+
+def _below(here: Any, key: str, above: list[str]) -> Any:
+    if isinstance(here, dict):
+        if key in here:
+            return here[key]
+        near = difflib.get_close_matches(key, [str(one) for one in here], n=_MAX_SUGGESTED)
+        told = " or ".join(f"'{'.'.join([*above, one])}'" for one in near)
+        msg = f"there is no '{'.'.join([*above, key])}'" + (f"; did you mean {told}?" if told else "")
+        raise PathError(msg)
+    if isinstance(here, list):
+        if key.isascii() and key.isdigit() and int(key) < len(here):
+            return here[int(key)]
+        msg = f"'{'.'.join(above)}' is a list of {len(here)}; '{key}' is not an index of it"
+        raise PathError(msg)
+    raise PathError(_no_fields(here, key, above))
+
+
+def _no_fields(here: Any, key: str, above: list[str]) -> str:
+    """Say what stands where a mapping should, as files spell it, and what to do."""
+    path = ".".join(above)
+    is_number = isinstance(here, int | float)
+    remedy = f"end the path at '{path}'"
+    if not is_number:
+        # What is null, or a word as in `sensor: ideal`, may be a mapping instead.
+        whole = f"set all of '{path}' to a mapping first, under 'set'"
+        remedy = whole if here is None else f"{whole}, or {remedy}"
+    return f"'{path}' is {json.dumps(here):.60} in the scene, and has no field '{key}': {remedy}"

@@ -1,0 +1,164 @@
+"""Kernels for leaves: points in polygons, veins, hairs, and nets of the finest veins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.threads import in_bands
+
+__all__ = ["draw_dots", "draw_veins", "inside", "net"]
+
+# Rows of a net that are worth a thread of their own.
+_LEAST_ROWS = 2
+
+
+@numba.njit(cache=True, nogil=True)
+def inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> Any:
+    """Tell which points lie inside a closed polygon (even-odd rule), shape (n,) bool."""
+    corners = polygon.shape[0]
+    # In the order of y, an edge meets the rows of a run of points only.
+    order = np.argsort(points[:, 1])
+    x, y = points[order, 0], points[order, 1]
+    odd = np.zeros(len(order), dtype=np.bool_)
+    for k in range(corners):
+        following = k + 1 if k + 1 < corners else 0
+        x0, y0 = polygon[k, 0], polygon[k, 1]
+        x1, y1 = polygon[following, 0], polygon[following, 1]
+        for n in range(np.searchsorted(y, min(y0, y1)), np.searchsorted(y, max(y0, y1))):
+            if x[n] < x0 + (y[n] - y0) / (y1 - y0) * (x1 - x0):
+                odd[n] = not odd[n]
+    out = np.empty_like(odd)
+    out[order] = odd
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def draw_veins(
+    raster: NDArray[np.float32],
+    points: NDArray[np.float64],
+    sigmas: NDArray[np.float64],
+    strengths: NDArray[np.float64],
+) -> None:
+    """Draw a polyline with a Gaussian profile into a raster, where it is larger than what is there.
+
+    ``points``, shape (n, 2), are columns and rows; ``sigmas`` and ``strengths``, shape (n,), are those of the profile
+    at the points, in texels and 1, linear in between.
+    """
+    rows, columns = raster.shape
+    for k in range(points.shape[0] - 1):
+        x0, y0 = points[k, 0], points[k, 1]
+        dx, dy = points[k + 1, 0] - x0, points[k + 1, 1] - y0
+        length = max(dx * dx + dy * dy, 1e-12)
+        reach = 4.0 * max(sigmas[k], sigmas[k + 1])
+        left = max(int(np.floor(min(x0, x0 + dx) - reach)), 0)
+        right = min(int(np.ceil(max(x0, x0 + dx) + reach)), columns - 1)
+        top = max(int(np.floor(min(y0, y0 + dy) - reach)), 0)
+        bottom = min(int(np.ceil(max(y0, y0 + dy) + reach)), rows - 1)
+        for i in range(top, bottom + 1):
+            for j in range(left, right + 1):
+                along = ((j - x0) * dx + (i - y0) * dy) / length
+                along = min(max(along, 0.0), 1.0)
+                ex, ey = j - x0 - along * dx, i - y0 - along * dy
+                sigma = sigmas[k] + along * (sigmas[k + 1] - sigmas[k])
+                square = (ex * ex + ey * ey) / (sigma * sigma)
+                if square < 16.0:
+                    value = (strengths[k] + along * (strengths[k + 1] - strengths[k])) * np.exp(-0.5 * square)
+                    if value > raster[i, j]:
+                        raster[i, j] = value
+
+
+@numba.njit(cache=True, nogil=True)
+def draw_dots(
+    raster: NDArray[np.float32], points: NDArray[np.float64], sigma: float, strengths: NDArray[np.float64]
+) -> None:
+    """Lay Gaussian dots on a raster so that it stays below 1: v becomes 1 - (1 - v) (1 - dot)."""
+    rows, columns = raster.shape
+    reach = 4.5 * sigma
+    for n in range(points.shape[0]):
+        x, y = points[n, 0], points[n, 1]
+        for i in range(max(int(np.ceil(y - reach)), 0), min(int(np.floor(y + reach)), rows - 1) + 1):
+            for j in range(max(int(np.ceil(x - reach)), 0), min(int(np.floor(x + reach)), columns - 1) + 1):
+                square = ((j - x) ** 2 + (i - y) ** 2) / (sigma * sigma)
+                raster[i, j] = 1.0 - (1.0 - raster[i, j]) * (1.0 - strengths[n] * np.exp(-0.5 * square))
+
+
+def net(
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    seeds: NDArray[np.float64],
+    strengths: NDArray[np.float64],
+    cell: tuple[float, float],
+    sigma: float,
+) -> NDArray[np.float32]:
+    """Return lines with a Gaussian profile along the borders of Voronoi cells, shape (h, w) float32.
+
+    Parameters
+    ----------
+    x, y
+        Where every texel is, shape (h, w); any real number, the net repeats.
+    seeds
+        Place (x, y) of the one seed in every cell of a grid, in cells, 0 to 1, shape (n, m, 2).
+    strengths
+        One number for every seed, shape (n, m); a border is as strong as the mean of its two.
+    cell
+        Width and height of the grid's cells, in the unit of x and y; the height is not below the width.
+    sigma
+        Standard deviation of the profile in that unit.
+    """
+    out = np.empty(x.shape, dtype=np.float32)
+    in_bands(_net, x.shape[0], x, y, seeds, strengths, cell, sigma, out, least=_LEAST_ROWS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _net(
+    low: int, high: int, x: NDArray[np.float32], y: NDArray[np.float32], seeds: NDArray[np.float64],
+    strengths: NDArray[np.float64], cell: tuple[float, float], sigma: float, out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    columns = x.shape[1]
+    down, wide = strengths.shape
+    width, height = cell
+    # Seeds and strengths of the cells around, as far as their borders can come near.
+    around = 7 * 5
+    seed_x, seed_y, power = np.empty(around), np.empty(around), np.empty(around)
+    dx, dy, squares, sizes = np.empty(around), np.empty(around), np.empty(around), np.empty(around)
+    for i in range(low, high):
+        last_column, last_row, known = 0, 0, False
+        for j in range(columns):
+            px, py = np.float64(x[i, j]), np.float64(y[i, j])
+            column, row = int(np.floor(px / width)), int(np.floor(py / height))
+            # Neighbouring texels mostly lie in the same cell.
+            if not (known and column == last_column and row == last_row):
+                last_column, last_row, known, k = column, row, True, 0
+                for r in range(row - 2, row + 3):
+                    for c in range(column - 3, column + 4):
+                        seed_x[k] = (c + seeds[r % down, c % wide, 0]) * width
+                        seed_y[k] = (r + seeds[r % down, c % wide, 1]) * height
+                        power[k] = strengths[r % down, c % wide]
+                        k += 1
+            # Loops without branches run in vector registers.
+            for k in range(around):
+                dx[k], dy[k] = seed_x[k] - px, seed_y[k] - py
+                squares[k] = dx[k] * dx[k] + dy[k] * dy[k]
+            nearest, best = 0, 1e30
+            for k in range(around):
+                if squares[k] < best:
+                    nearest, best = k, squares[k]
+            value = 0.0
+            bx, by, bp = dx[nearest], dy[nearest], power[nearest]
+            for k in range(around):
+                ex, ey = dx[k] - bx, dy[k] - by
+                # Distance to the line half-way between both seeds.
+                across = 0.5 * ((dx[k] + bx) * ex + (dy[k] + by) * ey)
+                squares[k], sizes[k] = across * across, (ex * ex + ey * ey) * sigma * sigma
+            for k in range(around):
+                # The division only where the line is near; a little farther than it counts, for rounding.
+                if squares[k] <= 16.1 * sizes[k] and k != nearest:
+                    square = squares[k] / sizes[k]
+                    if square < 16.0:
+                        value = max(value, 0.5 * (bp + power[k]) * np.exp(-0.5 * square))
+            out[i, j] = value

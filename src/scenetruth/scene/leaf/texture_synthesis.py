@@ -1,0 +1,378 @@
+"""Synthesis of leaf textures: veins, nets between them, mottling and hairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.cache import entry_key, load_or_compute, source_hash
+from scenetruth.errors import Problem, SceneError
+from scenetruth.scene.leaf.leaf_model import LeafAppearance, LeafForm
+from scenetruth.scene.leaf.margin import compute_entire_margin
+from scenetruth.scene.leaf.veins import Vein, make_main_veins, make_side_veins
+from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.texture import Painted
+from scenetruth.scene.texture import band_limited_noise as band_limited
+from scenetruth.scene.texture.band_limited_noise import make_band_limited_noise
+
+__all__ = ["LeafPainting", "LeafTexture", "compute_painting_key", "compute_painting_shape", "paint_leaf"]
+
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+_FWHM = 2 * float(np.sqrt(2 * np.log(2)))
+_SHARPEST = 1.2  # texels: standard deviation of the thinnest lines before,
+_BLUR = 1.0  # and of the Gaussian that all veins are smoothed with after they are drawn
+_DOT = 1.5  # texels: standard deviation of the smallest dots
+_MOST_TEXELS = 64_000_000
+_MOST_BY_DEFAULT = 4_000_000
+_MOST_DOTS = 5_000_000
+_MOST_LAYERS = 10
+_EDGE_TEXELS = 8
+_PEAK = 4.0  # standard deviations that the mottling may reach
+_LADDER = (0.58, 0.0034)  # strength and width, as a part of the length, of the veins that join side veins,
+_AREOLES = (0.32, 0.0019)  # and of the finest net
+_HALO = (0.10, 0.014)  # the same of the light around the large veins
+
+
+@dataclass(frozen=True, eq=False)
+class LeafPainting:
+    """Both sides of a leaf as one periodic spline: the upper side left, the underside, turned over, right of it.
+
+    Parameters
+    ----------
+    coefficients
+        Coefficients of the periodic cubic B-spline, shape (h, w), float32.
+    tiled, cubic
+        As a texture has them.
+    """
+
+    coefficients: Image
+    tiled: bool = True
+    cubic: bool = True
+
+    def radiance(self, uv: Floats) -> Image:
+        """Return the radiance at texture coordinates of shape (n, 2)."""
+        from scenetruth.scene.texture.texture_kernels import spline_lookup
+
+        values: Image = spline_lookup(self.coefficients, np.ascontiguousarray(uv))
+        return values
+
+    def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> Image:
+        """Return weighted means over footprints, as every texture does."""
+        from scenetruth.scene.texture.texture_kernels import spline_means
+
+        means: Image = spline_means(self.coefficients, forms, offsets, weights)
+        return means
+
+    def raster(self) -> Image:
+        """Return the coefficients."""
+        return self.coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class _Canvas:
+    """The raster of one side: texel (i, j) stands at low + (j + 1/2, i + 1/2) / texels_per_mm."""
+
+    low_mm: tuple[float, float]
+    shape: tuple[int, int]
+    texels_per_mm: float
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        return self.shape[1] / self.texels_per_mm, self.shape[0] / self.texels_per_mm
+
+    def texels_of(self, points_mm: Floats) -> Floats:
+        return (points_mm - self.low_mm) * self.texels_per_mm - 0.5
+
+    def places(self) -> tuple[Image, Image]:
+        """Return a and b of all texels."""
+        a = (np.arange(self.shape[1]) + 0.5) / self.texels_per_mm + self.low_mm[0]
+        b = (np.arange(self.shape[0]) + 0.5) / self.texels_per_mm + self.low_mm[1]
+        both = np.broadcast_arrays(a[None].astype(np.float32), b[:, None].astype(np.float32))
+        return both[0], both[1]
+
+
+def paint_leaf(
+    entry: LeafAppearance, mesh: TriangleMesh, generator: np.random.Generator
+) -> tuple[LeafPainting, Floats, Floats]:
+    """Paint a leaf.
+
+    Parameters
+    ----------
+    entry
+        The texture of the scene.
+    mesh
+        The leaf.
+    generator
+        Source of everything irregular.
+
+    Returns
+    -------
+    tuple
+        The texture, and the texture coordinates of the upper side and of the underside at every corner of every face,
+        each of shape (m, 3, 2).
+
+    Raises
+    ------
+    SceneError
+        If the mesh is no leaf, or the raster would be too large or too coarse; paths count from the texture.
+    """
+    leaf = _leaf_of(entry, mesh)
+    canvas = _canvas(entry, leaf)
+    key = compute_painting_key(entry, mesh, generator)
+    found = load_or_compute(key, lambda: {"coefficients": _painted(entry, leaf, canvas, generator)})
+    uv = (mesh.chart_mm - canvas.low_mm) / canvas.size_mm * (0.5, 1.0)
+    back = uv * (-1, 1) + (1, 0)
+    return LeafPainting(found["coefficients"]), uv, back
+
+
+def compute_painting_shape(entry: LeafAppearance, mesh: TriangleMesh) -> tuple[int, int]:
+    """Return the rows and columns of the raster of both sides of a leaf.
+
+    Parameters
+    ----------
+    entry, mesh
+        As of `paint_leaf`.
+
+    Returns
+    -------
+    tuple of int
+        Rows and columns.
+
+    Raises
+    ------
+    SceneError
+        As `paint_leaf`.
+    """
+    rows, columns = _canvas(entry, _leaf_of(entry, mesh)).shape
+    return rows, 2 * columns
+
+
+def compute_painting_key(entry: LeafAppearance, mesh: TriangleMesh, generator: np.random.Generator) -> str:
+    """Return the key under which the raster is kept between runs.
+
+    Parameters
+    ----------
+    entry, mesh, generator
+        As of `paint_leaf`.
+
+    Returns
+    -------
+    str
+        As of `entry_key`.
+
+    Raises
+    ------
+    SceneError
+        If the mesh is no leaf.
+    """
+    leaf, state = _leaf_of(entry, mesh), generator.bit_generator.state
+    sources = source_hash(Path(__file__).parent, Path(band_limited.__file__).parent)
+    return entry_key("leaf", sources, entry.model_dump(mode="json"), leaf.model_dump(mode="json"), state)
+
+
+def _leaf_of(entry: LeafAppearance, mesh: TriangleMesh) -> LeafForm:
+    leaf = mesh.source
+    if not isinstance(leaf, LeafForm):
+        message = "only a mesh of kind leaf can wear it; use a noise, image, plaid or uniform texture"
+        raise SceneError([Problem("kind", message, entry.kind)])
+    return leaf
+
+
+def _painted(entry: LeafAppearance, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator) -> Image:
+    """Return the coefficients of the spline of both sides."""
+    values = entry.settings
+    veins = _veins(entry, leaf, canvas, generator)
+    sides = []
+    for lightness, relief in ((1.0, 1.0), (values["underside_lightness"], entry.underside_relief)):
+        side = 1 + np.float32(values["vein_contrast"] * relief) * veins
+        if values["mottling_contrast"] > 0:
+            side += np.float32(values["mottling_contrast"]) * _mottling(entry, canvas, generator)
+        if values["speckle_contrast"] > 0 and entry.speckle_density_per_mm2 > 0:
+            side += np.float32(values["speckle_contrast"]) * _speckle(entry, canvas, generator)
+        side *= np.float32(values["mean"] * lightness)
+        sides.append(side)
+    return _spline(np.concatenate([sides[0], sides[1][:, ::-1]], axis=1))
+
+
+def _canvas(entry: LeafAppearance, leaf: LeafForm) -> _Canvas:
+    behind = -float(compute_entire_margin(leaf)[:, 0].min())
+    if leaf.petiole is not None:
+        behind = max(behind, leaf.petiole.length_mm)
+    length, width = leaf.length_mm + behind, leaf.full_width_mm
+    finest = entry.mottling_wavelength_mm[0]
+    density = entry.texels_per_mm
+    if density is None:
+        wanted = max(8 / finest, _DOT * _FWHM / entry.speckle_size_mm)
+        density = max(4 / finest, min(wanted, float(np.sqrt(_MOST_BY_DEFAULT / (2 * length * width)))))
+    if density < 4 / finest:
+        message = f"must be at least {4 / finest:.4g}, four for the shortest wavelength of the mottling"
+        raise SceneError([Problem("texels_per_mm", message, density)])
+    if 2 * length * width * density**2 > _MOST_TEXELS:
+        most = float(np.sqrt(_MOST_TEXELS / (2 * length * width)))
+        message = f"would make more than 64 million texels; at most {most:.3g} fit this leaf, and the mottling's "
+        message += f"shortest wavelength must be at least {4 / most:.3g} mm"
+        raise SceneError([Problem("texels_per_mm", message, density)])
+    _refuse_fine_details(entry, leaf, length * width, density)
+    edge = _EDGE_TEXELS / density
+    shape = (int(np.ceil((width + 2 * edge) * density)), int(np.ceil((length + 2 * edge) * density)))
+    return _Canvas((-behind - edge, -width / 2 - edge), shape, density)
+
+
+def _refuse_fine_details(entry: LeafAppearance, leaf: LeafForm, area_mm2: float, density: float) -> None:
+    """Refuse dots that are too many or cover the leaf again and again, and a net that is finer than the raster."""
+    dots, spread = entry.speckle_density_per_mm2 * area_mm2, entry.speckle_density_per_mm2 * entry.speckle_size_mm**2
+    if dots > _MOST_DOTS:
+        message = f"would make {dots:.2g} dots, more than {_MOST_DOTS:.0e}; make it smaller"
+        raise SceneError([Problem("speckle_density_per_mm2", message, entry.speckle_density_per_mm2)])
+    if spread > _MOST_LAYERS:
+        message = f"lays {spread:.3g} dots over each other everywhere; make dots smaller or fewer"
+        raise SceneError([Problem("speckle_size_mm", message, entry.speckle_size_mm)])
+    spacing = entry.tertiary_spacing_mm
+    if spacing is not None and spacing * density < 1:
+        message = f"is less than a texel of the raster, {1 / density:.3g} mm; make it wider"
+        raise SceneError([Problem("tertiary_spacing_mm", message, spacing)])
+
+
+def _veins(entry: LeafAppearance, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator) -> Image:
+    """Return all veins in units of the midrib's contrast, 0 to 1."""
+    from scipy.ndimage import gaussian_filter
+
+    side_veins = make_side_veins(leaf, entry, generator)
+    midrib, large = np.zeros(canvas.shape, dtype=np.float32), np.zeros(canvas.shape, dtype=np.float32)
+    for vein in make_main_veins(leaf):
+        _draw(midrib, vein, canvas)
+    for vein in side_veins:
+        _draw(large, vein, canvas)
+    ladder, areoles = _nets(entry, leaf, canvas, generator)
+    fine = np.maximum(ladder, areoles)
+    # Nothing is drawn in the petiole, and the large veins lie over the small ones.
+    fine *= (1 - large) * (1 - midrib) ** 2
+    drawn = gaussian_filter(np.maximum(np.maximum(midrib, large), fine), _BLUR, mode="nearest")
+    spread = _HALO[1] * leaf.length_mm * canvas.texels_per_mm
+    light = gaussian_filter(np.maximum(midrib, large), spread, mode="nearest", truncate=3.0)
+    veins: Image = drawn + np.float32(_HALO[0]) * light * (1 - drawn)
+    return veins
+
+
+def _draw(raster: Image, vein: Vein, canvas: _Canvas) -> None:
+    from scenetruth.scene.leaf.leaf_kernels import draw_veins
+
+    sigmas = np.maximum(vein.width_mm * canvas.texels_per_mm / _FWHM, _SHARPEST)
+    draw_veins(raster, canvas.texels_of(vein.points_mm), sigmas, vein.strength)
+
+
+def _nets(
+    entry: LeafAppearance, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator
+) -> tuple[Image, Image]:
+    """Return the veins that join side veins, as rungs of ladders, and the finest net between them."""
+    from scenetruth.scene.leaf.leaf_kernels import net
+
+    spacing = entry.tertiary_spacing_mm or 0.035 * leaf.length_mm
+    a, b = canvas.places()
+    across, along = (_warp(spacing, canvas, generator) for _ in range(2))
+    # Places along and across the side veins: they leave the midrib at an angle and bend towards the tip.
+    angle = np.radians(entry.secondary_angle_deg)
+    ahead, out, number = _beside_veins(leaf, a, b, across)
+    rung = (ahead - out / np.float32(np.tan(angle)) - np.float32(0.55 / leaf.full_width_mm) * out**2) * np.sin(angle)
+    far = out / np.float32(np.sin(angle)) + np.float32(53.7 * spacing) * number
+    texel = 1 / canvas.texels_per_mm
+    layers = []
+    for x, y, cell, (strength, part) in (
+        (far + 0.25 * across, rung + 0.25 * along, (spacing, 2.3 * spacing), _LADDER),
+        (a + 0.2 * along, b + 0.2 * across, (spacing / 3, spacing / 3), _AREOLES),
+    ):
+        seeds = 0.5 + generator.uniform(-0.36, 0.36, (64, 64, 2))
+        powers = generator.uniform(0.35, 1.0, (64, 64))
+        sigma = max(part * leaf.length_mm / _FWHM, _SHARPEST * texel)
+        lines = net(x.astype(np.float32), y.astype(np.float32), seeds, powers, cell, sigma)
+        layers.append(np.float32(strength) * lines)
+    return layers[0], layers[1]
+
+
+def _beside_veins(leaf: LeafForm, a: Image, b: Image, wander: Image) -> tuple[Image, Image, Image]:
+    """Return places along the nearest main vein and off it, and a number that differs between the sides of veins.
+
+    In a palmate leaf the border between lobes wanders about the line through the sinus.
+    """
+    below = np.where(b < 0, np.float32(1), np.float32(0))
+    if not leaf.lobe_sides:
+        return a, np.abs(b), below
+    turns = np.array([side.azimuth_rad for side in leaf.lobe_sides if side.hand > 0][::-1], dtype=np.float32)
+    turn = np.arctan2(np.abs(b) + np.float32(0.3) * wander, a)
+    lobe = np.searchsorted((turns[1:] + turns[:-1]) / 2, turn)
+    c, s = np.cos(turns)[lobe], np.sin(turns)[lobe]
+    ahead, off = c * a + s * np.abs(b), c * np.abs(b) - s * a
+    number = 2 * lobe + np.where(off < 0, np.float32(1), np.float32(0)) + 2 * len(turns) * below
+    return ahead, np.abs(off), number.astype(np.float32)
+
+
+def _warp(spacing: float, canvas: _Canvas, generator: np.random.Generator) -> Image:
+    """Return smooth noise of the order of a spacing, which makes a net irregular."""
+    noise = make_band_limited_noise((4 * spacing, 14 * spacing), canvas.size_mm, generator, peak=3.0)
+    return np.float32(spacing) * _interpolated(noise.coefficients, noise.period, canvas)
+
+
+def _mottling(entry: LeafAppearance, canvas: _Canvas, generator: np.random.Generator) -> Image:
+    noise = make_band_limited_noise(entry.mottling_wavelength_mm, canvas.size_mm, generator, exponent=-2.5, peak=_PEAK)
+    return _interpolated(noise.coefficients, noise.period, canvas)
+
+
+def _interpolated(coefficients: Image, period: tuple[float, float], canvas: _Canvas) -> Image:
+    from scenetruth.scene.texture.texture_kernels import spline_lookup
+
+    a, b = canvas.places()
+    uv = np.column_stack([a.ravel().astype(np.float64) / period[0], b.ravel().astype(np.float64) / period[1]])
+    values: Image = spline_lookup(coefficients, uv).reshape(canvas.shape)
+    return values
+
+
+def _speckle(entry: LeafAppearance, canvas: _Canvas, generator: np.random.Generator) -> Image:
+    """Return dots at the places of a Poisson process."""
+    from scenetruth.scene.leaf.leaf_kernels import draw_dots
+
+    width, height = canvas.size_mm
+    count = generator.poisson(entry.speckle_density_per_mm2 * width * height)
+    places = generator.uniform(0, 1, (count, 2)) * canvas.shape[::-1] - 0.5
+    raster = np.zeros(canvas.shape, dtype=np.float32)
+    sigma = max(entry.speckle_size_mm * canvas.texels_per_mm / _FWHM, _DOT)
+    draw_dots(raster, places, sigma, generator.uniform(0.3, 1.0, count))
+    return raster
+
+
+def _spline(values: Image) -> Image:
+    """Return the coefficients of the periodic cubic B-spline through values."""
+    from scipy.ndimage import spline_filter
+
+    coefficients: Image = spline_filter(values, 3, output=np.float32, mode="grid-wrap")
+    return coefficients
+
+
+class LeafTexture(LeafAppearance):
+    """What is seen on a leaf: veins of four orders, mottling between them, and hairs; two-sided."""
+
+    kind: Literal["leaf"]
+    """``leaf``."""
+
+    def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
+        """Make the texture; see `TextureModel`."""
+        return Painted(*paint_leaf(self, mesh, generator))
+
+    def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
+        """Return how large the raster will be; see `TextureModel`."""
+        return compute_painting_shape(self, mesh)
+
+    def cache_key(self, mesh: TriangleMesh, generator: np.random.Generator) -> str:
+        """Return the key of its raster; see `TextureModel`."""
+        return compute_painting_key(self, mesh, generator)
+
+    @property
+    def shortest_and_longest_mm(self) -> tuple[float, float]:
+        """Shortest and longest wavelength on the surface in mm."""
+        return self.mottling_wavelength_mm

@@ -1,0 +1,254 @@
+"""Meshes from files, with the normals and creases that the files define."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from scenetruth.errors import Problem, SceneError
+from scenetruth.input_files import InputFile
+from scenetruth.scene.mesh.file_preflight import (
+    MAX_ELEMENTS,
+    MAX_TEXELS,
+    count_elements,
+    make_checked_resolver,
+    refuse_mesh_file,
+)
+from scenetruth.scene.mesh.mesh_model import (
+    CREASE_DEG,
+    MeshModel,
+    MeshSize,
+    TriangleMesh,
+    find_shared_sides,
+    index_positions,
+)
+from scenetruth.validated_model import Positive
+
+__all__ = ["FileMesh", "compute_crease_angles", "load_mesh_file"]
+
+
+# Normals that differ by less are the same one, written down with few digits.
+_SAME_DEG = 1.0
+
+
+def compute_crease_angles(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], corner_normals: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the crease angle of every side of every triangle; see `TriangleMesh.crease_deg`.
+
+    Where two triangles meet with the same normals at both ends of their edge, the surface is smooth there, unless they
+    differ by more than any facets of a smooth surface; with others, the edge is sharp. Where a normal is missing, the
+    angle between the triangles decides.
+
+    Parameters
+    ----------
+    vertices
+        Positions, shape (n, 3).
+    faces
+        Vertex indices, shape (m, 3).
+    corner_normals
+        Unit normals at the corners, of either sense, shape (m, 3, 3); NaN where there is none.
+
+    Returns
+    -------
+    numpy.ndarray
+        Angles in degrees, shape (m, 3): `CREASE_DEG`, or 0 for sharp edges.
+    """
+    one, two, flipped = find_shared_sides(index_positions(vertices)[faces])
+    next_one, next_two = (side - side % 3 + (side + 1) % 3 for side in (one, two))
+    normals = corner_normals.reshape(-1, 3)
+    sharp = np.zeros(len(one), dtype=np.bool_)
+    for first, second in ((one, np.where(flipped, two, next_two)), (next_one, np.where(flipped, next_two, two))):
+        cosine = np.abs(np.einsum("ij,ij->i", normals[first], normals[second]))
+        # A comparison with NaN is false.
+        sharp |= cosine < np.cos(np.deg2rad(_SAME_DEG))
+    creases = np.full(faces.size, CREASE_DEG)
+    creases[one[sharp]] = creases[two[sharp]] = 0.0
+    return creases.reshape(-1, 3)
+
+
+# Bytes of a file that is read within some tenths of a second.
+_QUICKLY_READ = 2_000_000
+
+
+class FileMesh(MeshModel):
+    """A triangle mesh from a file (OBJ, PLY, GLB, STL); its coordinates X right, Y down, Z forward."""
+
+    kind: Literal["file"]
+    """``file``."""
+    file: InputFile
+    """Path of the file; relative paths count from the scene file."""
+    unit_mm: Positive = 1.0
+    """Length of one unit of the file in mm."""
+    crease_deg: Annotated[float, Field(gt=0, le=180)] | None = None
+    """Edges between faces that differ by more, in degrees, are edges of the object; the surface between them is smooth.
+    null: as the file's own normals say (OBJ ``vn``, PLY ``nx ny nz``, glTF ``NORMAL``): where these jump, or faces
+    differ by more than 60; 60 for files without normals. With a number, the file's normals are not used."""
+
+    def size(self, folder: Path) -> MeshSize:
+        """Return how large the mesh is as far as the file tells without being read as one; see `MeshModel`."""
+        refuse_mesh_file(folder / self.file)
+        return MeshSize(*count_elements(folder / self.file))
+
+    def sketch(self, folder: Path, most_faces: int) -> TriangleMesh | None:
+        """Return the mesh itself, or None of a file that takes long to read; see `MeshModel`."""
+        refuse_mesh_file(folder / self.file)
+        return self.make(folder) if (folder / self.file).stat().st_size <= _QUICKLY_READ else None
+
+    def triangles(self, folder: Path) -> TriangleMesh:
+        """Return the mesh; see `MeshModel`."""
+        return load_mesh_file(folder / self.file, self.unit_mm, self.crease_deg)
+
+
+def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
+    """Load a mesh file with trimesh.
+
+    Parameters
+    ----------
+    file
+        OBJ, PLY, GLB or STL. Its coordinates are taken as X right, Y down, Z forward.
+    unit_mm
+        Length of the file's unit in mm.
+    crease_deg
+        Angle between faces above which their edge is one of the object; None: by the file's normals, as of `FileMesh`.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, unreadable, without faces, or holds numbers that are not finite.
+    """
+    import trimesh
+
+    refuse_mesh_file(file)
+    try:
+        parts = trimesh.load_scene(file, process=False, resolver=make_checked_resolver(file))
+        # First of all: putting the parts together loses them.
+        normals = None if crease_deg is not None else _vertex_normals(parts)
+        loaded = parts.to_mesh()
+    except Exception as error:  # trimesh's loaders raise whatever their formats raise
+        message = f"cannot be read as a mesh: {' '.join(str(error).split())[:200] or type(error).__name__}"
+        raise SceneError([Problem("file", message, str(file))]) from error
+    faces = np.asarray(getattr(loaded, "faces", ()), dtype=np.int64)
+    if faces.ndim != 2 or len(faces) == 0:
+        raise SceneError([Problem("file", "has no faces", str(file))])
+    if max(len(faces), len(loaded.vertices)) > MAX_ELEMENTS:
+        message = f"has {len(loaded.vertices):,} vertices and {len(faces):,} faces; at most {MAX_ELEMENTS:,} are read"
+        raise SceneError([Problem("file", message, str(file))])
+    vertices = np.asarray(loaded.vertices, dtype=np.float64) * unit_mm
+    if not np.all(np.isfinite(vertices)):
+        count = int(np.sum(~np.isfinite(vertices).all(axis=1)))
+        raise SceneError([Problem("file", f"has {count} vertices that are not finite", str(file))])
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise SceneError([Problem("file", "has faces that refer to vertices which do not exist", str(file))])
+    used = np.unique(faces)
+    areas = np.linalg.norm(_face_normals(vertices, faces), axis=1)
+    # A sliver without area has no normal and no surface; it can be dropped without changing the shape.
+    faces = faces[areas > 1e-14 * max(float(areas.max()), 1e-300)].astype(np.int32)
+    if len(faces) == 0:
+        raise SceneError([Problem("file", "has only faces without area", str(file))])
+    try:
+        uv, image, colours = _appearance(loaded, faces)
+    except Exception as error:  # pictures may be damaged in any way
+        message = f"has a texture image, or colours, that cannot be read: {' '.join(str(error).split())[:200]}"
+        raise SceneError([Problem("file", message, str(file))]) from error
+    corner_normals = None if normals is None else normals[faces]
+    nodes = None
+    if len(used) < len(vertices):
+        # Nobody sees what no face uses; only arrays of nodes count it.
+        nodes, vertices, faces = vertices, vertices[used], np.searchsorted(used, faces).astype(np.int32)
+        colours = None if colours is None else colours[used]
+    if corner_normals is not None:
+        crease: float | NDArray[np.float64] = compute_crease_angles(vertices, faces, corner_normals)
+    else:
+        crease = CREASE_DEG if crease_deg is None else crease_deg
+    return TriangleMesh(
+        vertices,
+        faces,
+        _box_projection(vertices, faces),
+        uv,
+        True,
+        image,
+        colours,
+        crease,
+        smooth=True,
+        corner_normals=corner_normals,
+        nodes_mm=nodes,
+        vertex_nodes=None if nodes is None else used,
+    )
+
+
+def _vertex_normals(parts: Any) -> NDArray[np.float64] | None:
+    """Return the unit normals that a file brings for its vertices, shape (n, 3), NaN where it has none; None if none.
+
+    Normals of no length, or that are not finite, count as none.
+    """
+    import trimesh
+
+    found, brought = [], False
+    for node in parts.graph.nodes_geometry:
+        to_world, name = parts.graph[node]
+        part = parts.geometry[name]
+        if not isinstance(part, trimesh.Trimesh):
+            continue
+        # What the loader has put there; asked for by its name, it would be computed if the file has none.
+        own = part._cache.cache.get("vertex_normals")
+        brought |= own is not None
+        normals = np.full((len(part.vertices), 3), np.nan) if own is None else np.asarray(own, dtype=np.float64)
+        linear = np.asarray(to_world, dtype=np.float64)[:3, :3]
+        # Normals turn by the cofactors of what moves the points.
+        normals = normals @ np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]]).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        normals[~np.isfinite(normals).all(axis=1)] = np.nan
+        found.append(normals)
+    return np.concatenate(found) if brought else None
+
+
+def _face_normals(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
+    corners = vertices[faces]
+    normals: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals
+
+
+def _box_projection(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Project each face along the axis nearest to its normal; each of the six directions has a place of its own."""
+    normals = _face_normals(vertices, faces)
+    axis = np.argmax(np.abs(normals), axis=1)
+    sign = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0
+    low, extent = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    corners = (vertices - low)[faces]
+    cell = np.array([max(extent[0], extent[2]), max(extent[1], extent[2])])
+    chart = np.empty((len(faces), 3, 2))
+    for normal_axis, (across, down) in enumerate(((2, 1), (0, 2), (0, 1))):
+        chosen = axis == normal_axis
+        chart[chosen] = corners[chosen][:, :, [across, down]]
+    chart[..., 0] += (axis * cell[0])[:, None]
+    chart[..., 1] += (sign * cell[1])[:, None]
+    return chart
+
+
+def _appearance(
+    loaded: Any, faces: NDArray[np.int32]
+) -> tuple[NDArray[np.float64] | None, NDArray[Any] | None, NDArray[np.uint8] | None]:
+    visual = loaded.visual
+    if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
+        # Mesh files count v upwards from the image's lower edge, an image counts its rows downwards.
+        uv = np.asarray(visual.uv, dtype=np.float64) * (1, -1) + (0, 1)
+        material = visual.material
+        picture = getattr(material, "baseColorTexture", None)
+        if picture is None:
+            picture = getattr(material, "image", None)
+        if not np.isfinite(uv).all():
+            msg = "texture coordinates that are not finite"
+            raise ValueError(msg)
+        if picture is not None and picture.size[0] * picture.size[1] > MAX_TEXELS:
+            msg = f"{picture.size[0]} x {picture.size[1]} pixels, more than {MAX_TEXELS:,}"
+            raise ValueError(msg)
+        return uv[faces], None if picture is None else np.asarray(picture.convert("RGB")), None
+    if getattr(visual, "kind", None) == "vertex":
+        return None, None, np.asarray(visual.vertex_colors, dtype=np.uint8)[:, :3]
+    return None, None, None

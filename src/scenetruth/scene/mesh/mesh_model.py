@@ -1,0 +1,282 @@
+"""Triangle meshes: the model that all share, and the grids, limits of resolution and coincident sides of triangles."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from math import ceil
+from pathlib import Path
+from typing import Any, NamedTuple, final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationInfo
+
+from scenetruth.scene.motion import PointMap
+from scenetruth.validated_model import FrozenModel
+
+__all__ = [
+    "CREASE_DEG",
+    "MeshModel",
+    "MeshSize",
+    "TriangleMesh",
+    "check_resolution",
+    "check_sheet_resolution",
+    "count_pieces",
+    "find_shared_sides",
+    "index_positions",
+    "make_disc_faces",
+    "make_grid_faces",
+]
+
+
+# Rounds of coarsening, and by how much each makes triangles longer at least.
+_ROUNDS, _COARSER = 20, 1.1
+
+
+class MeshSize(NamedTuple):
+    """How large a mesh is."""
+
+    vertices: int
+    """Number of vertices."""
+    faces: int
+    """Number of triangles."""
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """A triangle mesh.
+
+    Parameters
+    ----------
+    vertices_mm
+        Positions in the object's own frame (X right, Y down, Z forward), shape (n, 3), float64.
+    faces
+        Vertex indices, shape (m, 3), int32.
+    chart_mm
+        Coordinates on the surface in mm at every corner of every face, shape (m, 3, 2). Faces that must not show the
+        same piece of a pattern lie in different places of the chart.
+    uv
+        Coordinates in a texture image, shape (m, 3, 2): (0, 0) is its upper left, (1, 1) its lower right corner.
+        None if the mesh has none.
+    tiled
+        Whether ``uv`` outside [0, 1] repeats the image (files) or keeps its border (generated meshes).
+    image
+        Texture image that came with the mesh, uint8 or float, shape (h, w) or (h, w, c), or None.
+    vertex_colours
+        Colours that came with the mesh, uint8, shape (n, 3), or None.
+    crease_deg
+        Edges between faces that differ by more are edges of the object; others are parts of a smooth surface. One angle
+        for all, or one for each side of every face, shape (m, 3), where side k runs from corner k to the next and the
+        smaller angle of the two faces counts. 0: an edge whatever the angle.
+    material_mm
+        Coordinates (a, b) of the vertices on the flat sheet that the mesh is made from, shape (n, 2), or None.
+    shape
+        The map of that sheet, at (a, b, 0), to ``vertices_mm``; None if it is flat, or no sheet.
+    source
+        The model that it was made from, or None.
+    uv_back
+        As ``uv``, for whoever sees a face from behind, so that its corners run the other way round; None if both sides
+        show the same.
+    along
+        Derivatives (a, b, aa, ab, bb) of the vertices' positions by two coordinates along the smooth surface that the
+        mesh stands for, shape (5, n, 3), with a x b to the outside; None if it has no formula, or is a sheet.
+    smooth
+        Whether light falls on the smooth surface that the mesh stands for between its edges, not on flat triangles.
+    corner_normals
+        Unit normals that came with the mesh, at every corner of every face, of either sense, shape (m, 3, 3), NaN where
+        there is none; None if it brought none.
+    nodes_mm, vertex_nodes
+        Positions of all vertices of a file some of which no face uses, shape (k, 3), and which of them ``vertices_mm``
+        are, shape (n,); None where faces use all.
+    """
+
+    vertices_mm: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    chart_mm: NDArray[np.float64]
+    uv: NDArray[np.float64] | None = None
+    tiled: bool = False
+    image: NDArray[Any] | None = None
+    vertex_colours: NDArray[np.uint8] | None = None
+    crease_deg: float | NDArray[np.float64] = 1.0
+    material_mm: NDArray[np.float64] | None = None
+    shape: PointMap | None = None
+    source: MeshModel | None = None
+    uv_back: NDArray[np.float64] | None = None
+    along: NDArray[np.float64] | None = None
+    smooth: bool = False
+    corner_normals: NDArray[np.float64] | None = None
+    nodes_mm: NDArray[np.float64] | None = None
+    vertex_nodes: NDArray[np.int64] | None = None
+
+    @property
+    def with_all_nodes(self) -> TriangleMesh:
+        """The mesh with the vertices of its file that no face uses: its colours are left out."""
+        if self.nodes_mm is None or self.vertex_nodes is None:
+            return self
+        faces = self.vertex_nodes[self.faces].astype(np.int32)
+        return replace(
+            self, vertices_mm=self.nodes_mm, faces=faces, vertex_colours=None, nodes_mm=None, vertex_nodes=None
+        )
+
+
+class MeshModel(FrozenModel):
+    """What all meshes share."""
+
+    kind: str
+    """Name of the shape."""
+
+    @final
+    def make(self, folder: Path = Path()) -> TriangleMesh:
+        """Make the mesh.
+
+        Parameters
+        ----------
+        folder
+            Where relative paths count from.
+
+        Raises
+        ------
+        SceneError
+            If it cannot be made; paths count from the mesh.
+        """
+        return replace(self.triangles(folder), source=self)
+
+    def size(self, folder: Path) -> MeshSize:
+        """Return how many vertices and faces the mesh will have; what may be large counts without being made.
+
+        Parameters
+        ----------
+        folder
+            Where relative paths count from.
+
+        Raises
+        ------
+        SceneError
+            If a file cannot be read; paths count from the mesh.
+        """
+        made = self.triangles(folder)
+        return MeshSize(len(made.vertices_mm), len(made.faces))
+
+    def sketch(self, folder: Path, most_faces: int) -> TriangleMesh | None:
+        """Return a coarse mesh of about the same form, cheap to make.
+
+        Parameters
+        ----------
+        folder
+            Where relative paths count from.
+        most_faces
+            About how many triangles it may have.
+
+        Returns
+        -------
+        TriangleMesh or None
+            None if nothing is known of the form without much work.
+        """
+        model, faces = self, self.size(folder).faces
+        for _ in range(_ROUNDS):
+            resolution_mm = getattr(model, "resolution_mm", None)
+            if faces <= most_faces or resolution_mm is None:
+                break
+            coarser = resolution_mm * max((faces / most_faces) ** 0.5, _COARSER)
+            model = model.model_copy(update={"resolution_mm": coarser})
+            faces = model.size(folder).faces
+        return replace(model.triangles(folder), source=self)
+
+    @abstractmethod
+    def triangles(self, folder: Path) -> TriangleMesh:
+        """Return vertices, faces and coordinates; see `make`."""
+
+
+CREASE_DEG = 60.0
+"""Facets of a smooth surface meet at less, sides of a body at more."""
+
+
+def count_pieces(length: float, longest: float) -> int:
+    """Return into how many equal pieces a length is cut, none longer than stated."""
+    # A length that is a multiple, but for rounding, is not cut once more.
+    return max(ceil(length / longest - 1e-9), 1)
+
+
+def make_grid_faces(columns: int, rows: int) -> NDArray[np.int32]:
+    """Return two triangles for each cell of a grid of (rows + 1) x (columns + 1) vertices."""
+    first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    down, right = first + columns + 1, first + 1
+    both = down + 1
+    faces = np.stack([np.column_stack([first, down, both]), np.column_stack([first, both, right])], axis=1)
+    return faces.reshape(-1, 3).astype(np.int32)
+
+
+def make_disc_faces(rings: int) -> NDArray[np.int32]:
+    """Return the triangles of rings of 6, 12, 18, ... vertices around a middle; down x right points to the viewer."""
+    faces = []
+    for ring in range(1, rings + 1):
+        outer_start = 3 * ring * (ring - 1) + 1
+        inner_start = 0 if ring == 1 else outer_start - 6 * (ring - 1)
+        inner_count, outer_count = max(6 * (ring - 1), 1), 6 * ring
+        sector, step = np.divmod(np.arange(outer_count), ring)
+        inner = sector * (ring - 1) + step
+        outer = np.arange(outer_count)
+        here, after = inner_start + inner % inner_count, inner_start + (inner + 1) % inner_count
+        one, two = outer_start + outer, outer_start + (outer + 1) % outer_count
+        faces.append(np.column_stack([here, two, one]))
+        between = step < ring - 1
+        faces.append(np.column_stack([here, after, two])[between])
+    return np.concatenate(faces).astype(np.int32)
+
+
+_MOST_TRIANGLES = 20_000_000
+
+
+def check_sheet_resolution(value: float, info: ValidationInfo) -> float:
+    """Refuse triangles that are longer than a sheet's shorter side, or too many."""
+    size = info.data.get("size_mm")
+    return (
+        value if size is None else check_resolution(value, min(size), "the shorter of size_mm", 2 * size[0] * size[1])
+    )
+
+
+def check_resolution(value: float, longest_mm: float, name: str, twice_area: float) -> float:
+    """Refuse meshes that are too coarse to show a form, or too fine for any memory."""
+    if value > longest_mm:
+        msg = f"must be at most {name}, {longest_mm:g} mm"
+        raise ValueError(msg)
+    triangles = twice_area / value**2
+    if triangles > _MOST_TRIANGLES:
+        msg = f"would make about {triangles:.2g} triangles, more than {_MOST_TRIANGLES:.0e}; make it coarser"
+        raise ValueError(msg)
+    return value
+
+
+Indices = NDArray[np.int64]
+
+
+def index_positions(vertices: NDArray[np.float64]) -> Indices:
+    """Return the number of every vertex's place, shape (n,); vertices at the same place count as one."""
+    _, places = np.unique(vertices, axis=0, return_inverse=True)
+    return np.asarray(places.reshape(-1), dtype=np.int64)
+
+
+def find_shared_sides(corners: NDArray[np.integer]) -> tuple[Indices, Indices, NDArray[np.bool_]]:
+    """Find the edges at which exactly two triangles meet.
+
+    Parameters
+    ----------
+    corners
+        Places of the corners of every triangle (`index_positions`), shape (m, 3).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        The two sides at every such edge, shape (k,) each: side 3 i + c runs from corner c of triangle i to the next;
+        and whether both run the same way, so that one of the triangles is turned inside out.
+    """
+    half = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
+    turned = half[:, 0] > half[:, 1]
+    order = np.lexsort((half.min(axis=1), half.max(axis=1)))
+    same = (np.sort(half, axis=1)[order][1:] == np.sort(half, axis=1)[order][:-1]).all(axis=1)
+    # Edges of exactly two faces: a run of two.
+    run = np.concatenate([[False], same, [False]])
+    pairs = np.flatnonzero(run[1:-1] & ~run[:-2] & ~run[2:])
+    one, two = order[pairs], order[pairs + 1]
+    return one, two, turned[one] == turned[two]

@@ -1,0 +1,210 @@
+"""Maps of points that depend on time: what all motions share, chains of maps with derivatives, rotations and poses."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.scene.taylor import Jet, JetField, sinc_root
+from scenetruth.validated_model import FrozenModel, Vector3
+
+__all__ = [
+    "MotionModel",
+    "MovedPoints",
+    "PointMap",
+    "Points",
+    "apply",
+    "compose",
+    "pose_map",
+    "rotate_points",
+    "rotate_points_by_vector",
+    "to_moved_points",
+]
+
+
+Points = tuple[Any, Any, Any]
+"""Coordinates X, Y, Z of n points in mm: three fields (`scenetruth.scene.taylor.JetField`)."""
+
+
+class PointMap(Protocol):
+    """A map of points that depends on time, written in plain NumPy."""
+
+    def __call__(self, points: Points, t: JetField) -> Points:
+        """Move points.
+
+        Parameters
+        ----------
+        points
+            Coordinates before the motion, mm: arrays of any precision, or jets if derivatives are wanted.
+        t
+            Time in frames, of the same kind, shape (1,).
+
+        Returns
+        -------
+        tuple
+            Coordinates after it.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class MovedPoints:
+    """Points at one time.
+
+    Parameters
+    ----------
+    positions_mm
+        Positions, shape (n, 3), mm.
+    velocities
+        Velocities, shape (n, 3), mm per frame.
+    accelerations
+        Accelerations, shape (n, 3), mm per frame squared.
+    """
+
+    positions_mm: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    accelerations: NDArray[np.float64]
+
+
+class MotionModel(FrozenModel):
+    """What all motions share. A motion is written as one formula for positions; derivatives follow from it."""
+
+    kind: str
+    """Name of the motion."""
+
+    @abstractmethod
+    def point_map(self, position_mm: Vector3) -> PointMap:
+        """Return the map of the motion in the world.
+
+        Parameters
+        ----------
+        position_mm
+            Position of what moves at t = 0, mm: the point that stays in place if a rotation names none.
+        """
+
+
+# Points mapped at once: what a map keeps in between, some jets of ten numbers a point, fits into the cache.
+_BLOCK = 4096
+
+
+def compose(maps: Sequence[PointMap], points_mm: NDArray[np.float64], t: float) -> MovedPoints:
+    """Apply maps one after the other to points that rest.
+
+    Parameters
+    ----------
+    maps
+        The maps, first applied first.
+    points_mm
+        Positions before all of them, shape (n, 3), mm.
+    t
+        Time in frames, any real number.
+    """
+    points: Points = tuple(Jet.constant(column, 1) for column in np.ascontiguousarray(points_mm.T))  # type: ignore[assignment]
+    time = Jet.variable(np.array([float(t)]), 0, 1)
+    return to_moved_points(apply(maps, points, time), len(points_mm))
+
+
+def apply(maps: Sequence[PointMap], points: Points, t: JetField) -> Points:
+    """Apply maps one after the other to jets of n points, in blocks that stay in the processor's cache.
+
+    Parameters
+    ----------
+    maps
+        The maps, first applied first.
+    points
+        Coordinates, three jets of n values, or of one that stands for all.
+    t
+        Time, a jet of one value.
+    """
+    count = max(len(field) for field in points)
+    if not maps or count <= _BLOCK:
+        for item in maps:
+            points = item(points, t)
+        return points
+    results = [np.empty((len(field.coefficients), count)) for field in points]
+    for low in range(0, count, _BLOCK):
+        part: Points = tuple(  # type: ignore[assignment]
+            field if len(field) == 1 else Jet(field.coefficients[:, low : low + _BLOCK]) for field in points
+        )
+        for item in maps:
+            part = item(part, t)
+        for result, field in zip(results, part, strict=True):
+            result[:, low : low + _BLOCK] = field.coefficients
+    return Jet(results[0]), Jet(results[1]), Jet(results[2])
+
+
+def to_moved_points(points: Points, count: int) -> MovedPoints:
+    """Return positions, velocities and accelerations from coordinates that are jets in time."""
+    rows = [np.broadcast_to(field.coefficients, (3, count)) for field in points]
+    return MovedPoints(*(np.stack([row[order] for row in rows], axis=1) for order in range(3)))
+
+
+def pose_map(
+    position_mm: tuple[float, float, float], rotations: Sequence[tuple[tuple[float, float, float], float]]
+) -> PointMap:
+    """Return the map from an object's own frame to the world: rotations (axis, angle in degrees), then a shift."""
+
+    def place(points: Points, t: JetField) -> Points:
+        for axis, angle_deg in rotations:
+            points = rotate_points(points, axis, np.deg2rad(angle_deg), (0.0, 0.0, 0.0))
+        x, y, z = points
+        return x + position_mm[0], y + position_mm[1], z + position_mm[2]
+
+    return place
+
+
+def rotate_points(
+    points: Points, axis: tuple[float, float, float], angle: Any, centre: tuple[float, float, float]
+) -> Points:
+    """Turn points about an axis through a centre (right-hand rule, Rodrigues' formula).
+
+    Parameters
+    ----------
+    points
+        Coordinates, mm.
+    axis
+        Direction of the axis, of any length.
+    angle
+        Angle in rad: a number or a field.
+    centre
+        Point on the axis, mm.
+    """
+    nx, ny, nz = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+    x, y, z = (field - at for field, at in zip(points, centre, strict=True))
+    sine, cosine = np.sin(angle), np.cos(angle)
+    along = (nx * x + ny * y + nz * z) * (1 - cosine)
+    return (
+        x * cosine + (ny * z - nz * y) * sine + nx * along + centre[0],
+        y * cosine + (nz * x - nx * z) * sine + ny * along + centre[1],
+        z * cosine + (nx * y - ny * x) * sine + nz * along + centre[2],
+    )
+
+
+def rotate_points_by_vector(points: Points, vector_rad: Points, centre: tuple[float, float, float]) -> Points:
+    """Turn points by a rotation vector, which may vanish, about a centre.
+
+    Parameters
+    ----------
+    points
+        Coordinates, mm.
+    vector_rad
+        The axis, its length the angle in rad (right-hand rule): three fields.
+    centre
+        Point that stays in place, mm.
+    """
+    x, y, z = (field - at for field, at in zip(points, centre, strict=True))
+    u, v, w = vector_rad
+    square = u * u + v * v + w * w
+    half = sinc_root(square * 0.25)
+    once, twice = sinc_root(square), half * half * 0.5
+    i, j, k = v * z - w * y, w * x - u * z, u * y - v * x
+    return (
+        x + once * i + twice * (v * k - w * j) + centre[0],
+        y + once * j + twice * (w * i - u * k) + centre[1],
+        z + once * k + twice * (u * j - v * i) + centre[2],
+    )

@@ -1,0 +1,407 @@
+"""The points of a body before any motion, and derivatives along its surface.
+
+By formula, or by quadric fits to meshes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.scene.mesh.mesh_model import TriangleMesh, find_shared_sides, index_positions
+from scenetruth.scene.motion import PointMap, Points, apply
+from scenetruth.scene.taylor import AA, AB, ACROSS, ALONG, BB, TA, TB, TT, VALUE, A, B, Jet, JetField, T
+
+if TYPE_CHECKING:
+    from scipy import sparse
+
+__all__ = [
+    "AnalyticConfiguration",
+    "FittedConfiguration",
+    "QuadricFit",
+    "ReferenceConfiguration",
+    "SheetConfiguration",
+    "corner_normals",
+    "fit_quadrics",
+    "make_reference_configuration",
+    "make_surface_jet",
+]
+
+
+Floats = NDArray[np.float64]
+
+# Least ratio of the eigenvalues of a fit's normal equations (in units of the neighbours' distance).
+_LEAST_RATIO = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class QuadricFit:
+    """The surface points of a mesh, and how fields on its vertices change along the surface.
+
+    A surface point is a vertex as seen from one smooth piece of the surface: a vertex on a sharp edge has one for each
+    side. Every one has two orthonormal tangents, the directions of its coordinates a and b.
+
+    Parameters
+    ----------
+    corners
+        The surface point at every corner of every face, shape (m, 3), int32.
+    vertices
+        The vertex that each surface point is, shape (k,).
+    starts, neighbours
+        Neighbours of surface point i: vertices ``neighbours[starts[i] : starts[i + 1]]``.
+    coefficients
+        What the difference to each neighbour counts in the derivatives (a, b, aa, ab, bb), shape (len(neighbours), 5).
+    """
+
+    corners: NDArray[np.int32]
+    vertices: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    neighbours: NDArray[np.int64]
+    coefficients: Floats
+
+    def derivatives(self, field: Floats) -> Floats:
+        """Return the derivatives (a, b, aa, ab, bb) of a field on the vertices, shape (5, k).
+
+        Parameters
+        ----------
+        field
+            Values, shape (n,).
+        """
+        owner = np.repeat(np.arange(len(self.vertices)), np.diff(self.starts))
+        difference = field[self.neighbours] - field[self.vertices][owner]
+        count = len(self.vertices)
+        return np.stack([np.bincount(owner, difference * column, count) for column in self.coefficients.T])
+
+
+def fit_quadrics(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: float | Floats) -> QuadricFit:
+    """Fit a quadratic function of two tangent coordinates around every vertex.
+
+    Gradients are exact to second order in the edge length, second derivatives to first order, to second order on
+    regular meshes.
+    Where the neighbours do not determine the second derivatives, as at the corners of a box, these are zero.
+
+    Parameters
+    ----------
+    vertices_mm
+        Positions, shape (n, 3).
+    faces
+        Vertex indices, shape (m, 3).
+    crease_deg
+        Faces that meet at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
+    """
+    corners, vertex_of = _surface_points(vertices_mm, faces, crease_deg)
+    count = len(vertex_of)
+    normals = np.zeros((count, 3))
+    face_normals = np.cross(
+        vertices_mm[faces[:, 1]] - vertices_mm[faces[:, 0]], vertices_mm[faces[:, 2]] - vertices_mm[faces[:, 0]]
+    )
+    for corner in range(3):
+        np.add.at(normals, corners[:, corner], face_normals)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    one = np.cross(axis, normals)
+    one /= np.maximum(np.linalg.norm(one, axis=1, keepdims=True), 1e-300)
+    frames = np.stack([one, np.cross(normals, one)], axis=1)
+
+    rows, columns = (
+        np.concatenate([corners[:, i] for i in order]) for order in ((0, 1, 2, 1, 2, 0), (1, 2, 0, 0, 1, 2))
+    )
+    from scipy import sparse
+
+    ring = sparse.csr_array((np.ones(len(rows), dtype=np.int32), (rows, columns)), shape=(count, count))
+    all_points = np.arange(count)
+    fits = _fit(vertices_mm, vertex_of, frames, all_points, ring)
+    poor = np.flatnonzero(~fits[3])
+    if len(poor):
+        wide = ring[poor] @ ring + ring[poor]
+        again = _fit(vertices_mm, vertex_of, frames, poor, wide)
+        lengths, nearest, values, _ = fits
+        keep = np.repeat(fits[3], lengths)
+        owner = np.concatenate([np.repeat(all_points, lengths)[keep], np.repeat(poor, again[0])])
+        order = np.argsort(owner, kind="stable")
+        neighbours = np.concatenate([nearest[keep], again[1]])[order]
+        coefficients = np.concatenate([values[keep], again[2]])[order]
+        counts = np.bincount(owner, minlength=count)
+    else:
+        counts, neighbours, coefficients = fits[:3]
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    return QuadricFit(corners, vertex_of, starts, neighbours, coefficients)
+
+
+def _surface_points(
+    vertices: Floats, faces: NDArray[np.int32], crease_deg: float | Floats
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the surface point at every corner, and the vertex of each."""
+    normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    one, two, flipped = find_shared_sides(index_positions(vertices)[faces])
+    cosine = np.einsum("ij,ij->i", normals[one // 3], normals[two // 3]) * np.where(flipped, -1, 1)
+    creases = np.broadcast_to(crease_deg, faces.shape).reshape(-1)
+    crease = np.minimum(creases[one], creases[two])
+    smooth = (cosine >= np.cos(np.deg2rad(crease))) & (crease > 0)
+    one, two, flipped = one[smooth], two[smooth], flipped[smooth]
+    next_one, next_two = (index - index % 3 + (index + 1) % 3 for index in (one, two))
+    # Around a shared edge neighbours run in opposite senses: the first corner of one is the second of the other.
+    ends = (np.where(flipped, two, next_two), np.where(flipped, next_two, two))
+    rows, columns = np.concatenate([one, next_one]), np.concatenate(ends)
+    count = faces.size
+    from scipy import sparse
+
+    graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
+    number, label = sparse.csgraph.connected_components(graph, directed=False)
+    vertex_of = np.empty(number, dtype=np.int64)
+    vertex_of[label] = faces.ravel()
+    return label.reshape(faces.shape).astype(np.int32), vertex_of
+
+
+def _fit(
+    vertices: Floats, vertex_of: NDArray[np.int64], frames: Floats, points: NDArray[np.int64], ring: sparse.csr_array
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    """Fit around some surface points.
+
+    Returns for each the number of its neighbours, then all neighbours (vertices) and their coefficients one after the
+    other, and whether the second derivatives are determined.
+    """
+    from scipy import sparse
+
+    ring = sparse.csr_array(ring)
+    owner = np.repeat(np.arange(len(points)), np.diff(ring.indptr))
+    other = ring.indices.astype(np.int64)
+    keep = points[owner] != other
+    owner, other = owner[keep], other[keep]
+    count = len(points)
+    lengths = np.bincount(owner, minlength=count)
+    relative = vertices[vertex_of[other]] - vertices[vertex_of[points]][owner]
+    a, b = np.einsum("nij,nj->in", frames[points][owner], relative)
+    square = np.bincount(owner, a * a + b * b, count) / np.maximum(lengths, 1)
+    scale = np.sqrt(np.maximum(square, 1e-300))
+    a, b = a / scale[owner], b / scale[owner]
+    design = np.stack([a, b, a * a / 2, a * b, b * b / 2])
+    normal = np.empty((count, 5, 5))
+    for i in range(5):
+        for j in range(5):
+            normal[:, i, j] = np.bincount(owner, design[i] * design[j], count)
+    values = np.linalg.eigvalsh(normal)
+    determined = values[:, 0] > _LEAST_RATIO * np.maximum(values[:, -1], 1e-300)
+    inverse = np.zeros_like(normal)
+    inverse[determined] = np.linalg.inv(normal[determined])
+    inverse[~determined, :2, :2] = np.linalg.pinv(normal[~determined, :2, :2], rcond=_LEAST_RATIO, hermitian=True)
+    coefficients = np.einsum("nij,jn->ni", inverse[owner], design)
+    coefficients[:, :2] /= scale[owner, None]
+    coefficients[:, 2:] /= scale[owner, None] ** 2
+    return lengths, vertex_of[other], coefficients, determined
+
+
+class ReferenceConfiguration(Protocol):
+    """The points of a body at the beginning of its chain of maps."""
+
+    @property
+    def corners(self) -> NDArray[np.int32]:
+        """The surface point at every corner of every face, shape (m, 3)."""
+        ...
+
+    def at(self, t: JetField) -> Points:
+        """Return the coordinates of all vertices at times t: fields of the kind of t."""
+        ...
+
+    def surface(self, t: Jet) -> Points:
+        """Return those of all surface points as jets in t, a and b."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SheetConfiguration:
+    """A flat sheet: its material coordinates a, b in mm are X and Y, and Z is zero.
+
+    Parameters
+    ----------
+    material_mm
+        Coordinates (a, b) of the vertices, shape (n, 2).
+    faces
+        Vertex indices, shape (m, 3).
+    """
+
+    material_mm: NDArray[np.float64]
+    faces: NDArray[np.int32]
+
+    @property
+    def corners(self) -> NDArray[np.int32]:
+        """Vertices are surface points."""
+        return self.faces
+
+    def at(self, t: JetField) -> Points:
+        """Return the flat sheet."""
+        a, b = self.material_mm.T
+        return make_constant_field(a, t), make_constant_field(b, t), make_constant_field(np.zeros_like(a), t)
+
+    def surface(self, t: Jet) -> Points:
+        """Return the flat sheet with its derivatives."""
+        a, b = np.ascontiguousarray(self.material_mm.T)
+        return Jet.variable(a, ALONG, 3), Jet.variable(b, ACROSS, 3), Jet.constant(np.zeros_like(a), 3)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshAtRest:
+    """Vertices that stay where they are in the own frame.
+
+    Parameters
+    ----------
+    vertices_mm
+        Positions in the own frame, shape (n, 3).
+    faces
+        Vertex indices, shape (m, 3).
+    """
+
+    vertices_mm: NDArray[np.float64]
+    faces: NDArray[np.int32]
+
+    def at(self, t: JetField) -> Points:
+        """Return the mesh."""
+        x, y, z = self.vertices_mm.T
+        return make_constant_field(x, t), make_constant_field(y, t), make_constant_field(z, t)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedConfiguration(MeshAtRest):
+    """A mesh at rest, whose surface has no formula.
+
+    Parameters
+    ----------
+    vertices_mm, faces
+        Of `MeshAtRest`.
+    crease_deg
+        Faces that meet at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
+    """
+
+    crease_deg: float | NDArray[np.float64]
+
+    @cached_property
+    def osculation(self) -> QuadricFit:
+        """The derivatives along the surface."""
+        return fit_quadrics(self.vertices_mm, self.faces, self.crease_deg)
+
+    @property
+    def corners(self) -> NDArray[np.int32]:
+        """Vertices on sharp edges are several surface points."""
+        return self.osculation.corners
+
+    def surface(self, t: Jet) -> Points:
+        """Return the mesh with the derivatives of fits to it."""
+        fields = [make_surface_jet(self.osculation, column[None]) for column in self.vertices_mm.T]
+        return fields[0], fields[1], fields[2]
+
+
+@dataclass(frozen=True, eq=False)
+class AnalyticConfiguration(MeshAtRest):
+    """A mesh at rest on a smooth surface whose formula is known.
+
+    Parameters
+    ----------
+    vertices_mm, faces
+        Of `MeshAtRest`.
+    along
+        Derivatives (a, b, aa, ab, bb) of the positions along the surface, shape (5, n, 3).
+    """
+
+    along: NDArray[np.float64]
+
+    @property
+    def corners(self) -> NDArray[np.int32]:
+        """Vertices are surface points."""
+        return self.faces
+
+    def surface(self, t: Jet) -> Points:
+        """Return the mesh with its derivatives."""
+        coefficients = np.zeros((3, 10, len(self.vertices_mm)))
+        coefficients[:, VALUE] = self.vertices_mm.T
+        coefficients[:, [A, B, AA, AB, BB]] = np.moveaxis(self.along, 2, 0)
+        x, y, z = map(Jet, coefficients)
+        return x, y, z
+
+
+def make_reference_configuration(mesh: TriangleMesh) -> ReferenceConfiguration:
+    """Return where the points of a mesh are at rest, with the best derivatives along its surface that it allows."""
+    if mesh.material_mm is not None:
+        return SheetConfiguration(mesh.material_mm, mesh.faces)
+    if mesh.along is not None:
+        return AnalyticConfiguration(mesh.vertices_mm, mesh.faces, mesh.along)
+    return FittedConfiguration(mesh.vertices_mm, mesh.faces, mesh.crease_deg)
+
+
+def make_constant_field(values: NDArray[np.float64], t: JetField) -> Any:
+    """Return values that do not change as a field of the kind of t."""
+    if isinstance(t, Jet):
+        return Jet.constant(np.ascontiguousarray(values, dtype=t.coefficients.dtype), t.variables)
+    return np.asarray(values, dtype=t.dtype)
+
+
+def make_surface_jet(osculation: QuadricFit, orders: NDArray[np.float64]) -> Jet:
+    """Return a field on the vertices as a jet in t, a and b at the surface points.
+
+    Parameters
+    ----------
+    osculation
+        The fits.
+    orders
+        The field and, as far as it moves, its first and second derivative in time, shape (1 to 3, n).
+    """
+    coefficients = np.zeros((10, len(osculation.vertices)))
+    coefficients[VALUE] = orders[0][osculation.vertices]
+    coefficients[[A, B, AA, AB, BB]] = osculation.derivatives(orders[0])
+    if len(orders) > 1:
+        coefficients[T] = orders[1][osculation.vertices]
+        coefficients[[TA, TB]] = osculation.derivatives(orders[1])[:2]
+    if len(orders) > 2:
+        coefficients[TT] = orders[2][osculation.vertices]
+    return Jet(coefficients)
+
+
+def corner_normals(mesh: TriangleMesh, start: ReferenceConfiguration, maps: Sequence[PointMap], t: float) -> Floats:
+    """Return the unit normals of the smooth surface at the corners of all faces at time t (in frames).
+
+    They are those of the surface's derivatives, whose error falls with the square of the triangles' size. Normals that
+    came with the mesh turn with the surface from where it is at rest: the little by which they differ from the
+    derivatives' there, they keep.
+
+    Parameters
+    ----------
+    mesh
+        The mesh at rest.
+    start
+        Where its points are before anything moves them.
+    maps
+        How it is deformed, placed and moved, first applied first.
+    t
+        Time in frames.
+
+    Returns
+    -------
+    numpy.ndarray
+        Of either sense, shape (m, 3, 3); NaN where the derivatives along the surface are parallel.
+    """
+    moved = _frames(start, maps, t)[start.corners]
+    if mesh.corner_normals is None:
+        return moved[:, :, 2]
+    rest_start = start if isinstance(start, FittedConfiguration) else make_reference_configuration(mesh)
+    rest = _frames(rest_start, (), t)[rest_start.corners]
+    turned: Floats = np.einsum("mcij,mcik,mck->mcj", moved, rest, mesh.corner_normals)
+    return np.where(np.isfinite(turned).all(axis=2, keepdims=True), turned, moved[:, :, 2])
+
+
+def _frames(start: ReferenceConfiguration, maps: Sequence[PointMap], t: float) -> Floats:
+    """Return right-handed frames (along a, across, normal) of all surface points, rows of shape (k, 3, 3)."""
+    time = Jet.variable(np.array([float(t)]), 0, 3)
+    points = start.surface(time)
+    shape = points[0].coefficients.shape
+    fields = [np.broadcast_to(field.coefficients, shape) for field in apply(maps, points, time)]
+    one, two = (np.stack([field[slot] for field in fields], axis=1) for slot in (A, B))
+    normal = np.cross(one, two)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one = one / np.linalg.norm(one, axis=1, keepdims=True)
+        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.stack([one, np.cross(normal, one), normal], axis=1)

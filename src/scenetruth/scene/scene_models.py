@@ -1,0 +1,288 @@
+"""The models of a scene (a scene file in YAML is only their spelling), their summaries, and their image times."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from html import escape
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator
+
+from scenetruth.camera import AnySensor, Camera, Frames, Optics, Shutter, Stage
+from scenetruth.discovery import discriminated_union
+from scenetruth.estimators import MethodChoice, choose
+from scenetruth.scene.lighting import Lighting
+from scenetruth.scene.plant import PlantModel
+from scenetruth.scene.scene_object import SceneObject
+from scenetruth.scene.texture.texture_model import Radiance
+from scenetruth.settings import ScoreSettings, StorageSettings
+from scenetruth.validated_model import FrozenModel
+
+__all__ = [
+    "Plant",
+    "RenderSettings",
+    "Scene",
+    "compute_image_times",
+    "format_line",
+    "make_summary_rows",
+    "make_summary_table",
+]
+
+
+def format_line(description: str, camera: Camera, stage: Stage, frames: Frames, names: Sequence[str]) -> str:
+    """Return one line that tells what a scene is for, how many images of which size it has, and of what."""
+    grid = f"{stage.rows} x " if stage.rows > 1 else ""
+    parts = [
+        *([repr(description)] if description else []),
+        f"{camera.width} x {camera.height} px",
+        f"{grid}{stage.positions} positions x {frames.count} frames",
+        f"objects: {', '.join(names)}",
+    ]
+    return f"Scene({'; '.join(parts)})"
+
+
+def make_summary_rows(
+    camera: Camera,
+    stage: Stage,
+    frames: Frames,
+    things: Sequence[SceneObject | PlantModel],
+    lighting: Lighting,
+    sensor: AnySensor,
+) -> dict[str, str]:
+    """Return what a scene consists of: headings and texts."""
+    lens = "" if camera.distortion is None else ", with distortion"
+    rows = f"{stage.rows} rows, {stage.row_spacing_mm:g} mm apart, of " if stage.rows > 1 else ""
+    unequal = "" if stage.positions_mm is None else " in the mean"
+    return {
+        "camera": f"{camera.width} x {camera.height} px, f = {camera.focal_px:g} px{lens}",
+        "stage": f"{rows}{stage.positions} positions, {stage.baseline_mm:g} mm apart{unequal}",
+        "frames": f"{frames.count}, {frames.frame_interval_s:g} s apart",
+        **{f"{_noun(thing)} '{thing.name}'": _text_of(thing) for thing in things},
+        "light": _light(lighting),
+        "sensor": _sensor(sensor),
+    }
+
+
+def make_summary_table(caption: str, rows: Mapping[str, str]) -> str:
+    """Return a table in HTML of headings and texts."""
+    lines = "".join(f"<tr><th>{escape(head)}</th><td>{escape(text)}</td></tr>" for head, text in rows.items())
+    return f"<table><caption>{escape(caption)}</caption><tbody>{lines}</tbody></table>"
+
+
+def _noun(thing: SceneObject | PlantModel) -> str:
+    return "plant" if isinstance(thing, PlantModel) else "object"
+
+
+def _text_of(thing: SceneObject | PlantModel) -> str:
+    shape = (
+        f"{_plant_kind(thing)} of {len(thing.places())} leaves" if isinstance(thing, PlantModel) else thing.mesh.kind
+    )
+    growth = [thing.growth] if isinstance(thing, PlantModel) and thing.growth is not None else []
+    parts = {
+        "": shape,
+        "texture ": thing.texture.kind,
+        "deformation ": ", ".join(item.kind for item in (*growth, *thing.deformation)),
+        "motion ": ", ".join(item.kind for item in thing.motion),
+    }
+    return "; ".join(f"{name}{text}" for name, text in parts.items() if text)
+
+
+def _plant_kind(plant: PlantModel) -> str:
+    return str(getattr(plant, "kind", "plant"))
+
+
+def _light(lighting: Lighting) -> str:
+    if not lighting.lit:
+        return "unlit: radiance is the textures'"
+    ambient = [] if lighting.ambient is None else [f"ambient {lighting.ambient:g}"]
+    return ", ".join([*ambient, *(light.kind for light in lighting.lights)])
+
+
+def _sensor(sensor: AnySensor) -> str:
+    if isinstance(sensor, str):
+        return sensor
+    preset = getattr(sensor, "preset", None)
+    bits = getattr(sensor, "bit_depth", None)
+    effects = ", ".join(effect.kind for effect in getattr(sensor, "effects", ()))
+    parts = [sensor.kind, preset or "", effects, f"{bits} bits" if bits is not None else ""]
+    return "; ".join(filter(None, parts))
+
+
+if TYPE_CHECKING:
+    Plant = PlantModel
+else:
+    Plant = discriminated_union(PlantModel, "scenetruth.scene.plant")
+
+
+class RenderSettings(FrozenModel):
+    """How images are made."""
+
+    backend: Literal["auto", "pyrender", "raycast"] = "auto"
+    """``pyrender`` (OpenGL), ``raycast`` (the reference), or ``auto``: pyrender where it runs, else raycast."""
+    platform: Literal["auto", "osmesa", "egl"] = "auto"
+    """OpenGL platform of ``pyrender``; ``auto`` takes OSMesa where it runs, else EGL."""
+    supersampling: Annotated[int, Field(ge=1, le=16)] = 4
+    """n: every pixel is the mean of n x n samples."""
+
+
+def _refuse_twice(names: list[str]) -> None:
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        told = [*twice[:5], *([f"and {len(twice) - 5} more"] if len(twice) > 5 else [])]
+        msg = f"names must be unique; used more than once: {', '.join(told)}"
+        raise ValueError(msg)
+
+
+class Scene(FrozenModel):
+    """Everything that a recording and its truth are made from.
+
+    Scenes are read with `load_scene` or `scene_from_plain`. They cannot be changed, and compare and hash by their
+    values; notebooks show them as a table.
+
+    See Also
+    --------
+    load_scene : A scene from a file in YAML.
+    scene_from_plain : A scene from plain values.
+    simulate : Images and truth of a scene.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> scene = Scene(
+    ...     camera={"width": 40, "height": 30, "focal_length_px": 60},
+    ...     stage={"positions": 3, "baseline_mm": 5},
+    ...     frames={"count": 2},
+    ...     objects=[wall],
+    ... )
+    >>> scene
+    Scene(40 x 30 px; 3 positions x 2 frames; objects: wall)
+    >>> scene.camera.principal_point, scene.stage.s.tolist(), scene.render.backend
+    ((19.5, 14.5), [-1, 0, 1], 'auto')
+    >>> st.scene_from_plain(scene.to_plain()) == scene
+    True
+    """
+
+    # The schema of scene files says no more than it needs to.
+    model_config = ConfigDict(
+        json_schema_extra={"description": "Everything that a recording and its truth are made from."}
+    )
+
+    format: Literal[1] = 1
+    """Version of the format of scene files."""
+    description: str = ""
+    """What the scene is for."""
+    camera: Camera
+    """The camera."""
+    optics: Optics = Optics()
+    """What its lens does besides distorting."""
+    shutter: Shutter = Shutter()
+    """When its pixels collect light."""
+    stage: Stage
+    """Its linear stage."""
+    frames: Frames
+    """When it takes images."""
+    objects: tuple[SceneObject, ...] = ()
+    """What stands before it."""
+    plants: Annotated[tuple[Plant, ...], Field(validate_default=True)] = ()
+    """Plants that stand before it; each leaf is an object."""
+    background: Radiance = 0.0
+    """Radiance where no object is seen."""
+    lighting: Lighting = Lighting()
+    """The light on the objects; unlit, the radiance is the textures' own."""
+    sensor: AnySensor = "ideal"
+    """The sensor; ``ideal`` delivers the linear images themselves."""
+    render: RenderSettings = RenderSettings()
+    """Backend and sampling of the images."""
+    estimate: MethodChoice = Field(default_factory=lambda: choose({}))
+    """How depth and motion are estimated from them."""
+    score: ScoreSettings = ScoreSettings()
+    """How the estimate is scored."""
+    storage: StorageSettings = StorageSettings()
+    """How all of that is stored."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Seed of every random number of the scene."""
+
+    @field_validator("frames")
+    @classmethod
+    def _long_enough(cls, value: Frames, info: ValidationInfo) -> Frames:
+        stage = info.data.get("stage")
+        if stage is None or value.count == 1:
+            return value
+        needed = stage.scan_interval_s
+        if needed > value.frame_interval_s * (1 + 1e-9):
+            msg = (
+                f"the stage needs {needed:g} s from frame to frame, more than frame_interval_s = "
+                f"{value.frame_interval_s:g} s: make it longer, or stage.time_per_position_s shorter"
+            )
+            raise ValueError(msg)
+        return value
+
+    @field_validator("objects")
+    @classmethod
+    def _unique_names(cls, value: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
+        _refuse_twice([item.name for item in value])
+        return value
+
+    @field_validator("plants")
+    @classmethod
+    def _unique_among_objects(cls, value: tuple[Plant, ...], info: ValidationInfo) -> tuple[Plant, ...]:
+        objects = info.data.get("objects")
+        if objects is None:
+            return value
+        names = [item.name for item in (*objects, *value)]
+        if not names:
+            msg = "a scene needs at least one object or plant"
+            raise ValueError(msg)
+        _refuse_twice(names)
+        return value
+
+    @cached_property
+    def parts(self) -> tuple[tuple[str, SceneObject], ...]:
+        """All objects, those of plants too, each with its path in the scene: ``objects.0``, ``plants.0.leaves.2``."""
+        own = [(f"objects.{index}", item) for index, item in enumerate(self.objects)]
+        return tuple(own) + tuple(
+            (f"plants.{index}.leaves.{number}", leaf)
+            for index, plant in enumerate(self.plants)
+            for number, leaf in enumerate(plant.leaf_objects())
+        )
+
+    @property
+    def needs_rays(self) -> str:
+        """What of the scene only ray casting can render; empty if nothing."""
+        parts = ["a lens that distorts"] if self.camera.distortion is not None else []
+        return " and ".join(parts + (["a rolling shutter"] if self.shutter.readout_time_s > 0 else []))
+
+    def shrunk_to(self, most_px: int) -> Scene:
+        """Return the scene with the reference frame alone, and not more than so many pixels along a side."""
+        frames = self.frames.model_copy(update={"count": 1})
+        return self.model_copy(update={"camera": self.camera.shrunk_to(most_px), "frames": frames})
+
+    def __repr__(self) -> str:
+        names = [item.name for item in self.objects] + [item.name for item in self.plants]
+        return format_line(self.description, self.camera, self.stage, self.frames, names)
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """Return a table of what the scene consists of, as notebooks show it."""
+        things: list[SceneObject | Plant] = [*self.objects, *self.plants]
+        rows = make_summary_rows(self.camera, self.stage, self.frames, things, self.lighting, self.sensor)
+        return make_summary_table(self.description or "Scene", rows)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the scene as plain values, ready for YAML or JSON."""
+        return self.model_dump(mode="json")
+
+
+def compute_image_times(scene: Scene) -> list[float]:
+    """Return the times of the frames, and those of the first and of the last image, in frames."""
+    stage, frames = scene.stage, scene.frames.t.tolist()
+    per_image = stage.time_per_position_s / scene.frames.frame_interval_s
+    before, last = stage.number_in_scan(0, frames[0]), stage.number_in_scan(0, frames[-1])
+    after = stage.positions * stage.rows - 1 - last
+    ends = [frames[0] - before * per_image, frames[-1] + after * per_image] if per_image > 0 else []
+    return [*map(float, frames), *ends]

@@ -1,0 +1,362 @@
+"""Checks of a scene before it is rendered: image sizes, disparities, memory, wavelengths, and its lighting."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import build_sensor_chain
+from scenetruth.errors import Problem, SceneError, SceneWarning
+from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.lighting import EVERYWHERE
+from scenetruth.scene.scene_models import Scene, compute_image_times
+from scenetruth.scene.texture import TextureModel
+
+__all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene", "find_lighting_problems"]
+
+
+# A direction in which no mesh is likely to have edges or faces.
+_UNSTEADY = 1e-3
+_GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
+
+
+def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
+    """Return what is wrong with a scene's lighting: lights inside objects, and brightness that does not stay positive.
+
+    All frames, or the given times in frames, are looked at. Only closed meshes have an inside: those in which every
+    edge belongs to an even number of triangles. A light is inside if a ray from it passes the surface an odd number of
+    times.
+    """
+    lighting = scene.lighting
+    times = [float(t) for t in scene.frames.t] if times is None else times
+    problems = []
+    brightness = [lighting.brightness(t) for t in times]
+    if min(brightness) <= 0:
+        worst = times[int(np.argmin(brightness))]
+        message = (
+            f"makes the brightness {min(brightness):.6g} at frame {worst:g}; it must stay positive over all frames"
+        )
+        problems.append(Problem("lighting.drift_per_frame", message, lighting.drift_per_frame))
+    problems += _lost_lamps(scene, times)
+    if problems or all(lamp.position_mm is None for lamp in lighting.lamps_at(0.0)):
+        return problems
+    closed = [_is_closed(body.positions_at(0.0), body.faces) for body in world.bodies]
+    found: set[tuple[int, int]] = set()
+    for t in times:
+        places = [body.positions_at(t) if shut else None for body, shut in zip(world.bodies, closed, strict=True)]
+        for number, lamp in enumerate(lighting.lamps_at(t)):
+            if lamp.position_mm is None:
+                continue
+            for index, body in enumerate(world.bodies):
+                corners = places[index]
+                if corners is None or (number, index) in found:
+                    continue
+                if _is_inside(lamp.position_mm, corners, body.faces):
+                    found.add((number, index))
+                    message = f"the light is inside '{body.name}' at frame {t:g}; move it out"
+                    where = tuple(round(float(value), 6) for value in lamp.position_mm)
+                    problems.append(Problem(f"lighting.lights.{number}.position_mm", message, where))
+    return problems
+
+
+def _lost_lamps(scene: Scene, times: Sequence[float]) -> list[Problem]:
+    """Return which lamps are moved so far that they, or the directions in which they shine, are no numbers any more."""
+    lost: dict[int, Problem] = {}
+    for t in times:
+        for number, lamp in enumerate(scene.lighting.lamps_at(t)):
+            directed = lamp.position_mm is None or lamp.cos_outer > EVERYWHERE
+            shines = not directed or abs(float(np.linalg.norm(lamp.axis)) - 1) < _UNSTEADY
+            if not shines or not (lamp.position_mm is None or np.isfinite(lamp.position_mm).all()):
+                message = f"moves the light, at frame {t:g}, so far that its place or direction is lost; make it slower"
+                lost.setdefault(number, Problem(f"lighting.lights.{number}.motion", message))
+    return list(lost.values())
+
+
+def _is_closed(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:
+    _, welded = np.unique(vertices, axis=0, return_inverse=True)
+    corners = welded.reshape(-1)[faces]
+    edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    _, uses = np.unique(edges, axis=0, return_counts=True)
+    return bool((uses % 2 == 0).all())
+
+
+def _is_inside(point: NDArray[np.float64], vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:
+    if (point < vertices.min(axis=0)).any() or (point > vertices.max(axis=0)).any():
+        return False
+    first, second, third = (vertices[faces[:, k]] - point for k in range(3))
+    # Signed volumes of the ray and each edge, exactly opposite for the two faces that share it: none slips through.
+    volumes = np.stack(
+        [np.cross(a, b) @ _GENERIC_DIRECTION for a, b in ((first, second), (second, third), (third, first))]
+    )
+    normals = np.cross(second - first, third - first)
+    slope = normals @ _GENERIC_DIRECTION
+    ahead = np.einsum("ij,ij->i", normals, first) * slope > 0
+    crossed = ((volumes >= 0).all(axis=0) | (volumes < 0).all(axis=0)) & (slope != 0) & ahead
+    return bool(np.count_nonzero(crossed) % 2)
+
+
+_FINEST_PX = 2.0
+# A thousand kilometres: float64 then still tells 1e-7 mm apart, and float32, which the search for rays uses, 64 mm.
+_FARTHEST_MM = 1e9
+_BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3 + 2 + 1 + 1) + 4 + 4 + 1 + 2 + 1 + 1
+
+
+@dataclass(frozen=True)
+class ObjectReport:
+    """What is to be expected of one object.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    faces
+        Number of triangles.
+    depth_mm
+        Least and largest depth Z over all frames, of the vertices in front of the camera.
+    disparity_px
+        Least and largest disparity over all frames, px per step.
+    wavelength_px
+        Shortest and longest wavelength of its texture in the image where it is nearest and farthest, without
+        foreshortening; None for textures without a stated wavelength.
+    """
+
+    name: str
+    faces: int
+    depth_mm: tuple[float, float]
+    disparity_px: tuple[float, float]
+    wavelength_px: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class SceneReport:
+    """What will be made from a scene.
+
+    Parameters
+    ----------
+    image_count
+        Number of images.
+    recording_bytes, truth_bytes
+        Memory of the recording, and of the truth of the reference camera.
+    mean_disparity_px
+        Mean disparity of what the reference camera sees at the reference frame.
+    working_point_px
+        That mean, rounded: the integer shift per step of s that brings the images together.
+    residual_disparity_px
+        Range of the disparity that remains after it, at the reference frame.
+    objects
+        One report for each object.
+    warnings
+        What makes the scene unfit to be measured, though it can be made.
+    """
+
+    image_count: int
+    recording_bytes: int
+    truth_bytes: int
+    mean_disparity_px: float
+    working_point_px: int
+    residual_disparity_px: tuple[float, float]
+    objects: tuple[ObjectReport, ...]
+    warnings: tuple[str, ...]
+
+
+def check_scene(scene: Scene, world: BuiltScene) -> None:
+    """Refuse a scene with nothing to see, and warn of one that can hardly be measured.
+
+    Raises
+    ------
+    SceneError
+        With every object that is behind the camera or outside all images, and every light inside an object.
+
+    Warns
+    -----
+    SceneWarning
+        If a texture is finer than two pixels.
+    """
+    reports, problems = _inspect(scene, world, None)
+    if problems:
+        raise SceneError(problems)
+    for message in _texture_warnings(reports):
+        warnings.warn(message, SceneWarning, stacklevel=2)
+
+
+def describe_scene(
+    scene: Scene, world: BuiltScene, depth: NDArray[np.float64], times: Sequence[float] | None = None
+) -> SceneReport:
+    """Describe what will be made.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    world
+        Its objects.
+    depth
+        Depth of the reference camera at the reference frame, NaN where nothing is seen.
+    times
+        Moments to look at, in frames; all if not given.
+
+    Raises
+    ------
+    SceneError
+        As `check_scene`.
+    """
+    reports, problems = _inspect(scene, world, times)
+    seen = depth[np.isfinite(depth)]
+    # Of a scene that is looked at in part, what is seen may be among the rest.
+    whole = len(world.bodies) == len(scene.parts)
+    if not problems and not seen.size and whole:
+        problems = [Problem("objects", "the reference camera sees none of them at the reference frame")]
+    if problems:
+        raise SceneError(problems)
+    disparity = scene.camera.focal_px * scene.stage.baseline_mm / seen
+    mean = float(disparity.mean()) if seen.size else 0.0
+    images = scene.stage.rows * scene.stage.positions * scene.frames.count
+    pixels = scene.camera.width * scene.camera.height
+    sample = build_sensor_chain(scene.sensor).dtype.itemsize
+    messages = list(_texture_warnings(reports))
+    ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
+    span = (ends[0] - round(mean), ends[1] - round(mean))
+    if max(map(abs, span)) > 2:
+        messages.append(
+            f"the disparity left after registration reaches {max(map(abs, span)):.1f} px per step; derivative filters "
+            "work best up to about 1 px: reduce the baseline or the range of depth"
+        )
+    return SceneReport(
+        image_count=images,
+        recording_bytes=images * pixels * sample,
+        truth_bytes=scene.frames.count * pixels * _BYTES_OF_TRUTH,
+        mean_disparity_px=mean,
+        working_point_px=round(mean),
+        residual_disparity_px=span,
+        objects=tuple(reports),
+        warnings=tuple(messages),
+    )
+
+
+def _inspect(
+    scene: Scene, world: BuiltScene, times: Sequence[float] | None
+) -> tuple[list[ObjectReport], list[Problem]]:
+    moments = compute_image_times(scene) if times is None else times
+    # What overflows is told of as a problem.
+    with np.errstate(all="ignore"):
+        reports, problems = _object_reports(scene, world, moments)
+        return reports, [*problems, *_camera_problems(scene), *find_lighting_problems(scene, world, times)]
+
+
+def _camera_problems(scene: Scene) -> list[Problem]:
+    """Return what lens, shutter and backend ask for that does not go together."""
+    problems = []
+    if scene.render.backend == "pyrender" and scene.needs_rays:
+        message = f"OpenGL cannot render {scene.needs_rays}; use raycast, or auto"
+        problems.append(Problem("render.backend", message, scene.render.backend))
+    psf, camera, shutter = scene.optics.psf, scene.camera, scene.shutter
+    if psf is not None and 2 * psf.reach_px > min(camera.width, camera.height):
+        value = f"light reaches {psf.reach_px:.3g} px far"
+        problems.append(Problem("optics.psf", "is wider than the image; make it narrower, or the image larger", value))
+    elif psf is not None and (folded := camera.folding_problem(int(np.ceil(psf.reach_px)))):
+        # Light comes into the image from around it.
+        problems.append(Problem("optics.psf", f"spreads light from around the image, where {folded}"))
+    interval = scene.frames.frame_interval_s
+    if shutter.exposure_time_s > interval:
+        message = f"is longer than frames.frame_interval_s, {interval:g} s"
+        problems.append(Problem("shutter.exposure_time_s", message, shutter.exposure_time_s))
+    elif shutter.exposure_time_s + shutter.readout_time_s > interval:
+        message = f"ends, together with the exposure, after frames.frame_interval_s, {interval:g} s"
+        problems.append(Problem("shutter.readout_time_s", message, shutter.readout_time_s))
+    return problems
+
+
+@dataclass
+class _ObjectRange:
+    """What is known of one object after some moments."""
+
+    near: float = np.inf
+    far: float = -np.inf
+    in_view: bool = False
+    lost_at: float | None = None
+
+    def look(self, scene: Scene, vertices: NDArray[np.float64], t: float) -> None:
+        """Look at its vertices at one more moment."""
+        if self.lost_at is not None:
+            return
+        if not np.abs(vertices).max() <= _FARTHEST_MM:
+            self.lost_at = t
+            return
+        depth = vertices[:, 2]
+        self.near, self.far = min(self.near, float(depth.min())), max(self.far, float(depth.max()))
+        self.in_view = self.in_view or (self.near > 0 and _in_view(scene, vertices))
+
+
+def _object_reports(
+    scene: Scene, world: BuiltScene, times: Sequence[float]
+) -> tuple[list[ObjectReport], list[Problem]]:
+    # Moment by moment: all of them together would not fit into memory.
+    seen = [_ObjectRange() for _ in world.bodies]
+    for t in times:
+        for one, body in zip(seen, world.bodies, strict=True):
+            one.look(scene, body.positions_at(t), t)
+    for one, body in zip(seen, world.bodies, strict=True):
+        # What is seen at a moment that was left out is not outside every image.
+        for t in compute_image_times(scene) if not one.in_view and one.near > 0 and one.lost_at is None else ():
+            one.look(scene, body.positions_at(t), t)
+            if one.in_view:
+                break
+    reports, problems = [], []
+    items = {item.name: (path, item) for path, item in scene.parts}
+    for one, body in zip(seen, world.bodies, strict=True):
+        path, item = items[body.name]
+        near, far = one.near, one.far
+        if one.lost_at is not None:
+            message = f"'{item.name}' is out of all bounds at frame {one.lost_at:g}: no coordinate may be farther "
+            message += f"than {_FARTHEST_MM:g} mm from the origin; make it smaller, nearer or slower"
+            problems.append(Problem(f"{path}.motion" if item.motion else path, message))
+        elif near <= 0:
+            where = "is behind the camera" if far <= 0 else "reaches behind the camera"
+            value = f"Z from {near:.6g} to {far:.6g} mm"
+            remedy = "move it to Z > 0 for all frames"
+            problems.append(Problem(f"{path}.pose.position_mm", f"'{item.name}' {where}; {remedy}", value))
+        elif not one.in_view:
+            message = f"'{item.name}' is outside every image; move it, or widen the view"
+            problems.append(Problem(f"{path}.pose.position_mm", message, item.pose.position_mm))
+        else:
+            disparity = sorted(scene.camera.focal_px * scene.stage.baseline_mm / np.array([near, far]))
+            reports.append(
+                ObjectReport(
+                    item.name,
+                    len(body.faces),
+                    (near, far),
+                    (float(disparity[0]), float(disparity[1])),
+                    _wavelengths_px(item.texture, scene.camera.focal_px, near, far),
+                )
+            )
+    return reports, problems
+
+
+def _in_view(scene: Scene, vertices: NDArray[np.float64]) -> bool:
+    """Whether the box around the projected vertices meets an image, from any camera."""
+    camera, stage = scene.camera, scene.stage
+    for x_mm, y_mm in product(stage.x_mm, stage.y_mm):
+        pixels = camera.project(vertices - (x_mm, y_mm, 0.0))
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        if ((high >= -0.5) & (low <= np.array([camera.width, camera.height]) - 0.5)).all():
+            return True
+    return False
+
+
+def _wavelengths_px(texture: TextureModel, focal: float, near: float, far: float) -> tuple[float, float] | None:
+    wavelengths = texture.shortest_and_longest_mm
+    return None if wavelengths is None else (wavelengths[0] * focal / far, wavelengths[1] * focal / near)
+
+
+def _texture_warnings(reports: list[ObjectReport]) -> list[str]:
+    return [
+        f"objects: the texture of '{report.name}' has wavelengths down to {report.wavelength_px[0]:.2f} px; finer than "
+        f"{_FINEST_PX:g} px it cannot be sampled: use longer wavelengths or a longer focal length"
+        for report in reports
+        if report.wavelength_px is not None and report.wavelength_px[0] < _FINEST_PX
+    ]

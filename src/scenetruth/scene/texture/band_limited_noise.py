@@ -1,0 +1,198 @@
+"""Periodic random fields with a limited band of wavelengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.compilation import thread_count
+
+__all__ = [
+    "SAMPLES_PER_WAVELENGTH",
+    "BandLimitedNoise",
+    "compute_noise_shape",
+    "contains_wavelength",
+    "make_band_limited_noise",
+]
+
+SAMPLES_PER_WAVELENGTH = 16
+"""Raster points per shortest wavelength."""
+
+_MOST_SAMPLES = 4096
+_MOST_ROUNDS = 100
+_COARSER = 2  # peaks are limited on a raster this much coarser: still 8 points per shortest wavelength
+
+
+@dataclass(frozen=True, eq=False)
+class BandLimitedNoise:
+    """Noise of zero mean and unit variance on a periodic raster.
+
+    Parameters
+    ----------
+    values
+        Noise at the raster points, shape (h, w), float32.
+    coefficients
+        Coefficients of the periodic cubic B-spline through ``values``, same shape, float32.
+    period
+        Size (width, height) of the raster, in the unit of the wavelengths.
+    """
+
+    values: NDArray[np.float32]
+    coefficients: NDArray[np.float32]
+    period: tuple[float, float]
+
+
+def make_band_limited_noise(
+    wavelength: tuple[float, float],
+    size: tuple[float, float],
+    generator: np.random.Generator,
+    *,
+    exponent: float = 0.0,
+    peak: float = 4.0,
+) -> BandLimitedNoise:
+    """Make isotropic Gaussian noise whose spectrum is exactly zero outside a band of wavelengths.
+
+    Parameters
+    ----------
+    wavelength
+        Shortest and longest wavelength.
+    size
+        (width, height) that should not repeat, in the same unit. What is larger than 256 shortest wavelengths repeats.
+    generator
+        Source of the random phases and amplitudes.
+    exponent
+        Power density inside the band is proportional to (spatial frequency) ** exponent.
+    peak
+        Values beyond this many standard deviations are taken away by alternating projections (clip, limit to
+        the band); the larger it is, the nearer the noise is to Gaussian.
+
+    Returns
+    -------
+    BandLimitedNoise
+        Periodic; mean 0 and variance 1 to rounding, extremes within ± ``peak`` to about 1 %.
+    """
+    from scipy import fft
+
+    pitch = wavelength[0] / SAMPLES_PER_WAVELENGTH
+    rows, columns = compute_noise_shape(wavelength, size)
+    small = _limited_spectrum(
+        (rows // _COARSER, columns // _COARSER), pitch * _COARSER, wavelength, generator, exponent, peak
+    )
+    used = small.shape[1]
+    spectrum = np.zeros((rows, used), dtype=np.complex128)
+    half = small.shape[0] // 2
+    spectrum[:half] = small[:half]
+    spectrum[-half:] = small[-half:]
+    values = _inverse(spectrum, (rows, columns))
+    scale = 1 / values.std()
+    # Samples of a cubic B-spline are its coefficients filtered by (1, 4, 1) / 6 along both axes.
+    response = ((2 + np.cos(2 * np.pi * fft.fftfreq(rows))) / 3)[:, None] * (
+        (2 + np.cos(2 * np.pi * fft.rfftfreq(columns)[:used])) / 3
+    )[None, :]
+    coefficients = _inverse(spectrum / response, (rows, columns))
+    return BandLimitedNoise(_scaled(values, scale), _scaled(coefficients, scale), (columns * pitch, rows * pitch))
+
+
+def compute_noise_shape(wavelength: tuple[float, float], size: tuple[float, float]) -> tuple[int, int]:
+    """Return the rows and columns of the raster of noise.
+
+    Parameters
+    ----------
+    wavelength, size
+        As of `make_band_limited_noise`.
+
+    Returns
+    -------
+    tuple of int
+        Rows and columns.
+    """
+    shortest, longest = wavelength
+    pitch = shortest / SAMPLES_PER_WAVELENGTH
+    columns, rows = (_raster_points(max(extent, 4 * longest), pitch) for extent in size)
+    return rows, columns
+
+
+def contains_wavelength(wavelength: tuple[float, float], size: tuple[float, float]) -> bool:
+    """Tell whether any wave of a band fits on the raster of noise; without one there is no noise.
+
+    Parameters
+    ----------
+    wavelength, size
+        As of `make_band_limited_noise`.
+
+    Returns
+    -------
+    bool
+        True if a whole number of waves along x and along y gives a wavelength of the band.
+    """
+    pitch = wavelength[0] / SAMPLES_PER_WAVELENGTH * _COARSER
+    # Waves of the band have at most so many periods along either side.
+    down, across = (
+        np.fft.rfftfreq(side // _COARSER, pitch)[: side // SAMPLES_PER_WAVELENGTH + 2]
+        for side in compute_noise_shape(wavelength, size)
+    )
+    frequency = np.hypot(down[:, None], across[None, :])
+    return bool(((frequency >= 1 / wavelength[1]) & (frequency <= 1 / wavelength[0])).any())
+
+
+def _scaled(values: NDArray[np.float64], scale: float) -> NDArray[np.float32]:
+    values *= scale
+    return values.astype(np.float32)
+
+
+def _raster_points(extent: float, pitch: float) -> int:
+    return _COARSER * _fast_length(int(np.ceil(min(extent / pitch, _MOST_SAMPLES) / _COARSER)))
+
+
+def _fast_length(least: int) -> int:
+    """Return what `scipy.fft.next_fast_len` does of real numbers, without scipy: products of 2, 3 and 5."""
+    lengths = (int(2**twos * 3**threes * 5**fives) for twos in range(13) for threes in range(9) for fives in range(6))
+    return min(length for length in lengths if length >= least)
+
+
+def _limited_spectrum(
+    shape: tuple[int, int],
+    pitch: float,
+    wavelength: tuple[float, float],
+    generator: np.random.Generator,
+    exponent: float,
+    peak: float,
+) -> NDArray[np.complex128]:
+    """Return the half spectrum of noise in a band whose values stay within a peak, up to its last used column."""
+    from scipy import fft
+
+    rows, columns = shape
+    frequency = np.hypot(fft.fftfreq(rows, pitch)[:, None], fft.rfftfreq(columns, pitch)[None, :])
+    band = (frequency >= 1 / wavelength[1]) & (frequency <= 1 / wavelength[0])
+    # Beyond the band's highest frequency along x there is nothing to transform.
+    used = int(np.flatnonzero(band.any(axis=0)).max(initial=0)) + 1
+    frequency, band = frequency[:, :used], band[:, :used]
+    spectrum = np.zeros(band.shape, dtype=np.complex128)
+    count = int(band.sum())
+    spectrum[band] = frequency[band] ** (exponent / 2) * (
+        generator.standard_normal(count) + 1j * generator.standard_normal(count)
+    )
+    for _ in range(_MOST_ROUNDS):
+        field = _inverse(spectrum, shape)
+        limit = peak * field.std()
+        if max(field.max(), -field.min()) <= 0.99 * limit:
+            break
+        # Clipping to a little less than the limit makes the projections settle in a few rounds.
+        np.clip(field, -0.96 * limit, 0.96 * limit, out=field)
+        across = fft.rfft(field, axis=1, workers=thread_count())
+        spectrum = fft.fft(across[:, :used], axis=0, workers=thread_count()) * band
+    return spectrum
+
+
+def _inverse(spectrum: NDArray[np.complex128], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Return what `scipy.fft.irfft2` does, to the bit, of a half spectrum whose last columns are zero and left out."""
+    from scipy import fft
+
+    rows, columns = shape
+    part = np.zeros((rows, columns // 2 + 1), dtype=np.complex128)
+    part[:, : spectrum.shape[1]] = fft.ifft(spectrum, axis=0, norm="forward", workers=thread_count())
+    values: NDArray[np.float64] = fft.irfft(part, columns, axis=1, norm="forward", workers=thread_count())
+    values *= 1 / (rows * columns)
+    return values

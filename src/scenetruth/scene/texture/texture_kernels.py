@@ -1,0 +1,214 @@
+"""Kernels that interpolate textures, and average them over the footprints of pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.threads import in_bands
+
+__all__ = ["linear_lookup", "linear_means", "plaid_means", "spline_lookup", "spline_means"]
+
+# Points, and footprints of many samples, that are worth a thread of their own.
+_LEAST_POINTS, _LEAST_FOOTPRINTS = 8192, 256
+# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
+
+
+@numba.njit(cache=True, nogil=True)
+def _cubic_weights(share: np.float32) -> Any:
+    """Return six times the four weights of a cubic B-spline between its second and its third coefficient."""
+    rest = np.float32(1.0) - share
+    first, last = rest * rest * rest, share * share * share
+    second = np.float32(4.0) - np.float32(6.0) * share * share + np.float32(3.0) * last
+    third = np.float32(4.0) - np.float32(6.0) * rest * rest + np.float32(3.0) * first
+    return first, second, third, last
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _linear(values: NDArray[np.float32], u: float, v: float, tiled: bool) -> Any:
+    rows, columns = values.shape
+    x = u * columns - 0.5
+    y = v * rows - 0.5
+    fx, fy = np.floor(x), np.floor(y)
+    x0, y0 = int(fx), int(fy)
+    x1, y1 = x0 + 1, y0 + 1
+    if x0 < 0 or y0 < 0 or x1 >= columns or y1 >= rows:
+        if tiled:
+            x0, x1, y0, y1 = x0 % columns, x1 % columns, y0 % rows, y1 % rows
+        else:
+            x0, x1 = min(max(x0, 0), columns - 1), min(max(x1, 0), columns - 1)
+            y0, y1 = min(max(y0, 0), rows - 1), min(max(y1, 0), rows - 1)
+    a, b = x - fx, y - fy
+    upper = (1.0 - a) * values[y0, x0] + a * values[y0, x1]
+    lower = (1.0 - a) * values[y1, x0] + a * values[y1, x1]
+    return (1.0 - b) * upper + b * lower
+
+
+def spline_lookup(coefficients: NDArray[np.float32], uv: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Evaluate a periodic cubic B-spline; texel (i, j) stands at ((j + 1/2) / w, (i + 1/2) / h)."""
+    out = np.empty(uv.shape[0], dtype=np.float32)
+    in_bands(_spline_lookup, uv.shape[0], coefficients, uv, out, least=_LEAST_POINTS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _spline_lookup(
+    low: int, high: int, coefficients: NDArray[np.float32], uv: NDArray[np.float64], out: NDArray[np.float32]
+) -> None:
+    rows, columns = coefficients.shape
+    for n in range(np.uint64(low), np.uint64(high)):
+        x, y = uv[n, 0] * columns - 0.5, uv[n, 1] * rows - 0.5
+        fx, fy = np.floor(x), np.floor(y)
+        x0, y0 = int(fx) - 1, int(fy) - 1
+        wx0, wx1, wx2, wx3 = _cubic_weights(np.float32(x - fx))
+        wy = _cubic_weights(np.float32(y - fy))
+        c0, c1, c2, c3 = x0 % columns, (x0 + 1) % columns, (x0 + 2) % columns, (x0 + 3) % columns
+        total = np.float32(0.0)
+        for k in range(4):
+            # A row of its own would be counted as an array in use.
+            r = (y0 + k) % rows
+            total += wy[k] * (
+                wx0 * coefficients[r, c0]
+                + wx1 * coefficients[r, c1]
+                + wx2 * coefficients[r, c2]
+                + wx3 * coefficients[r, c3]
+            )
+        out[n] = total / np.float32(36.0)
+
+
+def spline_means(
+    coefficients: NDArray[np.float32],
+    forms: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Average the spline of `spline_lookup` over samples whose coordinates are quotients of linear forms.
+
+    ``forms``, shape (n, 3, 3), has the numerators of u and v and their denominator as its rows: the value at an offset
+    of zero, and the steps per unit of the offset's two components. ``offsets`` has shape (samples, 2), and
+    ``weights`` (samples,).
+    """
+    out = np.empty(forms.shape[0], dtype=np.float32)
+    in_bands(_spline_means, forms.shape[0], coefficients, forms, offsets, weights, out, least=_LEAST_FOOTPRINTS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _spline_means(
+    low: int, high: int, coefficients: NDArray[np.float32], forms: NDArray[np.float64], offsets: NDArray[np.float64],
+    weights: NDArray[np.float64], out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    rows, columns = coefficients.shape
+    flat = coefficients.ravel()
+    samples = offsets.shape[0]
+    # Positions and weights of all samples first: those loops run in vector registers.
+    xs, ys = np.empty(samples, dtype=np.float64), np.empty(samples, dtype=np.float64)
+    left, top = np.empty(samples, dtype=np.int64), np.empty(samples, dtype=np.int64)
+    wx, wy = np.empty((4, samples), dtype=np.float32), np.empty((4, samples), dtype=np.float32)
+    for n in range(np.uint64(low), np.uint64(high)):
+        u0, ux, uy = forms[n, 0, 0], forms[n, 0, 1], forms[n, 0, 2]
+        v0, vx, vy = forms[n, 1, 0], forms[n, 1, 1], forms[n, 1, 2]
+        d0, dx, dy = forms[n, 2, 0], forms[n, 2, 1], forms[n, 2, 2]
+        for m in range(samples):
+            x, y = offsets[m, 0], offsets[m, 1]
+            scale = 1.0 / (d0 + x * dx + y * dy)
+            xs[m] = (u0 + x * ux + y * uy) * scale * columns - 0.5
+            ys[m] = (v0 + x * vx + y * vy) * scale * rows - 0.5
+        for m in range(samples):
+            fx, fy = np.floor(xs[m]), np.floor(ys[m])
+            left[m], top[m] = int(fx) - 1, int(fy) - 1
+            wx[0, m], wx[1, m], wx[2, m], wx[3, m] = _cubic_weights(np.float32(xs[m] - fx))
+            wy[0, m], wy[1, m], wy[2, m], wy[3, m] = _cubic_weights(np.float32(ys[m] - fy))
+        mean = 0.0
+        for m in range(samples):
+            i, j = left[m], top[m]
+            w0, w1, w2, w3 = wx[0, m], wx[1, m], wx[2, m], wx[3, m]
+            total = np.float32(0.0)
+            if i >= 0 and j >= 0 and i + 3 < columns and j + 3 < rows:
+                at = j * columns + i
+                for k in range(4):
+                    total += wy[k, m] * (w0 * flat[at] + w1 * flat[at + 1] + w2 * flat[at + 2] + w3 * flat[at + 3])
+                    at += columns
+            else:
+                c0, c1, c2, c3 = i % columns, (i + 1) % columns, (i + 2) % columns, (i + 3) % columns
+                for k in range(4):
+                    row = coefficients[(j + k) % rows]
+                    total += wy[k, m] * (w0 * row[c0] + w1 * row[c1] + w2 * row[c2] + w3 * row[c3])
+            mean += weights[m] * np.float64(total / np.float32(36.0))
+        out[n] = mean
+
+
+def linear_lookup(values: NDArray[np.float32], uv: NDArray[np.float64], tiled: bool) -> NDArray[np.float32]:
+    """Interpolate bilinearly; texel (i, j) stands at ((j + 1/2) / w, (i + 1/2) / h), outside it repeats or stays."""
+    out = np.empty(uv.shape[0], dtype=np.float32)
+    in_bands(_linear_lookup, uv.shape[0], values, uv, tiled, out, least=_LEAST_POINTS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _linear_lookup(
+    low: int, high: int, values: NDArray[np.float32], uv: NDArray[np.float64], tiled: bool, out: NDArray[np.float32]
+) -> None:
+    for n in range(np.uint64(low), np.uint64(high)):
+        out[n] = _linear(values, uv[n, 0], uv[n, 1], tiled)
+
+
+def linear_means(
+    values: NDArray[np.float32],
+    forms: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    tiled: bool,
+) -> NDArray[np.float32]:
+    """Average the image of `linear_lookup` over samples; the rest as in `spline_means`."""
+    out = np.empty(forms.shape[0], dtype=np.float32)
+    in_bands(_linear_means, forms.shape[0], values, forms, offsets, weights, tiled, out, least=_LEAST_FOOTPRINTS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _linear_means(
+    low: int, high: int, values: NDArray[np.float32], forms: NDArray[np.float64], offsets: NDArray[np.float64],
+    weights: NDArray[np.float64], tiled: bool, out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    samples = offsets.shape[0]
+    for n in range(np.uint64(low), np.uint64(high)):
+        u0, ux, uy = forms[n, 0, 0], forms[n, 0, 1], forms[n, 0, 2]
+        v0, vx, vy = forms[n, 1, 0], forms[n, 1, 1], forms[n, 1, 2]
+        w0, wx, wy = forms[n, 2, 0], forms[n, 2, 1], forms[n, 2, 2]
+        mean = 0.0
+        for m in range(samples):
+            x, y = offsets[m, 0], offsets[m, 1]
+            scale = 1.0 / (w0 + x * wx + y * wy)
+            mean += weights[m] * _linear(values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled)
+        out[n] = mean
+
+
+def plaid_means(
+    forms: NDArray[np.float64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Average cos(2 pi u) cos(2 pi v) over samples; the rest as in `spline_means`."""
+    out = np.empty(forms.shape[0], dtype=np.float64)
+    in_bands(_plaid_means, forms.shape[0], forms, offsets, weights, out, least=_LEAST_FOOTPRINTS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _plaid_means(
+    low: int, high: int, forms: NDArray[np.float64], offsets: NDArray[np.float64], weights: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:  # fmt: skip
+    samples = offsets.shape[0]
+    for n in range(np.uint64(low), np.uint64(high)):
+        u0, ux, uy = forms[n, 0, 0], forms[n, 0, 1], forms[n, 0, 2]
+        v0, vx, vy = forms[n, 1, 0], forms[n, 1, 1], forms[n, 1, 2]
+        w0, wx, wy = forms[n, 2, 0], forms[n, 2, 1], forms[n, 2, 2]
+        mean = 0.0
+        for m in range(samples):
+            x, y = offsets[m, 0], offsets[m, 1]
+            scale = 2.0 * np.pi / (w0 + x * wx + y * wy)
+            mean += weights[m] * np.cos((u0 + x * ux + y * uy) * scale) * np.cos((v0 + x * vx + y * vy) * scale)
+        out[n] = mean

@@ -1,0 +1,411 @@
+"""Reading of YAML files that people write: bounded in size, and every problem with its line."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from scenetruth.errors import Problem, RecipeError, SceneError
+from scenetruth.input_files import regular_file_size
+from scenetruth.plain_data import MAX_DEPTH, MAX_VALUES, scalar_problem
+
+__all__ = ["MAX_YAML_BYTES", "read_file", "read_text", "read_yaml"]
+
+MAX_YAML_BYTES = 4_000_000
+"""Largest file of a scene or a recipe; those of the library have some thousand bytes."""
+
+_LONGEST_WORD = 400
+"""Plain words that are longer are texts: YAML's rules for numbers and dates are not tried on them."""
+_MAX_PROBLEMS = 50
+_PREFIX = "tag:yaml.org,2002:"
+_READ_AS = {"null": "nothing", "bool": "yes or no", "int": "a whole number", "float": "a number"}
+
+
+def read_file(file: str | Path, what: str, refused: type[SceneError] | type[RecipeError]) -> tuple[Any, Path]:
+    """Return the plain values in a YAML file, and the folder that relative paths in it count from.
+
+    Parameters
+    ----------
+    file
+        The file.
+    what
+        What it should be, for messages: ``a scene file``.
+    refused
+        What to raise.
+
+    Raises
+    ------
+    SceneError, RecipeError
+        Whichever was asked for, if the file cannot be read or is not valid.
+    """
+    try:
+        path = Path(file)
+    except TypeError as error:
+        raise refused([Problem("", "the file must be given by its path", file)]) from error
+    try:
+        plain, problems = read_yaml(read_text(path, what))
+        folder = path.parent.resolve()
+    except (OSError, RuntimeError) as error:
+        told = getattr(error, "strerror", None) or error
+        raise refused([Problem("", f"cannot be read: {told}")], source=path) from error
+    except ValueError as error:
+        raise refused([Problem("", str(error))], source=path) from error
+    if problems:
+        raise refused(problems, source=path)
+    return plain, folder
+
+
+def read_text(file: Path, what: str = "a scene file") -> str:
+    """Return the text of a file in YAML.
+
+    Parameters
+    ----------
+    file
+        The file; it is not opened unless it is a regular one of at most `MAX_YAML_BYTES`.
+    what
+        What it should be, for messages.
+
+    Raises
+    ------
+    ValueError
+        If it is none, is too large, or is not UTF-8; says what to do.
+    OSError
+        If it cannot be read.
+    """
+    try:
+        size = regular_file_size(file)
+    except ValueError as error:
+        msg = f"{error}; give the path of {what}"
+        raise ValueError(msg) from error
+    too_large = f"{what} has at most {MAX_YAML_BYTES:,}; is it one?"
+    if size > MAX_YAML_BYTES:
+        msg = f"has {size:,} bytes; {too_large}"
+        raise ValueError(msg)
+    with file.open("rb") as stream:
+        # Files of the system have no size that is known before.
+        content = stream.read(MAX_YAML_BYTES + 1)
+    if len(content) > MAX_YAML_BYTES:
+        msg = f"has more than {MAX_YAML_BYTES:,} bytes; {too_large}"
+        raise ValueError(msg)
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff") or content[1:4:2] == b"\0\0":
+        msg = "is UTF-16 or UTF-32; save it as UTF-8"
+        raise ValueError(msg)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        msg = f"line {line}: is not UTF-8 (byte 0x{content[error.start]:02x}); save it as UTF-8"
+        raise ValueError(msg) from error
+
+
+def read_yaml(text: str) -> tuple[Any, list[Problem]]:
+    r"""Return the plain values that a YAML text spells, and what is wrong with it.
+
+    Numbers, words and merged keys mean what they mean to ``yaml.safe_load``. Refused are keys that stand twice in a
+    mapping or are no texts, dates and other tags, numbers of more than 64 bits, aliases that contain themselves, and
+    more values than `MAX_VALUES`, each counted as often as it is used. An alias stands for a copy of its own.
+
+    Parameters
+    ----------
+    text
+        The text; not more than some megabytes.
+
+    Returns
+    -------
+    tuple
+        The values, and the problems, with the line in the message; the values are worthless if there are any.
+
+    Examples
+    --------
+    >>> read_yaml("a: &size [1, 2.5]\nb: *size\nc: off")
+    ({'a': [1, 2.5], 'b': [1, 2.5], 'c': False}, [])
+    >>> print(*read_yaml("camera:\n  width: 3\n  width: 4")[1])
+    camera.width: line 3: the key stands here twice, first in line 2; leave one of them out
+    """
+    import yaml
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    builder = _Builder()
+    try:
+        if re.search(r"^%TAG", text, re.MULTILINE):
+            # Not needed here, and the library takes quadratic time for many of them.
+            builder.refuse_all("the directive %TAG has no place in a scene")
+        for event in yaml.parse(text, Loader=loader):
+            builder.take(event)
+    except _EnoughError:
+        pass
+    except yaml.YAMLError as error:
+        builder.problems.append(_syntax_problem(error, text))
+    except (UnicodeError, RecursionError) as error:
+        builder.problems.append(Problem("", f"is not valid YAML: {error}"))
+    return builder.value, builder.problems
+
+
+def _syntax_problem(error: Any, text: str) -> Problem:
+    position = getattr(error, "position", None)
+    if isinstance(position, int):
+        line = text.count("\n", 0, position) + 1
+        return Problem("", f'line {line}: is not valid YAML: holds a control character; spell it as in "\\x1b"')
+    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    told = " ".join(filter(None, (getattr(error, "context", None), getattr(error, "problem", None)))) or str(error)
+    if "maximum nesting depth" in told and mark is not None:
+        # Newer libraries look this far ahead of what they have told of, and no further.
+        return Problem("", f"line {mark.line + 1}: is nested more than {MAX_DEPTH} deep")
+    where = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
+    remedy = "" if mark is None else _remedy(told, text, mark.index, mark.column)
+    return Problem("", f"{where}is not valid YAML: {' '.join(told.split())}{remedy}")
+
+
+def _remedy(told: str, text: str, index: int, column: int) -> str:
+    """Return what to do about the mistakes that are made most often, as the end of a message, or nothing."""
+    before, at = text[max(index - column, 0) : index], text[index : index + 1]
+    if "\t" in (at, *before) and not (before + at).strip():
+        return "; indent with spaces, not tabs"
+    if "cannot start any token" in told:
+        return f"; put a text that begins with {at} in quotes" if at.isprintable() else ""
+    if "mapping values are not allowed" in told:
+        quoted = "put a text with a colon in quotes"
+        # A line without a colon before is one key, deeper than what stands above it.
+        return f"; {quoted}" if re.search(r":\s", before) else f"; indent the line as those beside it, or {quoted}"
+    if "did not find expected" in told and not before.strip():
+        return "; indent what belongs together alike, and look for a quote or bracket that is open in the line above"
+    return ""
+
+
+class _EnoughError(Exception):
+    """No more of the text is looked at."""
+
+
+@dataclass
+class _Anchored:
+    """What an anchor names: the value, how many values it makes, and how deep it is."""
+
+    value: Any
+    count: int
+    height: int
+
+
+@dataclass
+class _Open:
+    """A mapping or list that is being read."""
+
+    value: Any
+    line: int
+    anchor: str | None
+    count: int = 1
+    height: int = 1
+    key: str | None = None
+    """Of a mapping, the key whose value comes next; None if a key comes next."""
+    merging: bool = False
+    """Whether the value that comes next is merged into the mapping."""
+    lines: dict[str, int] = field(default_factory=dict)
+    merged: dict[str, Any] = field(default_factory=dict)
+    skipped: bool = False
+    """Whether the value that comes next belongs to a key that was refused."""
+
+
+class _Builder:
+    """Makes plain values of the events of a parser, without recursion."""
+
+    def __init__(self) -> None:
+        import yaml
+
+        self.value: Any = None
+        self.problems: list[Problem] = []
+        self._open: list[_Open] = []
+        self._anchors: dict[str, _Anchored] = {}
+        self._unfinished: set[str] = set()
+        self._documents = 0
+        self._total = 0
+        self._resolver: Any = yaml.resolver.Resolver()
+        self._constructor: Any = yaml.constructor.SafeConstructor()
+        self._node = yaml.ScalarNode
+        self._handlers: dict[type, Callable[[Any, int], None]] = {
+            yaml.DocumentStartEvent: self._document,
+            yaml.MappingStartEvent: lambda event, line: self._begin({}, event, line),
+            yaml.SequenceStartEvent: lambda event, line: self._begin([], event, line),
+            yaml.MappingEndEvent: self._end,
+            yaml.SequenceEndEvent: self._end,
+            yaml.AliasEvent: self._alias,
+            yaml.ScalarEvent: self._scalar,
+        }
+
+    def take(self, event: Any) -> None:
+        """Go on by one event."""
+        handler = self._handlers.get(type(event))
+        if handler is not None:
+            handler(event, event.start_mark.line + 1)
+
+    def _document(self, event: Any, line: int) -> None:
+        self._documents += 1
+        if self._documents > 1:
+            self.refuse_all(f"line {line}: a second document begins (---); a scene is one")
+
+    def refuse(self, message: str, line: int, value: Any = None, *, key: str | None = None) -> None:
+        """Note a problem at the present place, or at a key of the mapping that is open."""
+        path = [part for part in (self._key_of(item) for item in self._open) if part is not None]
+        if key is not None:
+            path = [part for part in (self._key_of(item) for item in self._open[:-1]) if part is not None] + [key]
+        self.problems.append(Problem(".".join(path), f"line {line}: {message}", value))
+        if len(self.problems) >= _MAX_PROBLEMS:
+            raise _EnoughError
+
+    def refuse_all(self, message: str) -> None:
+        """Note a problem of the whole text, and stop."""
+        self.problems.append(Problem("", message))
+        raise _EnoughError
+
+    @staticmethod
+    def _key_of(item: _Open) -> str | None:
+        return str(len(item.value)) if isinstance(item.value, list) else item.key
+
+    def _begin(self, value: Any, event: Any, line: int) -> None:
+        ordinary = _PREFIX + ("map" if isinstance(value, dict) else "seq")
+        if event.tag not in (None, "!", ordinary):
+            self.refuse(f"the tag {_tag_of(event.tag)} has no place in a scene; leave it out", line)
+        if self._expects_key():
+            self.refuse("a mapping or list cannot be a key", line)
+            raise _EnoughError
+        if len(self._open) == MAX_DEPTH:
+            self.refuse_all(f"line {line}: is nested more than {MAX_DEPTH} deep")
+        if event.anchor is not None:
+            self._unfinished.add(event.anchor)
+        self._open.append(_Open(value, line, event.anchor))
+
+    def _end(self, event: Any, line: int) -> None:
+        done = self._open.pop()
+        if isinstance(done.value, dict):
+            # What is written out comes before what is merged.
+            done.value.update({key: value for key, value in done.merged.items() if key not in done.value})
+        self._give(done.value, done.line, done.count, done.height, done.anchor)
+
+    def _alias(self, event: Any, line: int) -> None:
+        anchor = event.anchor
+        if anchor in self._unfinished:
+            self.refuse_all(f"line {line}: the alias *{anchor} stands inside of what it names; it would never end")
+        found = self._anchors.get(anchor)
+        if found is None:
+            self.refuse_all(f"line {line}: the alias *{anchor} names nothing that stands before it")
+            return
+        if self._expects_key():
+            if isinstance(found.value, str):
+                self._take_key(found.value, line, merges=False)
+                return
+            self.refuse(f"the alias *{anchor} stands for no text, and cannot be a key", line)
+            raise _EnoughError
+        if len(self._open) + found.height > MAX_DEPTH:
+            self.refuse_all(f"line {line}: is nested more than {MAX_DEPTH} deep")
+        self._count(found.count, line)
+        self._give(copy.deepcopy(found.value), line, found.count, found.height, None, counted=True)
+
+    def _scalar(self, event: Any, line: int) -> None:
+        tag, plain = self._tag(event)
+        if self._expects_key():
+            if tag == "str" or (tag == "merge" and plain):
+                self._take_key(event.value, line, merges=tag == "merge")
+                if event.anchor is not None:
+                    self._anchors[event.anchor] = _Anchored(event.value, 1, 0)
+                return
+            means = _READ_AS.get(tag, f"a {tag}")
+            self.refuse(f"a key must be text, but YAML reads it as {means}: put it in quotes", line, event.value)
+            self._open[-1].key, self._open[-1].skipped = event.value, True
+            return
+        value, message = self._value(event.value, tag)
+        if message:
+            self.refuse(message, line, event.value)
+        self._give(value, line, 1, 0, event.anchor)
+
+    def _tag(self, event: Any) -> tuple[str, bool]:
+        """Return what a scalar is: the end of its tag; and whether nothing but its own form says so."""
+        if event.tag in (None, "!"):
+            if event.tag is None and event.implicit[0] and len(event.value) <= _LONGEST_WORD:
+                tag = self._resolver.resolve(self._node, event.value, (True, False))
+                return str(tag).removeprefix(_PREFIX), True
+            return "str", False
+        return event.tag.removeprefix(_PREFIX), False
+
+    def _value(self, text: str, tag: str) -> tuple[Any, str]:
+        """Return the value of a scalar, and what is wrong with it."""
+        if tag in ("str", "value", "merge"):
+            return text, scalar_problem(text)
+        if tag == "timestamp":
+            return None, "YAML reads this as a date, which no field takes: put it in quotes if it is text"
+        make = getattr(self._constructor, f"construct_yaml_{tag}", None) if tag in _READ_AS else None
+        if make is None:
+            return None, f"the tag {_tag_of(tag)} has no place in a scene; leave it out"
+        try:
+            value = make(self._node(_PREFIX + tag, text[: _LONGEST_WORD + 1]))
+        except (ValueError, LookupError, ArithmeticError):
+            return None, f"cannot be read as {_READ_AS[tag]}"
+        return value, scalar_problem(value)
+
+    def _expects_key(self) -> bool:
+        return bool(self._open) and isinstance(self._open[-1].value, dict) and self._open[-1].key is None
+
+    def _take_key(self, key: str, line: int, *, merges: bool) -> None:
+        here = self._open[-1]
+        here.key, here.merging = key, merges
+        if merges:
+            return
+        message = scalar_problem(key)
+        if message:
+            here.key = None
+            self.refuse(f"a key {message}", line, key)
+            here.key = key
+        elif key in here.lines:
+            first = here.lines[key]
+            self.refuse(f"the key stands here twice, first in line {first}; leave one of them out", line, key=key)
+        here.lines.setdefault(key, line)
+
+    def _count(self, more: int, line: int) -> None:
+        self._total += more
+        if self._total > MAX_VALUES:
+            message = f"line {line}: makes more than {MAX_VALUES:,} values, aliases counted as often as they are used"
+            self.refuse_all(message)
+
+    def _give(
+        self, value: Any, line: int, count: int, height: int, anchor: str | None, *, counted: bool = False
+    ) -> None:
+        """Put a finished value where it belongs."""
+        if not counted:
+            self._count(1, line)
+        if anchor is not None:
+            self._unfinished.discard(anchor)
+            self._anchors[anchor] = _Anchored(value, count, height)
+        if not self._open:
+            self.value = value
+            return
+        here = self._open[-1]
+        here.count += count
+        here.height = max(here.height, height + 1)
+        if isinstance(here.value, list):
+            here.value.append(value)
+            return
+        key, here.key = here.key, None
+        if here.merging:
+            here.merging = False
+            self._merge(value, line)
+        elif here.skipped:
+            here.skipped = False
+        else:
+            here.value[key] = value
+
+    def _merge(self, value: Any, line: int) -> None:
+        here = self._open[-1]
+        given = value if isinstance(value, list) else [value]
+        if not all(isinstance(item, dict) for item in given):
+            self.refuse("<< merges mappings, and this is none", line, value)
+            return
+        for item in given:
+            for key, entry in item.items():
+                here.merged.setdefault(key, entry)
+
+
+def _tag_of(tag: str) -> str:
+    """Return a tag as it is written in a file."""
+    short = tag.removeprefix(_PREFIX)
+    return short if short.startswith(("!", "tag:")) else f"!!{short}"

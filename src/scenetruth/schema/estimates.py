@@ -1,0 +1,305 @@
+"""Estimates from plain arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from scenetruth.errors import Problem, RecordingError
+from scenetruth.schema.attributes import Intrinsics, estimate_hash, read_intrinsics
+from scenetruth.schema.input_arrays import real_array
+from scenetruth.schema.pixel_grid import compute_pixel_grid
+from scenetruth.schema.scene_flow import depth_from_disparity, depth_rate_along, flow_from_velocity, velocity_from_flow
+from scenetruth.schema.validation import check_dataset
+from scenetruth.schema.variables import KIND_FULL, KIND_NONE, label
+
+__all__ = ["make_estimate"]
+
+Map = NDArray[np.float64]
+
+_COMPONENTS = {"flow": 2, "velocity": 3, "velocity_std": 3}
+_STANDARD_DEVIATIONS = ("depth_std", "disparity_std", "velocity_std")
+_ATTRIBUTES = ("scene", "scene_hash", "recording_hash")
+
+
+def make_estimate(
+    *,
+    like: xr.Dataset,
+    depth: ArrayLike | None = None,
+    disparity: ArrayLike | None = None,
+    flow: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    depth_rate: ArrayLike | None = None,
+    depth_std: ArrayLike | None = None,
+    disparity_std: ArrayLike | None = None,
+    velocity_std: ArrayLike | None = None,
+    kind: ArrayLike | None = None,
+    t: ArrayLike | None = None,
+    method: str = "external",
+) -> xr.Dataset:
+    """Make an estimate from plain arrays of any origin, and derive what follows from them.
+
+    Maps have the shape (t, y, x), or (y, x) for one frame; flow has (dx, dy), velocity (X, Y, Z) before that. NaN is
+    unknown. Any subset of ``depth``, ``disparity``, ``flow`` and ``velocity`` will do, but at least one.
+
+    - Of depth and disparity, one follows from the other: d = f V_X / Z.
+    - With depth, velocity follows from flow and from the rate of depth: U_X = (Z u + x U_Z) / f and U_Y alike, with
+      x from the principal point. If ``depth_rate`` is not given, it is taken from the depths of neighbouring frames
+      along the flow, where there are any.
+    - With depth, flow follows from velocity.
+
+    Parameters
+    ----------
+    like
+        The recording that the arrays were computed from: its frames, pixels and intrinsics hold. If it is a part of a
+        recording, or every n-th pixel of it, disparity and flow are in pixels of the camera all the same.
+    depth
+        Z along the optical axis in mm; positive.
+    disparity
+        In px per step of s, x_s = x_0 - disparity s: positive if ``baseline_mm`` is.
+    flow
+        (dx/dt, dy/dt) in px per frame; x to the right, y down.
+    velocity
+        (U_X, U_Y, U_Z) in mm per frame; U_Z < 0 comes nearer.
+    depth_rate
+        U_Z alone, the rate of depth of the surface point in mm per frame.
+    depth_std, disparity_std, velocity_std
+        Standard deviations, in the same units; not negative.
+    kind
+        What is known of each pixel: 0 none, 1 normal (aperture problem), 2 full. If not given, all that is finite is
+        full.
+    t
+        The frames of the arrays. If not given: all frames of the recording if there are as many, the reference frame
+        for a single one.
+    method
+        What to call the method that computed them.
+
+    Returns
+    -------
+    xarray.Dataset
+        An estimate with coordinates, units and intrinsics, float32; its arrays are its own.
+
+    Raises
+    ------
+    RecordingError
+        With every array that does not fit: shape, type, sign, infinite values, frames.
+
+    See Also
+    --------
+    estimate : Let an installed method estimate.
+
+    Examples
+    --------
+    >>> from scenetruth.schema import make_recording
+    >>> recording = make_recording(np.zeros((2, 2, 3, 4)), focal_length_px=500, baseline_mm=5)
+    >>> found = make_estimate(like=recording, depth=np.full((3, 4), 1000.0), flow=np.ones((2, 3, 4)), depth_rate=0.0)
+    >>> float(found.disparity[0, 0, 0]), found.velocity[:, 0, 0, 0].values.tolist(), found.t.values.tolist()
+    (2.5, [2.0, 2.0, 0.0], [0])
+    """
+    check_dataset(like, "recording")
+    if not isinstance(method, str) or not method.isprintable():
+        raise RecordingError([Problem("method", "must be a name", method)], source="arrays of an estimate")
+    given = {
+        "depth": depth,
+        "disparity": disparity,
+        "flow": flow,
+        "velocity": velocity,
+        "depth_std": depth_std,
+        "disparity_std": disparity_std,
+        "velocity_std": velocity_std,
+    }
+    size = (like.sizes["y"], like.sizes["x"])
+    problems: list[Problem] = []
+    arrays = {
+        name: found
+        for name, values in given.items()
+        if values is not None and (found := _array(name, values, size, problems)) is not None
+    }
+    if all(given[name] is None for name in ("depth", "disparity", "flow", "velocity")):
+        problems.append(Problem("", "at least one of depth, disparity, flow, velocity is needed"))
+    frames = _frames(like, arrays, t, problems)
+    if problems:
+        raise RecordingError(problems, source="arrays of an estimate")
+    intrinsics = read_intrinsics(like)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        problems = _sign_problems(arrays, intrinsics)
+    shape = (len(frames), *size)
+    rate = None if depth_rate is None else _rate(depth_rate, shape, problems)
+    known = None if kind is None else _kind(kind, shape, problems)
+    if problems:
+        raise RecordingError(problems, source="arrays of an estimate")
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        _derive(arrays, intrinsics, frames, rate, like)
+        for name, values in arrays.items():
+            # What follows from values near zero may be beyond all numbers: it is not known then.
+            arrays[name] = np.where(np.abs(values) <= np.finfo(np.float32).max, values, np.nan)
+    maps: dict[str, NDArray[Any]] = {name: values.astype(np.float32) for name, values in arrays.items()}
+    x, y = (like[name].values if name in like.coords else None for name in ("x", "y"))
+    made = label("estimate", maps | _kinds(arrays, known, shape), intrinsics, t=frames, x=x, y=y)
+    made.attrs |= {key: like.attrs[key] for key in _ATTRIBUTES if key in like.attrs} | {"method": method}
+    made.attrs["estimate_hash"] = estimate_hash(made)
+    check_dataset(made, "estimate")
+    return made
+
+
+def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[Problem]) -> Map | None:
+    """Return an array as float64 with its frames, or say what is wrong with it."""
+    raw = real_array(name, values, problems, masked_is_nan=True)
+    if raw is None:
+        return None
+    shape = raw.shape
+    count = _COMPONENTS.get(name)
+    lead = () if count is None else (count,)
+    names = f"({'' if count is None else f'{count}, '}t, y, x)"
+    if raw.ndim == len(lead) + 2:
+        raw = raw.reshape(*raw.shape[: len(lead)], 1, *raw.shape[len(lead) :])
+    if raw.ndim != len(lead) + 3 or raw.shape[: len(lead)] != lead or raw.shape[-2:] != size:
+        message = f"must have the shape {names}, or that without t, with the recording's (y, x) = {size}"
+        if count is not None and shape[-1:] == (count,) and shape[-3:-1] == size:
+            message += "; its components are last: move them to the front, np.moveaxis(array, -1, 0)"
+        elif raw.shape[-2:] == size[::-1] != size:
+            message += "; rows and columns seem to be exchanged"
+        problems.append(Problem(name, message, shape))
+        return None
+    if raw.size == 0:
+        problems.append(Problem(name, "is empty", shape))
+        return None
+    # Estimates are float32.
+    infinite = int((np.abs(raw) > np.finfo(np.float32).max).sum())
+    if infinite:
+        problems.append(Problem(name, f"holds {infinite} infinite values, or too large ones; unknown is NaN"))
+        return None
+    return raw.astype(np.float64)
+
+
+def _frames(
+    like: xr.Dataset, arrays: dict[str, Map], t: ArrayLike | None, problems: list[Problem]
+) -> NDArray[np.int64]:
+    counts = {name: values.shape[-3] for name, values in arrays.items()}
+    recorded = like["t"].values
+    if len(set(counts.values())) > 1:
+        problems.append(Problem("", "arrays hold different numbers of frames", counts))
+        return recorded[:0].astype(np.int64)
+    count = next(iter(counts.values()), 0)
+    if t is not None:
+        given = real_array("t", t, problems)
+        if given is None or given.dtype.kind == "f" or given.ndim > 1 or given.size == 0:
+            if given is not None:
+                problems.append(Problem("t", "must be frame numbers: an integer, or a list of them", t))
+            return recorded[:0].astype(np.int64)
+        frames = np.array(np.atleast_1d(given), dtype=np.int64)
+        if len(set(frames.tolist())) < len(frames):
+            problems.append(Problem("t", "names a frame twice", frames.tolist()))
+        missing = sorted(set(frames.tolist()) - set(recorded.tolist()))
+        if missing:
+            problems.append(Problem("t", f"the recording has no such frames; it has {recorded.tolist()}", missing))
+        if counts and len(frames) != count:
+            problems.append(Problem("t", f"names {len(frames)} frames, but the arrays hold {count}", frames.tolist()))
+        return frames
+    if count == 1:
+        return np.zeros(1, dtype=np.int64)
+    if counts and count != len(recorded):
+        message = f"arrays hold {count} frames, the recording {len(recorded)}: say which by t="
+        problems.append(Problem("t", message))
+    return np.asarray(recorded, dtype=np.int64)
+
+
+def _sign_problems(arrays: dict[str, Map], intrinsics: Intrinsics) -> list[Problem]:
+    problems = []
+    if "depth" in arrays and (arrays["depth"] <= 0).any():
+        count = int((arrays["depth"] <= 0).sum())
+        problems.append(Problem("depth", f"must be positive: {count} pixels are not; unknown is NaN"))
+    if "disparity" in arrays and intrinsics.baseline_mm != 0:
+        wrong = arrays["disparity"] * np.sign(intrinsics.baseline_mm) <= 0
+        count = int(wrong.sum())
+        if count:
+            sign = "positive" if intrinsics.baseline_mm > 0 else "negative"
+            known = int(np.isfinite(arrays["disparity"]).sum())
+            message = f"must be {sign} (x_s = x_0 - disparity s): {count} of {known} known pixels are not"
+            message += "; change the sign" if count == known else "; unknown is NaN"
+            problems.append(Problem("disparity", message))
+    problems += [
+        Problem(name, f"must not be negative: {int((arrays[name] < 0).sum())} pixels are")
+        for name in _STANDARD_DEVIATIONS
+        if name in arrays and (arrays[name] < 0).any()
+    ]
+    if "depth" in arrays and "disparity" in arrays:
+        follows = depth_from_disparity(arrays["disparity"], intrinsics)
+        both = np.isfinite(follows) & np.isfinite(arrays["depth"])
+        if both.any() and np.median(np.abs(follows[both] / arrays["depth"][both] - 1)) > 0.1:
+            ratio = float(np.median(arrays["depth"][both] / follows[both]))
+            message = (
+                f"contradicts disparity: it is {ratio:.4g} times f V_X / disparity; give one of them, or check units"
+            )
+            problems.append(Problem("depth", message))
+    return problems
+
+
+def _rate(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) -> Map | None:
+    given = real_array("depth_rate", values, problems, masked_is_nan=True)
+    if given is None:
+        return None
+    raw = given.astype(np.float64)
+    if np.isinf(raw).any():
+        problems.append(Problem("depth_rate", "holds infinite values; unknown is NaN"))
+        return None
+    try:
+        return np.broadcast_to(raw, shape)
+    except ValueError:
+        problems.append(Problem("depth_rate", f"must be a number or have the shape {shape}", raw.shape))
+        return None
+
+
+def _kind(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) -> NDArray[np.uint8] | None:
+    raw = real_array("kind", values, problems)
+    if raw is None:
+        return None
+    if raw.shape not in (shape, shape[1:]) or not np.isin(raw, (0, 1, 2)).all():
+        message = f"must have the shape {shape} and hold 0 (none), 1 (normal) or 2 (full)"
+        problems.append(Problem("kind", message, raw.shape))
+        return None
+    return raw.reshape(shape).astype(np.uint8)
+
+
+def _derive(
+    arrays: dict[str, Map], intrinsics: Intrinsics, frames: NDArray[np.int64], rate: Map | None, like: xr.Dataset
+) -> None:
+    """Add what follows from the arrays."""
+    product = intrinsics.focal_length_px * intrinsics.baseline_mm
+    if product != 0:
+        # Depth follows from disparity as disparity does from depth.
+        for one, other in (("depth", "disparity"), ("disparity", "depth")):
+            if one in arrays and other not in arrays:
+                arrays[other] = depth_from_disparity(arrays[one], intrinsics)
+                std = f"{one}_std"
+                if std in arrays and f"{other}_std" not in arrays:
+                    arrays[f"{other}_std"] = np.abs(product) / arrays[one] ** 2 * arrays[std]
+    if "depth" not in arrays:
+        return
+    grid = compute_pixel_grid(like).positions(like.sizes["y"], like.sizes["x"])
+    if "velocity" in arrays:
+        if "flow" not in arrays:
+            arrays["flow"] = flow_from_velocity(arrays["velocity"], arrays["depth"], grid, intrinsics)
+    elif "flow" in arrays:
+        if rate is None and len(frames) > 1:
+            rate = depth_rate_along(arrays["depth"], arrays["flow"], frames, grid)
+        if rate is not None:
+            arrays["velocity"] = velocity_from_flow(arrays["flow"], arrays["depth"], rate, grid, intrinsics)
+    if "velocity" in arrays:
+        arrays["divergence"] = -arrays["velocity"][2] / arrays["depth"]
+
+
+def _kinds(
+    arrays: dict[str, Map], known: NDArray[np.uint8] | None, shape: tuple[int, ...]
+) -> dict[str, NDArray[np.uint8]]:
+    """Return what is known of every pixel: as told, and none where nothing is finite."""
+    told = np.full(shape, KIND_FULL, dtype=np.uint8) if known is None else known
+    kinds = {}
+    for name, quantity in (("kind_disparity", "disparity"), ("kind_motion", "flow")):
+        if quantity in arrays:
+            values = arrays[quantity].reshape(-1, *shape)
+            kinds[name] = np.where(np.isfinite(values).all(axis=0), told, KIND_NONE).astype(np.uint8)
+    return kinds | ({"kind": np.minimum.reduce(list(kinds.values()))} if kinds else {})

@@ -1,0 +1,178 @@
+"""Data sets that are filled image by image, and estimates that are assembled frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from scenetruth.schema.attributes import read_intrinsics
+from scenetruth.schema.estimates import make_estimate
+from scenetruth.schema.pixel_grid import compute_pixel_grid
+from scenetruth.schema.scene_flow import depth_from_disparity, depth_rate_at
+from scenetruth.schema.variables import COMPONENTS, VARIABLES, label
+
+__all__ = ["IncrementalDataset", "Put", "blank_estimate", "blank_map", "compute_depth_rate", "put_each", "put_estimate"]
+
+
+Put = Callable[[str, Mapping[str, int], NDArray[Any]], None]
+"""Takes an image or a map: the variable, the place along its leading dimensions from 0 on, the values. The values must
+not be changed afterwards."""
+
+
+def blank_map(dtype: DTypeLike, shape: Sequence[int]) -> NDArray[Any]:
+    """Return an array that takes no memory: all of its values are one, a zero that cannot be written to.
+
+    Examples
+    --------
+    >>> blank_map(np.uint8, (2, 3)).tolist()
+    [[0, 0, 0], [0, 0, 0]]
+    """
+    return np.broadcast_to(np.zeros((), dtype=dtype), tuple(shape))
+
+
+class IncrementalDataset:
+    """A data set in memory whose maps are put in one by one.
+
+    Parameters
+    ----------
+    blank
+        The data set with blank maps (`blank_map`); its other variables stay as they are.
+
+    Examples
+    --------
+    >>> filling = IncrementalDataset(xr.Dataset({"depth": (("t", "y", "x"), blank_map(float, (2, 1, 2)))}))
+    >>> for t in (0, 1):
+    ...     filling.put("depth", {"t": t}, np.array([[1.0, 2.0 + t]]))
+    >>> filling.dataset()["depth"].values.tolist()
+    [[[1.0, 2.0]], [[1.0, 3.0]]]
+    """
+
+    def __init__(self, blank: xr.Dataset) -> None:
+        self._blank = blank
+        self._arrays: dict[str, NDArray[Any]] = {}
+
+    def put(self, name: str, at: Mapping[str, int], values: NDArray[Any]) -> None:
+        """Put values in their place; see `Put`."""
+        variable = self._blank.variables[name]
+        if name not in self._arrays:
+            self._arrays[name] = np.empty(variable.shape, dtype=variable.dtype)
+        place = tuple(at.get(str(dim), slice(None)) for dim in variable.dims)
+        self._arrays[name][place] = values
+
+    def dataset(self) -> xr.Dataset:
+        """Return the filled data set; it shares the arrays."""
+        variables = {name: self._blank.variables[name] for name in self._arrays}
+        return self._blank.assign(
+            {name: (item.dims, self._arrays[name], item.attrs) for name, item in variables.items()}
+        )
+
+
+Map = NDArray[np.float64]
+
+
+def blank_estimate(given: Iterable[str], *, like: xr.Dataset, t: ArrayLike) -> xr.Dataset:
+    """Return an estimate with blank maps, of all variables that `make_estimate` makes of some quantities.
+
+    Parameters
+    ----------
+    given
+        Names of the arrays that `make_estimate` is to be given for every frame, such as ``"disparity"``.
+    like
+        The recording.
+    t
+        The frames of the estimate.
+
+    Examples
+    --------
+    >>> from scenetruth.schema import make_recording
+    >>> recording = make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
+    >>> blank = blank_estimate(["disparity"], like=recording, t=[0, 1])
+    >>> sorted(blank.data_vars), blank["depth"].shape
+    (['depth', 'disparity', 'kind', 'kind_disparity'], (2, 30, 40))
+    """
+    # Which variables follow does not depend on how many pixels there are.
+    corner = like.isel(y=slice(0, 2), x=slice(0, 2))
+    size = (1, corner.sizes["y"], corner.sizes["x"])
+    unknown: dict[str, Any] = {name: np.full((*_components(name), *size), np.nan) for name in given}
+    made = make_estimate(like=corner, t=like["t"].values[:1], **unknown)
+    frames = np.atleast_1d(np.asarray(t))
+    sizes = {**made.sizes, "t": len(frames), "y": like.sizes["y"], "x": like.sizes["x"]}
+    return label(
+        "estimate",
+        {str(name): blank_map(item.dtype, [sizes[dim] for dim in item.dims]) for name, item in made.data_vars.items()},
+        read_intrinsics(like),
+        t=frames,
+        **{name: like[name].values for name in ("x", "y") if name in like.coords},
+        attrs={key: value for key, value in made.attrs.items() if key != "estimate_hash"},
+    )
+
+
+def put_estimate(found: xr.Dataset, first: int, put: Put) -> None:
+    """Put the maps of an estimate of successive frames into one of more frames.
+
+    Parameters
+    ----------
+    found
+        The estimate of some frames.
+    first
+        Place of its first frame along t in the other.
+    put
+        Takes the maps.
+    """
+    for name, item in found.data_vars.items():
+        for frame in range(found.sizes["t"]):
+            put(str(name), {"t": first + frame}, item.isel(t=frame).values)
+
+
+def put_each(name: str, arrays: Iterable[Map], put: Put, *, like: xr.Dataset) -> None:
+    """Put what `make_estimate` makes of one quantity, frame after frame, from the recording's first on.
+
+    Parameters
+    ----------
+    name
+        Name of the quantity, such as ``"disparity"``.
+    arrays
+        Its arrays, one for each frame.
+    put
+        Takes the maps.
+    like
+        The recording.
+    """
+    times = like["t"].values
+    for place, values in enumerate(arrays):
+        given: dict[str, Any] = {name: values}
+        put_estimate(make_estimate(like=like, t=times[place], **given), place, put)
+
+
+def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, like: xr.Dataset) -> Map:
+    """Return the rate of depth in a frame, as `make_estimate` takes it from neighbouring frames.
+
+    Parameters
+    ----------
+    disparities
+        Disparity in px per step in the frame (0), and in that before (-1) and behind it (1), as far as there are such.
+    flow
+        (dx/dt, dy/dt) in px per frame, shape (2, y, x).
+    like
+        The recording.
+
+    Returns
+    -------
+    numpy.ndarray
+        dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
+    """
+    intrinsics = read_intrinsics(like)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        depths = {step: depth_from_disparity(disparity, intrinsics) for step, disparity in disparities.items()}
+        grid = compute_pixel_grid(like).positions(like.sizes["y"], like.sizes["x"])
+        return depth_rate_at(depths.pop(0), flow, depths, grid)
+
+
+def _components(name: str) -> list[int]:
+    """Return the sizes that an array has before t."""
+    entry = VARIABLES["estimate"].get(name)
+    return [] if entry is None else [len(COMPONENTS[dim]) for dim in entry.dims if dim in COMPONENTS]

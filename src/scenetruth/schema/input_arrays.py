@@ -1,0 +1,218 @@
+"""Arrays, numbers, attributes and exclusion masks from the caller: validated and copied."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.errors import Problem
+from scenetruth.schema.variables import VARIABLES
+
+__all__ = [
+    "attributes_from",
+    "copy_array",
+    "exclusion_mask_from",
+    "exclusion_mask_problems",
+    "number_from",
+    "numbers_from",
+    "pair_from",
+    "real_array",
+    "without_repeats",
+]
+
+
+def real_array(name: str, values: Any, problems: list[Problem], *, masked_is_nan: bool = False) -> NDArray[Any] | None:
+    """Return an array of real numbers as it was given, not yet copied; None, with a problem noted, if it is none.
+
+    Parameters
+    ----------
+    name
+        What to call it.
+    values
+        Anything; masked arrays must have nothing masked, unless that means NaN.
+    problems
+        Where to note what is wrong.
+    masked_is_nan
+        Whether masked values become NaN.
+    """
+    try:
+        masked = np.ma.isMaskedArray(values) and bool(np.ma.getmaskarray(values).any())
+        if masked and masked_is_nan and values.dtype.kind in "fiu":
+            return np.asarray(values.astype(np.float64).filled(np.nan))
+        raw = np.asarray(values)
+    except MemoryError:
+        raise
+    except Exception as error:  # whatever a foreign class raises; rows of different lengths, for one
+        problems.append(Problem(name, f"cannot be made into an array of numbers: {' '.join(str(error).split())}"))
+        return None
+    if masked:
+        problems.append(Problem(name, "has masked values; fill them, or give a part without"))
+        return None
+    if raw.dtype.kind not in "fiu":
+        told = "None" if values is None else str(raw.dtype)
+        problems.append(Problem(name, "must hold real numbers", told))
+        return None
+    # What 64 bits cannot hold, no store can either.
+    return raw.astype(np.float64) if raw.dtype.kind == "f" and raw.dtype.itemsize > 8 else raw
+
+
+def copy_array(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a copy; of a view that repeats its values by strides of zero, one of what it repeats."""
+    return np.broadcast_to(without_repeats(values).copy(), values.shape) if 0 in values.strides else values.copy()
+
+
+def without_repeats(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the part of a view that it repeats by strides of zero: every value once; other arrays as they are."""
+    return values[tuple(slice(1) if stride == 0 else slice(None) for stride in values.strides)]
+
+
+def number_from(
+    name: str, value: Any, problems: list[Problem], *, positive: bool = False, nonzero: bool = False
+) -> float:
+    """Return a finite number; NaN, with a problem noted, if it is none.
+
+    Parameters
+    ----------
+    name, value
+        What to call it, and what was given: Python's or NumPy's real number, or an array of one without dimensions.
+    problems
+        Where to note what is wrong.
+    positive, nonzero
+        What else it must be.
+    """
+    given = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "fiu" else value
+    real = isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool)
+    try:
+        number = float(given) if real else np.nan
+    except OverflowError:
+        number = np.inf
+    if not np.isfinite(number):
+        # A problem shows no None.
+        problems.append(Problem(name, "must be a finite number", "None" if value is None else value))
+        return np.nan
+    if (positive and number <= 0) or (nonzero and number == 0):
+        problems.append(Problem(name, "must be positive" if positive else "must not be zero", value))
+        return np.nan
+    return number
+
+
+def pair_from(name: str, values: Any, problems: list[Problem]) -> tuple[float, float]:
+    """Return two finite numbers; NaN, with a problem noted, if they are none."""
+    listed = isinstance(values, list | tuple | np.ndarray) and getattr(values, "ndim", 1) == 1
+    if not listed or len(values) != 2:
+        problems.append(Problem(name, "must be two finite numbers", values))
+        return np.nan, np.nan
+    first, second = (number_from(f"{name}.{index}", value, problems) for index, value in enumerate(values))
+    return first, second
+
+
+def numbers_from(name: str, values: Any, count: int, of_what: str, problems: list[Problem]) -> NDArray[np.float64]:
+    """Return so many finite numbers as an array of its own; a problem is noted if they are none."""
+    raw = real_array(name, values, problems)
+    if raw is None:
+        return np.zeros(count)
+    if raw.shape != (count,):
+        problems.append(Problem(name, f"must hold one position for each of the {count} {of_what}", raw.shape))
+        return np.zeros(count)
+    if not np.isfinite(raw).all():
+        problems.append(Problem(name, "must be finite", raw.tolist()))
+    return np.array(raw, dtype=np.float64)
+
+
+def attributes_from(values: Any, reserved: frozenset[str], problems: list[Problem]) -> dict[str, Any]:
+    """Return attributes as a copy; those of names that have a meaning of their own are refused."""
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
+        problems.append(Problem("attrs", "must be a mapping from texts", values))
+        return {}
+    taken = sorted(reserved & set(values))
+    if taken:
+        problems.append(Problem("attrs", f"must not hold {', '.join(taken)}: these are arguments of their own"))
+    return {name: deepcopy(value) for name, value in values.items() if name not in reserved}
+
+
+_BOOLEANS = "must hold booleans, True where a pixel must not be used; compare, as in mask=values > 0"
+
+
+def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Problem]) -> xr.Variable | None:
+    """Return a mask with the names of its dimensions, as a copy; None, with a problem noted, if it is none.
+
+    Parameters
+    ----------
+    values
+        An array of shape (y, x), all of ``sizes`` but t, or all of them, where those before y may be 1; or a DataArray
+        of any dimensions of the images with y and x.
+    sizes
+        The sizes of the images by dimension, in their order.
+    problems
+        Where to note what is wrong.
+
+    Examples
+    --------
+    >>> sizes = {"s": 2, "t": 9, "y": 3, "x": 4}
+    >>> exclusion_mask_from(np.zeros((2, 3, 4), dtype=bool), sizes, []).dims
+    ('s', 'y', 'x')
+    >>> exclusion_mask_from(np.zeros((1, 9, 3, 4), dtype=bool), sizes, []).dims
+    ('t', 'y', 'x')
+    """
+    every = tuple(sizes)
+    entry = VARIABLES["recording"]["mask"]
+    attrs = {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
+    if isinstance(values, xr.DataArray | xr.Variable):
+        dims = tuple(dim for dim in every if dim in values.dims)
+        unknown = sorted(str(dim) for dim in values.dims if dim not in every)
+        if unknown or dims[-2:] != every[-2:]:
+            problems.append(Problem("mask", f"must have the dimensions y and x, and of {every} any", values.dims))
+            return None
+        found = np.array(values.transpose(*dims).values)
+    else:
+        try:
+            found = np.array(values)
+        except ValueError as error:  # rows of different lengths
+            problems.append(Problem("mask", f"cannot be made into an array: {' '.join(str(error).split())}"))
+            return None
+        forms = {2: every[-2:], len(every) - 1: tuple(dim for dim in every if dim != "t"), len(every): every}
+        if found.ndim not in forms:
+            shapes = ", ".join(f"({', '.join(form)})" for form in forms.values())
+            problems.append(Problem("mask", f"must have one of the shapes {shapes}", found.shape))
+            return None
+        dims = forms[found.ndim]
+        if found.ndim == len(every):
+            # Along what has a single value for all, it is the same.
+            same = [n for n, dim in enumerate(every[:-2]) if found.shape[n] == 1 and sizes[dim] > 1]
+            found, dims = found.squeeze(tuple(same)), tuple(dim for n, dim in enumerate(every) if n not in same)
+    if found.dtype != np.bool_:
+        problems.append(Problem("mask", _BOOLEANS, str(found.dtype)))
+        return None
+    expected = tuple(sizes[dim] for dim in dims)
+    if found.shape != expected:
+        problems.append(Problem("mask", f"must have the shape {expected} of the images along {dims}", found.shape))
+        return None
+    return xr.Variable(dims, found, attrs)
+
+
+def exclusion_mask_problems(recording: xr.Dataset) -> list[Problem]:
+    """Return what is wrong with the mask of a recording that has one.
+
+    Parameters
+    ----------
+    recording
+        A recording with the variable ``mask``.
+    """
+    mask = recording.variables["mask"]
+    problems = []
+    if mask.dtype != np.bool_:
+        problems.append(Problem("mask", _BOOLEANS, str(mask.dtype)))
+    image = recording.variables["image"].dims if "image" in recording else ("s_y", "s", "t", "y", "x")
+    # A single image that was selected has no s and t any more.
+    allowed = tuple(dim for dim in image if dim != "channel")
+    if tuple(dim for dim in allowed if dim in mask.dims) != mask.dims or not {"y", "x"} <= set(mask.dims):
+        message = f"must have the dimensions y and x, and any others of {allowed}, in this order"
+        problems.append(Problem("mask", message, mask.dims))
+    return problems

@@ -1,0 +1,119 @@
+"""The pixels of the camera that a data set holds: all of them, a part, or every n-th."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.errors import Problem, RecordingError
+from scenetruth.schema.attributes import Intrinsics
+
+__all__ = ["PixelGrid", "compute_pixel_grid", "pixel_grid_problems"]
+
+# Steps may differ by this share of the step: coordinates may once have been float32.
+_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class PixelGrid:
+    """Where the columns and rows of an array stand among the camera's pixels.
+
+    Parameters
+    ----------
+    first_x, first_y
+        Pixel index of the first column and of the first row.
+    step_px
+        Distance of two neighbouring columns, and of two rows, in px.
+    """
+
+    first_x: float = 0.0
+    first_y: float = 0.0
+    step_px: float = 1.0
+
+    def positions(self, height: int, width: int) -> list[NDArray[np.float64]]:
+        """Return column and row of every pixel of an array among the camera's pixels, each of shape (y, x)."""
+        columns = self.first_x + self.step_px * np.arange(width)
+        return list(np.meshgrid(columns, self.first_y + self.step_px * np.arange(height)))
+
+    def in_columns(self, intrinsics: Intrinsics) -> Intrinsics:
+        """Return intrinsics of the camera's pixels, counted in columns and rows of the array."""
+        c_x, c_y = intrinsics.principal_point_px
+        return replace(
+            intrinsics,
+            focal_length_px=intrinsics.focal_length_px / self.step_px,
+            principal_point_px=((c_x - self.first_x) / self.step_px, (c_y - self.first_y) / self.step_px),
+        )
+
+
+def compute_pixel_grid(dataset: xr.Dataset) -> PixelGrid:
+    """Read the grid of pixels from the coordinates ``x`` and ``y``; pixels count from 0 where there are none.
+
+    The intrinsics of a data set hold for the camera's pixels, whichever of them it still has: a crop keeps its
+    principal point, and of every second pixel the distance in the array is two pixels.
+
+    Parameters
+    ----------
+    dataset
+        A recording, truth or estimate with the dimensions x and y.
+
+    Raises
+    ------
+    RecordingError
+        If a coordinate does not grow in even steps, or those of x and y differ.
+
+    Examples
+    --------
+    >>> images = xr.Dataset(coords={"x": np.arange(20, 60, 2), "y": np.arange(0, 40, 2)})
+    >>> compute_pixel_grid(images)
+    PixelGrid(first_x=20.0, first_y=0.0, step_px=2.0)
+    """
+    problems = pixel_grid_problems(dataset)
+    if problems:
+        raise RecordingError(problems)
+    steps = [step for step in (_step(dataset, "x"), _step(dataset, "y")) if step is not None]
+    return PixelGrid(_first(dataset, "x"), _first(dataset, "y"), steps[0] if steps else 1.0)
+
+
+def pixel_grid_problems(dataset: xr.Dataset) -> list[Problem]:
+    """Return what keeps the coordinates ``x`` and ``y`` from being a grid of square pixels."""
+    problems = []
+    for name in ("x", "y"):
+        values = _values(dataset, name)
+        if values is None or len(values) == 0:
+            continue
+        gaps = np.diff(values)
+        even = np.all(gaps > 0) and np.allclose(gaps, gaps[:1], rtol=_TOLERANCE, atol=0)
+        if not np.all(np.isfinite(values)) or not even:
+            message = "must be pixel indices that grow in even steps; select with a slice of a positive step"
+            problems.append(Problem(name, message, values.tolist()))
+    if not problems:
+        step_x, step_y = _step(dataset, "x"), _step(dataset, "y")
+        if step_x is not None and step_y is not None and not np.isclose(step_x, step_y, rtol=_TOLERANCE, atol=0):
+            message = f"has steps of {step_y:g} px, x of {step_x:g} px; take every n-th pixel along both or neither"
+            problems.append(Problem("y", message))
+    return problems
+
+
+def _values(dataset: xr.Dataset, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None:
+    if name not in dataset.coords:
+        return None
+    values = dataset.variables[name].values
+    if values.dtype.kind not in "iuf":
+        return np.full(1, np.nan)
+    return np.asarray(np.atleast_1d(values), dtype=np.float64)
+
+
+def _first(dataset: xr.Dataset, name: str) -> float:
+    values = _values(dataset, name)
+    return 0.0 if values is None or len(values) == 0 else float(values[0])
+
+
+def _step(dataset: xr.Dataset, name: str) -> float | None:
+    """Return the mean step of a coordinate, None for a single pixel."""
+    values = _values(dataset, name)
+    if values is None:
+        return 1.0 if dataset.sizes.get(name, 1) > 1 else None
+    return float((values[-1] - values[0]) / (len(values) - 1)) if len(values) > 1 else None

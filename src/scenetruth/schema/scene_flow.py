@@ -1,0 +1,143 @@
+"""Conversions between optical flow, depth and velocity (paper, eq. 2 to 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.schema.attributes import Intrinsics
+
+__all__ = ["depth_from_disparity", "depth_rate_along", "depth_rate_at", "flow_from_velocity", "velocity_from_flow"]
+
+Map = NDArray[np.float64]
+
+
+def depth_from_disparity(disparity: Map, intrinsics: Intrinsics) -> Map:
+    """Return Z = f V_X / d in mm from disparity d in px per step; the same of depth is disparity.
+
+    Parameters
+    ----------
+    disparity
+        In px per step of s, of any shape.
+    intrinsics
+        Focal length and baseline.
+    """
+    return intrinsics.focal_length_px * intrinsics.baseline_mm / disparity
+
+
+def velocity_from_flow(flow: Map, depth: Map, depth_rate: Map, grid: Sequence[Map], intrinsics: Intrinsics) -> Map:
+    """Return the velocity of surface points from their flow, depth and rate of depth.
+
+    U_X = (Z dx/dt + x U_Z) / f, U_Y alike: the derivative of x = f X / Z.
+
+    Parameters
+    ----------
+    flow
+        (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
+    depth, depth_rate
+        Z in mm and U_Z in mm per frame, shape (t, y, x).
+    grid
+        Column and row of every pixel in px, each of shape (y, x).
+    intrinsics
+        Focal length and principal point in the same px.
+
+    Returns
+    -------
+    numpy.ndarray
+        (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
+    """
+    across = [
+        (depth * part + (at - centre) * depth_rate) / intrinsics.focal_length_px
+        for part, at, centre in zip(flow, grid, intrinsics.principal_point_px, strict=True)
+    ]
+    return np.stack([*across, np.broadcast_to(depth_rate, depth.shape)])
+
+
+def flow_from_velocity(velocity: Map, depth: Map, grid: Sequence[Map], intrinsics: Intrinsics) -> Map:
+    """Return the flow of surface points, dx/dt = (f U_X - x U_Z) / Z and dy/dt alike: the inverse of the above.
+
+    Parameters
+    ----------
+    velocity
+        (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
+    depth, grid, intrinsics
+        As of `velocity_from_flow`.
+
+    Returns
+    -------
+    numpy.ndarray
+        (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
+    """
+    parts = [
+        (intrinsics.focal_length_px * part - (at - centre) * velocity[2]) / depth
+        for part, at, centre in zip(velocity[:2], grid, intrinsics.principal_point_px, strict=True)
+    ]
+    return np.stack(parts)
+
+
+def depth_rate_along(depth: Map, flow: Map, frames: NDArray[np.int64], grid: Sequence[Map]) -> Map:
+    """Return the rate of depth of surface points in every frame; see `depth_rate_at`.
+
+    Parameters
+    ----------
+    depth, flow
+        Z in mm, shape (t, y, x); (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
+    frames
+        Their frame indices.
+    grid
+        Column and row of every pixel in px, equally spaced, each of shape (y, x).
+
+    Returns
+    -------
+    numpy.ndarray
+        dZ/dt in mm per frame, shape (t, y, x); NaN where no neighbour shows the point.
+    """
+    depths = dict(zip(frames.tolist(), depth, strict=True))
+    rate = np.empty_like(depth)
+    for n, t in enumerate(frames.tolist()):
+        near = {step: depths[t + step] for step in (-1, 1) if t + step in depths}
+        rate[n] = depth_rate_at(depth[n], flow[:, n], near, grid)
+    return rate
+
+
+def depth_rate_at(depth: Map, flow: Map, near: Mapping[int, Map], grid: Sequence[Map]) -> Map:
+    """Return the rate of depth of surface points, from the depths of neighbouring frames along the flow.
+
+    The point that a pixel shows at t is sought at (x, y) + flow in frame t + 1 and at (x, y) - flow in frame t - 1, by
+    bilinear interpolation; the difference of the two depths is halved, or that to the only neighbour is taken. For
+    steady flow the error is of second order in the frame interval with both neighbours, of first order with one.
+
+    Parameters
+    ----------
+    depth, flow
+        Z in mm, shape (y, x); (dx/dt, dy/dt) in px per frame, shape (2, y, x).
+    near
+        Z in the frames before and behind, by -1 and 1; one or both may be missing.
+    grid
+        Column and row of every pixel in px, equally spaced, each of shape (y, x).
+
+    Returns
+    -------
+    numpy.ndarray
+        dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
+    """
+    from scipy.ndimage import map_coordinates
+
+    columns, rows = grid
+    steps = [float(line[1] - line[0]) if len(line) > 1 else 1.0 for line in (columns[0], rows[:, 0])]
+    row, column = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
+    sides = []
+    for step, other in near.items():
+        at = (row + step * flow[1] / steps[1], column + step * flow[0] / steps[0])
+        unknown = ~np.isfinite(at[0] + at[1])
+        places = np.where(unknown, -1.0, np.stack(at))
+        values = map_coordinates(other, places, order=1, cval=np.nan)
+        sides.append(step * (np.where(unknown, np.nan, values) - depth))
+    if not sides:
+        return np.full(depth.shape, np.nan)
+    with np.errstate(invalid="ignore"):
+        both = np.stack(sides)
+        count = np.isfinite(both).sum(axis=0)
+        return np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), np.nan)

@@ -1,0 +1,394 @@
+"""The sampled pixels on which convention mismatches are tested.
+
+Estimates and truths of one quantity, their positions, and the acquisition parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import read_intrinsics
+from scenetruth.scoring.alignment import align, check_alignable, select_pixels
+from scenetruth.scoring.error_pairs import compute_pixel_coordinates, find_valid_pixels
+
+__all__ = [
+    "MISMATCH_VARIABLES",
+    "POSITION_HYPOTHESES",
+    "AcquisitionParameters",
+    "MismatchSamples",
+    "PositionHypothesis",
+    "SampleGrid",
+    "SamplePositions",
+    "fit_factor",
+    "lengths",
+    "read_acquisition_parameters",
+    "read_mismatch_samples",
+    "weighted_median",
+]
+
+
+Map = NDArray[np.float64]
+
+
+def weighted_median(values: Map, weights: Map) -> float:
+    """Return the value that half of the weight lies below; NaN without any weight.
+
+    Parameters
+    ----------
+    values, weights
+        Shape (n,); weights are not negative.
+
+    Examples
+    --------
+    >>> weighted_median(np.array([5.0, 1.0, 2.0]), np.array([1.0, 1.0, 3.0]))
+    2.0
+    """
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    if not (below.size and below[-1] > 0):
+        return float("nan")
+    return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
+
+
+def lengths(vectors: Map) -> Map:
+    """Return the lengths of vectors, shape (component, n)."""
+    if len(vectors) == 1:
+        return np.asarray(np.abs(vectors[0]))
+    return np.asarray(np.sqrt(np.einsum("cn,cn->n", vectors, vectors)))
+
+
+def fit_factor(found: Map, expected: Map) -> float:
+    """Return the factor a for which the sum of abs(found - a expected) is least; NaN where nothing is expected.
+
+    Parameters
+    ----------
+    found, expected
+        Shape (component, n).
+    """
+    there = expected != 0
+    expected = expected[there]
+    return weighted_median(found[there] / expected, np.abs(expected))
+
+
+@dataclass(frozen=True)
+class AcquisitionParameters:
+    """What slips of scale and of meaning depend on.
+
+    Parameters
+    ----------
+    focal_length_px, baseline_mm, frame_interval_s
+        As of `scenetruth.schema.Intrinsics`.
+    positions
+        How many positions the camera has on its stage, or None if the truth does not tell.
+    step_px
+        Distance of neighbouring pixels of the map, in px of the camera: 2 if every other pixel was taken.
+    width_px
+        Width of the map, in px of the camera.
+    """
+
+    focal_length_px: float
+    baseline_mm: float
+    frame_interval_s: float
+    positions: int | None
+    step_px: float
+    width_px: float
+
+
+def read_acquisition_parameters(estimate: xr.Dataset, truth: xr.Dataset) -> AcquisitionParameters:
+    """Read the facts of an estimate, and of the whole truth that belongs to it."""
+    camera = read_intrinsics(truth)
+    _, step_px = compute_pixel_coordinates(estimate).step_px
+    return AcquisitionParameters(
+        focal_length_px=camera.focal_length_px,
+        baseline_mm=camera.baseline_mm,
+        frame_interval_s=camera.frame_interval_s,
+        positions=truth.sizes.get("s"),
+        step_px=step_px,
+        width_px=step_px * estimate.sizes["x"],
+    )
+
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class SamplePositions:
+    """Some pixels of some frames, by their places in the arrays, each of shape (n,).
+
+    Parameters
+    ----------
+    frame
+        Place along the frames of a `SampleGrid`; negative where there is no such frame.
+    y, x
+        Row and column.
+    """
+
+    frame: Indices
+    y: Indices
+    x: Indices
+
+    def shifted(self, down: int = 0, right: int = 0) -> SamplePositions:
+        """Return the places so many pixels further down and to the right."""
+        return replace(self, y=self.y + down, x=self.x + right)
+
+
+@dataclass(frozen=True)
+class SampleGrid:
+    """The frames and pixels of the maps.
+
+    Parameters
+    ----------
+    rows, columns
+        Size of the maps.
+    following, preceding, opposite
+        By frame: the place of the frame after it, before it, and of the one as far from the last as it is from the
+        first; negative where there is none. Each has the shape (frame,).
+    """
+
+    rows: int
+    columns: int
+    following: Indices
+    preceding: Indices
+    opposite: Indices
+
+
+@dataclass(frozen=True)
+class PositionHypothesis:
+    """A slip of place.
+
+    Parameters
+    ----------
+    kind
+        Its name.
+    message
+        What is told, with ``{quantity}``.
+    source
+        Gives the places whose values a map with the slip shows at some places; None where the slip cannot be.
+    """
+
+    kind: str
+    message: str
+    source: Callable[[SamplePositions, SampleGrid], SamplePositions | None]
+
+
+def _upside_down(places: SamplePositions, grid: SampleGrid) -> SamplePositions:
+    return replace(places, y=grid.rows - 1 - places.y)
+
+
+def _mirrored(places: SamplePositions, grid: SampleGrid) -> SamplePositions:
+    return replace(places, x=grid.columns - 1 - places.x)
+
+
+def _turned(places: SamplePositions, grid: SampleGrid) -> SamplePositions:
+    return _mirrored(_upside_down(places, grid), grid)
+
+
+def _transposed(places: SamplePositions, grid: SampleGrid) -> SamplePositions | None:
+    return replace(places, y=places.x, x=places.y) if grid.rows == grid.columns else None
+
+
+def _frames(places: SamplePositions, frames: Indices) -> SamplePositions | None:
+    moved = frames[places.frame]
+    return None if np.array_equal(moved, places.frame) else replace(places, frame=moved)
+
+
+def _reversed(places: SamplePositions, grid: SampleGrid) -> SamplePositions | None:
+    return _frames(places, grid.opposite)
+
+
+def _next(places: SamplePositions, grid: SampleGrid) -> SamplePositions | None:
+    return _frames(places, grid.following)
+
+
+def _previous(places: SamplePositions, grid: SampleGrid) -> SamplePositions | None:
+    return _frames(places, grid.preceding)
+
+
+POSITION_HYPOTHESES = (
+    PositionHypothesis(
+        "rows_upside_down",
+        "the maps of {quantity} are upside down: flip them, array[..., ::-1, :]; row 0 is at the top here",
+        _upside_down,
+    ),
+    PositionHypothesis(
+        "columns_mirrored",
+        "the maps of {quantity} are mirrored: flip them, array[..., ::-1]; column 0 is at the left here",
+        _mirrored,
+    ),
+    PositionHypothesis(
+        "maps_turned",
+        "the maps of {quantity} are turned by 180 degrees: flip both axes, array[..., ::-1, ::-1]",
+        _turned,
+    ),
+    PositionHypothesis(
+        "maps_transposed",
+        "rows and columns of {quantity} are exchanged: transpose the maps, np.swapaxes(array, -2, -1)",
+        _transposed,
+    ),
+    PositionHypothesis(
+        "frames_reversed",
+        "the frames of {quantity} are in reversed order: give the earliest first",
+        _reversed,
+    ),
+    PositionHypothesis(
+        "frame_after",
+        "{quantity} is one frame off: the map of t + 1 is given for t; give the frames by t=",
+        _next,
+    ),
+    PositionHypothesis(
+        "frame_before",
+        "{quantity} is one frame off: the map of t - 1 is given for t; give the frames by t=",
+        _previous,
+    ),
+)
+"""All slips of place by whole frames and maps, in the order in which they are preferred; a new one is an entry here."""
+
+
+Mask = NDArray[np.bool_]
+
+MISMATCH_VARIABLES = ("depth", "disparity", "flow", "velocity")
+"""The variables whose slips are looked for."""
+
+_KINDS = ("kind", "kind_disparity", "kind_motion")
+_NEEDED = (*MISMATCH_VARIABLES, "mixed", "boundary_distance")
+
+_FRAMES = 3
+"""How many frames are looked at: a slip is in all of them."""
+
+_EDGE_PX = 4.0
+"""Closer to edges than this, a window mixes surfaces, and derivatives of the truth are none of the surface."""
+
+
+@dataclass(frozen=True)
+class MismatchSamples:
+    """The maps of one quantity.
+
+    Parameters
+    ----------
+    quantity
+        The variable.
+    facts
+        Of the camera and the maps.
+    estimate
+        Shape (component, t, y, x); NaN where the estimate does not claim to know it.
+    truth
+        Shape (component, frame, y, x). The first frames are those of the estimate, in their order; the others are
+        beside them. NaN where there is no surface.
+    grid
+        How frames follow each other.
+    rays
+        Length of the ray of every pixel, scaled to Z = 1; shape (y, x).
+    smooth
+        Where the true surface has no edge near, shape (t, y, x).
+    """
+
+    quantity: str
+    facts: AcquisitionParameters
+    estimate: Map
+    truth: Map
+    grid: SampleGrid
+    rays: Map
+    smooth: Mask
+
+    def estimate_at(self, places: SamplePositions) -> Map:
+        """Return the estimate's values, shape (component, n)."""
+        return np.asarray(self.estimate[:, places.frame, places.y, places.x])
+
+    def truth_at(self, places: SamplePositions) -> Map:
+        """Return the true values, shape (component, n); NaN where there is no such frame."""
+        values = np.asarray(self.truth[:, places.frame, places.y, places.x])
+        values[:, places.frame < 0] = np.nan
+        return values
+
+    def drawn(self, count: int, *, inner: bool = False) -> SamplePositions:
+        """Return pixels where estimate and truth are known, evenly spread; at most ``count``.
+
+        Parameters
+        ----------
+        count
+            How many.
+        inner
+            Whether to take only pixels away from edges and from the border.
+        """
+        frames = self.estimate.shape[1]
+        known = np.asarray(np.isfinite(self.estimate).all(axis=0))
+        known &= np.isfinite(self.truth[:, :frames]).all(axis=0)
+        if inner:
+            known &= self.smooth
+            known[:, [0, -1]] = known[:, :, [0, -1]] = False
+        flat = np.flatnonzero(known)
+        if len(flat) > count:
+            flat = flat[np.linspace(0, len(flat) - 1, count).astype(np.intp)]
+        return SamplePositions(*np.unravel_index(flat, known.shape))
+
+
+def read_mismatch_samples(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[MismatchSamples]:
+    """Give what is compared, quantity by quantity, of some frames of an estimate.
+
+    Parameters
+    ----------
+    estimate, truth
+        As of `scenetruth.scoring.alignment.align`; they may have been opened and not loaded.
+
+    Raises
+    ------
+    ScoreError
+        If they cannot be compared.
+    """
+    check_alignable(estimate, truth)
+    count = estimate.sizes["t"]
+    held = [name for name in MISMATCH_VARIABLES if name in estimate]
+    if not (held and count):
+        return
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _FRAMES)).round().astype(int))
+    few = estimate[[*held, *(name for name in _KINDS if name in estimate)]].isel(t=chosen)
+    facts = read_acquisition_parameters(few, truth)
+    needed = truth[[name for name in _NEEDED if name in truth]]
+    _, exact = align(few, needed)
+    beside, grid = _neighbouring_frames(estimate, truth, chosen)
+    others = needed.sel({dim: 0 for dim in ("s_y", "s") if dim in needed.dims}).sel(t=beside)
+    others = select_pixels(others, few)
+    smooth = exact["boundary_distance"].transpose("t", "y", "x").values > _EDGE_PX
+    rays = _rays(few)
+    for name in held:
+        found = _maps(few[name])
+        found[:, ~find_valid_pixels(few, name)] = np.nan
+        maps = np.concatenate([_maps(exact[name]), _maps(others[name])], axis=1) if beside else _maps(exact[name])
+        yield MismatchSamples(name, facts, found, maps, grid, rays, smooth)
+
+
+def _neighbouring_frames(
+    estimate: xr.Dataset, truth: xr.Dataset, chosen: NDArray[np.intp]
+) -> tuple[list[int], SampleGrid]:
+    """Return the frames of the truth that are needed besides the chosen ones, and how they all follow each other."""
+    times = [int(t) for t in estimate["t"].values]
+    there = {int(t) for t in truth["t"].values}
+    own = [times[place] for place in chosen]
+    opposite = [times[-1 - place] for place in chosen]
+    wanted = {*opposite, *(t + 1 for t in own), *(t - 1 for t in own)}
+    beside = sorted((wanted & there) - set(own))
+    at = {t: place for place, t in enumerate([*own, *beside])}
+    following, preceding, across = (
+        np.array([at.get(t, -1) for t in some], dtype=np.intp)
+        for some in ([t + 1 for t in own], [t - 1 for t in own], opposite)
+    )
+    return beside, SampleGrid(estimate.sizes["y"], estimate.sizes["x"], following, preceding, across)
+
+
+def _maps(array: xr.DataArray) -> Map:
+    """Return maps of the shape (component, t, y, x); NaN where they are not finite."""
+    values = np.array(array.transpose(..., "t", "y", "x").values, dtype=np.float64)
+    values[~np.isfinite(values)] = np.nan
+    return values if values.ndim == 4 else values[np.newaxis]
+
+
+def _rays(dataset: xr.Dataset) -> Map:
+    camera, pixels = read_intrinsics(dataset), compute_pixel_coordinates(dataset)
+    c_x, c_y = camera.principal_point_px
+    x, y = (pixels.x - c_x) / camera.focal_length_px, (pixels.y - c_y) / camera.focal_length_px
+    return np.asarray(np.sqrt(1 + x**2 + y[:, np.newaxis] ** 2))

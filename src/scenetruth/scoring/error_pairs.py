@@ -1,0 +1,323 @@
+"""Pairs of estimated and true values of a quantity, and the image and world coordinates of their pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import KIND_FULL, VARIABLES, Intrinsics, read_intrinsics
+from scenetruth.scoring.quantities import QUANTITIES
+
+__all__ = [
+    "EstimateTruthPair",
+    "EstimateTruthPairs",
+    "PixelCoordinates",
+    "compute_pixel_coordinates",
+    "compute_surface_points",
+    "find_valid_pixels",
+    "has_quantity",
+    "has_std",
+    "list_quantities",
+    "percent_per_hour",
+    "read_pair",
+    "read_quantity",
+    "read_std",
+    "stacked",
+]
+
+
+Map = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PixelCoordinates:
+    """The pixels of a map, which may show a part of the image, or every other pixel of it, along x and y differently.
+
+    `scenetruth.schema.PixelGrid` is the even and square grid that methods ask of a recording.
+
+    Parameters
+    ----------
+    y, x
+        The rows and columns of the whole image, shapes (y,) and (x,), in px.
+    """
+
+    y: Map
+    x: Map
+
+    @property
+    def step_px(self) -> tuple[float, float]:
+        """The distances between neighbouring pixels of the map, along y and along x, in px of the whole image."""
+        return _step(self.y), _step(self.x)
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """The outer borders of the map's left, right, lower and upper pixels, in px of the whole image."""
+        (height, width) = (0.5 * step for step in self.step_px)
+        x, y = self.x, self.y
+        return float(x[0] - width), float(x[-1] + width), float(y[-1] + height), float(y[0] - height)
+
+
+def compute_pixel_coordinates(dataset: xr.Dataset) -> PixelCoordinates:
+    """Return the pixels of a data set, from its coordinates y and x; counted from 0 where it has none."""
+    y, x = (
+        np.asarray(dataset[dim].values if dim in dataset.coords else np.arange(dataset.sizes[dim]), dtype=np.float64)
+        for dim in ("y", "x")
+    )
+    return PixelCoordinates(y, x)
+
+
+def compute_surface_points(depth: Map, intrinsics: Intrinsics, grid: PixelCoordinates | None = None) -> Map:
+    """Return the surface points that pixels see.
+
+    Parameters
+    ----------
+    depth
+        Depth in mm, shape (y, x).
+    intrinsics
+        Of the camera.
+    grid
+        The pixels of the map; the whole image if not given.
+
+    Returns
+    -------
+    numpy.ndarray
+        X, Y and Z in mm in the camera's frame, shape (3, y, x).
+    """
+    c_x, c_y = intrinsics.principal_point_px
+    y, x = (np.arange(size, dtype=np.float64) for size in depth.shape) if grid is None else (grid.y, grid.x)
+    scale = depth / intrinsics.focal_length_px
+    return np.stack([(x[None, :] - c_x) * scale, (y[:, None] - c_y) * scale, depth])
+
+
+def _step(places: Map) -> float:
+    return float(np.median(np.abs(np.diff(places)))) if places.size > 1 else 1.0
+
+
+def _slope_of(normal: Map) -> Map:
+    # Of a face seen edge-on the slope is infinite.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-normal[:2] / normal[2])
+
+
+def _mean_of(principal: Map) -> Map:
+    return np.asarray(principal.mean(axis=0))
+
+
+def _product_of(principal: Map) -> Map:
+    return np.asarray(principal[0] * principal[1])
+
+
+_FOLLOWS: Mapping[str, tuple[str, Callable[[Map], Map]]] = {
+    "slope": ("normal", _slope_of),
+    "mean_curvature": ("curvature", _mean_of),
+    "gaussian_curvature": ("curvature", _product_of),
+}
+"""Variables that follow from another one, which a truth may have instead."""
+
+
+def list_quantities(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Return those scalars of `QUANTITIES` whose variable a data set has, in the order of the table."""
+    return tuple(
+        name for name, entry in QUANTITIES.items() if entry.variable in dataset and entry.error == "difference"
+    )
+
+
+def has_quantity(truth: xr.Dataset, name: str) -> bool:
+    """Return whether a truth has a quantity, a key of `QUANTITIES`, or what it follows from."""
+    variable = QUANTITIES[name].variable
+    return variable in truth or (variable in _FOLLOWS and _FOLLOWS[variable][0] in truth)
+
+
+def read_quantity(dataset: xr.Dataset, name: str) -> Map:
+    """Read one quantity of a truth or an estimate.
+
+    Parameters
+    ----------
+    dataset
+        A truth of one camera, or an estimate.
+    name
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (t, y, x), of whole vectors (component, t, y, x); NaN where there is none. Growth is in % per
+        hour, all else in the units of the variable.
+    """
+    entry = QUANTITIES[name]
+    if entry.variable in dataset:
+        values = _read(dataset, entry.variable, entry.component)
+    else:
+        source, follow = _FOLLOWS[entry.variable]
+        values = follow(_read(dataset, source, None))
+        values = values if entry.component is None else values[entry.component]
+    return percent_per_hour(read_intrinsics(dataset)) * values if entry.units == "%/h" else values
+
+
+def read_std(estimate: xr.Dataset, name: str) -> Map | None:
+    """Read the standard deviation that an estimate states for one quantity.
+
+    Parameters
+    ----------
+    estimate
+        An estimate.
+    name
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        float64, shape (t, y, x), in the quantity's units, NaN where there is none; None where the estimate has no
+        standard deviation of this quantity.
+    """
+    if not has_std(estimate, name):
+        return None
+    entry = QUANTITIES[name]
+    values = _read(estimate, f"{entry.variable}_std", entry.component)
+    if entry.units == "%/h":
+        return percent_per_hour(read_intrinsics(estimate)) * values
+    # Angles are stored in radians.
+    return np.degrees(values) if entry.units == "°" else values
+
+
+def has_std(estimate: xr.Dataset, name: str) -> bool:
+    """Return whether an estimate states the standard deviation of a quantity, a key of `QUANTITIES`."""
+    variable = f"{QUANTITIES[name].variable}_std"
+    # Only the agreed variables have been checked to have the quantity's dimensions. A distance has none.
+    return variable in estimate and variable in VARIABLES["estimate"] and QUANTITIES[name].error != "distance"
+
+
+def percent_per_hour(intrinsics: Intrinsics) -> float:
+    """Return the factor from 1/frame to % per hour."""
+    return 100.0 * 3600.0 / intrinsics.frame_interval_s
+
+
+def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
+    """Return where an estimate claims to know a variable.
+
+    Depth, disparity and the shape of the surface are known where ``kind_disparity`` is full, flow where
+    ``kind_motion`` is full, velocity, growth and rotation where both are. Where the estimate lacks one of the two,
+    ``kind`` takes its place; without ``kind``, every pixel counts as known.
+
+    Parameters
+    ----------
+    estimate
+        An estimate.
+    variable
+        The variable of one of `QUANTITIES`.
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (t, y, x).
+    """
+    needs = next(entry.needs for entry in QUANTITIES.values() if entry.variable == variable)
+    kinds = [f"kind_{need}" for need in needs]
+    full = np.ones([estimate.sizes[dim] for dim in ("t", "y", "x")], dtype=bool)
+    for name in {kind if kind in estimate else "kind" for kind in kinds} & set(estimate):
+        full &= estimate[name].values == KIND_FULL
+    return full
+
+
+@dataclass(frozen=True)
+class EstimateTruthPair:
+    """What is compared of one quantity; all arrays have the same shape.
+
+    Parameters
+    ----------
+    estimate, truth
+        The two maps, in the same units; NaN where there is none. Of vectors, the components come first.
+    full
+        Where the estimate claims to know the quantity; everywhere if None.
+    std
+        The standard deviation that the estimate states, or None.
+    """
+
+    estimate: Map
+    truth: Map
+    full: NDArray[np.bool_] | None = None
+    std: Map | None = None
+
+    def at(self, region: NDArray[np.bool_]) -> EstimateTruthPair:
+        """Return the values in a region, as one row."""
+        return EstimateTruthPair(
+            self.estimate[region],
+            self.truth[region],
+            None if self.full is None else self.full[region],
+            None if self.std is None else self.std[region],
+        )
+
+
+def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> EstimateTruthPair:
+    """Read one quantity of an estimate, and its truth, as arrays of the shape (t, y, x).
+
+    Parameters
+    ----------
+    estimate, truth
+        Aligned data sets.
+    name
+        A key of `QUANTITIES` that the estimate has and the truth tells.
+    """
+    return EstimateTruthPair(
+        read_quantity(estimate, name),
+        read_quantity(truth, name),
+        find_valid_pixels(estimate, QUANTITIES[name].variable),
+        read_std(estimate, name),
+    )
+
+
+class EstimateTruthPairs(Mapping[str, EstimateTruthPair]):
+    """The quantities of an estimate that its truth tells, by the keys of `QUANTITIES`; read when they are looked up.
+
+    Parameters
+    ----------
+    estimate, truth
+        Aligned data sets.
+    further
+        More quantities, of which the estimate itself has none.
+    """
+
+    def __init__(
+        self, estimate: xr.Dataset, truth: xr.Dataset, further: Mapping[str, EstimateTruthPair] | None = None
+    ) -> None:
+        self._estimate, self._truth = estimate, truth
+        self._further = further or {}
+        self._names = tuple(
+            name for name, entry in QUANTITIES.items() if entry.variable in estimate and has_quantity(truth, name)
+        )
+
+    def __getitem__(self, name: str) -> EstimateTruthPair:
+        return read_pair(self._estimate, self._truth, name) if name in self._names else self._further[name]
+
+    def __iter__(self) -> Iterator[str]:
+        # In the order of the table.
+        yield from (name for name in QUANTITIES if name in self)
+
+    def __len__(self) -> int:
+        return len({*self._names, *self._further})
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names or name in self._further
+
+
+def stacked(pairs: Mapping[str, EstimateTruthPair], names: Sequence[str]) -> EstimateTruthPair:
+    """Return several quantities as vectors: estimate and truth of the shape (component, ...), known where all are."""
+    some = [pairs[name] for name in names]
+    known = [pair.full for pair in some if pair.full is not None]
+    return EstimateTruthPair(
+        np.stack([pair.estimate for pair in some]),
+        np.stack([pair.truth for pair in some]),
+        np.logical_and.reduce(known) if known else None,
+    )
+
+
+def _read(dataset: xr.Dataset, variable: str, component: int | None) -> Map:
+    array = dataset[variable]
+    if component is not None:
+        array = array[component]
+    values: Map = np.asarray(array.values, dtype=np.float64)
+    return values

@@ -1,0 +1,264 @@
+"""Figures of errors: their distributions, and the stated standard deviations compared with them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.scoring.alignment import count_blocks, iterate_aligned_blocks
+from scenetruth.scoring.error_pairs import EstimateTruthPairs, list_quantities, read_pair, read_std
+from scenetruth.scoring.figures.figure_arrays import FigureArrays
+from scenetruth.scoring.figures.figure_style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    FigureInfo,
+    colorbar,
+    map_height,
+    new_figure,
+    pixel_axes,
+    robust_limits,
+    save,
+    show_map,
+    void_legend,
+)
+from scenetruth.scoring.number_format import format_number, format_percent
+from scenetruth.scoring.quantities import QUANTITIES, get_units
+from scenetruth.scoring.regions import main_regions
+from scenetruth.scoring.score_result import Score, select_summary_quantities
+from scenetruth.scoring.statistics import ErrorSamples, StreamingQuantiles, standardised
+
+__all__ = ["draw_error_bars", "draw_error_histograms"]
+
+
+Map = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+_HISTOGRAM_BINS = 81
+_RANGE = 1.5
+"""Half the width of a panel, in 99th percentiles of the interior's errors."""
+_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": GREY, "linewidth": 1.2},
+    {"color": BLUE, "linewidth": 1.0, "fill": True, "alpha": 0.55},
+)
+"""How ``all`` and ``interior`` are drawn."""
+
+
+def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path) -> FigureInfo:
+    """Draw the histogram of every quantity's errors in both regions, over all frames."""
+    margin_px = float(score.metadata.get("margin_px", 20.0))
+    names = select_summary_quantities(score.regions, grows=score.grows)
+    edges, counts = _histograms(estimate, truth, names, margin_px)
+
+    # A fixed layout: finding one for eight logarithmic axes takes longer than all else here.
+    rows, columns = math.ceil(len(counts) / 4), min(len(counts), 4)
+    width, height = max(2.75 * columns, 5.5), 2.7 * rows
+    figure = new_figure(width, height, layout=None)
+    figure.subplots_adjust(
+        left=0.6 / width, right=1 - 0.165 / width, bottom=0.46 / height, top=1 - 0.27 / height, wspace=0.2, hspace=0.38
+    )
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for axes, (name, heights) in zip(panels.flat, counts.items(), strict=False):
+        _draw_panel(axes, name, heights, edges[name], score)
+    for axes in panels.flat[len(counts) :]:
+        axes.remove()
+    for axes in panels[:, 0]:
+        axes.set_ylabel("pixels per bin")
+    save(figure, folder / "error_histograms.png")
+    caption = (
+        "Estimate minus truth over all frames, in both regions, with the rms of each; counts "
+        "are logarithmic. Each range is one and a half times the 99th percentile of the interior; the outermost bins "
+        "also hold all that lies beyond."
+    )
+    return FigureInfo("error_histograms.png", "Histograms of all errors", caption)
+
+
+def _histograms(
+    estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
+) -> tuple[dict[str, Map], dict[str, dict[str, Counts]]]:
+    """Return the edges of every quantity's bins, and how many errors lie in each by region."""
+    edges: dict[str, Map] = {}
+    single = count_blocks(estimate) == 1
+    if not single:
+        sizes: dict[str, dict[str, StreamingQuantiles]] = {}
+        for name, samples in _samples(estimate, truth, names, margin_px):
+            _add(sizes.setdefault(name, {}), samples, single=False)
+        edges = {name: _edges(name, regions) for name, regions in sizes.items()}
+    counts: dict[str, dict[str, Counts]] = {}
+    for name, samples in _samples(estimate, truth, names, margin_px):
+        if single:
+            edges[name] = _edges(name, _add({}, samples, single=True))
+        own = counts.setdefault(name, {})
+        for region, values in samples.items():
+            found, _ = np.histogram(np.clip(values, edges[name][0], edges[name][-1]), edges[name])
+            own[region] = own.get(region, 0) + found
+    return edges, counts
+
+
+def _add(
+    sizes: dict[str, StreamingQuantiles], samples: Mapping[str, Map], *, single: bool
+) -> dict[str, StreamingQuantiles]:
+    for region, values in samples.items():
+        sizes.setdefault(region, StreamingQuantiles(single=single)).add(np.abs(values))
+    return sizes
+
+
+def _samples(
+    estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
+) -> Iterator[tuple[str, dict[str, Map]]]:
+    """Give the errors of every quantity that the data sets hold in both regions, part by part."""
+    for found, exact in iterate_aligned_blocks(estimate, truth):
+        masks = main_regions(exact, margin_px)
+        pairs = EstimateTruthPairs(found, exact)
+        for name in names:
+            if name in pairs:
+                one = ErrorSamples.of(pairs[name], QUANTITIES[name].error)
+                yield name, {region: one.error[mask[one.scored]] for region, mask in masks.items()}
+
+
+def _edges(name: str, sizes: Mapping[str, StreamingQuantiles]) -> Map:
+    """Return the edges of the bins; the interior decides on their range, if anything is scored there."""
+    bound = next((value for region in ("interior", "all") if np.isfinite(value := sizes[region].at([99])[0])), 0.0)
+    bound = _RANGE * bound or 1.0
+    return np.linspace(-bound if QUANTITIES[name].error == "difference" else 0.0, bound, _HISTOGRAM_BINS + 1)
+
+
+def _draw_panel(axes: Any, name: str, counts: Mapping[str, Counts], edges: Map, score: Score) -> None:
+    entry = QUANTITIES[name]
+    symbol = {"difference": f"error of ${entry.symbol}$", "distance": "distance"}.get(entry.error, "angle")
+    axes.set_title(entry.title)
+    axes.set_xlabel(f"{symbol} [{get_units(name)}]")
+    axes.locator_params(axis="x", nbins=5)
+    axes.set_yscale("log")
+    axes.grid()
+    if not counts["all"].any():
+        axes.set_ylim(0.5, 10)
+        axes.text(0.5, 0.5, "nothing scored", transform=axes.transAxes, ha="center", color=GREY)
+        return
+    for (region, heights), options in zip(counts.items(), _STYLES, strict=True):
+        rms = score.regions[region][name]["rms"]
+        axes.stairs(heights, edges, label=f"{region}: rms {'–' if rms is None else format(rms, '.3g')}", **options)
+    axes.set_xlim(edges[0], edges[-1])
+    # Head room for the legend, on a logarithmic axis.
+    top = axes.get_ylim()[1]
+    axes.set_ylim(0.6, top * (top / 0.6) ** 0.3)
+    axes.legend(loc="upper right", handlelength=1.2, borderaxespad=0.3)
+
+
+_COLOURS = {"depth": BLUE, "disparity": BLUE, "velocity_x": ORANGE, "velocity_y": "#009e73", "velocity_z": "#b0006d"}
+_REACH, _BINS = 5.0, 50
+"""Half the width of the histogram, in standard deviations, and its bins."""
+_EDGES = np.linspace(-_REACH, _REACH, _BINS + 1)
+
+
+def draw_error_bars(
+    views: FigureArrays, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None, folder: Path
+) -> FigureInfo | None:
+    """Draw the standard deviations that the estimate states, and the histogram of errors over them.
+
+    The histogram needs a truth and a score. Returns None for an estimate that states no standard deviation.
+    """
+    names = [name for name in _mapped(views) if np.any(np.isfinite(views.stds[name]) & (views.stds[name] > 0))]
+    ratios = {} if truth is None or score is None else _interior_ratios(estimate, truth, score)
+    panels = len(names) + bool(ratios)
+    if not panels:
+        return None
+    figure = new_figure(5.2 * panels + 0.2, max(map_height(views.image, 3.9, 1.0), 3.6))
+    places = list(figure.subplots(1, panels, squeeze=False)[0])
+    caption = []
+    for name in names:
+        _draw_map(figure, places.pop(0), views, name)
+    if names:
+        void_legend(figure, "no full estimate, or no standard deviation")
+        caption.append(
+            f"The standard deviations that the estimator states, t = {views.frame}; scales are logarithmic and span "
+            "the central 98 %."
+        )
+    if ratios and score is not None:
+        _draw_histogram(places.pop(0), ratios, score)
+        caption.append(
+            "Errors divided by the standard deviation that the estimator states for the same pixel, in the interior "
+            "and over all frames. Right error bars give the unit normal curve, with a calibration (the rms of this "
+            "ratio) of 1 and 95.4 % within 2 standard deviations; a wider histogram means error bars that are too "
+            "small. The outermost bins also hold all that lies beyond."
+        )
+    save(figure, folder / "error_bars.png")
+    shown = dict.fromkeys(QUANTITIES[name].variable for name in (*names, *ratios))
+    title = f"Error bars of {' and '.join(shown)}"
+    return FigureInfo("error_bars.png", title, " ".join(caption))
+
+
+def _mapped(views: FigureArrays) -> list[str]:
+    """Return the quantities whose standard deviations are drawn as maps: disparity only where depth has none."""
+    names = [name for name in ("depth", "disparity", "velocity_z") if name in views.stds]
+    return [name for name in names if name != "disparity" or "depth" not in names]
+
+
+def _interior_ratios(estimate: xr.Dataset, truth: xr.Dataset, score: Score) -> dict[str, NDArray[np.int64]]:
+    """Return how often each error / standard deviation occurs in the interior, by quantity; those that have any."""
+    margin_px = float(score.metadata.get("margin_px", 20.0))
+    counts: dict[str, NDArray[np.int64]] = {}
+    for found, exact in iterate_aligned_blocks(estimate, truth):
+        interior = main_regions(exact, margin_px)["interior"]
+        for name in list_quantities(found):
+            # A score of earlier days may lack what the estimate has.
+            shown = name in _COLOURS and name in score.regions["interior"]
+            std = read_std(found, name) if shown else None
+            if std is None:
+                continue
+            scored = ErrorSamples.of(read_pair(found, exact, name))
+            here = interior[scored.scored]
+            ratio = standardised(scored.error[here], std[scored.scored][here])
+            counts[name] = counts.get(name, 0) + np.histogram(np.clip(ratio, -_REACH, _REACH), _EDGES)[0]
+    known = {name: count for name, count in counts.items() if count.any()}
+    return {name: count for name, count in known.items() if name != "disparity" or "depth" not in known}
+
+
+def _draw_map(figure: Any, axes: Any, views: FigureArrays, name: str) -> None:
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
+
+    entry, std = QUANTITIES[name], views.stds[name]
+    positive = np.where(std > 0, std, np.nan)
+    low, high = robust_limits(positive)
+    drawn = show_map(axes, positive, cmap="cividis", norm=LogNorm(low, high), extent=views.grid.extent)
+    axes.set_title(f"Standard deviation of {entry.title[0].lower()}{entry.title[1:]}")
+    pixel_axes(axes)
+    # Less than a decade may hold no round number of a logarithmic scale.
+    ticks = MaxNLocator(5) if high < 8 * low else LogLocator(subs=(1, 2, 5) if high < 1000 * low else (1,))
+    bar = colorbar(
+        figure, drawn, axes, f"standard deviation of ${entry.symbol}$ [{entry.units}]",
+        extend="both", ticks=ticks, format=FuncFormatter(lambda value, _: f"{value:g}"),
+    )  # fmt: skip
+    bar.minorticks_off()
+
+
+def _draw_histogram(axes: Any, ratios: Mapping[str, NDArray[np.int64]], score: Score) -> None:
+    middle = np.linspace(-_REACH, _REACH, 401)
+    normal = np.exp(-(middle**2) / 2) / np.sqrt(2 * np.pi)
+    highest = float(normal.max())
+    axes.fill_between(middle, normal, color=GREY, alpha=0.25, linewidth=0, label="unit normal")
+    for name, counts in ratios.items():
+        density = counts / (counts.sum() * np.diff(_EDGES))
+        # What lies beyond may be most; it must not flatten the curve.
+        highest = max(highest, float(density[1:-1].max()))
+        values = score.regions["interior"][name]
+        label = (
+            f"${QUANTITIES[name].symbol}$: calibration {format_number(values['calibration'])}, "
+            f"{format_percent(values['within_2_std'])} % within 2 std"
+        )
+        axes.stairs(density, _EDGES, color=_COLOURS[name], linewidth=1.1, label=label)
+    axes.set_title("Errors in units of their standard deviation, interior")
+    axes.set_xlabel("error / standard deviation [1]")
+    axes.set_ylabel("probability density [1]")
+    axes.set_xlim(-_REACH, _REACH)
+    # Room for the legend above the curves.
+    axes.set_ylim(0, 1.5 * highest)
+    axes.grid()
+    axes.legend(loc="upper center", borderaxespad=0.3)

@@ -1,0 +1,194 @@
+"""The arrays of the one frame that the figures show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import KIND_NONE, Intrinsics, read_intrinsics
+from scenetruth.scoring.alignment import align, check_alignable, check_estimate, check_recording, select_pixels
+from scenetruth.scoring.error_pairs import (
+    PixelCoordinates,
+    compute_pixel_coordinates,
+    compute_surface_points,
+    find_valid_pixels,
+    has_quantity,
+    has_std,
+    list_quantities,
+    read_quantity,
+    read_std,
+)
+from scenetruth.scoring.quantities import QUANTITIES
+
+__all__ = ["FigureArrays", "collect_figure_arrays"]
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class _ReadWhenNeeded(Mapping[str, Map]):
+    """Maps by name, which are read each time that they are looked up: those of large images do not fit beside others.
+
+    Parameters
+    ----------
+    names
+        Their names.
+    read
+        Reads one.
+    """
+
+    def __init__(self, names: Iterable[str], read: Callable[[str], Map]) -> None:
+        self._names, self._read = tuple(names), read
+
+    def __getitem__(self, name: str) -> Map:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._read(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+@dataclass(frozen=True)
+class FigureArrays:
+    """What the figures of one frame draw; every map has the shape (y, x).
+
+    Parameters
+    ----------
+    frame
+        The estimate's frame t.
+    image, image_frame, image_is_digital
+        The reference camera's image, of colours the mean; its frame, and whether it holds digital numbers (else
+        linear radiance).
+    grid
+        The pixels of all maps.
+    intrinsics
+        Of the estimate.
+    estimate, truth
+        Maps by the names of `QUANTITIES`: the scalars that the estimate has, and those of them that the truth tells.
+        The estimate is NaN wherever its kind is not full (see `find_valid_pixels`). Without truth, that is empty.
+    mixed
+        The truth's mixed pixels; none without truth.
+    stds
+        Standard deviations that the estimate states, by the names of `QUANTITIES`, in the units of the quantity, NaN
+        where its kind is not full.
+    confidence, model_violation
+        Of the estimate, or None.
+    kinds
+        Those of ``kind``, ``kind_disparity`` and ``kind_motion`` that the estimate has, by their names.
+    """
+
+    frame: int
+    image: Map
+    image_frame: int
+    image_is_digital: bool
+    grid: PixelCoordinates
+    intrinsics: Intrinsics
+    estimate: Mapping[str, Map]
+    truth: Mapping[str, Map]
+    mixed: Mask
+    stds: Mapping[str, Map]
+    confidence: Map | None
+    model_violation: Mask | None
+    kinds: dict[str, NDArray[np.int64]]
+
+    def knows(self, name: str) -> bool:
+        """Return whether the estimate of a quantity, a key of `QUANTITIES`, has any value."""
+        return name in self.estimate and bool(np.isfinite(self.estimate[name]).any())
+
+    def panels(self, name: str) -> dict[str, Map]:
+        """Return the estimate of a quantity and its truth, if there is one, by what they are."""
+        return {"estimate": self.estimate[name]} | ({"truth": self.truth[name]} if name in self.truth else {})
+
+    @property
+    def map_focal_length_px(self) -> float:
+        """The focal length, counted in the distances between pixels of the maps."""
+        return self.intrinsics.focal_length_px / max(self.grid.step_px)
+
+    def surface_points(self) -> Map:
+        """Return the estimated surface (X, Y, Z) in mm, shape (y, x, 3), NaN where there is none."""
+        return np.moveaxis(compute_surface_points(self.estimate["depth"], self.intrinsics, self.grid), 0, -1)
+
+    def velocities(self) -> Map:
+        """Return the estimated velocity in mm per frame, shape (y, x, 3), NaN where there is none."""
+        return np.stack([self.estimate[name] for name in ("velocity_x", "velocity_y", "velocity_z")], axis=-1)
+
+
+def collect_figure_arrays(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None = None) -> FigureArrays:
+    """Pick the frame t = 0 of an estimate, or its middle one, and what belongs to it.
+
+    Parameters
+    ----------
+    recording, estimate
+        What was estimated from, and the estimate.
+    truth
+        What the estimate is compared with, if there is a truth.
+
+    Raises
+    ------
+    ScoreError
+        If estimate and truth cannot be compared, or the recording does not belong to them.
+    """
+    check_estimate(estimate)
+    check_recording(recording, estimate)
+    if truth is not None:
+        check_alignable(estimate, truth)
+    frames = estimate["t"].values.tolist()
+    at = frames.index(0) if 0 in frames else len(frames) // 2
+    # One frame is read, not all.
+    estimate = estimate.isel(t=[at])
+    if truth is not None:
+        estimate, truth = align(estimate, truth)
+    image_frame = frames[at] if frames[at] in recording["t"].values else 0
+    image = select_pixels(recording, estimate)["image"].sel(
+        {dim: 0 for dim in ("s_y", "s") if dim in recording["image"].dims} | {"t": image_frame}
+    )
+    grey = image.mean("channel") if "channel" in image.dims else image
+    names = list_quantities(estimate)
+
+    def known(name: str, values: Map) -> Map:
+        return np.where(find_valid_pixels(estimate, QUANTITIES[name].variable)[0], values[0], np.nan)
+
+    def std(name: str) -> Map:
+        values = read_std(estimate, name)
+        return np.full(grey.shape, np.nan) if values is None else known(name, values)
+
+    exact = estimate if truth is None else truth
+    return FigureArrays(
+        frame=frames[at],
+        image=grey.values.astype(np.float64),
+        image_frame=image_frame,
+        image_is_digital=image.dtype.kind in "ui",
+        grid=compute_pixel_coordinates(estimate),
+        intrinsics=read_intrinsics(estimate),
+        estimate=_ReadWhenNeeded(names, lambda name: known(name, read_quantity(estimate, name))),
+        truth=_ReadWhenNeeded(
+            () if truth is None else [name for name in names if has_quantity(truth, name)],
+            lambda name: read_quantity(exact, name)[0],
+        ),
+        mixed=np.zeros(grey.shape, dtype=bool) if truth is None else truth["mixed"].values[0].astype(bool),
+        stds=_ReadWhenNeeded([name for name in names if has_std(estimate, name)], std),
+        confidence=estimate["confidence"].values[0].astype(np.float64) if "confidence" in estimate else None,
+        model_violation=_flags(estimate["model_violation"].values[0]) if "model_violation" in estimate else None,
+        kinds={
+            name: np.nan_to_num(estimate[name].values[0], nan=KIND_NONE).astype(np.int64)
+            for name in ("kind", "kind_disparity", "kind_motion")
+            if name in estimate
+        },
+    )
+
+
+def _flags(values: NDArray[Any]) -> Mask:
+    """Return flags that may have been read as numbers, NaN where there is none."""
+    return np.asarray(np.nan_to_num(values).astype(bool))

@@ -1,0 +1,213 @@
+"""The set of all figures of an estimate, and how they are drawn into a directory."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Collection
+from concurrent.futures import Future
+from pathlib import Path
+
+import xarray as xr
+
+from scenetruth.errors import Problem, ScoreError
+from scenetruth.scoring.figures.error_figures import draw_error_bars, draw_error_histograms
+from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
+from scenetruth.scoring.figures.figure_style import VECTOR_FORMATS, FigureInfo, also_as, style
+from scenetruth.scoring.figures.map_figures import (
+    draw_confidence,
+    draw_depth,
+    draw_disparity,
+    draw_estimated_growth,
+    draw_flow,
+    draw_growth,
+    draw_image,
+    draw_velocity_z,
+    draw_velocity_z_row,
+)
+from scenetruth.scoring.figures.surface_figures import draw_surface, draw_velocity_arrows
+from scenetruth.scoring.score_result import Score
+
+__all__ = ["FIGURES", "plot_all", "plot_one"]
+
+Draw = Callable[[], FigureInfo | None]
+
+FIGURES = (
+    "image",
+    "surface",
+    "velocity_z",
+    "velocity_z_row",
+    "velocity_arrows",
+    "flow",
+    "depth",
+    "disparity",
+    "growth_rate",
+    "error_histograms",
+    "error_bars",
+    "confidence",
+)
+"""Names of all figures, which are those of their files, in reading order."""
+
+
+def plot_all(
+    recording: xr.Dataset,
+    estimate: xr.Dataset,
+    truth: xr.Dataset | None = None,
+    score: Score | None = None,
+    folder: str | Path = ".",
+    progress: Callable[[str, int, int], None] | None = None,
+    *,
+    names: Collection[str] | None = None,
+    elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
+    also: Collection[str] = (),
+) -> list[FigureInfo]:
+    """Draw every figure of an estimate.
+
+    All but the histograms show one frame, t = 0 or, where the estimate lacks it, its middle one; and of the estimate
+    only what is full (see `find_valid_pixels`).
+
+    Parameters
+    ----------
+    recording
+        The recording, for its image at s = 0.
+    estimate
+        The estimate.
+    truth, score
+        What the estimate was compared with, and its score; both or neither. Without them, the figures show the estimate
+        alone: no errors, no histograms of them.
+    folder
+        Where the PNG files go; made if missing.
+    progress
+        Called as ``progress("report", done, total)``, in figures.
+    names
+        Figures to draw, of `FIGURES`; all if not given.
+    elsewhere
+        Has a figure drawn by another process into the same folder, while this one draws the next.
+    also
+        Formats in which every figure is written too, beside its PNG file: ``"pdf"``, whose lines and letters are
+        vectors. All are then drawn by this process.
+
+    Returns
+    -------
+    list of FigureInfo
+        File names inside the folder, titles and captions, in reading order. Figures of what the estimate does not know
+        are left out: those of depth and of velocity, as by one camera or one frame; ``disparity.png`` and ``flow.png``
+        are there where disparity is known but depth is not, and flow but velocity is not. Further ``error_bars.png``
+        for an estimate without standard deviations, ``growth_rate.png`` where the truth says that nothing grows, and
+        ``confidence.png`` for an estimate that has neither ``confidence`` nor kinds nor ``model_violation``.
+
+    Raises
+    ------
+    ScoreError
+        If recording, estimate and truth do not belong together, or there is a truth without a score or a score without
+        a truth, or there is no such figure; lists what is wrong.
+    """
+    check_truth_and_score(truth, score)
+    target = Path(folder)
+    plan = _plan(recording, estimate, truth, score, target)
+    problems = [
+        Problem(what, f"are unknown; there are {', '.join(known)}", sorted(unknown))
+        for what, wanted, known in (("figures", names or (), FIGURES), ("formats", also, VECTOR_FORMATS))
+        if (unknown := set(wanted) - set(known))
+    ]
+    if problems:
+        raise ScoreError(problems)
+    if also:
+        elsewhere = None
+    target.mkdir(parents=True, exist_ok=True)
+    left = deque(name for name in plan if names is None or name in names)
+    total, done = len(left), 0
+    found: dict[str, FigureInfo | None] = {}
+    away: tuple[str, Future[FigureInfo | None]] | None = None
+    while left or away is not None:
+        if progress is not None:
+            progress("report", done, total)
+        if away is not None and (away[1].done() or not left):
+            if away[1].exception() is None:
+                found[away[0]] = away[1].result()
+                done += 1
+            else:
+                # Whatever was wrong there is met again here.
+                left.append(away[0])
+                elsewhere = None
+            away = None
+        elif away is None and elsewhere is not None and len(left) > 1:
+            name = left.pop()
+            away = name, elsewhere(name)
+        else:
+            name = left.popleft()
+            with style(), also_as(also):
+                found[name] = plan[name]()
+            done += 1
+    if progress is not None:
+        progress("report", total, total)
+    drawn = [found[name] for name in plan if name in found]
+    return [figure for figure in drawn if figure is not None]
+
+
+def plot_one(
+    name: str,
+    recording: xr.Dataset,
+    estimate: xr.Dataset,
+    truth: xr.Dataset | None,
+    score: Score | None,
+    folder: str | Path,
+) -> FigureInfo | None:
+    """Draw one figure into a folder that exists; None if the estimate does not know what it would show.
+
+    Parameters
+    ----------
+    name
+        The figure, one of `FIGURES`.
+    recording, estimate, truth, score, folder
+        As of `plot_all`.
+    """
+    plan = _plan(recording, estimate, truth, score, Path(folder))
+    if name not in plan:
+        return None
+    with style():
+        return plan[name]()
+
+
+def _plan(
+    recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None, target: Path
+) -> dict[str, Draw]:
+    """Return the figures that the estimate knows enough for, in reading order."""
+    views = collect_figure_arrays(recording, estimate, truth)
+    depth, velocity = views.knows("depth"), views.knows("velocity_z")
+    growth = (depth and velocity) or views.knows("growth_rate")
+    plan: list[tuple[str, bool, Draw]] = [
+        ("image", True, lambda: draw_image(views, target)),
+        ("surface", depth, lambda: draw_surface(views, target)),
+        ("velocity_z", velocity, lambda: draw_velocity_z(views, target)),
+        ("velocity_z_row", velocity, lambda: draw_velocity_z_row(views, target)),
+        ("velocity_arrows", depth and velocity, lambda: draw_velocity_arrows(views, target)),
+        ("flow", views.knows("flow_x") and not velocity, lambda: draw_flow(views, target)),
+        ("depth", depth, lambda: draw_depth(views, target)),
+        ("disparity", views.knows("disparity") and not depth, lambda: draw_disparity(views, target)),
+    ]
+    if truth is None or score is None:
+        plan.append(("growth_rate", growth, lambda: draw_estimated_growth(views, estimate, target)))
+    else:
+        plan += [
+            ("growth_rate", growth and score.grows, lambda: draw_growth(views, estimate, truth, score, target)),
+            ("error_histograms", True, lambda: draw_error_histograms(estimate, truth, score, target)),
+        ]
+    plan += [
+        ("error_bars", True, lambda: draw_error_bars(views, estimate, truth, score, target)),
+        ("confidence", True, lambda: draw_confidence(views, target)),
+    ]
+    return {name: draw for name, wanted, draw in plan if wanted}
+
+
+def check_truth_and_score(truth: xr.Dataset | None, score: Score | None) -> None:
+    """Check that there are both a truth and its score, or neither.
+
+    Raises
+    ------
+    ScoreError
+        If one of them is missing.
+    """
+    if truth is not None and score is None:
+        raise ScoreError([Problem("score", "is missing; make it with scenetruth.score(estimate, truth, recording)")])
+    if truth is None and score is not None:
+        raise ScoreError([Problem("truth", "is missing; a score is shown with the truth that it was made with")])

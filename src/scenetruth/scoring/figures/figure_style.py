@@ -1,0 +1,211 @@
+"""The common parts of all figures: description, style, colours, pixel axes, and saving."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "BLUE",
+    "GREY",
+    "ORANGE",
+    "VECTOR_FORMATS",
+    "VOID",
+    "FigureInfo",
+    "also_as",
+    "colorbar",
+    "map_height",
+    "new_figure",
+    "pixel_axes",
+    "robust_limits",
+    "save",
+    "show_map",
+    "style",
+    "swatch",
+    "symmetric_limit",
+    "void_legend",
+]
+
+Map = NDArray[np.float64]
+
+BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#6b7280"
+"""Line colours that colour-blind readers can tell apart (after Okabe and Ito)."""
+
+VOID = "#dbe7ee"
+"""The colour of pixels without a value; no colour map that is used contains it."""
+
+
+VECTOR_FORMATS = ("pdf",)
+"""Formats in which figures can be had beside PNG."""
+
+_VECTOR_DPI = 300
+"""Pixels per inch of what is no lines and letters in those: maps, and surfaces of many thousand facets."""
+
+_also: ContextVar[tuple[str, ...]] = ContextVar("formats beside PNG", default=())
+
+
+@dataclass(frozen=True)
+class FigureInfo:
+    """A figure on disk.
+
+    Parameters
+    ----------
+    file
+        Its file name inside the folder of figures.
+    title
+        What it shows.
+    caption
+        What to see in it, with definitions of what is drawn.
+    """
+
+    file: str
+    title: str
+    caption: str
+
+
+def style() -> AbstractContextManager[None]:
+    """Return a context in which figures look the same whatever the user's settings are."""
+    import matplotlib.style
+
+    settings = {
+        "font.size": 9,
+        "axes.titlesize": 10,
+        "axes.titlelocation": "left",
+        # Finding a place for titles takes a fifth of all the time; above the axes, nothing is in their way.
+        "axes.titley": 1.0,
+        "axes.labelsize": 9,
+        "axes.linewidth": 0.6,
+        "xtick.labelsize": 8,
+        "ytick.labelsize": 8,
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        "legend.fontsize": 8,
+        "legend.frameon": False,
+        # Letters stay letters, which journals ask for.
+        "pdf.fonttype": 42,
+        "lines.linewidth": 1.0,
+        "image.interpolation": "none",
+        "axes.axisbelow": True,
+        "grid.color": "#d7dbe0",
+        "grid.linewidth": 0.5,
+    }
+    context: AbstractContextManager[None] = matplotlib.style.context(["default", settings])
+    return context
+
+
+def new_figure(width: float, height: float, layout: Any = "constrained") -> Any:
+    """Return an empty figure of a size in inches, on a canvas of its own."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=160, layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def map_height(values: Map, width: float, extra: float) -> float:
+    """Return a figure's height in inches: a map drawn so wide, and what is above and below it."""
+    ratio: float = values.shape[0] / values.shape[1]
+    return extra + min(max(width * ratio, 0.8), 12.0)
+
+
+@contextmanager
+def also_as(formats: Collection[str]) -> Iterator[None]:
+    """Give a context in which `save` writes every figure in further formats of `VECTOR_FORMATS` too."""
+    before = _also.set(tuple(formats))
+    try:
+        yield
+    finally:
+        _also.reset(before)
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write a figure as PNG, and in the formats of `also_as`, the same bytes for the same drawing."""
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        # Axes that keep a map's shape move when they are laid out, and their labels with them: once is not enough.
+        layout.execute(figure)
+        layout.execute(figure)
+        # It stays laid out as it is: saving would do it twice more, and draw the figure once without showing it.
+        figure.set_layout_engine(None)
+    # Compression costs more time than drawing at the default level.
+    figure.savefig(path, metadata={"Software": "scenetruth"}, pil_kwargs={"compress_level": 4})
+    for name in _also.get():
+        vector = path.with_suffix(f".{name}")
+        metadata = {"Creator": "scenetruth", "CreationDate": None}
+        figure.savefig(vector, format=name, dpi=_VECTOR_DPI, metadata=metadata)
+        # By this, what scenetruth drew is known again; readers pass over what follows the end.
+        with vector.open("ab") as file:
+            file.write(b"% drawn by scenetruth\n")
+
+
+def pixel_axes(axes: Any, *, label_y: bool = True) -> None:
+    """Label axes that count pixels."""
+    axes.set_xlabel("x [px]")
+    if label_y:
+        axes.set_ylabel("y [px]")
+
+
+def show_map(axes: Any, values: Map, **options: Any) -> Any:
+    """Draw a map of pixels; those without a value have the colour `VOID`. ``extent`` tells where the pixels lie."""
+    axes.set_facecolor(VOID)
+    return axes.imshow(np.ma.masked_invalid(values), **options)
+
+
+def colorbar(figure: Any, drawn: Any, axes: Any, label: str, **options: Any) -> Any:
+    """Add a thin colour bar as high as the axes."""
+    from matplotlib.ticker import ScalarFormatter
+
+    bar = figure.colorbar(drawn, cax=axes.inset_axes((1.025, 0.0, 0.035, 1.0)), label=label, **options)
+    bar.outline.set_linewidth(0.6)
+    if isinstance(bar.formatter, ScalarFormatter):
+        bar.ax.ticklabel_format(useOffset=False)
+    return bar
+
+
+def void_legend(figure: Any, text: str = "no full estimate", extra: tuple[Any, ...] = ()) -> None:
+    """Say below a figure what the colour `VOID` means, with the handles of further entries before it."""
+    figure.legend(handles=[*extra, swatch(VOID, text)], loc="outside lower left", ncols=1 + len(extra))
+
+
+def swatch(colour: str, label: str) -> Any:
+    """Return a legend's handle for an area of one colour."""
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=label)
+
+
+def symmetric_limit(*maps: Map, percent: float = 2.0) -> float:
+    """Return the limit of a scale about zero that leaves out the given percentage of the finite values.
+
+    Returns
+    -------
+    float
+        Positive; 1 where there is no finite value.
+    """
+    return robust_limits(*(np.abs(values) for values in maps), percent=percent)[1]
+
+
+def robust_limits(*maps: Map, percent: float = 1.0) -> tuple[float, float]:
+    """Return limits that leave out the given percentage of the finite values at either end.
+
+    Returns
+    -------
+    tuple of float
+        Low and high, never equal; (0, 1) where there is no finite value.
+    """
+    values = np.concatenate([values[np.isfinite(values)] for values in maps])
+    if values.size == 0:
+        return 0.0, 1.0
+    low, high = (float(value) for value in np.percentile(values, [percent, 100.0 - percent]))
+    if high - low <= 1e-9 * max(abs(low), abs(high)):
+        pad = 0.05 * abs(low) or 1.0
+        return low - pad, high + pad
+    return low, high

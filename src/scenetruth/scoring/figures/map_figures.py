@@ -1,0 +1,497 @@
+"""Figures of maps: image, depth, disparity, optical flow, velocity, growth rate and confidence.
+
+Estimate, truth and error side by side, or the estimate alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL, read_intrinsics
+from scenetruth.scoring.alignment import align
+from scenetruth.scoring.error_pairs import percent_per_hour
+from scenetruth.scoring.figures.figure_arrays import FigureArrays
+from scenetruth.scoring.figures.figure_style import (
+    BLUE,
+    ORANGE,
+    VOID,
+    FigureInfo,
+    colorbar,
+    map_height,
+    new_figure,
+    pixel_axes,
+    robust_limits,
+    save,
+    show_map,
+    swatch,
+    symmetric_limit,
+    void_legend,
+)
+from scenetruth.scoring.growth_rate import compute_growth_maps, compute_growth_rate
+from scenetruth.scoring.quantities import QUANTITIES
+from scenetruth.scoring.score_result import Score
+from scenetruth.settings import ScoreSettings
+
+__all__ = [
+    "draw_comparison",
+    "draw_confidence",
+    "draw_depth",
+    "draw_disparity",
+    "draw_estimated_growth",
+    "draw_flow",
+    "draw_growth",
+    "draw_image",
+    "draw_velocity_z",
+    "draw_velocity_z_row",
+    "growth_limits",
+    "pick_row",
+]
+
+
+def draw_comparison(views: FigureArrays, names: tuple[str, ...], file: Path, *, signed: bool = False) -> str:
+    """Draw some quantities, each in a row of its own with its truth and its error, if there is a truth.
+
+    Parameters
+    ----------
+    views
+        The maps.
+    names
+        Keys of `QUANTITIES` that the estimate has.
+    file
+        Where the picture goes.
+    signed
+        Draw values about zero, with a colour map that shows their sign.
+
+    Returns
+    -------
+    str
+        What to see in the picture.
+    """
+    columns = 3 if views.truth else 1
+    # Without truth, rows of one panel would waste the width.
+    rows = len(names) if views.truth else 1
+    columns = columns if views.truth else len(names)
+    height = map_height(views.image, 2.75 if columns == 3 else 4.4, 0.65)
+    figure = new_figure(11.0 if columns == 3 else 5.6 * columns, 0.3 + rows * height)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for place, name in enumerate(names):
+        row = panels[place] if views.truth else panels[0, place : place + 1]
+        _draw_quantity(figure, row, views, name, signed=signed)
+    for axes in panels.flat:
+        pixel_axes(axes, label_y=axes in panels[:, 0])
+    void_legend(figure, "no full estimate, or no surface" if views.truth else "no full estimate")
+    save(figure, file)
+    scale = "The scale is symmetric about zero. " if signed else ""
+    if not views.truth:
+        return f"{scale}Each scale holds {98 if signed else 99} % of the estimates."
+    return (
+        f"Estimate and truth share one scale. {scale}The scale of the error is symmetric about zero and holds 98 % of "
+        "the errors; red is too large, blue too small."
+    )
+
+
+def _draw_quantity(figure: Any, row: Any, views: FigureArrays, name: str, *, signed: bool) -> None:
+    entry = QUANTITIES[name]
+    shown = views.panels(name)
+    if signed:
+        bound = symmetric_limit(*shown.values())
+        options = {"cmap": "RdBu_r", "vmin": -bound, "vmax": bound}
+    else:
+        low, high = robust_limits(*shown.values(), percent=0.5)
+        options = {"cmap": "cividis", "vmin": low, "vmax": high}
+    label = f"${entry.symbol}$ [{entry.units}]"
+    for axes, (what, values) in zip(row, shown.items(), strict=False):
+        drawn = show_map(axes, values, extent=views.grid.extent, **options)
+        axes.set_title(f"{entry.title}, {what}")
+        colorbar(figure, drawn, axes, label, extend="both")
+    if "truth" in shown:
+        error = shown["estimate"] - shown["truth"]
+        bound = symmetric_limit(error)
+        drawn = show_map(row[2], error, extent=views.grid.extent, cmap="RdBu_r", vmin=-bound, vmax=bound)
+        row[2].set_title("Error, estimate − truth")
+        colorbar(figure, drawn, row[2], f"error of {label}", extend="both")
+
+
+def draw_image(views: FigureArrays, folder: Path) -> FigureInfo:
+    """Draw the reference camera's image."""
+    title = f"Image of the reference camera, t = {views.image_frame}"
+    figure = new_figure(6.4, map_height(views.image, 5.15, 0.75))
+    axes = figure.add_subplot(title=title)
+    drawn = axes.imshow(views.image, cmap="gray", extent=views.grid.extent)
+    pixel_axes(axes)
+    colorbar(figure, drawn, axes, "grey value [digital numbers]" if views.image_is_digital else "linear radiance [1]")
+    save(figure, folder / "image.png")
+    return FigureInfo(
+        "image.png",
+        title,
+        f"The original image at s = 0 and t = {views.image_frame}. Black and white are its smallest and largest value.",
+    )
+
+
+def draw_depth(views: FigureArrays, folder: Path) -> FigureInfo:
+    """Draw the estimated depth, and if there is a truth that and the difference of the two."""
+    caption = draw_comparison(views, ("depth",), folder / "depth.png")
+    return FigureInfo("depth.png", _title(views, "Depth"), f"{caption} A larger depth is farther from the camera.")
+
+
+def draw_disparity(views: FigureArrays, folder: Path) -> FigureInfo:
+    """Draw the estimated disparity, and if there is a truth that and the difference of the two."""
+    caption = draw_comparison(views, ("disparity",), folder / "disparity.png")
+    return FigureInfo(
+        "disparity.png", _title(views, "Disparity"), f"{caption} A larger disparity is nearer to the camera."
+    )
+
+
+def draw_flow(views: FigureArrays, folder: Path) -> FigureInfo:
+    """Draw both components of the estimated optical flow, and if there is a truth that and the differences."""
+    caption = draw_comparison(views, ("flow_x", "flow_y"), folder / "flow.png", signed=True)
+    return FigureInfo(
+        "flow.png",
+        _title(views, "Optical flow"),
+        f"{caption} Red is a motion to the right (x) or downwards (y), blue to the left or upwards.",
+    )
+
+
+def _title(views: FigureArrays, name: str) -> str:
+    return f"{name}: estimate{', truth and error' if views.truth else ''}, t = {views.frame}"
+
+
+def pick_row(views: FigureArrays) -> int:
+    """Return the row nearest the image's centre among those with almost the most estimates."""
+    counts = np.isfinite(views.estimate["velocity_z"]).sum(axis=1)
+    rows = np.flatnonzero(counts >= 0.95 * counts.max())
+    return int(rows[np.argmin(np.abs(rows - (len(counts) - 1) / 2))])
+
+
+def draw_velocity_z(views: FigureArrays, folder: Path) -> FigureInfo:
+    """Draw the estimated velocity in Z twice: as grey values, with one row marked, and in colours of its sign."""
+    from matplotlib.lines import Line2D
+
+    row = views.grid.y[pick_row(views)]
+    title = f"Estimated velocity in Z, t = {views.frame}"
+    values = views.estimate["velocity_z"]
+    low, high = robust_limits(values)
+    bound = symmetric_limit(values)
+    figure = new_figure(10.8, map_height(values, 4.3, 1.0))
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    drawn = show_map(left, values, cmap="gray", vmin=low, vmax=high, extent=views.grid.extent)
+    left.set_title("Velocity in Z, grey values")
+    left.axhline(row, color=ORANGE, linewidth=1.2)
+    colorbar(figure, drawn, left, "$U_Z$ [mm/frame]", extend="both")
+    drawn = show_map(right, values, cmap="RdBu_r", vmin=-bound, vmax=bound, extent=views.grid.extent)
+    right.set_title("Velocity in Z, sign and size")
+    colorbar(figure, drawn, right, "$U_Z$ [mm/frame]", extend="both")
+    pixel_axes(left)
+    pixel_axes(right, label_y=False)
+    void_legend(figure, extra=(Line2D([], [], color=ORANGE, linewidth=1.2, label=f"row {row:g}"),))
+    save(figure, folder / "velocity_z.png")
+    caption = (
+        "Left: the grey scale spans the central 98 % of the estimates, so that small differences can be seen; "
+        f"row {row:g} is the one whose profile is shown next. Right: the scale is symmetric about zero; blue "
+        "(negative) approaches the camera, red moves away, and white stands still in Z."
+    )
+    return FigureInfo("velocity_z.png", title, caption)
+
+
+def draw_velocity_z_row(views: FigureArrays, folder: Path) -> FigureInfo:
+    """Draw the velocity in Z along the marked row: the estimate, and the truth if there is one."""
+    from matplotlib import rc_context
+
+    row = pick_row(views)
+    title = f"Velocity in Z along row {views.grid.y[row]:g}, t = {views.frame}"
+    lines = {what: values[row] for what, values in views.panels("velocity_z").items()}
+    estimate, x = lines["estimate"], views.grid.x
+    low, high = robust_limits(*lines.values(), percent=0.5)
+    pad = 0.15 * (high - low)
+    low, high = low - pad, high + pad
+    outside = int(np.sum((estimate < low) | (estimate > high)))
+
+    figure = new_figure(8.4, 3.4)
+    # A power of ten, as of very low velocities, stands above the axes; the title must find a place above it.
+    with rc_context({"axes.titley": None}):
+        axes = figure.add_subplot(title=title)
+    mixed = views.mixed[row]
+    if mixed.any():
+        axes.fill_between(
+            x, 0, 1, where=mixed, step="mid", transform=axes.get_xaxis_transform(),
+            color="#c3c8cf", linewidth=1.2, label="mixed pixels of the truth",
+        )  # fmt: skip
+    if "truth" in lines:
+        axes.plot(x, lines["truth"], color=ORANGE, linewidth=1.6, label="truth")
+    axes.plot(x, estimate, color=BLUE, linewidth=0.9, label="estimate")
+    axes.set_xlim(*views.grid.extent[:2])
+    axes.set_ylim(low, high)
+    axes.set_xlabel("x [px]")
+    axes.set_ylabel("$U_Z$ [mm/frame]")
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.grid(axis="y")
+    figure.legend(loc="outside lower left", ncols=4)
+    save(figure, folder / "velocity_z_row.png")
+    caption = "The estimate along the marked row; gaps have no full estimate."
+    if "truth" in lines:
+        caption = (
+            "Estimate and truth along the marked row. Grey bands mark mixed pixels, whose footprint crosses a "
+            "silhouette or a sharp edge; gaps have no full estimate."
+        )
+    if outside:
+        caption += f" {outside} estimate{'s lie' if outside > 1 else ' lies'} outside the range shown."
+    return FigureInfo("velocity_z_row.png", title, caption)
+
+
+Map = NDArray[np.float64]
+
+_STD = "standard deviation"
+
+
+@dataclass(frozen=True)
+class _GrowthFigure:
+    """What the figure shows of one frame, in % per hour."""
+
+    found: Map
+    exact: Map
+    third: Map | None
+    third_title: str
+    error: Map
+    error_title: str
+    void: str
+    caption: str
+
+
+def draw_growth(
+    views: FigureArrays, estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path
+) -> FigureInfo | None:
+    """Draw the growth rate of one frame; None where the truth does not know it, or no window holds enough.
+
+    An estimate's own growth rate is compared with the truth of every pixel, with its standard deviation if that is
+    stated; that which follows from depth and velocity, with the truth in the same window.
+    """
+    estimate, truth = align(estimate.sel(t=[views.frame]), truth)
+    extent = views.grid.extent
+    if "growth_rate" in estimate:
+        shown = _estimated(views)
+    else:
+        shown = _windowed(estimate, truth, ScoreSettings(**score.metadata.get("score_settings", {})))
+    if shown is None or not np.isfinite(shown.found).any():
+        return None
+    low, high = growth_limits(shown.found, shown.exact)
+    bound = symmetric_limit(shown.error)
+
+    figure = new_figure(8.6, 2 * map_height(shown.error, 3.2, 0.65) + 0.3)
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    named = ((shown.found, "estimate"), (shown.exact, "truth"), (shown.third, shown.third_title))
+    for axes, (values, name) in zip(panels.flat, named, strict=False):
+        if values is None:
+            axes.remove()
+            continue
+        limits = (0.0, robust_limits(values)[1]) if name == _STD else (low, high)
+        drawn = show_map(axes, values, cmap="cividis", vmin=limits[0], vmax=limits[1], extent=extent)
+        axes.set_title(f"Growth rate, {name}")
+        colorbar(figure, drawn, axes, "growth of area [%/h]", extend="both")
+    last = panels[1, 1]
+    drawn = show_map(last, shown.error, cmap="RdBu_r", vmin=-bound, vmax=bound, extent=extent)
+    last.set_title(f"Error, {shown.error_title}")
+    colorbar(figure, drawn, last, "error [%/h]", extend="both")
+    for axes in figure.axes:
+        if axes in panels.flat:
+            pixel_axes(axes, label_y=axes in panels[:, 0])
+    void_legend(figure, shown.void)
+    save(figure, folder / "growth_rate.png")
+    caption = (
+        f"Relative growth of the surface's area. {shown.caption} Estimate and truth share one scale: up to twice the "
+        "largest true rate, or if nothing grows 98 % of the estimates. That of the error is symmetric about zero and "
+        "holds 98 % of the errors."
+    )
+    return FigureInfo("growth_rate.png", f"Growth rate: estimate, truth and error, t = {views.frame}", caption)
+
+
+def _estimated(views: FigureArrays) -> _GrowthFigure | None:
+    """Return the growth rate that the estimate itself holds, and that of every pixel's own element."""
+    if "growth_rate" not in views.truth:
+        return None
+    found, exact = views.estimate["growth_rate"], views.truth["growth_rate"]
+    return _GrowthFigure(
+        found,
+        exact,
+        views.stds.get("growth_rate"),
+        _STD,
+        found - exact,
+        "estimate − truth",
+        "no surface, or no full estimate",
+        "It is what the estimate itself tells of every pixel.",
+    )
+
+
+def _windowed(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> _GrowthFigure | None:
+    """Return the growth rate that follows from depth and velocity, and from the true ones."""
+    maps = compute_growth_maps(estimate, truth, settings)
+    if maps is None:
+        return None
+    factor = percent_per_hour(read_intrinsics(estimate))
+    found, exact, windowed = (factor * values[0] for values in (maps.estimate, maps.truth, maps.truth_windowed))
+    return _GrowthFigure(
+        found,
+        exact,
+        windowed,
+        "truth in the same window",
+        found - windowed,
+        "estimate − truth in the same window",
+        "no surface, or too little known in the window",
+        f"It follows from depths and velocities in a Gaussian window of {settings.growth_window_px:g} px standard "
+        "deviation. The truth is shown for every pixel's own element, and as it comes out of the same windows on its "
+        "own surfaces.",
+    )
+
+
+def draw_estimated_growth(views: FigureArrays, estimate: xr.Dataset, folder: Path) -> FigureInfo | None:
+    """Draw the growth rate that follows from one frame of an estimate; None where no window holds enough."""
+    settings = ScoreSettings()
+    own = "growth_rate" in views.estimate
+    if own:
+        found = views.estimate["growth_rate"]
+    else:
+        rate = compute_growth_rate(estimate.sel(t=[views.frame]), settings).values[0]
+        found = percent_per_hour(read_intrinsics(estimate)) * rate
+    if not np.isfinite(found).any():
+        return None
+    bound = symmetric_limit(found)
+    figure = new_figure(6.4, map_height(found, 5.1, 1.0))
+    axes = figure.add_subplot(title="Growth rate, estimate")
+    drawn = show_map(axes, found, cmap="RdBu_r", vmin=-bound, vmax=bound, extent=views.grid.extent)
+    colorbar(figure, drawn, axes, "growth of area [%/h]", extend="both")
+    pixel_axes(axes)
+    void_legend(figure, "no full estimate" if own else "too little known in the window")
+    save(figure, folder / "growth_rate.png")
+    window = f"from depths and velocities in a Gaussian window of {settings.growth_window_px:g} px standard deviation"
+    origin = "as the estimate itself tells it" if own else window
+    caption = (
+        f"Relative growth of the surface's area, {origin}. The scale is symmetric about zero and holds 98 % of the "
+        "estimates; red grows, blue shrinks. Noise appears as growth of either sign."
+    )
+    return FigureInfo("growth_rate.png", f"Growth rate: estimate, t = {views.frame}", caption)
+
+
+def growth_limits(found: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float, float]:
+    """Return limits that let the truth be seen, however noisy the estimate is.
+
+    Parameters
+    ----------
+    found, exact
+        Estimated and true growth rates, NaN where there is none.
+
+    Returns
+    -------
+    tuple of float
+        Low and high: what `robust_limits` says, and no more than twice the largest true rate, if anything grows.
+    """
+    low, high = robust_limits(found, exact)
+    grows = float(np.nanmax(np.abs(exact), initial=0.0))
+    if grows > 1e-9 * max(abs(low), abs(high)):
+        return max(low, -2 * grows), min(high, 2 * grows)
+    return low, high
+
+
+Mask = NDArray[np.bool_]
+Panel = Callable[[Any, Any], None]
+Extent = tuple[float, float, float, float]
+
+_CODES = {KIND_FULL: (BLUE, "full"), KIND_NORMAL: ("#e69f00", "normal"), KIND_NONE: (VOID, "none")}
+_TITLES = {"kind": "Kind", "kind_disparity": "Kind of disparity", "kind_motion": "Kind of motion"}
+_VIOLATED = "#b0006d"
+
+
+def draw_confidence(views: FigureArrays, folder: Path) -> FigureInfo | None:
+    """Draw confidence, kinds and model violation, or return None for an estimate that has none of them."""
+    # The kind of everything is the lesser of the other two, which say more.
+    kinds = {name: kind for name, kind in views.kinds.items() if name != "kind" or len(views.kinds) < 3}
+    extent = views.grid.extent
+    panels, legend, names = [], [], []
+    caption = "What the estimator says about itself, without any look at the truth."
+    if views.confidence is not None:
+        panels.append(_confidence_panel(views.confidence, extent))
+        names.append("confidence")
+        caption += " The confidence is between 0 and 1; larger is better."
+    if kinds:
+        panels += [_kind_panel(name, kind, extent) for name, kind in kinds.items()]
+        names.append("kind")
+        legend += [swatch(_CODES[code][0], f"kind {_CODES[code][1]}") for code in (KIND_FULL, KIND_NORMAL)]
+        caption += (
+            " The kind tells what could be estimated: everything (full), only the part along the grey value gradient "
+            "(normal: the aperture problem), or, by methods that fit surfaces, a rough disparity; or nothing (none). "
+            f"Shares of the image: {_shares(kinds)}."
+        )
+    if views.model_violation is not None:
+        panels.append(_violation_panel(views.image, views.model_violation, extent))
+        names.append("model violation")
+        legend.append(swatch(_VIOLATED, "model violation"))
+        caption += (
+            " The model is violated where the images contradict one surface in one motion, as at occlusions and edges "
+            f"of motion: {100 * np.mean(views.model_violation):.2f} % of the image, drawn on its grey values."
+        )
+    if not panels:
+        return None
+    columns = min(len(panels), 2)
+    rows = math.ceil(len(panels) / columns)
+    figure = new_figure(4.4 * columns + 0.6, 0.35 + rows * map_height(views.image, 3.9, 0.65))
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for place, draw in zip(axes, panels, strict=False):
+        draw(figure, place)
+        pixel_axes(place)
+    for place in axes[len(panels) :]:
+        place.remove()
+    void_legend(figure, "kind none, or no value" if kinds else "no value", tuple(legend))
+    save(figure, folder / "confidence.png")
+    *most, last = names
+    title = f"{', '.join(most)} and {last}" if most else last
+    return FigureInfo("confidence.png", f"{title.capitalize()} of the estimate, t = {views.frame}", caption)
+
+
+def _shares(kinds: dict[str, NDArray[np.int64]]) -> str:
+    """Spell how much of the image is of every kind."""
+    return "; ".join(
+        (f"{_TITLES[name].lower()}, " if len(kinds) > 1 else "")
+        + ", ".join(f"{label} {100 * np.mean(kind == code):.1f} %" for code, (_, label) in _CODES.items())
+        for name, kind in kinds.items()
+    )
+
+
+def _confidence_panel(confidence: Map, extent: Extent) -> Panel:
+    def draw(figure: Any, axes: Any) -> None:
+        drawn = show_map(axes, confidence, cmap="cividis", vmin=0, vmax=1, extent=extent)
+        axes.set_title("Confidence")
+        colorbar(figure, drawn, axes, "confidence [1]")
+
+    return draw
+
+
+def _kind_panel(name: str, kind: NDArray[np.int64], extent: Extent) -> Panel:
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    colours = ListedColormap([_CODES[code][0] for code in sorted(_CODES)])
+    norm = BoundaryNorm(np.arange(-0.5, len(_CODES)), len(_CODES))
+
+    def draw(_: Any, axes: Any) -> None:
+        axes.imshow(kind, cmap=colours, norm=norm, extent=extent)
+        axes.set_title(_TITLES[name])
+
+    return draw
+
+
+def _violation_panel(image: Map, violation: Mask, extent: Extent) -> Panel:
+    from matplotlib.colors import ListedColormap
+
+    def draw(_: Any, axes: Any) -> None:
+        # Pale, so that single violated pixels stand out.
+        axes.imshow(image, cmap="gray", alpha=0.35, extent=extent)
+        shown = np.ma.masked_where(~violation, violation)
+        axes.imshow(shown, cmap=ListedColormap([_VIOLATED]), extent=extent)
+        axes.set_title("Model violation")
+
+    return draw

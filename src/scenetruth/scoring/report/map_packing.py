@@ -1,0 +1,465 @@
+"""Maps and images as short texts in the report: encoding with a bounded rounding error, and a budget of bytes."""
+
+from __future__ import annotations
+
+import base64
+import math
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.scoring.alignment import select_pixels
+from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES
+from scenetruth.scoring.regions import main_regions
+from scenetruth.scoring.report.viewer_layers import ViewerLayers, choose_scale, compute_display_ranges, value_limits
+
+__all__ = [
+    "LEVELS",
+    "RELATIVE_ROUNDING",
+    "MapPacker",
+    "PackedImage",
+    "PackedMap",
+    "ViewerImages",
+    "pack_map",
+    "pack_viewer_images",
+    "unpack_map",
+]
+
+
+Map = NDArray[np.float64]
+Codes = NDArray[np.uint16]
+
+LEVELS = 8192
+"""Steps into which the range that is shown at first is divided; codes reach eight times as far."""
+RELATIVE_ROUNDING = 0.5 / LEVELS
+"""The most by which a map is rounded, as a share of the range that is shown at first."""
+
+_NONE, _EXACT, _FIRST = 0, 1, 2
+"""Codes of a pixel without a value, of one whose value is told exactly, and of the lowest value."""
+_CODES = 65_536 - _FIRST
+_RAW, _ROWS, _PLANE = 0, 1, 2
+"""What a code is told by: itself, the difference from its left neighbour, and that from the left, upper and upper left
+neighbours' plane."""
+
+
+@dataclass(frozen=True)
+class PackedMap:
+    """A map of two dimensions in few bytes.
+
+    A code c of 2 and more stands for ``low + (c - 2) step``, 0 for no value, and 1 for the next of the exact values,
+    in reading order. Instead of codes stand their differences from what neighbours let expect, modulo 65536, those
+    below zero as odd numbers (zigzag); first the upper bytes of all, then the lower ones, then the exact values (8
+    bytes each, little-endian); all of it as zlib has it.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns.
+    low, step
+        The value of code 2, and that of a step, in the units of the map.
+    predictor
+        What neighbours let expect: nothing (0), the left one again (1), or their plane, left + upper - upper left (2).
+    exact
+        How many values are told exactly.
+    data
+        The bytes.
+    """
+
+    shape: tuple[int, int]
+    low: float
+    step: float
+    predictor: int
+    exact: int
+    data: bytes
+
+    @property
+    def rounding(self) -> float:
+        """The most by which an unpacked value is wrong, but for the last digits of float64."""
+        return 0.5 * self.step
+
+    @property
+    def size(self) -> int:
+        """How many characters it takes in the page."""
+        return 4 * -(-len(self.data) // 3)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return it as plain values for JSON, its bytes in base 64."""
+        return {
+            "height": self.shape[0],
+            "width": self.shape[1],
+            "low": self.low,
+            "step": self.step,
+            "predictor": self.predictor,
+            "exact": self.exact,
+            "data": base64.b64encode(self.data).decode("ascii"),
+        }
+
+
+def pack_map(values: NDArray[Any], limits: tuple[float, float] | None = None) -> PackedMap:
+    """Pack a map.
+
+    Parameters
+    ----------
+    values
+        Shape (y, x); NaN where there is none. Integers and flags are kept as they are.
+    limits
+        Low and high of what is shown at first; all finite values if not given. A step is their distance over `LEVELS`.
+        Values more than three and a half times as far outside are told exactly.
+
+    Returns
+    -------
+    PackedMap
+        The map, rounded to a multiple of its step.
+
+    Examples
+    --------
+    >>> packed = pack_map(np.array([[1.0, 1.5, np.nan], [2.0, 1e9, 1.25]]), limits=(1.0, 2.0))
+    >>> unpack_map(packed).round(3).tolist(), packed.exact, round(packed.rounding, 6)
+    ([[1.0, 1.5, nan], [2.0, 1000000000.0, 1.25]], 1, 6.1e-05)
+    """
+    whole = values.dtype.kind in "uib"
+    numbers = values.astype(np.float64)
+    known = ~np.isnan(numbers)
+    finite = numbers[np.isfinite(numbers)]
+    low = step = 0.0
+    if finite.size:
+        least, most = float(finite.min()), float(finite.max())
+        low, high = (least, most) if limits is None else limits
+        if whole and most - least < _CODES:
+            low, step = least, 1.0
+        else:
+            step = high / LEVELS - low / LEVELS
+            # Near the largest and the least numbers that there are, steps cannot be counted: all values are exact then.
+            if not (math.isfinite(step * _CODES) and step >= np.finfo(np.float64).tiny):
+                step = 0.0
+            elif limits is not None:
+                low -= step * ((_CODES - LEVELS) // 2)
+                if not math.isfinite(low):
+                    low = step = 0.0
+    codes = np.zeros(numbers.shape, dtype=np.uint16)
+    with np.errstate(over="ignore", invalid="ignore"):
+        at = np.rint((numbers - low) / step) if step else np.where(numbers == low, 0.0, -1.0)
+        coded = known & (at >= 0) & (at < _CODES)
+    codes[coded] = at[coded].astype(np.uint16) + np.uint16(_FIRST)
+    exact = known & ~coded
+    codes[exact] = _EXACT
+    predictor, told = min(
+        ((way, _predicted_by(codes, way)) for way in (_RAW, _ROWS, _PLANE)), key=lambda one: _cost(one[1])
+    )
+    told = told.ravel()
+    content = (
+        (told >> 8).astype(np.uint8).tobytes()
+        + (told & 255).astype(np.uint8).tobytes()
+        + numbers[exact].astype("<f8").tobytes()
+    )
+    # What is left are sizes of small differences: looking for repeated strings among them takes time and finds few.
+    packer = zlib.compressobj(6, zlib.DEFLATED, zlib.MAX_WBITS, 9, zlib.Z_FILTERED)
+    data = packer.compress(content) + packer.flush()
+    height, width = numbers.shape
+    return PackedMap((height, width), low, step, predictor, int(exact.sum()), data)
+
+
+def unpack_map(packed: PackedMap) -> Map:
+    """Return what a page's viewer makes of a packed map, shape (y, x), NaN where there is none."""
+    content = zlib.decompress(packed.data)
+    height, width = packed.shape
+    size = height * width
+    upper, lower = (np.frombuffer(content, np.uint8, size, at * size).astype(np.uint16) for at in (0, 1))
+    told = (upper << 8 | lower).reshape(packed.shape)
+    codes = (told >> 1) ^ (np.uint16(0) - (told & np.uint16(1)))
+    if packed.predictor >= _ROWS:
+        codes = np.cumsum(codes, axis=1, dtype=np.uint16)
+    if packed.predictor == _PLANE:
+        codes = np.cumsum(codes, axis=0, dtype=np.uint16)
+    values = packed.low + (codes.astype(np.float64) - _FIRST) * packed.step
+    values[codes == _NONE] = np.nan
+    values[codes == _EXACT] = np.frombuffer(content, "<f8", packed.exact, 2 * size)
+    return values
+
+
+def _predicted_by(codes: Codes, predictor: int) -> Codes:
+    """Return the differences of codes from what is expected, as numbers that are small where those are."""
+    left = codes.copy()
+    if predictor >= _ROWS:
+        left[:, 1:] -= codes[:, :-1]
+    if predictor == _PLANE:
+        left[1:] -= left[:-1].copy()
+    return (left << np.uint16(1)) ^ (np.uint16(0) - (left >> np.uint16(15)))
+
+
+def _cost(told: Codes) -> float:
+    """Return about how many bits differences take."""
+    return float(np.log2(told[::2].astype(np.float32) + 1).sum())
+
+
+_THINNED = 1.2
+"""By how much more than its share of the pixels a thinned image takes: differences between neighbours grow."""
+_COARSEST_IMAGE = 4
+"""Thinner than every fourth pixel, images are of no use: some are left out then."""
+
+
+@dataclass(frozen=True)
+class PackedImage:
+    """One image.
+
+    Parameters
+    ----------
+    row, camera, frame
+        Its s_y, s and t.
+    step
+        Every how manieth row and column of the reference image it has.
+    packed
+        Its grey values.
+    """
+
+    row: int
+    camera: int
+    frame: int
+    step: int
+    packed: PackedMap
+
+
+@dataclass(frozen=True)
+class ViewerImages:
+    """The images of a page.
+
+    Parameters
+    ----------
+    shown
+        Those that it has, the reference camera's at the reference frame first.
+    cameras, frames
+        The cameras (s_y, s) and the frames t of the recording.
+    left_out
+        How many of those wanted it has not.
+    units
+        What the grey values are.
+    limits
+        Low and high of the range that is shown at first.
+    """
+
+    shown: Sequence[PackedImage]
+    cameras: Sequence[tuple[int, int]]
+    frames: Sequence[int]
+    left_out: int
+    units: str
+    limits: tuple[float, float]
+
+
+def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, step: int, budget: int) -> ViewerImages:
+    """Pick and pack images.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    estimate
+        The estimate, whose pixels are taken.
+    frame
+        The reference frame t.
+    step
+        Every how manieth row and column of the reference image is kept.
+    budget
+        How many characters all but the reference image may take; thinned more, or left out, where they would take more.
+    """
+    every = select_pixels(recording, estimate)["image"]
+    frames = [int(t) for t in every["t"].values]
+    at = frame if frame in frames else 0 if 0 in frames else frames[len(frames) // 2]
+    rows = [int(s) for s in every["s_y"].values] if "s_y" in every.dims else [0]
+    columns = [int(s) for s in every["s"].values] if "s" in every.dims else [0]
+    cameras = [(row, column) for row in rows for column in columns]
+
+    def read(row: int, camera: int, t: int, step: int) -> NDArray[np.generic]:
+        chosen = {"s_y": row, "s": camera, "t": t}
+        image = every.sel({dim: value for dim, value in chosen.items() if dim in every.dims})
+        grey = image.mean("channel") if "channel" in image.dims else image
+        return np.asarray(grey.values[::step, ::step])
+
+    reference = read(0, 0, at, step)
+    limits = value_limits(reference.astype(np.float64))
+    first = PackedImage(0, 0, at, 1, pack_map(reference, limits))
+    others = [(*camera, at) for camera in cameras if camera != (0, 0)]
+    others += [(0, 0, t) for t in sorted(frames, key=lambda t: abs(t - at)) if t != at]
+    room = budget / max(first.packed.size, 1)
+    coarser = 1 if len(others) <= room else math.ceil(math.sqrt(_THINNED * len(others) / room))
+    wanted = len(others)
+    if coarser > _COARSEST_IMAGE:
+        coarser = _COARSEST_IMAGE
+        keep = max(1, int(room * coarser**2 / _THINNED))
+        # Evenly over all, so that both the cameras and the frames are seen.
+        others = [others[n * wanted // keep] for n in range(keep)] if keep < wanted else others
+    shown, used = [first], 0
+    for row, camera, t in others:
+        packed = pack_map(read(row, camera, t, step * coarser), limits)
+        used += packed.size
+        if used > _THINNED * budget:
+            break
+        shown.append(PackedImage(row, camera, t, coarser, packed))
+    units = "DN" if every.dtype.kind in "ui" else "1"
+    return ViewerImages(shown, cameras, frames, wanted - len(shown) + 1, units, limits)
+
+
+_MAPS = 3_900_000
+"""How many characters of the page maps may take."""
+_MAIN_SHARE = 0.8
+"""The share of that which the main quantities may take."""
+_COARSEST = 4
+_BAND_ROWS, _BANDS = 16, 4
+"""The size of maps is foretold from every fourth band of so many rows."""
+
+
+class MapPacker:
+    """Packs maps one after the other, as long as there is room.
+
+    Parameters
+    ----------
+    step
+        Every how manieth row and column of the images the maps have.
+    """
+
+    def __init__(self, step: int) -> None:
+        self.packed: list[PackedMap] = []
+        self.regions: dict[str, dict[str, Any]] = {}
+        self.interior: dict[int, NDArray[np.bool_]] = {}
+        self.layers: dict[tuple[str, int], ViewerLayers] = {}
+        self.coarser: dict[int, list[str]] = {}
+        self.frames_left_out = 0
+        self.left_out: list[str] = []
+        self._step = step
+        self._left = float(_MAPS)
+        self._groups: dict[str, dict[str, Any]] = {}
+
+    @property
+    def room(self) -> bool:
+        """Whether another frame may find room."""
+        return self._left > 0.05 * _MAPS
+
+    def store(self, packed: PackedMap) -> int:
+        """Keep a packed map, and return its number."""
+        self.packed.append(packed)
+        return len(self.packed) - 1
+
+    def add_frame(self, t: int, found: list[ViewerLayers]) -> None:
+        """Pack the maps of a frame: the main ones, and what there is room for of the others."""
+        first = not self._groups
+        for main in (True, False):
+            some = [layers for layers in found if layers.main == main]
+            share = _MAIN_SHARE if first and main else 1.0
+            for layers, step in _thinnings(some, share * self._left):
+                if first:
+                    self.layers[layers.name, t] = layers
+                if step == 0:
+                    self.left_out.append(f"{layers.title}, t = {t}")
+                    continue
+                if step > 1:
+                    self.coarser.setdefault(step, []).append(layers.title)
+                self._add(t, layers, step)
+        if first:
+            self._add_lengths()
+
+    def add_regions(self, t: int, truth: xr.Dataset, margin_px: float) -> None:
+        """Pack where the regions of a frame lie, whose outlines can be drawn."""
+        step = self._step
+        inside = main_regions(truth, margin_px)["interior"][0, ::step, ::step]
+        self.interior[t] = inside
+        masks = {
+            "interior": (f"interior, {margin_px:g} px from edges", inside),
+            "edges": ("edges (mixed pixels)", truth["mixed"].values[0, ::step, ::step].astype(bool)),
+        }
+        if {"occluded_in_s", "occluded_in_t"} <= set(truth):
+            hidden = np.zeros(inside.shape, dtype=bool)
+            for name in ("occluded_in_s", "occluded_in_t"):
+                hidden |= np.nan_to_num(truth[name].values[0, ::step, ::step]).astype(bool)
+            masks["hidden"] = (
+                "hidden from some camera or frame",
+                hidden & np.isfinite(truth["depth"].values[0, ::step, ::step]),
+            )
+        for name, (title, mask) in masks.items():
+            if mask.any():
+                region = self.regions.setdefault(name, {"name": name, "title": title, "maps": {}})
+                region["maps"][str(t)] = self.store(pack_map(mask))
+
+    def groups(self) -> list[dict[str, Any]]:
+        """Return what is known of every quantity, and where its maps are."""
+        return list(self._groups.values())
+
+    def _add(self, t: int, layers: ViewerLayers, step: int) -> None:
+        group = self._groups.setdefault(
+            layers.name,
+            {
+                "name": layers.name,
+                "title": layers.title,
+                "symbol": layers.symbol,
+                "units": layers.units,
+                "codes": {str(code): word for code, word in layers.codes.items()},
+                "limits": compute_display_ranges(layers),
+                "maps": {},
+            },
+        )
+        numbers: dict[str, Any] = {"step": step}
+        for what, values in _stored(layers):
+            packed = pack_map(values[::step, ::step], group["limits"].get(choose_scale(what)))
+            self._left -= packed.size
+            numbers[what] = self.store(packed)
+        group["maps"][str(t)] = numbers
+
+    def _add_lengths(self) -> None:
+        """Add the lengths of the errors of vectors, which the page works out from their components."""
+        for name, title, parts in (
+            (ENDPOINT, QUANTITIES[ENDPOINT].title, ("velocity_x", "velocity_y", "velocity_z")),
+            ("flow_endpoint", "Optical flow endpoint", ("flow_x", "flow_y")),
+        ):
+            if all("error" in self._groups.get(part, {}).get("limits", {}) for part in parts):
+                high = math.hypot(*(self._groups[part]["limits"]["error"][1] for part in parts))
+                self._groups[name] = {
+                    "name": name,
+                    "title": title,
+                    "symbol": "",
+                    "units": QUANTITIES[parts[0]].units,
+                    "codes": {},
+                    "limits": {"error": (0.0, high)},
+                    "length_of": parts,
+                    "maps": {},
+                }
+
+
+def _stored(layers: ViewerLayers) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Give the maps that are kept: where there are a truth and an error, the estimate is their sum."""
+    maps = layers.maps
+    for what, values in maps.items():
+        if what == "estimate" and "error" in maps:
+            rest = np.where(np.isfinite(maps["error"]), np.nan, values)
+            if np.isfinite(rest).any():
+                yield "rest", rest
+        else:
+            yield what, values
+
+
+def _thinnings(found: Sequence[ViewerLayers], room: float) -> Iterator[tuple[ViewerLayers, int]]:
+    """Give each quantity and how much its maps are thinned so that all find room; 0 for those that find none."""
+    sizes = []
+    for layers in found:
+        limits = compute_display_ranges(layers)
+        sizes.append(sum(_predicted_size(values, limits.get(choose_scale(what))) for what, values in _stored(layers)))
+    whole = sum(sizes)
+    step = next((step for step in range(1, _COARSEST + 1) if whole * _share(step) <= room), _COARSEST)
+    for layers, size in zip(found, sizes, strict=True):
+        room -= size * _share(step)
+        yield layers, step if room >= 0 else 0
+
+
+def _share(step: int) -> float:
+    """Return which part of its room a map takes when it is thinned."""
+    # Differences between neighbours grow with their distance.
+    return 1.0 if step == 1 else 1.2 / step**2
+
+
+def _predicted_size(values: NDArray[Any], limits: tuple[float, float] | None) -> float:
+    """Return about how many characters a map takes, from some of its rows."""
+    rows = values.shape[0]
+    some = np.arange(rows) // _BAND_ROWS % _BANDS == 0 if rows >= 2 * _BAND_ROWS * _BANDS else np.ones(rows, dtype=bool)
+    return float(pack_map(values[some], limits).size * rows / some.sum())

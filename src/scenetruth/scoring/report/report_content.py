@@ -1,0 +1,443 @@
+"""The content of a report besides figures and viewer.
+
+Headlines, tables and settings of a score, statistics of maps, and the summary in sentences.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import read_intrinsics
+from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
+from scenetruth.scoring.error_pairs import find_valid_pixels, list_quantities, percent_per_hour, read_quantity, read_std
+from scenetruth.scoring.growth_rate import compute_growth_rate
+from scenetruth.scoring.number_format import format_number, format_percent
+from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, get_title, get_units
+from scenetruth.scoring.regions import REGIONS
+from scenetruth.scoring.report.viewer import Viewer
+from scenetruth.scoring.report.viewer_layers import ErrorHotspot
+from scenetruth.scoring.score_result import Score, select_summary_quantities
+from scenetruth.scoring.statistics import RATES, StreamingQuantiles
+from scenetruth.settings import ScoreSettings
+
+__all__ = [
+    "MapSummary",
+    "SummarySentence",
+    "build_score_content",
+    "describe_maps",
+    "summarise_estimate",
+    "summarise_score",
+]
+
+
+_HEADLINES = (
+    ("Depth", "depth", "rms"),
+    ("Disparity", "disparity", "rms"),
+    ("Velocity in Z", "velocity_z", "rms"),
+    ("Velocity endpoint", ENDPOINT, "rms"),
+    ("Normal", "normal", "rms"),
+    ("Growth rate", "growth_rate", "rms"),
+    ("Growth rate, windowed", "growth_rate_windowed", "rms"),
+    ("Density of depth", "depth", "density"),
+    ("Scene flow outliers", OUTLIERS, "scene_flow_rate"),
+)
+_HEADLINES_OF_FLOW = (
+    ("Optical flow in x", "flow_x", "rms"),
+    ("Optical flow in y", "flow_y", "rms"),
+    ("Density of optical flow", "flow_x", "density"),
+)
+"""Of an estimate without depth and velocity, flow is all that there is."""
+_BY_REGION = ("depth", "disparity", "normal", "velocity_z", ENDPOINT, "growth_rate", "growth_rate_windowed")
+"""Quantities whose rms errors are shown for every region."""
+_SHORT = {
+    ENDPOINT: "U, endpoint",
+    "normal": "normal",
+    "growth_rate": "growth rate",
+    "growth_rate_windowed": "growth, windowed",
+}
+_RATES = {"disparity_rate": "disparity", "flow_rate": "optical flow", "scene_flow_rate": "scene flow"}
+
+
+def build_score_content(score: Score) -> dict[str, Any]:
+    """Return what the template of a score shows, apart from figures and origin."""
+    shown = select_summary_quantities(score.regions, grows=score.grows)
+    return {
+        "headlines": list(_headlines(score, shown)),
+        "regions": [(region, list(_rows(score, region, shown))) for region in REGIONS],
+        "outliers": _outliers(score),
+        "by_region": _by_region(score, shown),
+        "margin": f"{score.metadata.get('margin_px', 20.0):g}",
+        "settings": _settings(score),
+        "shown": shown,
+        "grows": score.grows,
+    }
+
+
+def _headlines(score: Score, shown: list[str]) -> Iterator[dict[str, str]]:
+    further = () if "velocity_z" in shown or "depth" in shown else _HEADLINES_OF_FLOW
+    for title, quantity, statistic in (*_HEADLINES, *further):
+        # A rate of outliers is there only where it says something.
+        if quantity in shown or (quantity == OUTLIERS and statistic in score.regions["all"].get(OUTLIERS, {})):
+            yield _headline(score, title, quantity, statistic)
+
+
+def _headline(score: Score, title: str, quantity: str, statistic: str) -> dict[str, str]:
+    spelled = {region: _spell(score.regions[region][quantity][statistic], statistic) for region in REGIONS}
+    relative = score.regions["interior"][quantity].get("relative_rms")
+    percent = statistic != "rms"
+    return {
+        "title": title if percent else f"{title}, rms error",
+        "value": spelled["interior"],
+        "units": "%" if percent else get_units(quantity),
+        "whole": spelled["all"],
+        "relative": "" if percent or relative is None else f"{format_percent(relative)} % of the true rms",
+    }
+
+
+def _spell(value: float | None, statistic: str) -> str:
+    return format_number(value) if statistic == "rms" else format_percent(value)
+
+
+def _rows(score: Score, region: str, shown: list[str]) -> Iterator[tuple[str, str, Mapping[str, float | int | None]]]:
+    for name in shown:
+        yield get_title(name), get_units(name), score.regions[region][name]
+
+
+def _outliers(score: Score) -> dict[str, Any]:
+    """Return headings and rows of the table of outliers; without headings where no rate says anything."""
+    told = [rate for rate in RATES[:-1] if rate in score.regions["all"].get(OUTLIERS, {})]
+    return {
+        "headings": [_RATES[rate] for rate in told],
+        "rows": [
+            (region, [score.regions[region][OUTLIERS][rate] for rate in told], score.regions[region][OUTLIERS]["count"])
+            for region in (REGIONS if told else ())
+        ],
+    }
+
+
+def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
+    """Return the headings and rows of the table that sets all regions with any pixel beside each other."""
+    names = [name for name in _BY_REGION if name in shown] or shown
+    # Densities and counts are those of what most of the others follow from.
+    first = "depth" if "depth" in shown else shown[0]
+    rate = "scene_flow_rate" if "scene_flow_rate" in score.regions["all"].get(OUTLIERS, {}) else None
+    return {
+        "first": get_title(first).lower(),
+        "quantities": [(_SHORT.get(name) or QUANTITIES[name].symbol, get_units(name)) for name in names],
+        "rate": rate is not None,
+        "rows": [
+            (
+                region,
+                values[first],
+                [values[name]["rms"] for name in names],
+                None if rate is None else values[OUTLIERS][rate],
+            )
+            for region, values in score.regions.items()
+            if values[first]["count"] or region in REGIONS
+        ],
+    }
+
+
+def _settings(score: Score) -> dict[str, str]:
+    """Return the settings of the score as text; those by default where the score does not say."""
+    told = score.metadata.get("score_settings") or ScoreSettings().model_dump()
+    contrast = [format_percent(bound) for bound in told["contrast_classes"]]
+    return {
+        "contrast_low": contrast[0],
+        "contrast_high": contrast[1],
+        "contrast_window": f"{told['contrast_window_px']:g}",
+        "growth_window": f"{told['growth_window_px']:g}",
+        "growth_coverage": format_percent(told["growth_min_coverage"]),
+        "growth_slope": f"{told['growth_max_slope_deg']:g}",
+    }
+
+
+Map = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MapSummary:
+    """The values of one quantity over all frames.
+
+    Parameters
+    ----------
+    title, units
+        What it is, and its units.
+    median, low, high
+        The median, and the 5th and 95th percentile of the known values, in ``units``; None where nothing is known.
+    median_std
+        The median of the standard deviations that the estimate states at these pixels, in ``units``, or None.
+    density
+        The share of all pixels where the quantity is known, 0 to 1.
+    count
+        How many pixels that is.
+    """
+
+    title: str
+    units: str
+    median: float | None
+    low: float | None
+    high: float | None
+    median_std: float | None
+    density: float
+    count: int
+
+
+def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
+    """Return the summaries of the scalars that an estimate holds, by the keys of `QUANTITIES`.
+
+    A pixel counts where the estimate is finite and claims to know the quantity (see `find_valid_pixels`). Where the
+    estimate has no ``growth_rate`` of its own, it follows from depth and velocity (see `compute_growth_rate`), if any
+    window holds enough.
+
+    Raises
+    ------
+    ScoreError
+        If the estimate does not have the agreed form; lists what is wrong.
+    """
+    check_estimate(estimate)
+    single = count_blocks(estimate) == 1
+    found: dict[str, _Values] = {}
+    for part in iterate_blocks(estimate):
+        for name in list_quantities(part):
+            full = find_valid_pixels(part, QUANTITIES[name].variable)
+            values = np.where(full, read_quantity(part, name), np.nan)
+            found.setdefault(name, _Values(single=single)).add(values, read_std(part, name))
+        if "growth_rate" not in part and {"depth", "velocity"} <= set(part):
+            growth = percent_per_hour(read_intrinsics(part)) * compute_growth_rate(part).values
+            found.setdefault("growth_rate", _Values(single=single)).add(growth, None)
+    summaries = {name: values.summary(get_title(name), get_units(name)) for name, values in found.items()}
+    return {name: item for name, item in summaries.items() if name != "growth_rate" or item.count}
+
+
+class _Values:
+    """Gathers the values of one quantity, part by part."""
+
+    def __init__(self, *, single: bool) -> None:
+        self._values, self._stds = StreamingQuantiles(single=single), StreamingQuantiles(single=single)
+        self._size = self._count = self._stated = 0
+
+    def add(self, values: Map, std: Map | None) -> None:
+        known = np.isfinite(values)
+        self._size += values.size
+        self._count += int(known.sum())
+        self._values.add(values[known])
+        if std is not None:
+            stated = std[known & np.isfinite(std) & (std > 0)]
+            self._stated += stated.size
+            self._stds.add(stated)
+
+    def summary(self, title: str, units: str) -> MapSummary:
+        low, median, high = self._values.at([5, 50, 95]) if self._count else (None, None, None)
+        return MapSummary(
+            title=title,
+            units=units,
+            median=median,
+            low=low,
+            high=high,
+            median_std=self._stds.at([50])[0] if self._stated else None,
+            density=self._count / self._size,
+            count=self._count,
+        )
+
+
+_FEW = 100
+"""Regions with fewer scored pixels say little about where errors are large."""
+
+Values = Mapping[str, float | int | None]
+
+
+@dataclass(frozen=True)
+class SummarySentence:
+    """One part of the answer.
+
+    Parameters
+    ----------
+    title
+        What it is about.
+    figure, units
+        The number that matters most, spelled, and its units.
+    rest
+        What follows it.
+    place
+        Where errors are largest, if that is known.
+    layer
+        The viewer's name of the map that shows it there.
+    """
+
+    title: str
+    figure: str
+    units: str
+    rest: str
+    place: ErrorHotspot | None = None
+    layer: str = ""
+
+    @property
+    def where(self) -> str:
+        """The place in words."""
+        if self.place is None:
+            return ""
+        side = f"{self.place.side_px:.0f}"
+        return (
+            f"by place worst around x = {self.place.x:g}, y = {self.place.y:g} px "
+            f"({format_number(self.place.rms)} {self.units} within {side} × {side} px)"
+        )
+
+
+def summarise_score(score: Score, viewer: Viewer) -> list[SummarySentence]:
+    """Return a sentence each about depth, motion and growth, of what the estimate holds."""
+    return [*_shape_sentence(score, viewer), *_motion_sentence(score, viewer), *_growth_sentence(score, viewer)]
+
+
+def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySentence]:
+    """Return a sentence each about depth, motion and growth of an estimate without truth."""
+    found = []
+    wanted = (("depth", "disparity"), ("velocity_z", "flow_x"), ("growth_rate",))
+    for names in wanted:
+        name = next((name for name in names if name in summaries and summaries[name].count), None)
+        if name is None:
+            continue
+        told = summaries[name]
+        bar = (
+            ""
+            if told.median_std is None
+            else f", with a median error bar of {format_number(told.median_std)} {told.units}"
+        )
+        rest = (
+            f"is the median{bar}; 90 % of the values lie between {format_number(told.low)} and "
+            f"{format_number(told.high)} {told.units}. It is known at {format_percent(told.density)} % of all pixels."
+        )
+        found.append(SummarySentence(told.title, format_number(told.median), told.units, rest))
+    return found
+
+
+def _shape_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
+    name = next((name for name in ("depth", "disparity", "normal") if name in score.regions["all"]), None)
+    if name is None:
+        return
+    values = score.regions["interior"][name]
+    signal = _signal(values, name)
+    spread = viewer.spread.get(name, 0.0)
+    rms = values["rms"]
+    if spread and rms is not None:
+        varies = f"{format_percent(rms / spread)} % of the standard deviation of the true {name} there"
+        signal += f"{' and ' if signal else ''}{varies}"
+    title = {"depth": "Depth", "disparity": "Disparity", "normal": "Normal"}[name]
+    yield _sentence(score, viewer, title, name, signal)
+
+
+def _motion_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
+    regions = score.regions
+    if ENDPOINT in regions["all"]:
+        yield _sentence(score, viewer, "Motion", ENDPOINT, _signal(regions["interior"][ENDPOINT], ENDPOINT))
+    elif "flow_x" in regions["all"]:
+        rms = _length(regions["interior"])
+        truth = math.hypot(*(_true_rms(regions["interior"][name]) or 0.0 for name in ("flow_x", "flow_y")))
+        signal = f"{format_percent(rms / truth)} % of the true flow" if rms is not None and truth else ""
+        worst = _worst_region({region: _length(values) for region, values in _large(score, "flow_x")}, "px/frame")
+        yield SummarySentence(
+            "Motion in the image",
+            format_number(rms),
+            "px/frame",
+            _tail(signal, worst),
+            viewer.worst.get("flow"),
+            "flow_endpoint:error",
+        )
+
+
+def _growth_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
+    if not score.grows:
+        return
+    for name, title in (("growth_rate", "Growth"), ("growth_rate_windowed", "Growth")):
+        # What windows smooth away is no error of the estimate; the place is told of what the viewer shows.
+        shown = name if name in viewer.worst else "growth_rate_windowed"
+        if name in score.regions["all"] and score.regions["interior"][name]["count"]:
+            yield _sentence(score, viewer, title, name, _signal(score.regions["interior"][name], name), shown)
+            return
+
+
+def _sentence(
+    score: Score, viewer: Viewer, title: str, name: str, signal: str, shown: str | None = None
+) -> SummarySentence:
+    units = get_units(name)
+    worst = _worst_region({region: values[name]["rms"] for region, values in _large(score, name)}, units)
+    rms = score.regions["interior"][name]["rms"]
+    place = shown or name
+    return SummarySentence(
+        title, format_number(rms), units, _tail(signal, worst), viewer.worst.get(place), f"{place}:error"
+    )
+
+
+def _tail(signal: str, worst: str) -> str:
+    text = "rms error in the interior"
+    return text + (f", {signal}" if signal else "") + (f"; of all regions, it is largest {worst}" if worst else "")
+
+
+def _signal(values: Values, name: str) -> str:
+    """Return what the error is a part of."""
+    truth, relative = _true_rms(values), values.get("relative_rms")
+    if truth is None or relative is None:
+        return ""
+    return f"{format_percent(relative)} % of the true value (rms {format_number(truth)} {get_units(name)})"
+
+
+def _true_rms(values: Values) -> float | None:
+    rms, relative = values.get("rms"), values.get("relative_rms")
+    return rms / relative if rms and relative else None
+
+
+def _length(values: Mapping[str, Values]) -> float | None:
+    parts = [values[name]["rms"] for name in ("flow_x", "flow_y")]
+    known = [part for part in parts if part is not None]
+    return math.hypot(*known) if len(known) == len(parts) else None
+
+
+def _large(score: Score, name: str) -> Iterator[tuple[str, Mapping[str, Values]]]:
+    """Give the regions, but the two that all scores have, in which enough pixels are scored."""
+    for region, values in score.regions.items():
+        if region not in REGIONS and (values[name]["count"] or 0) >= _FEW:
+            yield region, values
+
+
+def _worst_region(errors: Mapping[str, float | None], units: str) -> str:
+    known = {region: rms for region, rms in errors.items() if rms is not None}
+    if len(known) < 2:
+        return ""
+    region = max(known, key=lambda region: known[region])
+    return f"{_spell_length(region)} ({format_number(known[region])} {units})"
+
+
+def _spell_length(region: str) -> str:
+    """Return where a region is, in words.
+
+    Examples
+    --------
+    >>> tuple(_spell_length(name) for name in ("edge_0_5", "edge_20_inf", "slope_45_70", "object_leaf 3"))
+    ('within 0 to 5 px of an edge', 'from 20 px from an edge on', 'on slopes of 45 to 70°', 'on the object “leaf 3”')
+    """
+    fixed = {
+        "visible": "where all images see the point",
+        "partly_hidden": "where some image does not see the point",
+        "contrast_low": "where contrast is low",
+        "contrast_mid": "where contrast is middling",
+        "contrast_high": "where contrast is high",
+    }
+    if region in fixed:
+        return fixed[region]
+    if region.startswith("object_"):
+        return f"on the object “{region.removeprefix('object_')}”"
+    bounds = re.fullmatch(r"(slope|edge)_([^_]+)_([^_]+)", region)
+    if bounds is None:
+        return f"in the region “{region}”"
+    kind, low, high = bounds.groups()
+    if kind == "slope":
+        return f"on slopes of {low} to {high}°"
+    return f"from {low} px from an edge on" if high == "inf" else f"within {low} to {high} px of an edge"

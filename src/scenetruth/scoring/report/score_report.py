@@ -1,0 +1,241 @@
+"""The report: one HTML page with numbers, figures, viewer, definitions and provenance of an estimate."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from scenetruth.errors import Problem, ScoreError
+from scenetruth.html import template_environment
+from scenetruth.plain_data import argument_problems
+from scenetruth.progress import Progress
+from scenetruth.schema import check_same_run, read_intrinsics, read_scene
+from scenetruth.scoring.figures import FigureInfo, plot_all
+from scenetruth.scoring.number_format import flatten, format_count, format_number, format_percent, humanise
+from scenetruth.scoring.report.report_content import (
+    build_score_content,
+    describe_maps,
+    summarise_estimate,
+    summarise_score,
+)
+from scenetruth.scoring.report.viewer import Viewer, build_viewer, json_for_script, packed_plotly, viewer_script
+from scenetruth.scoring.score_result import Score
+from scenetruth.scoring.scorer import score as evaluate
+
+__all__ = ["matches_fingerprint", "write_report"]
+
+_SCREEN_SCALE = 0.6
+"""Pixels of the page for a pixel of a figure."""
+_HEAD = 2000
+"""Characters at the beginning of a page that tell what it was made of."""
+_SHOWN_ELSEWHERE = ("warnings", "render_fallback_reason", "score_settings")
+
+
+def write_report(
+    recording: xr.Dataset,
+    estimate: xr.Dataset,
+    truth: xr.Dataset | None = None,
+    score: Score | None = None,
+    folder: str | Path = ".",
+    progress: Progress | None = None,
+    *,
+    check: bool = True,
+    figures: Collection[str] | None = None,
+    made_of: str = "",
+    elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
+    figures_also: Collection[str] = (),
+) -> Path:
+    """Draw the figures of an estimate, and write them with its numbers and maps into one page.
+
+    The page can be looked into: maps beside each other with the values under the pointer, profiles, and the surface
+    in space. It needs no network, and it prints. With a truth, the numbers are the errors, and maps and figures show
+    truth and errors. Without, as for real images, the page says so; its numbers are medians and densities, and it shows
+    the estimate alone.
+
+    Parameters
+    ----------
+    recording, estimate
+        What was estimated from, and the estimate.
+    truth
+        What the estimate is compared with, if there is a truth.
+    score
+        The score; made here if not given. Of its metadata, ``warnings`` (a list of texts) and
+        ``render_fallback_reason`` are shown at the top and everything else in a table.
+    folder
+        Where ``report.html`` and ``figures/*.png`` go; made if missing.
+    progress
+        Called as ``progress("report", done, total)``, in figures.
+    check
+        Whether to refuse data sets and a score that were made from different recordings.
+    figures
+        Names of the figures to draw (`scenetruth.scoring.FIGURES`); all if not given.
+    made_of
+        A hash of everything that the page shows, to be found again by `matches_fingerprint`.
+    elsewhere
+        As of `scenetruth.scoring.plot_all`.
+    figures_also
+        Formats in which the figures are written too, beside PNG: ``"pdf"``.
+
+    Returns
+    -------
+    pathlib.Path
+        The page. It holds its figures and needs no other file.
+
+    Raises
+    ------
+    ScoreError
+        If recording, estimate and truth do not belong together, or there is a score without a truth; lists what is
+        wrong.
+    MismatchError
+        If the parts say that they belong to different recordings.
+
+    See Also
+    --------
+    score : The figures alone.
+    run_scene : All stages up to this one, in a folder.
+
+    Examples
+    --------
+    Images and a depth map from elsewhere, without truth:
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> from scenetruth.schema import read_intrinsics, label, make_recording
+    >>> images = np.random.default_rng(1).random((3, 1, 12, 16))
+    >>> recording = make_recording(images, focal_length_px=100.0, baseline_mm=5.0)
+    >>> disparity = np.full((1, 12, 16), 1.0)
+    >>> estimate = label("estimate", {"disparity": disparity}, read_intrinsics(recording), t=[0])
+    >>> with TemporaryDirectory() as folder:
+    ...     page = write_report(recording, estimate, folder=folder)
+    ...     print(page.name, sorted(path.name for path in (page.parent / "figures").iterdir()))
+    report.html ['disparity.png', 'image.png']
+    """
+    given = {"recording": recording, "estimate": estimate, **({} if truth is None else {"truth": truth})}
+    wrong = [
+        Problem(name, "must be an xarray.Dataset", type(part).__name__)
+        for name, part in given.items()
+        if not isinstance(part, xr.Dataset)
+    ]
+    if score is not None and not isinstance(score, Score):
+        wrong.append(Problem("score", "must be a Score", type(score).__name__))
+    wrong += argument_problems(progress)
+    if wrong:
+        raise ScoreError(wrong)
+    if check:
+        parts = {"recording": recording.attrs, "estimate": estimate.attrs}
+        parts |= {} if truth is None else {"truth": truth.attrs}
+        check_same_run(parts | ({} if score is None else {"score": dict(score.metadata)}))
+    if truth is not None and score is None:
+        score = evaluate(estimate, truth, recording, check=False)
+    target = Path(folder)
+    drawn = plot_all(
+        recording,
+        estimate,
+        truth,
+        score,
+        target / "figures",
+        progress,
+        names=figures,
+        elsewhere=elsewhere,
+        also=figures_also,
+    )
+    viewer = build_viewer(recording, estimate, truth, score)
+    page = target / "report.html"
+    page.write_text(_render(recording, estimate, score, drawn, target / "figures", made_of, viewer), encoding="utf-8")
+    return page
+
+
+def matches_fingerprint(page: Path, made_of: str) -> bool:
+    """Tell whether a page was written by `write_report` with a certain ``made_of``."""
+    try:
+        with page.open(encoding="utf-8", errors="replace") as file:
+            return f'content="{made_of}"' in file.read(_HEAD)
+    except OSError:
+        return False
+
+
+def _render(
+    recording: xr.Dataset,
+    estimate: xr.Dataset,
+    score: Score | None,
+    figures: list[FigureInfo],
+    folder: Path,
+    made_of: str,
+    viewer: Viewer,
+) -> str:
+    environment = template_environment("scenetruth.scoring.report")
+    environment.filters |= {"number": format_number, "percent": format_percent, "count": format_count}
+    scene = read_scene(recording)
+    metadata = recording.attrs if score is None else score.metadata
+    content = _content_without_truth(estimate) if score is None else _content_with_truth(score, viewer)
+    template = "without_truth.html.j2" if score is None else "with_truth.html.j2"
+    return environment.get_template(template).render(
+        made_of=made_of,
+        name=(scene or {}).get("description"),
+        notices=list(_notices(metadata)),
+        figures=[(figure, *_inline(folder / figure.file)) for figure in figures],
+        metadata=list(_metadata_rows(recording, estimate, score)),
+        scene=None if scene is None else json.dumps(scene, indent=2, ensure_ascii=False),
+        viewer_data=json_for_script(viewer.plain),
+        viewer_notes=viewer.notes,
+        viewer_script=viewer_script(),
+        plotly_data=packed_plotly(),
+        **content,
+    )
+
+
+def _content_with_truth(score: Score, viewer: Viewer) -> dict[str, Any]:
+    """Return what the template of a score shows, apart from maps, figures and origin."""
+    return {**build_score_content(score), "sentences": summarise_score(score, viewer)}
+
+
+def _content_without_truth(estimate: xr.Dataset) -> dict[str, Any]:
+    """Return what the template of an estimate without truth shows, apart from maps, figures and origin."""
+    found = describe_maps(estimate)
+    return {"rows": list(found.values()), "sentences": summarise_estimate(found)}
+
+
+def _notices(metadata: Mapping[str, Any]) -> Iterator[str]:
+    warnings = metadata.get("warnings") or []
+    yield from ([warnings] if isinstance(warnings, str) else map(str, warnings))
+    if metadata.get("render_fallback_reason"):
+        yield f"Rendered with the fallback backend: {metadata['render_fallback_reason']}"
+
+
+def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | None) -> Iterator[tuple[str, str]]:
+    sizes = recording["image"].sizes
+    yield (
+        "recording",
+        f"{sizes.get('s_y', 1) * sizes.get('s', 1)} cameras × {sizes['t']} frames of {sizes['x']} × {sizes['y']} px, "
+        f"{recording['image'].dtype}",
+    )
+    for key, value in read_intrinsics(estimate).to_attrs().items():
+        yield humanise(key), flatten(value)
+    # A score may have been made apart from the recording; what the data sets say is then all that is known.
+    known = {key: recording.attrs[key] for key in ("scene_hash", "seed", "render_backend") if key in recording.attrs}
+    known |= {key: estimate.attrs[key] for key in ("method",) if key in estimate.attrs}
+    for key, value in {**known, **(score.metadata if score else {})}.items():
+        if key not in _SHOWN_ELSEWHERE and value is not None:
+            yield humanise(key), flatten(value)
+
+
+def _inline(file: Path) -> tuple[str, int]:
+    """Return a picture as a data URL, and how wide to show it, so that all have letters of the same size.
+
+    256 colours are enough for the screen and the printer, and take a quarter of the room.
+    """
+    from PIL import Image
+
+    with Image.open(file) as picture:
+        few = picture.convert("RGB").quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        content = io.BytesIO()
+        few.save(content, "PNG", compress_level=6)
+        width = picture.width
+    return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode("ascii"), round(width * _SCREEN_SCALE)

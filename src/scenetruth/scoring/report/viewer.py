@@ -1,0 +1,210 @@
+"""The viewer of the report: everything that it shows as plain JSON values, its colour maps and its scripts."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.html import plotly_script
+from scenetruth.schema import read_intrinsics
+from scenetruth.scoring.alignment import align
+from scenetruth.scoring.error_pairs import compute_pixel_coordinates
+from scenetruth.scoring.report.map_packing import RELATIVE_ROUNDING, MapPacker, ViewerImages, pack_viewer_images
+from scenetruth.scoring.report.viewer_layers import ErrorHotspot, build_layers, find_error_hotspots
+from scenetruth.scoring.score_result import Score
+from scenetruth.settings import ScoreSettings
+
+__all__ = [
+    "COLOUR_MAPS",
+    "Viewer",
+    "build_viewer",
+    "colour_tables",
+    "json_for_script",
+    "packed_plotly",
+    "viewer_script",
+]
+
+
+COLOUR_MAPS: Mapping[str, str] = {
+    "viridis": "viridis",
+    "cividis": "cividis",
+    "magma": "magma",
+    "grey": "gray",
+    "blue-white-red": "RdBu_r",
+    "blue-dark-red": "berlin",
+}
+"""What the page calls them, and what matplotlib does; the last two are for values about zero."""
+
+_INSTEAD = {"berlin": "PuOr_r"}
+"""What older releases of matplotlib have in place of new ones."""
+
+
+def colour_tables() -> dict[str, str]:
+    """Return 256 colours of each of `COLOUR_MAPS`, three bytes each, in base 64."""
+    from matplotlib import colormaps
+
+    tables = {}
+    for name, theirs in COLOUR_MAPS.items():
+        chosen = colormaps[theirs if theirs in colormaps else _INSTEAD[theirs]]
+        colours = np.rint(255 * chosen(np.arange(256) / 255)[:, :3]).astype(np.uint8)
+        tables[name] = base64.b64encode(colours.tobytes()).decode("ascii")
+    return tables
+
+
+_PARTS = ("unpack", "layers", "panels", "profile", "surface", "page")
+"""What the viewer's script is put together from, in this order."""
+
+
+@cache
+def viewer_script() -> str:
+    """Return the viewer's script, one function in strict mode."""
+    folder = files("scenetruth.scoring.report") / "templates"
+    text = "\n".join((folder / f"viewer_{part}.js").read_text(encoding="utf-8") for part in _PARTS)
+    return f'(() => {{\n"use strict";\n{text}\n}})();\n'
+
+
+@cache
+def packed_plotly() -> str:
+    """Return plotly's script as zlib packs it, in base 64: less than half of it."""
+    return base64.b64encode(zlib.compress(plotly_script().encode("utf-8"), 6)).decode("ascii")
+
+
+def json_for_script(values: Mapping[str, Any]) -> str:
+    """Return plain values as JSON that may stand within a script: nothing in it can end one."""
+    return json.dumps(values, ensure_ascii=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+_MOST_PIXELS = 360_000
+"""Of larger images, every second, third ... row and column is shown."""
+_IMAGES = 1_100_000
+"""How many characters of the page images but the reference one may take."""
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """What the viewer shows, and what was seen on the way.
+
+    Parameters
+    ----------
+    plain
+        What the page's script reads, as plain values for JSON.
+    frame
+        The reference frame t.
+    worst
+        By the keys of `QUANTITIES`, where the errors of the reference frame are largest.
+    spread
+        By the same keys, the standard deviation of the truth over the interior of the reference frame.
+    notes
+        What the page does not show in full, in words.
+    """
+
+    plain: Mapping[str, Any]
+    frame: int
+    worst: Mapping[str, ErrorHotspot]
+    spread: Mapping[str, float]
+    notes: Sequence[str]
+
+
+def build_viewer(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None) -> Viewer:
+    """Read, thin and pack what the viewer shows.
+
+    Parameters
+    ----------
+    recording, estimate, truth, score
+        As of `scenetruth.scoring.write_report`; they belong together.
+    """
+    told = {} if score is None else score.metadata.get("score_settings") or {}
+    settings = ScoreSettings(**told)
+    margin_px = float((score.metadata if score else {}).get("margin_px", settings.interior_margin_px))
+    grid, camera = compute_pixel_coordinates(estimate), read_intrinsics(estimate)
+    step = max(1, math.ceil(math.sqrt(grid.x.size * grid.y.size / _MOST_PIXELS)))
+    frames = [int(t) for t in estimate["t"].values]
+    frame = 0 if 0 in frames else frames[len(frames) // 2]
+    gathered = MapPacker(step)
+    # Frames next to the reference frame first.
+    for t in sorted(frames, key=lambda t: (t != frame, abs(t - frame))):
+        if not gathered.room:
+            gathered.frames_left_out += 1
+            continue
+        one, exact = estimate.sel(t=[t]), None
+        if truth is not None:
+            one, exact = align(one, truth)
+        grows = score is None or score.grows
+        gathered.add_frame(t, [*build_layers(one, exact, settings, grows=grows, step=step)])
+        if exact is not None:
+            gathered.add_regions(t, exact, margin_px)
+    images = pack_viewer_images(recording, estimate, frame, step, _IMAGES)
+    x, y = grid.x[::step], grid.y[::step]
+    plain = {
+        "width": x.size,
+        "height": y.size,
+        "x": x.tolist(),
+        "y": y.tolist(),
+        "focal_length_px": camera.focal_length_px,
+        "principal_point_px": [float(value) for value in camera.principal_point_px],
+        "frame": frame,
+        "groups": gathered.groups(),
+        "regions": list(gathered.regions.values()),
+        "images": {
+            "units": images.units,
+            "limits": images.limits,
+            "cameras": images.cameras,
+            "frames": sorted({*images.frames, *frames}),
+            "shown": [
+                {"row": one.row, "camera": one.camera, "frame": one.frame, "step": one.step,
+                 "map": gathered.store(one.packed)}
+                for one in images.shown
+            ],
+        },
+        "colours": colour_tables(),
+        "maps": [packed.to_plain() for packed in gathered.packed],
+    }  # fmt: skip
+    first = {name: layers for (name, t), layers in gathered.layers.items() if t == frame}
+    interior = gathered.interior.get(frame)
+    return Viewer(
+        plain=plain,
+        frame=frame,
+        worst=find_error_hotspots(first, x, y),
+        spread={
+            name: float(np.std(values))
+            for name, layers in first.items()
+            if interior is not None and "truth" in layers.maps
+            for values in [layers.maps["truth"][interior & np.isfinite(layers.maps["truth"])]]
+            if values.size
+        },
+        notes=list(_notes(step, gathered, images)),
+    )
+
+
+def _notes(step: int, gathered: MapPacker, images: ViewerImages) -> Iterator[str]:
+    """Tell what the page does not show in full."""
+    share = f"{100 * RELATIVE_ROUNDING:.4f} %"
+    yield f"Values are rounded by at most {share} of the range that is shown at first; whole grey values are exact."
+    if step > 1:
+        yield f"All maps show every {_ordinal(step)} row and column of the images, without averaging."
+    for coarser, titles in sorted(gathered.coarser.items()):
+        names = ", ".join(dict.fromkeys(titles))
+        yield f"For the size of the page, every {_ordinal(coarser * step)} row and column is shown of: {names}."
+    if gathered.left_out:
+        yield f"For the size of the page, these maps are left out: {', '.join(gathered.left_out)}."
+    if gathered.frames_left_out:
+        yield f"For the size of the page, the estimates of {gathered.frames_left_out} more frames are left out."
+    coarse = max((one.step for one in images.shown), default=1)
+    if coarse > 1:
+        yield f"Images but the reference one show every {_ordinal(coarse * step)} row and column."
+    if images.left_out:
+        yield f"For the size of the page, {images.left_out} images are left out."
+
+
+def _ordinal(number: int) -> str:
+    return {2: "second", 3: "third"}.get(number, f"{number}th")

@@ -1,0 +1,349 @@
+"""The maps of one frame that the viewer can show, their display ranges, and the places with the largest errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL, read_intrinsics
+from scenetruth.scoring.error_pairs import (
+    find_valid_pixels,
+    has_quantity,
+    list_quantities,
+    percent_per_hour,
+    read_quantity,
+    read_std,
+)
+from scenetruth.scoring.growth_rate import compute_growth_maps, compute_growth_rate
+from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES
+from scenetruth.scoring.statistics import angle_deg
+from scenetruth.settings import ScoreSettings
+
+__all__ = [
+    "ErrorHotspot",
+    "ViewerLayers",
+    "build_layers",
+    "choose_scale",
+    "compute_display_ranges",
+    "error_limits",
+    "find_error_hotspots",
+    "size_limits",
+    "thinned",
+    "value_limits",
+]
+
+
+Map = NDArray[np.float64]
+
+_MAIN = ("depth", "disparity", "velocity", "flow", "growth", "windowed growth")
+"""Groups of quantities that come before all others where there is not room for all."""
+_KINDS = {KIND_NONE: "none", KIND_NORMAL: "normal", KIND_FULL: "full"}
+_MAP_DIMS = ("t", "y", "x")
+_INVALID = ("face_id", "mixed", "depth", "disparity", "growth_rate", "boundary_distance")
+"""Variables of a truth that are shown otherwise, or whose numbers mean nothing."""
+
+
+@dataclass(frozen=True)
+class ViewerLayers:
+    """The maps of one quantity in one frame.
+
+    Parameters
+    ----------
+    name, title, symbol, units
+        What it is.
+    main
+        Whether it comes before others where there is not room for all.
+    maps
+        ``estimate``, ``truth``, ``error`` and ``std`` of a quantity, or ``value`` of what is not compared; float64, or
+        integers for codes, shape (y, x), NaN where there is none.
+    codes
+        What the values mean, of a map of codes.
+    """
+
+    name: str
+    title: str
+    symbol: str
+    units: str
+    main: bool
+    maps: Mapping[str, NDArray[Any]]
+    codes: Mapping[int, str] = field(default_factory=dict)
+
+
+def build_layers(
+    estimate: xr.Dataset, truth: xr.Dataset | None, settings: ScoreSettings, *, grows: bool, step: int
+) -> Iterator[ViewerLayers]:
+    """Give the maps of one frame, those that tell most first.
+
+    An estimate is NaN wherever its kind is not full, as in the score.
+
+    Parameters
+    ----------
+    estimate, truth
+        One frame of an estimate, and the truth that is aligned with it, if there is one.
+    settings
+        Of the windows in which growth is measured.
+    grows
+        Whether growth is worth showing.
+    step
+        Every how manieth row and column is kept, so that large images fit into a page.
+    """
+    names = _list_shown(estimate, truth, grows=grows)
+    # Which pixels are known is read once for each variable, and not for each of its components.
+    known: dict[str, NDArray[np.bool_]] = {}
+    for name in sorted(names, key=lambda name: QUANTITIES[name].group not in _MAIN):
+        entry = QUANTITIES[name]
+        maps: dict[str, Map] = {}
+        has = entry.variable in estimate
+        if has and entry.variable not in known:
+            known[entry.variable] = thinned(find_valid_pixels(estimate, entry.variable), step)
+        told = truth is not None and has_quantity(truth, name)
+        if entry.error == "difference":
+            if has:
+                maps["estimate"] = np.where(known[entry.variable], thinned(read_quantity(estimate, name), step), np.nan)
+            if told and truth is not None:
+                maps["truth"] = thinned(read_quantity(truth, name), step)
+            if len(maps) == 2:
+                maps["error"] = maps["estimate"] - maps["truth"]
+        elif has and told and truth is not None and entry.error != "distance":
+            angle = angle_deg(
+                read_quantity(estimate, name), read_quantity(truth, name), lines=entry.error == "axis_angle"
+            )
+            maps["error"] = np.where(known[entry.variable], thinned(angle, step), np.nan)
+        std = read_std(estimate, name) if maps and has else None
+        if std is not None:
+            maps["std"] = np.where(known[entry.variable], thinned(std, step), np.nan)
+        if any(np.isfinite(values).any() for values in maps.values()):
+            yield ViewerLayers(name, entry.title, entry.symbol, entry.units, entry.group in _MAIN, maps)
+    if "growth_rate" not in estimate and grows:
+        yield from _windowed(estimate, truth, settings, step)
+    yield from _further(estimate, truth, step)
+
+
+def thinned(values: NDArray[Any], step: int) -> NDArray[Any]:
+    """Return every so manieth row and column of the one frame of a map, shape (1, y, x)."""
+    return values[0, ::step, ::step]
+
+
+def _list_shown(estimate: xr.Dataset, truth: xr.Dataset | None, *, grows: bool) -> list[str]:
+    """Return the keys of `QUANTITIES` that the estimate or the truth can show."""
+    of_estimate = list_quantities(estimate)
+    names = []
+    for name, entry in QUANTITIES.items():
+        if not entry.variable or (entry.is_growth and not grows) or entry.error == "distance":
+            continue
+        told = truth is not None and has_quantity(truth, name)
+        if name in of_estimate or (told and (entry.error == "difference" or entry.variable in estimate)):
+            names.append(name)
+    return names
+
+
+def _windowed(
+    estimate: xr.Dataset, truth: xr.Dataset | None, settings: ScoreSettings, step: int
+) -> Iterator[ViewerLayers]:
+    """Give the growth that follows from depth and velocity in windows."""
+    if not {"depth", "velocity"} <= set(estimate):
+        return
+    factor = percent_per_hour(read_intrinsics(estimate))
+    entry = QUANTITIES["growth_rate_windowed"]
+    if truth is None:
+        maps = {"estimate": factor * thinned(compute_growth_rate(estimate, settings).values, step)}
+    else:
+        found = compute_growth_maps(estimate, truth, settings)
+        if found is None:
+            return
+        maps = {
+            "estimate": factor * thinned(found.estimate, step),
+            "truth": factor * thinned(found.truth_windowed, step),
+        }
+        maps["error"] = maps["estimate"] - maps["truth"]
+    if np.isfinite(maps["estimate"]).any():
+        yield ViewerLayers("growth_rate_windowed", entry.title, entry.symbol, entry.units, True, maps)
+
+
+def _further(estimate: xr.Dataset, truth: xr.Dataset | None, step: int) -> Iterator[ViewerLayers]:
+    """Give what is not compared: what the method says about itself, and what else the truth tells of every pixel."""
+    compared = {entry.variable for entry in QUANTITIES.values()}
+    stated = {f"{variable}_std" for variable in compared}
+    parts = (("estimate", estimate, compared | stated), ("truth", truth, {*compared, *_INVALID}))
+    for origin, part, told in parts:
+        for name in () if part is None else map(str, part.data_vars):
+            if part is None or name in told or part[name].dims != _MAP_DIMS:
+                continue
+            values = thinned(part[name].values, step)
+            if values.dtype.kind not in "iubf":
+                continue
+            words = name.replace("_", " ").capitalize()
+            title = words if origin == "estimate" else f"{words} (truth)"
+            flags = values.dtype.kind in "iub" or name.startswith("kind") or name == "model_violation"
+            if flags and values.dtype.kind == "f":
+                values = np.nan_to_num(values).astype(np.int64)
+            codes = _codes(part[name]) if flags else {}
+            if name.startswith("kind"):
+                codes = _KINDS
+            units = str(part[name].attrs.get("units", "1"))
+            yield ViewerLayers(f"{origin}.{name}", title, "", units, False, {"value": values}, codes)
+
+
+def _codes(variable: xr.DataArray) -> dict[int, str]:
+    """Return what the values of a variable mean, where it says so itself."""
+    if variable.dtype.kind == "b":
+        return {0: "no", 1: "yes"}
+    numbers, words = variable.attrs.get("flag_values"), variable.attrs.get("flag_meanings")
+    if numbers is None or not isinstance(words, str):
+        return {}
+    meant = [word.replace("_", " ") for word in words.split()]
+    return {int(number): word for number, word in zip(np.atleast_1d(numbers), meant, strict=False)}
+
+
+Limits = tuple[float, float]
+
+_EVERY = 40_000
+"""About so many values are enough to tell where nearly all are."""
+
+
+def choose_scale(what: str) -> str:
+    """Return which range a map is shown in: estimate and truth share one."""
+    return what if what in ("error", "std") else "value"
+
+
+def compute_display_ranges(layers: ViewerLayers) -> dict[str, Limits]:
+    """Return the ranges of the maps of a quantity, by what `choose_scale` calls them."""
+    maps = layers.maps
+    limits = {}
+    values = [maps[what].astype(np.float64) for what in ("estimate", "truth", "value") if what in maps]
+    if values:
+        limits["value"] = value_limits(*values)
+    if layers.codes:
+        limits["value"] = (float(min(layers.codes)), float(max(layers.codes)))
+    elif layers.name.endswith(".confidence"):
+        limits["value"] = (0.0, 1.0)
+    if layers.name.startswith("growth") and "truth" in maps:
+        # However noisy the estimate is, the truth shall be seen.
+        low, high = limits["value"]
+        grows = float(np.nanmax(np.abs(maps["truth"]), initial=0.0))
+        if grows > 1e-9 * max(abs(low), abs(high)):
+            limits["value"] = (max(low, -2 * grows), min(high, 2 * grows))
+    if "error" in maps:
+        # Angles between directions have no sign.
+        signed = "truth" in maps
+        limits["error"] = error_limits(maps["error"]) if signed else size_limits(maps["error"])
+    if "std" in maps:
+        limits["std"] = size_limits(maps["std"])
+    return limits
+
+
+def value_limits(*maps: Map) -> Limits:
+    """Return limits that hold 99 % of the finite values of all maps together; (0, 1) where there is none."""
+    values = np.concatenate([_sample(values) for values in maps]) if maps else np.empty(0)
+    if not values.size:
+        return 0.0, 1.0
+    low, high = (float(value) for value in np.percentile(values, [0.5, 99.5]))
+    if high - low <= 1e-9 * max(abs(low), abs(high)):
+        pad = 0.05 * abs(low) or 1.0
+        return low - pad, high + pad
+    return low, high
+
+
+def error_limits(values: Map) -> Limits:
+    """Return limits about zero that hold 98 % of the finite values; (-1, 1) where there is none, or all are zero."""
+    high = size_limits(values)[1]
+    return -high, high
+
+
+def size_limits(values: Map) -> Limits:
+    """Return limits from zero on that hold 98 % of the sizes of the finite values; (0, 1) where there is none."""
+    sizes = np.abs(_sample(values))
+    high = float(np.percentile(sizes, 98)) if sizes.size else 0.0
+    return 0.0, high if high > 0 else float(sizes.max(initial=0.0)) or 1.0
+
+
+def _sample(values: Map) -> Map:
+    step = max(1, int(np.sqrt(values.size / _EVERY)))
+    some = values[::step, ::step]
+    some = some[np.isfinite(some)]
+    # Where nearly nothing is known, all of it counts.
+    return some if some.size > 100 else values[np.isfinite(values)]
+
+
+_BLOCK_PX = 32
+"""The side of the squares among which the worst is looked for."""
+
+
+@dataclass(frozen=True)
+class ErrorHotspot:
+    """Where the errors of a quantity are largest, in squares of 32 pixels of the map.
+
+    Parameters
+    ----------
+    x, y
+        The pixel of the square with the largest error, in px of the whole image.
+    rms
+        The rms error there, in the quantity's units.
+    side_px
+        The side of the square, in px of the whole image.
+    """
+
+    x: float
+    y: float
+    rms: float
+    side_px: float
+
+
+def find_error_hotspots(layers: Mapping[str, ViewerLayers], x: Map, y: Map) -> dict[str, ErrorHotspot]:
+    """Return where the errors of each quantity are largest.
+
+    Parameters
+    ----------
+    layers
+        The maps of one frame, by their names.
+    x, y
+        The columns and rows of the maps, in px of the whole image.
+
+    Returns
+    -------
+    dict
+        By the keys of `QUANTITIES`, and ``flow`` for the length of the errors of the optical flow; those quantities
+        that are known in a quarter of any square.
+    """
+    found = {name: _worst(errors, x, y) for name, errors in _errors(layers)}
+    return {name: place for name, place in found.items() if place is not None}
+
+
+def _errors(layers: Mapping[str, ViewerLayers]) -> Iterator[tuple[str, Map]]:
+    """Give the maps of errors, and the lengths of those of vectors."""
+    for name, one in layers.items():
+        if "error" in one.maps:
+            yield name, one.maps["error"]
+    for name, parts in ((ENDPOINT, ("velocity_x", "velocity_y", "velocity_z")), ("flow", ("flow_x", "flow_y"))):
+        maps = [layers[part].maps["error"] for part in parts if part in layers and "error" in layers[part].maps]
+        if len(maps) == len(parts):
+            yield name, np.sqrt(sum(values**2 for values in maps))
+
+
+def _worst(errors: Map, x: Map, y: Map) -> ErrorHotspot | None:
+    """Return the square with the largest rms error, of those that are known at a quarter of their pixels or more."""
+    side = min(_BLOCK_PX, *errors.shape)
+    rows, columns = errors.shape[0] // side, errors.shape[1] // side
+    blocks = errors[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    finite = np.isfinite(blocks)
+    counts = finite.sum(axis=(1, 3))
+    squares = np.where(finite, blocks, 0.0) ** 2
+    known = counts >= side**2 / 4
+    if not known.any():
+        return None
+    rms = np.where(known, np.sqrt(squares.sum(axis=(1, 3)) / np.maximum(counts, 1)), -1.0)
+    row, column = np.unravel_index(int(np.argmax(rms)), rms.shape)
+    sizes = squares[row, :, column]
+    down, across = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+    width = float(abs(x[-1] - x[0])) / max(x.size - 1, 1)
+    return ErrorHotspot(
+        x=float(x[column * side + across]),
+        y=float(y[row * side + down]),
+        rms=float(rms[row, column]),
+        side_px=side * width,
+    )

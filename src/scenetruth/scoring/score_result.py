@@ -1,0 +1,293 @@
+"""The score of an estimate: its statistics, and their spellings as JSON, table, CSV, HTML and one line of text."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from scenetruth.errors import Problem, ScoreError, StoreError
+from scenetruth.input_files import regular_file_size
+from scenetruth.plain_data import parse_json, plain_problems
+from scenetruth.scoring.number_format import format_count, format_number, format_percent
+from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, QUANTITY_GROUPS, get_title, get_units
+from scenetruth.scoring.regions import REGIONS, is_further_region
+from scenetruth.scoring.statistics import RATES, STATISTICS
+from scenetruth.settings import ScoreSettings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Score", "html_summary", "line_summary", "select_summary_quantities"]
+
+
+Values = Mapping[str, float | int | None]
+Regions = Mapping[str, Mapping[str, Values]]
+
+_MAIN = (("depth", "disparity"), (ENDPOINT, "flow_x"), ("growth_rate_windowed",))
+"""Of each of these, the first that a score has is in its line."""
+
+_SUMMARY_COLUMNS: Mapping[str, tuple[str, Callable[[float | None], str]]] = {
+    "bias": ("bias", format_number),
+    "rms": ("rms", format_number),
+    "median_abs": ("median |e|", format_number),
+    "p95_abs": ("95 % |e|", format_number),
+    "relative_rms": ("relative rms [%]", format_percent),
+    "density": ("density [%]", format_percent),
+    "count": ("pixels", format_count),
+}
+
+
+def select_summary_quantities(regions: Regions, *, grows: bool) -> list[str]:
+    """Return the quantities of a score that have errors; growth only where something grows."""
+    return [name for name in regions["all"] if name != OUTLIERS and (grows or not QUANTITIES[name].is_growth)]
+
+
+def line_summary(regions: Regions, *, grows: bool) -> str:
+    """Return one line that tells regions, quantities and the main errors of a score."""
+    shown = select_summary_quantities(regions, grows=grows)
+    groups = [name for name, members in QUANTITY_GROUPS.items() if set(members) & set(shown)]
+    interior = regions["interior"]
+    main = [next((name for name in names if name in shown), None) for names in _MAIN]
+    errors = [f"{name} {_short(interior[name]['rms'])} {get_units(name)}" for name in main if name is not None]
+    parts = {
+        "regions": ", ".join(REGIONS) + (f" and {len(regions) - 2} more" if len(regions) > 2 else ""),
+        "quantities": ", ".join(groups),
+        "rms in the interior": ", ".join(errors),
+    }
+    return f"Score({'; '.join(f'{name}: {text}' for name, text in parts.items())})"
+
+
+def html_summary(regions: Regions, *, grows: bool) -> str:
+    """Return the errors in the regions that every score has as a table in HTML."""
+    names = select_summary_quantities(regions, grows=grows)
+    heads = _row("th", ["region", "quantity", "unit", *(heading for heading, _ in _SUMMARY_COLUMNS.values())])
+    rows = [
+        _row("td", [region, get_title(name), get_units(name), *_cells(regions[region][name])])
+        for region in REGIONS
+        for name in names
+    ]
+    further = [region for region in regions if region not in REGIONS]
+    more = f"<p>Further regions: {escape(', '.join(further))}</p>" if further else ""
+    caption = "<caption>Errors e = estimate − truth</caption>"
+    return f"<table>{caption}<thead>{heads}</thead><tbody>{''.join(rows)}</tbody></table>{more}"
+
+
+def _cells(values: Values) -> list[str]:
+    return [spell(values[name]) for name, (_, spell) in _SUMMARY_COLUMNS.items()]
+
+
+def _row(tag: str, cells: Sequence[str]) -> str:
+    return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+
+
+def _short(value: float | None) -> str:
+    return "undefined" if value is None else f"{value:.3g}"
+
+
+_COLUMNS = (*STATISTICS[:-1], *RATES)
+
+_ROUNDING = 1e9
+"""Errors that are so many times larger than the truth have only roundings for a truth."""
+
+
+@dataclass(frozen=True, repr=False)
+class Score:
+    """The figures of merit of one estimate.
+
+    Parameters
+    ----------
+    regions
+        Region to quantity to statistic to value; None where a value is undefined. Errors are estimate minus truth, in
+        the units of the quantity; ``density``, ``relative_rms``, ``within_2_std`` and rates are fractions, and
+        ``calibration`` is a ratio. ``all`` and ``interior`` come first; which others there are depends on the truth.
+        All regions have the same quantities: those that the estimate has.
+    metadata
+        What the score was made from, as plain JSON values.
+
+    See Also
+    --------
+    score : Makes it.
+    write_report : Shows it with pictures.
+
+    Examples
+    --------
+    >>> found = Score(
+    ...     {
+    ...         "all": {"depth": {"bias": 0.01, "rms": 0.02, "density": 0.9, "count": 900}},
+    ...         "interior": {"depth": {"bias": 0.0, "rms": 0.01, "density": 1.0, "count": 600}},
+    ...     },
+    ...     {"seed": 1},
+    ... )
+    >>> found
+    Score(regions: all, interior; quantities: depth; rms in the interior: depth 0.01 mm)
+    >>> found.regions["interior"]["depth"]["rms"], found.metadata
+    (0.01, {'seed': 1})
+    >>> print(found.to_frame().loc[("all", "depth"), "units"], found.to_frame().loc[("all", "depth"), "rms"])
+    mm 0.02
+    """
+
+    regions: Mapping[str, Mapping[str, Mapping[str, float | int | None]]]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def grows(self) -> bool:
+        """Whether any true growth rate is more than rounding; of what moves rigidly, growth is not worth showing."""
+        error = self.regions["all"].get("growth_rate", {}).get("relative_rms")
+        return error is not None and error < _ROUNDING
+
+    def __repr__(self) -> str:
+        return line_summary(self.regions, grows=self.grows)
+
+    def _repr_html_(self) -> str:
+        """Return the main table, as notebooks show it."""
+        return html_summary(self.regions, grows=self.grows)
+
+    def to_json(self) -> str:
+        """Return strict JSON with the regions and ``metadata`` as its top-level keys."""
+        return json.dumps({**self.regions, "metadata": self.metadata}, indent=2, allow_nan=False, ensure_ascii=False)
+
+    @classmethod
+    def read(cls, file: str | Path) -> Score:
+        """Read a file that holds what `to_json` wrote.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be read, or is no score; names the file and what is wrong.
+        """
+        path = Path(file)
+        try:
+            regular_file_size(path)
+            return cls.from_json(path.read_bytes())
+        except ValueError as error:
+            raise StoreError(file, f"{error}; make it with `scenetruth score`") from error
+        except OSError as error:
+            raise StoreError(file, f"cannot be read ({error.strerror}); make it with `scenetruth score`") from error
+        except ScoreError as error:
+            raise StoreError(
+                file, f"is damaged, or no score; make it again with `scenetruth score`: {error}"
+            ) from error
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Score:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ScoreError
+            If the text is not JSON, lacks ``all`` or ``interior``, a statistic, or a quantity in one region that
+            another region has, has values that are no finite numbers, or keys that are no region's name; lists all
+            that is wrong.
+        """
+        try:
+            content = parse_json(text)
+        except (ValueError, TypeError) as error:
+            raise ScoreError([Problem("", f"is not JSON: {error}", text)]) from error
+        if not isinstance(content, dict):
+            raise ScoreError([Problem("", "must be a JSON object", content)])
+        problems = plain_problems(content) or [*_problems(content)]
+        if problems:
+            raise ScoreError(problems)
+        regions = {name: values for name, values in content.items() if name != "metadata"}
+        ordered = {name: regions[name] for name in (*REGIONS, *regions)}
+        return cls(regions=ordered, metadata=content["metadata"])
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for each region and quantity (its two index levels), a column ``units``, and one column for each
+            statistic; NaN where a statistic is undefined or does not belong to the quantity.
+        """
+        import pandas as pd
+
+        rows = {
+            (region, quantity): {"units": get_units(quantity)}
+            | {column: math.nan if values.get(column) is None else values[column] for column in _COLUMNS}
+            for region, quantities in self.regions.items()
+            for quantity, values in quantities.items()
+        }
+        index = pd.MultiIndex.from_tuples(list(rows), names=["region", "quantity"])
+        return pd.DataFrame(list(rows.values()), index=index, columns=["units", *_COLUMNS])
+
+    def to_csv(self) -> str:
+        """Return the table of `to_frame` as comma-separated values with a header, undefined values left empty."""
+        return str(self.to_frame().to_csv(lineterminator="\n"))
+
+
+def _problems(content: Mapping[str, Any]) -> Iterator[Problem]:
+    """Tell what keeps parsed JSON from being a score."""
+    keys = (*REGIONS, "metadata")
+    for key in dict.fromkeys((*keys, *content)):
+        if key not in keys and not is_further_region(key):
+            yield Problem(key, f"is not one of the keys {keys}, and no further region")
+        elif not isinstance(content.get(key), dict):
+            yield Problem(key, "must be a JSON object", content.get(key))
+    regions = {key: value for key, value in content.items() if key != "metadata" and isinstance(value, dict)}
+    expected = _expected(regions)
+    if not expected:
+        yield Problem("all", f"must have at least one of {', '.join(QUANTITY_GROUPS)}", sorted(regions.get("all", {})))
+    for region, quantities in regions.items():
+        if region not in keys and not is_further_region(region):
+            continue
+        for quantity, statistics in expected.items():
+            values = quantities.get(quantity)
+            for statistic in statistics:
+                if not isinstance(values, dict) or statistic not in values:
+                    yield Problem(f"{region}.{quantity}.{statistic}", "is missing")
+        for quantity, values in quantities.items():
+            if quantity not in expected:
+                yield Problem(f"{region}.{quantity}", f"is no quantity; known are {', '.join(expected)}")
+            elif isinstance(values, dict):
+                yield from _value_problems(f"{region}.{quantity}", values)
+    if isinstance(content.get("metadata"), dict):
+        yield from _metadata_problems(content["metadata"])
+
+
+def _value_problems(path: str, values: Mapping[str, Any]) -> Iterator[Problem]:
+    for statistic, value in values.items():
+        if statistic == "count":
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                yield Problem(f"{path}.count", "must be an integer that is not negative", value)
+        elif value is not None and not _is_number(value):
+            yield Problem(f"{path}.{statistic}", "must be a finite number or null", value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _metadata_problems(metadata: Mapping[str, Any]) -> Iterator[Problem]:
+    """Tell what the readers of metadata cannot take."""
+    if not _is_number(metadata.get("margin_px", 0)):
+        yield Problem("metadata.margin_px", "must be a finite number", metadata["margin_px"])
+    settings = metadata.get("score_settings")
+    if settings is not None:
+        try:
+            ScoreSettings.model_validate(settings)
+        except ValidationError as error:
+            yield Problem("metadata.score_settings", f"are none: {error.errors(include_url=False)[0]['msg']}", settings)
+    warnings = metadata.get("warnings")
+    if warnings is not None and not isinstance(warnings, str | list):
+        yield Problem("metadata.warnings", "must be a list of texts", warnings)
+
+
+def _expected(regions: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
+    """Return the statistics by quantity that every region must have, as any of them has some."""
+    there = {name for quantities in regions.values() for name in quantities}
+    names = [name for group in QUANTITY_GROUPS.values() if there & set(group) for name in group]
+    expected: dict[str, tuple[str, ...]] = dict.fromkeys(names, STATISTICS)
+    if OUTLIERS in there:
+        told = [quantities.get(OUTLIERS) for quantities in regions.values()]
+        rates = {rate for values in told if isinstance(values, dict) for rate in values}
+        expected[OUTLIERS] = tuple(rate for rate in RATES if rate in rates or rate == "count")
+    return expected

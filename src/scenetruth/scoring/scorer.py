@@ -1,0 +1,342 @@
+"""Scoring of an estimate against the truth.
+
+Local contrast, and statistics of all quantities in all regions, block by block.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from scipy import ndimage
+
+from scenetruth.errors import Problem, ScoreError
+from scenetruth.plain_data import plain_problems
+from scenetruth.schema import check_same_run, read_lineage, read_object_names
+from scenetruth.scoring.alignment import (
+    check_alignable,
+    check_recording,
+    count_blocks,
+    iterate_aligned_blocks,
+    select_pixels,
+)
+from scenetruth.scoring.error_pairs import EstimateTruthPair, EstimateTruthPairs
+from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
+from scenetruth.scoring.quantities import OUTLIERS, QUANTITIES
+from scenetruth.scoring.regions import further_regions, main_regions, visible_throughout
+from scenetruth.scoring.score_result import Score
+from scenetruth.scoring.statistics import (
+    ErrorSamples,
+    OutlierAccumulator,
+    Outliers,
+    Statistics,
+    StatisticsAccumulator,
+    select_meaningful_rates,
+)
+from scenetruth.settings import ScoreSettings
+
+__all__ = ["StatisticsAggregator", "local_contrast", "reference_images", "score", "score_settings"]
+
+
+Map = NDArray[np.float64]
+
+
+def local_contrast(image: Map, window_px: float) -> Map:
+    """Return the rms contrast: the standard deviation of the grey values in a Gaussian window around every pixel.
+
+    Noise of the images is part of it, and adds its variance. Images end at their border; the window is reflected there.
+
+    Parameters
+    ----------
+    image
+        Grey values, shape (..., y, x); the images are independent.
+    window_px
+        Standard deviation of the window, in px.
+
+    Returns
+    -------
+    numpy.ndarray
+        In the units of the grey values, same shape.
+    """
+    # Without the mean, the difference of squares keeps its digits.
+    centred = image - image.mean(axis=(-2, -1), keepdims=True)
+    sigma = (*(0.0,) * (image.ndim - 2), window_px, window_px)
+    mean = ndimage.gaussian_filter(centred, sigma)
+    variance = ndimage.gaussian_filter(centred**2, sigma) - mean**2
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def reference_images(recording: xr.Dataset, frames: NDArray[np.integer]) -> Map:
+    """Return the reference camera's images at some frames, as fractions of full scale; of colours the mean.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (t, y, x).
+    """
+    image = recording["image"].sel({dim: 0 for dim in ("s_y", "s") if dim in recording["image"].dims} | {"t": frames})
+    values = image.values.astype(np.float64) / float(recording.attrs["full_scale"])
+    return np.asarray(values.mean(axis=-1) if "channel" in image.dims else values)
+
+
+Mask = NDArray[np.bool_]
+
+
+class StatisticsAggregator:
+    """Gathers the statistics of every quantity in every region.
+
+    Parameters
+    ----------
+    rates
+        The rates of outliers to report: what `meaningful_rates` returns.
+    single
+        Whether there is one part only; see `StatisticsAccumulator`.
+    """
+
+    def __init__(self, rates: Sequence[str], *, single: bool) -> None:
+        self._rates, self._single = rates, single
+        self._tallies: dict[str, dict[str, StatisticsAccumulator | Statistics]] = {}
+        self._outliers: dict[str, OutlierAccumulator] = {}
+
+    def add(self, pairs: Mapping[str, EstimateTruthPair], regions: Mapping[str, Mask]) -> None:
+        """Count a part.
+
+        Parameters
+        ----------
+        pairs
+            The quantities by the keys of `QUANTITIES`; they are looked up once or twice each.
+        regions
+            Where each region lies, shape (t, y, x).
+        """
+        for quantity, pair in pairs.items():
+            scored = ErrorSamples.of(pair, QUANTITIES[quantity].error)
+            for name, region in regions.items():
+                own = self._tallies.setdefault(name, {})
+                tally = own.setdefault(quantity, StatisticsAccumulator(single=self._single))
+                assert isinstance(tally, StatisticsAccumulator)
+                tally.add(scored, region)
+                if self._single:
+                    # Its values need not be kept beside those of all others.
+                    own[quantity] = tally.statistics()
+        if self._rates:
+            outliers = Outliers.of(pairs, self._rates)
+            for name, region in regions.items():
+                self._outliers.setdefault(name, OutlierAccumulator(self._rates)).add(outliers, region)
+
+    def regions(self) -> dict[str, dict[str, Statistics]]:
+        """Return the statistics by region and quantity.
+
+        Quantities are those that were counted, and ``outliers`` if there are rates to report.
+        """
+        found = {
+            region: {
+                name: item.statistics() if isinstance(item, StatisticsAccumulator) else item
+                for name, item in tallies.items()
+            }
+            for region, tallies in self._tallies.items()
+        }
+        for region, tally in self._outliers.items():
+            found[region][OUTLIERS] = tally.rates()
+        return found
+
+
+def score_settings(**settings: Any) -> ScoreSettings:
+    """Validate the settings of a score.
+
+    Raises
+    ------
+    ScoreError
+        With every setting that is unknown or impossible.
+    """
+    try:
+        return ScoreSettings(**settings)
+    except ValidationError as error:
+        problems = [
+            Problem(".".join(map(str, entry["loc"])), entry["msg"].removeprefix("Value error, "), entry.get("input"))
+            for entry in error.errors()
+        ]
+        raise ScoreError(problems, source="settings") from error
+
+
+def score(
+    estimate: xr.Dataset,
+    truth: xr.Dataset,
+    recording: xr.Dataset | None = None,
+    *,
+    margin_px: float | None = None,
+    metadata: Mapping[str, Any] | None = None,
+    check: bool = True,
+    **settings: Any,
+) -> Score:
+    """Score an estimate against the truth.
+
+    An estimate may hold any of depth, disparity, velocity and flow; what it holds is scored. The errors
+    e = estimate - truth are summed up over all frames of the estimate, in the regions ``all`` and ``interior`` (see
+    `region_masks`), and in those of visibility, slope, distance to edges, contrast and objects that the truth can tell
+    (see `further_regions`):
+
+    - depth, disparity, the three components of velocity and the two of optical flow, as bias, rms, median and 95th
+      percentile of abs(e), relative rms, density and count (see `error_statistics`);
+    - ``velocity_endpoint``, the same of the distance ‖U_estimate - U_truth‖ (see `endpoint_statistics`);
+    - ``calibration`` and ``within_2_std``, where the estimate states standard deviations (``depth_std``,
+      ``velocity_std``, ``growth_rate_std`` and so on): whether the errors are as large as they say;
+    - ``outliers``, the shares of gross errors, where they can tell a good estimate from a poor one (see `outlier_rates`
+      and `meaningful_rates`);
+    - slopes, the angle between the normals, mean and Gaussian curvature, the rotation rate, and the largest and least
+      growth of length and its direction, where the estimate has them and the truth tells them (see `QUANTITIES`);
+    - ``growth_rate`` and ``growth_rate_windowed`` in % per hour, where the truth has ``growth_rate`` and the estimate
+      depth and velocity (see `compute_growth_rate` and `compute_growth_pairs`), or a growth rate of its own, which then
+      is the former.
+
+    A pixel counts where truth and estimate are finite and the estimate claims to know the quantity: ``kind_disparity``
+    is full for depth and disparity, ``kind_motion`` for optical flow, both for velocity and outliers. Where the
+    estimate has no kinds, every finite pixel counts (see `find_valid_pixels`). The density is the share of the pixels
+    with a finite truth that count.
+
+    Pixels are matched by their coordinates: the estimate may belong to a part of the truth's image (see `align`).
+
+    Parameters
+    ----------
+    estimate
+        The estimate, dimensions (t, y, x).
+    truth
+        The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is taken; it may have more frames and pixels.
+    recording
+        What was estimated from; without it there are no regions of contrast.
+    margin_px
+        Distance of the interior from silhouettes and face edges, in px; the setting ``interior_margin_px`` by another
+        name.
+    metadata
+        More to keep with the score: anything that JSON can say, NumPy's numbers and paths. NaN becomes None.
+    check
+        Whether to refuse data sets that were made from different recordings.
+    **settings
+        Bounds of regions and windows, see `scenetruth.settings.ScoreSettings`.
+
+    Returns
+    -------
+    Score
+        With the frames, their size, the margin and the settings in the metadata, besides those given.
+
+    Raises
+    ------
+    ScoreError
+        If the data sets cannot be compared, or the settings or the metadata are not acceptable; lists what is wrong.
+    MismatchError
+        If the data sets say that they belong to different recordings.
+
+    See Also
+    --------
+    write_report : Pictures and a page.
+
+    Examples
+    --------
+    A plane 500 mm away that stands still, and a method that tells depth only, 0.1 mm too far:
+
+    >>> from scenetruth.schema import Intrinsics, label
+    >>> camera = Intrinsics(focal_length_px=1000.0, principal_point_px=(15.5, 11.5), baseline_mm=5.0)
+    >>> still, one = np.zeros((3, 1, 24, 32)), np.ones((1, 24, 32))
+    >>> maps = {"depth": 500 * one, "disparity": 10 * one, "velocity": still, "flow": still[:2], "mixed": one == 0}
+    >>> truth = label("truth", maps, camera, t=[0])
+    >>> estimate = label("estimate", {"depth": 500.1 * one}, camera, t=[0])
+    >>> found = score(estimate, truth)
+    >>> found
+    Score(regions: all, interior and 4 more; quantities: depth; rms in the interior: depth 0.1 mm)
+    >>> f"{found.regions['all']['depth']['bias']:.3f}", found.regions["all"]["depth"]["density"]
+    ('0.100', 1.0)
+    """
+    given = {"estimate": estimate, "truth": truth, **({} if recording is None else {"recording": recording})}
+    wrong = [
+        Problem(name, "must be an xarray.Dataset", type(part).__name__)
+        for name, part in given.items()
+        if not isinstance(part, xr.Dataset)
+    ]
+    if not (metadata is None or isinstance(metadata, Mapping)):
+        wrong.append(Problem("metadata", "must be a mapping", metadata))
+    wrong += [
+        Problem(f"metadata.{item.path}", item.message, item.value)
+        for item in plain_problems(metadata or {}, any_keys=True)
+    ]
+    if wrong:
+        raise ScoreError(wrong)
+    chosen = score_settings(**settings, **({} if margin_px is None else {"interior_margin_px": margin_px}))
+    if check:
+        check_same_run({name: given[name].attrs for name in ("truth", "estimate", "recording") if name in given})
+    check_alignable(estimate, truth)
+    if recording is not None:
+        check_recording(recording, estimate)
+        missing = sorted(set(estimate["t"].values.tolist()) - set(recording["t"].values.tolist()))
+        if missing:
+            raise ScoreError([Problem("recording.t", "lacks frames of the estimate", missing)])
+    count = count_blocks(estimate)
+    grows = any(has_growth_rate(*part) for part in iterate_aligned_blocks(estimate, truth))
+    rates = select_meaningful_rates(
+        lambda: (
+            (EstimateTruthPairs(*part), main_regions(part[1], chosen.interior_margin_px)["all"])
+            for part in iterate_aligned_blocks(estimate, truth)
+        ),
+        count,
+    )
+    throughout = visible_throughout(select_pixels(truth, estimate))
+    gathering = StatisticsAggregator(rates, single=count == 1)
+    for found, exact in iterate_aligned_blocks(estimate, truth):
+        masks = main_regions(exact, chosen.interior_margin_px)
+        masks |= further_regions(
+            exact,
+            masks["interior"],
+            chosen,
+            throughout=throughout,
+            contrast=None if recording is None else _contrast(recording, found, chosen),
+        )
+        gathering.add(
+            EstimateTruthPairs(found, exact, compute_growth_pairs(found, exact, chosen) if grows else None), masks
+        )
+    own = {
+        "frames": estimate["t"].values.tolist(),
+        "image_size_px": [estimate.sizes["x"], estimate.sizes["y"]],
+        "margin_px": chosen.interior_margin_px,
+        "score_settings": chosen.model_dump(),
+        **read_lineage(estimate),
+    }
+    return Score(
+        regions=_in_order(gathering.regions(), read_object_names(truth)),
+        metadata=_plain({**own, **(metadata or {})}, "metadata"),
+    )
+
+
+def _in_order(regions: Mapping[str, Any], objects: Sequence[str]) -> dict[str, Any]:
+    """Return regions with the objects in their own order, whichever was seen first."""
+    last = [region for name in objects if (region := f"object_{name}") in regions]
+    return {region: regions[region] for region in (*(name for name in regions if name not in last), *last)}
+
+
+def _contrast(recording: xr.Dataset, estimate: xr.Dataset, settings: ScoreSettings) -> NDArray[np.float64]:
+    frames = estimate["t"].values
+    # The window may reach beyond the estimate's pixels.
+    contrast = local_contrast(reference_images(recording, frames), settings.contrast_window_px)
+    named = {dim: recording.coords[dim] for dim in ("y", "x") if dim in recording.coords}
+    labelled = xr.Dataset({"contrast": (("t", "y", "x"), contrast)}, coords=named)
+    return np.asarray(select_pixels(labelled, estimate)["contrast"].values)
+
+
+def _plain(value: Any, path: str) -> Any:
+    """Return a value as JSON can spell it."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry, f"{path}.{key}") for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist(), path)
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(entry, f"{path}.{index}") for index, entry in enumerate(value)]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    raise ScoreError([Problem(path, f"a {type(value).__name__} cannot be written as JSON", value)])

@@ -1,0 +1,48 @@
+"""Image files of a recording, for programs that do not read Zarr."""
+
+from __future__ import annotations
+
+import re
+from itertools import product
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+
+__all__ = ["is_image_name", "write_images"]
+
+_NAME = re.compile(r"(r[+-]\d+_)?s[+-]\d+_t[+-]\d+\.(png|tiff)")
+
+
+def is_image_name(name: str) -> bool:
+    """Tell whether a file has a name that `write_images` gives."""
+    return _NAME.fullmatch(name) is not None
+
+
+def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png", "tiff"]) -> None:
+    """Write every image of a recording as a file ``s+0_t+0.png``, or ``r+0_s+0_t+0.png`` in row ``s_y`` = 0 of a grid.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    folder
+        Folder for the files; it must not exist yet.
+    form
+        ``"png"``: 16 bit, full scale is 65535 (digital numbers of up to 16 bits follow from it exactly).
+        ``"tiff"``: float32, full scale is 1.
+    """
+    import imageio.v3 as imageio
+
+    folder = Path(folder)
+    folder.mkdir(parents=True)
+    full_scale = float(recording.attrs["full_scale"])
+    images = recording["image"]
+    leading = [dim for dim in ("s_y", "s", "t") if dim in images.dims]
+    for index in product(*(recording[dim].values for dim in leading)):
+        at = dict(zip(leading, index, strict=True))
+        image = images.sel(at).values.astype(np.float64) / full_scale
+        values = np.rint(np.clip(image, 0, 1) * 65535).astype(np.uint16) if form == "png" else image.astype(np.float32)
+        name = "_".join(f"{'r' if dim == 's_y' else dim}{number:+d}" for dim, number in at.items())
+        imageio.imwrite(folder / f"{name}.{form}", values)

@@ -1,0 +1,242 @@
+"""The form of a store in Zarr.
+
+Plain JSON attributes, one chunk for each image or map, shard files, codecs, and the warnings that are suppressed.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+import warnings
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import xarray as xr
+
+from scenetruth.errors import Problem, RecordingError
+
+__all__ = [
+    "AUXILIARY",
+    "ShardFile",
+    "chunk_shape",
+    "is_mapped",
+    "plain_attributes",
+    "select_codecs",
+    "select_encoder",
+    "without_warnings",
+]
+
+
+AUXILIARY = "coordinates"
+"""Attribute of a store that names the coordinates which are no dimensions, as CF conventions and xarray spell it."""
+
+
+def plain_attributes(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Return the attributes of a data set and of its variables as plain values.
+
+    Parameters
+    ----------
+    dataset
+        The data set.
+
+    Returns
+    -------
+    dict
+        By name of the variable; those of the data set itself under the empty name.
+
+    Raises
+    ------
+    RecordingError
+        With every attribute that JSON cannot hold, and every variable whose values are neither numbers nor text.
+    """
+    problems: list[Problem] = []
+    found = {"": _plain(dataset.attrs, "attrs", problems)}
+    for name, variable in dataset.variables.items():
+        found[str(name)] = _plain(variable.attrs, f"{name}.attrs", problems)
+        if variable.dtype.kind not in "biufU":
+            message = "holds values that are neither numbers nor text; a store cannot keep them"
+            problems.append(Problem(str(name), message, str(variable.dtype)))
+    if problems:
+        raise RecordingError(problems, source="data set to save")
+    auxiliary = sorted(str(name) for name in dataset.coords if name not in dataset.dims)
+    if auxiliary:
+        found[""][AUXILIARY] = " ".join(auxiliary)
+    return found
+
+
+def _plain(attrs: Mapping[Any, Any], where: str, problems: list[Problem]) -> dict[str, Any]:
+    plain = {}
+    for name, value in attrs.items():
+        try:
+            plain[str(name)] = _plain_value(value)
+        except (TypeError, ValueError) as error:
+            message = f"cannot be stored: {error}; give it as text"
+            problems.append(Problem(f"{where}.{name}", message, type(value).__name__))
+    return plain
+
+
+def _plain_value(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return _plain_value(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        msg = "JSON has no NaN and no infinity"
+        raise ValueError(msg)
+    if isinstance(value, str | int | float | bool | None):
+        return value
+    if isinstance(value, list | tuple):
+        return [_plain_value(item) for item in value]
+    if isinstance(value, Mapping):
+        return {str(name): _plain_value(item) for name, item in value.items()}
+    msg = f"{type(value).__name__} is no plain value"
+    raise TypeError(msg)
+
+
+_STEPPED = frozenset({"boundary_distance"})
+"""Floats that take few values; what predicts smooth maps finds nothing in them."""
+
+_LEVEL = 3
+"""Of zstd: more takes twice as long for a few per cent."""
+
+
+def is_mapped(dims: Sequence[Hashable]) -> bool:
+    """Tell whether a variable has images or maps, which lie chunk by chunk in one file."""
+    return "y" in dims and "x" in dims
+
+
+def chunk_shape(dims: Sequence[Hashable], shape: Sequence[int]) -> tuple[int, ...]:
+    """Return the shape of a chunk: one image or map; the channels of a colour stay together."""
+    if not is_mapped(dims):
+        return tuple(shape)
+    return tuple(size if dim in ("y", "x", "channel") else 1 for dim, size in zip(dims, shape, strict=True))
+
+
+def _is_smooth(name: str, dtype: np.dtype[Any]) -> bool:
+    return dtype.kind == "f" and dtype.itemsize in (4, 8) and name not in _STEPPED
+
+
+def select_encoder(name: str, dtype: np.dtype[Any]) -> Any:
+    """Return what packs and unpacks one chunk of a variable, a codec of numcodecs.
+
+    Floats go through pcodec, which stores how far each value is from what its neighbours predict, without loss: exact
+    maps of smooth surfaces take a third of what byte shuffling and zstd leave. Everything else is shuffled and packed
+    by zstd.
+    """
+    if _is_smooth(name, dtype):
+        from numcodecs.pcodec import PCodec
+
+        return PCodec()
+    from numcodecs.blosc import Blosc
+
+    return Blosc("zstd", clevel=_LEVEL, shuffle=Blosc.SHUFFLE, typesize=dtype.itemsize)
+
+
+def select_codecs(name: str, dtype: np.dtype[Any]) -> dict[str, Any]:
+    """Return the same as `select_encoder` in zarr's words, with the checksum that follows every chunk."""
+    from zarr.codecs import BloscCodec, Crc32cCodec
+    from zarr.codecs.numcodecs import PCodec
+
+    if _is_smooth(name, dtype):
+        return {"serializer": PCodec(), "compressors": (Crc32cCodec(),)}
+    packed = BloscCodec(cname="zstd", clevel=_LEVEL, shuffle="shuffle", typesize=dtype.itemsize)
+    return {"compressors": (packed, Crc32cCodec())}
+
+
+_lock = threading.Lock()
+_inside = 0
+_filters: warnings.catch_warnings[None] | None = None
+
+
+@contextmanager
+def without_warnings() -> Iterator[None]:
+    """Silence what zarr warns of: short strings, consolidated metadata and pcodec are not yet in its specification.
+
+    Several threads may be inside at a time: filters are the same for all threads, so that the first one in sets them
+    and the last one out restores them.
+    """
+    global _inside, _filters
+    if getattr(sys.flags, "context_aware_warnings", False):
+        # Newer Pythons may keep filters for each thread.
+        with warnings.catch_warnings():
+            _silence()
+            yield
+        return
+    with _lock:
+        if _inside == 0:
+            _filters = warnings.catch_warnings()
+            _filters.__enter__()
+            _silence()
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if _inside == 0 and _filters is not None:
+                _filters.__exit__(None, None, None)
+                _filters = None
+
+
+def _silence() -> None:
+    import zarr.errors
+
+    for name in ("UnstableSpecificationWarning", "ZarrUserWarning"):
+        warnings.filterwarnings("ignore", category=getattr(zarr.errors, name, FutureWarning))
+    warnings.filterwarnings("ignore", message="Numcodecs codecs are not in the Zarr version 3")
+
+
+_ABSENT = 2**64 - 1
+
+
+class ShardFile:
+    """One file that holds all chunks of a variable: the chunks, then where each lies, then a checksum of that.
+
+    zarr itself can only write such a file at once, with all its chunks in memory.
+
+    Parameters
+    ----------
+    path
+        The file.
+    grid
+        Number of chunks along every dimension.
+
+    References
+    ----------
+    Zarr version 3, sharding codec, https://zarr-specs.readthedocs.io/en/latest/v3/codecs/sharding-indexed/
+    """
+
+    def __init__(self, path: Path, grid: Sequence[int]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file: IO[bytes] = path.open("wb")
+        self._index = np.full((*grid, 2), _ABSENT, dtype="<u8")
+        self._end = 0
+
+    def put(self, at: Sequence[int], chunk: bytes) -> None:
+        """Append a packed chunk, checksum included, which belongs at an index of the grid."""
+        self._file.write(chunk)
+        self._index[tuple(at)] = (self._end, len(chunk))
+        self._end += len(chunk)
+
+    @property
+    def missing(self) -> int:
+        """Number of chunks that have not been put yet."""
+        return int((self._index[..., 0] == _ABSENT).sum())
+
+    def close(self) -> None:
+        """Write where the chunks lie; the file is whole then."""
+        self._file.write(with_checksum(self._index.tobytes()))
+        self._file.close()
+
+    def give_up(self) -> None:
+        """Close the file as it is."""
+        self._file.close()
+
+
+def with_checksum(content: bytes) -> bytes:
+    """Return bytes followed by their CRC-32C, as zarr's codec ``crc32c`` writes it."""
+    import google_crc32c
+
+    return content + int(google_crc32c.value(content)).to_bytes(4, "little")

@@ -1,0 +1,374 @@
+"""Runner of all checks, their registry, and the report."""
+
+from __future__ import annotations
+
+import difflib
+import time
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from typing import Any, Literal
+
+from scenetruth.errors import EstimateError, EstimateWarning, Problem
+from scenetruth.estimators import Estimator
+from scenetruth.testing.conformance.bench import ConformanceBench, ConformanceCheck
+from scenetruth.testing.conformance.map_comparison import CheckFailure, NotApplicable
+from scenetruth.validated_model import FrozenModel
+
+__all__ = [
+    "CheckOutcome",
+    "ConformanceError",
+    "ConformanceReport",
+    "EstimatorCheck",
+    "all_checks",
+    "check_estimator",
+    "estimator_checks",
+]
+
+
+@dataclass(frozen=True)
+class CheckOutcome:
+    """How one check ended.
+
+    Parameters
+    ----------
+    name, says
+        The check, and what it demands.
+    status
+        ``"passed"``, ``"failed"`` or ``"skipped"``.
+    told
+        What is wrong, or why it was skipped.
+    seconds
+        How long it took.
+    """
+
+    name: str
+    says: str
+    status: Literal["passed", "failed", "skipped"]
+    told: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class ConformanceReport:
+    """How all checks of a method ended.
+
+    Parameters
+    ----------
+    method
+        Its name.
+    outcomes
+        The checks in the order in which they ran.
+
+    See Also
+    --------
+    scenetruth.testing.check_estimator : Tries a method, and returns one.
+    scenetruth.testing.ConformanceError : Holds it if a check failed.
+
+    Examples
+    --------
+    >>> told = CheckOutcome("exclusion_mask", "Masked pixels are left out.", "skipped", "refuses masks", 0.1)
+    >>> print(ConformanceReport("my_method", (told,)))
+    my_method: 0 of 1 checks passed, 0 failed, 1 skipped
+      skipped exclusion_mask: refuses masks
+    """
+
+    method: str
+    outcomes: tuple[CheckOutcome, ...]
+
+    @property
+    def passed(self) -> tuple[str, ...]:
+        """The names of the checks that the method passed."""
+        return tuple(item.name for item in self.outcomes if item.status == "passed")
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """What is wrong, by the name of the check."""
+        return {item.name: item.told for item in self.outcomes if item.status == "failed"}
+
+    @property
+    def skipped(self) -> dict[str, str]:
+        """Why a check says nothing of the method, by its name."""
+        return {item.name: item.told for item in self.outcomes if item.status == "skipped"}
+
+    def __str__(self) -> str:
+        counts = f"{len(self.failed)} failed, {len(self.skipped)} skipped"
+        lines = [f"{self.method}: {len(self.passed)} of {len(self.outcomes)} checks passed, {counts}"]
+        for item in self.outcomes:
+            if item.status == "failed":
+                told = item.told.replace("\n", "\n    ")
+                lines.append(f"  FAILED {item.name}: {item.says}\n    {told}")
+        lines += [f"  skipped {name}: {why}" for name, why in self.skipped.items()]
+        return "\n".join(lines)
+
+
+class ConformanceError(AssertionError):
+    """A method that does not pass all checks; says which, and what to mend.
+
+    Parameters
+    ----------
+    report
+        How all checks ended.
+
+    See Also
+    --------
+    scenetruth.testing.check_estimator : Raises it.
+
+    Examples
+    --------
+    A method that tells depth in metres:
+
+    >>> import numpy as np
+    >>> from scenetruth.testing import check_estimator
+    >>> def mine(recording):
+    ...     return {"depth": np.full(recording["image"].shape[-2:], 0.6)}
+    >>> try:
+    ...     check_estimator(mine, only=["deterministic", "median_accuracy"])
+    ... except ConformanceError as error:
+    ...     report = error.report
+    >>> report.passed, list(report.failed)
+    (('deterministic',), ['median_accuracy'])
+    >>> found = report.failed["median_accuracy"].splitlines()[2]
+    >>> print(found.partition(";")[0])
+    found:    depth is 0.6 mm in the median, the truth 600
+    """
+
+    def __init__(self, report: ConformanceReport) -> None:
+        self.report = report
+        super().__init__(report)
+
+    def __str__(self) -> str:
+        return str(self.report)
+
+
+@cache
+def all_checks() -> tuple[ConformanceCheck, ...]:
+    """Return all checks: of the contract, of inputs, of physics, in the order of the files.
+
+    A check is a function with the decorator `conformance_check`: the first line of its docstring is the demand.
+
+    Examples
+    --------
+    >>> [check.says for check in all_checks() if check.name == "deterministic"]
+    ['Two calls with the same recording give the same bytes.']
+    """
+    modules = [
+        import_module(f"scenetruth.testing.conformance.{group}_checks") for group in ("contract", "input", "physics")
+    ]
+    functions = [function for module in modules for function in vars(module).values()]
+    return tuple(function.conformance_check for function in functions if hasattr(function, "conformance_check"))
+
+
+EstimatorLike = str | Estimator | Callable[..., Any]
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorCheck:
+    """One check of one method: call it to try; its name is that of the test.
+
+    Parameters
+    ----------
+    check
+        The check.
+    bench
+        Where the method is tried, shared by all its checks.
+
+    See Also
+    --------
+    scenetruth.testing.estimator_checks : All checks of a method, as parameters of a test.
+    scenetruth.testing.check_estimator : All of them at once.
+
+    Examples
+    --------
+    A method that takes the mean from the very images that it was given:
+
+    >>> import numpy as np
+    >>> from scenetruth.testing import estimator_checks
+    >>> def mine(recording):
+    ...     recording["image"] -= recording["image"].mean()
+    ...     return {"depth": np.full(recording["image"].shape[-2:], 600.0)}
+    >>> checks = {str(check): check for check in estimator_checks(mine)}
+    >>> checks["deterministic"]()
+    >>> try:
+    ...     checks["input_unchanged"]()
+    ... except AssertionError as error:
+    ...     print(error)
+    done:     the plain recording was handed over in arrays that can be written to
+    expected: the recording as it was
+    found:    changed: image
+    remedy:   work on copies: recording['image'].values.copy(), dict(recording.attrs)
+    """
+
+    check: ConformanceCheck
+    bench: ConformanceBench
+
+    @property
+    def __name__(self) -> str:
+        """The check's name, which runners of tests show."""
+        return self.check.name
+
+    id = __name__
+
+    def __str__(self) -> str:
+        return self.check.name
+
+    def __call__(self) -> None:
+        """Try the method.
+
+        Raises
+        ------
+        AssertionError
+            If it does not pass: what was done, what was expected, what was found, what to mend.
+        unittest.SkipTest
+            If the check says nothing of it.
+        """
+        with warnings.catch_warnings():
+            # That settings suit other images better is no matter here.
+            warnings.simplefilter("ignore", EstimateWarning)
+            try:
+                self.check.run(self.bench)
+            except (CheckFailure, NotApplicable):
+                raise
+            except Exception as error:  # whatever the method raises
+                told = " ".join(f"{type(error).__name__}: {error}".split())
+                remedy = "let it estimate, or raise an EstimateError that says what the recording lacks"
+                raise CheckFailure(self.check.says, "an estimate", f"it raised {told}", remedy) from error
+
+
+def estimator_checks(
+    method: EstimatorLike,
+    settings: FrozenModel | Mapping[str, Any] | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    cameras: int | None = None,
+    frames: int | None = None,
+) -> list[EstimatorCheck]:
+    """Return all checks of a method, for ``pytest.mark.parametrize``.
+
+    Parameters
+    ----------
+    method
+        What `scenetruth.estimate` takes: a name, ``"module:function"``, a function, a method.
+    settings
+        Settings of the method, as of `scenetruth.estimate`.
+    size
+        Height and width in px of the images on which it is tried, if it needs larger ones.
+    cameras, frames
+        Number of camera positions and frames; three if not given, or the next odd number that it needs.
+
+    Returns
+    -------
+    list of EstimatorCheck
+        Each is called without arguments, and named as its test is to be.
+
+    See Also
+    --------
+    check_estimator : All of them at once.
+
+    Examples
+    --------
+    >>> from unittest import SkipTest
+    >>> checks = {str(check): check for check in estimator_checks("plane_sweep")}
+    >>> try:
+    ...     checks["exclusion_mask"]()
+    ... except SkipTest as reason:
+    ...     print(reason)
+    the method refuses recordings with a mask: it has no Needs(mask=True)
+    """
+    bench = ConformanceBench(method, settings, size=size, cameras=cameras, frames=frames)
+    return [EstimatorCheck(check, bench) for check in all_checks()]
+
+
+def check_estimator(
+    method: EstimatorLike,
+    *,
+    settings: FrozenModel | Mapping[str, Any] | None = None,
+    only: str | Iterable[str] | None = None,
+    skip: str | Iterable[str] = (),
+    size: tuple[int, int] | None = None,
+    cameras: int | None = None,
+    frames: int | None = None,
+) -> ConformanceReport:
+    """Check that a method keeps to the contract, and to what must hold for any images.
+
+    Parameters
+    ----------
+    method
+        What `scenetruth.estimate` takes: a name, ``"module:function"``, a function, a method.
+    settings
+        Settings of the method, as of `scenetruth.estimate`.
+    only, skip
+        Names of the checks to run, and of those not to run.
+    size
+        Height and width in px of the images on which it is tried, if it needs larger ones.
+    cameras, frames
+        Number of camera positions and frames; three if not given, or the next odd number that it needs.
+
+    Returns
+    -------
+    ConformanceReport
+        Which checks it passed, and which do not apply, with the reasons.
+
+    Raises
+    ------
+    ConformanceError
+        An AssertionError with every check that failed: what was done, what was expected, how far off it is, and what
+        to mend.
+    EstimateError
+        If there is no such method, its settings are wrong, or there is no check of a name.
+
+    See Also
+    --------
+    estimator_checks : One test for each check.
+
+    Examples
+    --------
+    >>> print(check_estimator("plane_sweep", only=["deterministic", "exclusion_mask"]))
+    plane_sweep: 1 of 2 checks passed, 0 failed, 1 skipped
+      skipped exclusion_mask: the method refuses recordings with a mask: it has no Needs(mask=True)
+    """
+    made = estimator_checks(method, settings, size=size, cameras=cameras, frames=frames)
+    checks = {str(check): check for check in made}
+    chosen = list(checks) if only is None else _names("only", only)
+    left_out = _names("skip", skip)
+    unknown = [("only", name) for name in chosen] + [("skip", name) for name in left_out]
+    problems = [Problem(path, _unknown(name, checks), name) for path, name in unknown if name not in checks]
+    if problems:
+        raise EstimateError(problems, source="checks of an estimator")
+    bench = made[0].bench
+    name, _ = bench.method.name, bench.settings
+    running = [check for name, check in checks.items() if name in chosen and name not in left_out]
+    outcomes = tuple(_outcome(check) for check in running)
+    report = ConformanceReport(name, outcomes)
+    if report.failed:
+        raise ConformanceError(report)
+    return report
+
+
+def _outcome(check: EstimatorCheck) -> CheckOutcome:
+    start = time.perf_counter()
+    status: Literal["passed", "failed", "skipped"] = "passed"
+    told = ""
+    try:
+        check()
+    except NotApplicable as reason:
+        status, told = "skipped", str(reason)
+    except CheckFailure as error:
+        status, told = "failed", str(error)
+    return CheckOutcome(check.check.name, check.check.says, status, told, time.perf_counter() - start)
+
+
+def _names(path: str, given: str | Iterable[str]) -> list[str]:
+    if isinstance(given, str):
+        return [given]
+    if not isinstance(given, Iterable):
+        raise EstimateError([Problem(path, "must be names of checks", given)], source="checks of an estimator")
+    return [str(name) for name in given]
+
+
+def _unknown(name: str, checks: Mapping[str, EstimatorCheck]) -> str:
+    near = difflib.get_close_matches(name, checks, n=1)
+    hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(sorted(checks))}"
+    return f"no such check; {hint}"

@@ -1,1 +1,0 @@
-"""What a method must do whatever its images show."""

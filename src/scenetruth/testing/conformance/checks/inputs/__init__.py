@@ -1,1 +1,0 @@
-"""What a method must take, or refuse as methods do."""

@@ -1,1 +1,0 @@
-"""What must hold for any method, because it holds for cameras and surfaces."""

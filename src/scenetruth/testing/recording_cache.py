@@ -1,0 +1,225 @@
+"""Recordings for tests, simulated once and cached."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import json
+import re
+import shutil
+import time
+import warnings
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import xarray as xr
+
+import scenetruth
+from scenetruth.cache import entry_key, source_hash
+from scenetruth.errors import OutputExistsError, Problem, SceneError, SceneWarning, StoreError
+from scenetruth.estimators.estimation import read_only
+from scenetruth.output import OwnershipResult, lock_output, remove_leftovers, write_atomically
+from scenetruth.provenance import scene_hash
+from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene.scene_loader import apply_overrides
+from scenetruth.settings import StorageSettings
+from scenetruth.storage import RECORDING, TRUTH, load_store, store_name
+
+__all__ = ["RecordingCache", "SimulatedRecording", "remove_entries"]
+
+_WARNINGS = "warnings.json"
+_ENTRY = re.compile(r"recording-[0-9a-f]{40}")
+_WAIT_S = 0.1
+_IN_MEMORY = 8
+"""Recordings that stay in memory, so that tests that share one read it once."""
+
+_Entry = tuple[xr.Dataset, xr.Dataset, tuple[str, ...]]
+"""Recording, truth, and warnings of an entry."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRecording:
+    """A recording, its truth, and the scene of both.
+
+    Parameters
+    ----------
+    recording, truth
+        As `scenetruth.simulate` returns them, in memory; their arrays cannot be written to.
+    scene
+        The scene.
+    """
+
+    recording: xr.Dataset
+    truth: xr.Dataset
+    scene: Scene
+
+
+class RecordingCache:
+    """Makes recordings of scenes, or takes them from a folder where they were put before.
+
+    An entry goes by a hash of the scene, the files that it names, the source of scenetruth and what else the images
+    depend on. It is written whole or not at all, one that is damaged is made again, and of several processes one makes
+    it while the others wait.
+
+    Parameters
+    ----------
+    folder
+        Where entries are.
+    root
+        What relative paths of scenes are looked up in, after the current folder.
+    """
+
+    def __init__(self, folder: Path, root: Path) -> None:
+        self.folder, self._root = folder, root
+        self._load = lru_cache(maxsize=_IN_MEMORY)(_load)
+
+    def __call__(
+        self,
+        scene: str | Path | Mapping[str, Any] | Scene,
+        *overrides: str,
+        ideal: bool = False,
+        truth_content: Literal["standard", "complete"] = "standard",
+    ) -> SimulatedRecording:
+        """Return the recording of a scene and its truth.
+
+        Parameters
+        ----------
+        scene
+            A scene file; the name of one in the folder ``scenes`` of the tests' root, or of scenetruth's checkout;
+            plain values as in a scene file; or a scene. Its backend ``auto`` is taken for ``raycast``, so that images
+            are the same on every machine.
+        *overrides
+            Changes as of `scenetruth.load_scene`: ``"camera.width=160"``.
+        ideal, truth_content
+            As of `scenetruth.simulate`.
+
+        Raises
+        ------
+        SceneError
+            If there is no such scene, or it cannot be made.
+        StoreError
+            If nothing can be written.
+
+        Warns
+        -----
+        SceneWarning
+            As `scenetruth.simulate` does, also when the recording was made before.
+        """
+        chosen = self._scene(scene, overrides)
+        key = entry_key("recording", scene_hash(chosen), bool(ideal), truth_content, _source())
+        recording, truth, messages = self._found(self.folder / key, chosen, ideal, truth_content)
+        for message in messages:
+            warnings.warn(message, SceneWarning, stacklevel=2)
+        return SimulatedRecording(read_only(recording), read_only(truth), chosen)
+
+    def _found(self, entry: Path, scene: Scene, ideal: bool, truth_content: Literal["standard", "complete"]) -> _Entry:
+        while True:
+            # Not there yet, or damaged.
+            with suppress(StoreError):
+                return self._load(entry)
+            try:
+                with lock_output(entry, _claim):
+                    # Another process may have made it since.
+                    with suppress(StoreError):
+                        return self._load(entry)
+                    _make(entry, scene, ideal, truth_content)
+                    return self._load(entry)
+            except OutputExistsError:
+                # Another process makes it; if that dies, its lock ends with it, and the next in turn does.
+                time.sleep(_WAIT_S)
+
+    def _scene(self, scene: object, overrides: tuple[str, ...]) -> Scene:
+        if isinstance(scene, str | Path):
+            chosen = load_scene(self._file(scene), overrides)
+        elif isinstance(scene, Scene | Mapping):
+            plain = scene.to_plain() if isinstance(scene, Scene) else copy.deepcopy(dict(scene))
+            apply_overrides(plain, overrides)
+            chosen = scene_from_plain(plain, folder=self._root)
+        else:
+            message = "must be a scene, its file, its name, or plain values as in a scene file"
+            raise SceneError([Problem("scene", message, type(scene).__name__)])
+        backend = "raycast" if chosen.render.backend == "auto" else chosen.render.backend
+        render = chosen.render.model_copy(update={"backend": backend})
+        return chosen.model_copy(update={"render": render, "storage": StorageSettings()})
+
+    def _file(self, name: str | Path) -> Path:
+        """Return the file of a scene, which need not exist if it was given as a path."""
+        path = Path(name)
+        if isinstance(name, Path) or path.suffix in (".yaml", ".yml") or len(path.parts) != 1:
+            beside = self._root / path
+            return beside if not path.exists() and beside.exists() else path
+        folders = [self._root / "scenes", *_checkout()]
+        files = {file.stem: file for folder in reversed(folders) for file in sorted(folder.glob("*.yaml"))}
+        if str(name) in files:
+            return files[str(name)]
+        near = difflib.get_close_matches(str(name), list(files), n=1)
+        message = f"there is no scene of this name in {' or '.join(map(str, folders))}"
+        message += f"; did you mean '{near[0]}'?" if near else "; give the path of a scene file"
+        if len(folders) == 1:
+            message += " (scenes of scenetruth's library have names in a checkout of it only, not once installed)"
+        raise SceneError([Problem("scene", message, str(name))])
+
+
+def remove_entries(folder: Path) -> int:
+    """Remove the entries of a folder, and nothing else in it; return how many there were.
+
+    Parameters
+    ----------
+    folder
+        Where entries are. Those that another process is writing stay.
+    """
+    removed = 0
+    for entry in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if _ENTRY.fullmatch(entry.name):
+            with suppress(OutputExistsError), lock_output(entry, _claim):
+                shutil.rmtree(entry)
+                removed += 1
+    if folder.is_dir():
+        remove_leftovers(folder, _claim)
+    return removed
+
+
+def _make(entry: Path, scene: Scene, ideal: bool, truth_content: Literal["standard", "complete"]) -> None:
+    from scenetruth.simulation import simulate
+
+    with write_atomically(entry, overwrite=True, claim=_claim) as aside:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            simulate(scene, folder=aside, ideal=ideal, truth_content=truth_content)
+        told = [str(item.message) for item in caught if issubclass(item.category, SceneWarning)]
+        (aside / _WARNINGS).write_text(json.dumps(told), encoding="utf-8")
+    for item in caught:
+        if not issubclass(item.category, SceneWarning):
+            warnings.warn_explicit(item.message, item.category, item.filename, item.lineno)
+
+
+def _load(entry: Path) -> _Entry:
+    """Read an entry; every byte is checked."""
+    recording = load_store(entry / store_name(RECORDING, zipped=False), "recording")
+    truth = load_store(entry / store_name(TRUTH, zipped=False), "truth")
+    try:
+        messages = json.loads((entry / _WARNINGS).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise StoreError(entry, f"is damaged: {error}") from error
+    return recording, truth, tuple(map(str, messages))
+
+
+def _claim(path: Path) -> OwnershipResult:
+    """Claim whatever has the name of an entry: nothing else goes by a hash in a folder of our own."""
+    return OwnershipResult()
+
+
+def _source() -> str:
+    # While scenetruth itself is worked on, its version stays.
+    return source_hash(Path(scenetruth.__file__).parent)
+
+
+def _checkout() -> list[Path]:
+    """Return the folder of scenetruth's library of scenes, which is not installed with it."""
+    package = Path(scenetruth.__file__).resolve().parent
+    library = package.parents[1] / "scenes"
+    return [library] if package.parent.name == "src" and library.is_dir() else []

@@ -1,0 +1,239 @@
+"""Exact maps of one image.
+
+Depth, motion and growth of the surface, and the surface point at each pixel centre; also of a rolling shutter, row by
+row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import Camera, Viewpoint, pixel_rays
+from scenetruth.raycast import RayCaster, Topology, mixed_pixels
+from scenetruth.scene.built_scene import BuiltScene
+
+__all__ = ["Geometries", "GeometryPass", "TruthMaps", "truth_by_rows", "truth_maps"]
+
+
+TruthMaps = Literal["standard", "complete"]
+
+
+class GeometryPass:
+    """The world at one time, for the maps of any camera.
+
+    Parameters
+    ----------
+    world
+        The scene's objects.
+    topology
+        Faces and edges of the world, from `Topology.of` once for all times.
+    t
+        Time in frames.
+    """
+
+    def __init__(self, world: BuiltScene, topology: Topology, t: float) -> None:
+        self.world = world
+        self.snapshot = world.at(t)
+        self.caster = RayCaster(self.snapshot.vertices_mm, topology)
+
+    @cached_property
+    def surface_tensors(self) -> NDArray[np.float64]:
+        """Tensors of form and motion of all surface points (`BuiltScene.surface_at`), shape (k, 18)."""
+        return self.world.surface_at(self.snapshot.t)
+
+
+class Geometries:
+    """The world at any time, the last few times kept.
+
+    Parameters
+    ----------
+    world, topology
+        As of `GeometryPass`.
+    kept
+        How many times are kept.
+    """
+
+    def __init__(self, world: BuiltScene, topology: Topology, kept: int) -> None:
+        self.world, self.topology = world, topology
+        self._kept = kept
+        self._passes: dict[float, GeometryPass] = {}
+
+    def at(self, t: float) -> GeometryPass:
+        """Return the world at a time in frames."""
+        found = self._passes.pop(t, None) or GeometryPass(self.world, self.topology, t)
+        # The last used stands last.
+        self._passes[t] = found
+        while len(self._passes) > self._kept:
+            del self._passes[next(iter(self._passes))]
+        return found
+
+
+def truth_maps(
+    geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint, baseline_mm: float, maps: TruthMaps = "complete"
+) -> dict[str, NDArray[Any]]:
+    """Compute the truth at the pixel centres of one image.
+
+    Parameters
+    ----------
+    geometry
+        The world at the image's time.
+    camera
+        The camera.
+    viewpoint
+        Pose of the camera. Depth and all vectors are in its frame.
+    baseline_mm
+        V_X in mm per step of s, for the disparity.
+    maps
+        ``"standard"``: the maps of `names.STANDARD` only; ``"complete"``: all.
+
+    Returns
+    -------
+    dict
+        The variables of a truth by name (`scenetruth.schema.VARIABLES`), vector components first. Of the triangle
+        that is seen, and therefore consistent with each other to rounding:
+
+        - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame, ``acceleration`` in mm per frame squared,
+        - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5), of the image without distortion,
+        - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y from the principal point:
+          the paper's (u_x + x u_z, u_y + y u_z); times the slope of the distortion, if the lens has one,
+        - ``normal`` and ``slope`` (dZ/dX, dZ/dY),
+        - ``object_id``, ``face_id``, ``barycentric``: which point of which triangle; ``uv`` and ``surface_mm``: where
+          it is on the surface.
+
+        Of the smooth surface that the triangles stand for, interpolated between its exact values at the vertices:
+
+        - ``curvature``: principal curvatures in 1/mm, the larger first, positive where it bulges towards the camera,
+        - ``rotation_rate`` of the surface element in rad per frame,
+        - ``growth_rate``: relative rate of its area, 1 per frame; ``growth_principal``: the relative rates of length in
+          the directions in which these are largest and least; ``growth_direction``: the first of these directions.
+
+        Of the pixel: ``mixed``, and ``boundary_distance``, how far in px the nearest mixed pixel is.
+    """
+    from scenetruth.truth.map_kernels import MovingMesh, fill_maps, fill_surface_maps
+
+    shape = (camera.height, camera.width)
+    directions = pixel_rays(camera).directions
+    in_world = viewpoint.directions_to_world(directions)
+    hits = geometry.caster.cast(viewpoint.position_mm, in_world, grid_width=camera.width)
+    world, focal = geometry.world, camera.focal_px
+    velocity, flow, disparity, normal, body, face_id = fill_maps(
+        hits.face,
+        hits.depth,
+        hits.weights,
+        directions,
+        MovingMesh(
+            world.faces,
+            viewpoint.directions_to_camera(geometry.snapshot.velocities),
+            viewpoint.directions_to_camera(geometry.caster.face_normals),
+            world.face_body,
+            world.face_offsets,
+        ),
+        focal if camera.distortion is None else 1.0,
+        focal * baseline_mm,
+    )
+    if camera.distortion is not None:
+        flow = np.ascontiguousarray(camera.flow_of(directions, flow.T).T)
+    mixed = mixed_pixels(geometry.caster, viewpoint, camera, body.reshape(shape))
+    barycentric = np.where(hits.face >= 0, hits.weights.T, np.nan)
+    curvature, rotation, growth, principal, direction = fill_surface_maps(
+        hits.face,
+        hits.weights,
+        normal,
+        world.surface_corners,
+        geometry.surface_tensors,
+        viewpoint.rotation.T,
+        maps == "complete",
+    )
+    found: dict[str, NDArray[Any]] = {
+        "depth": hits.depth,
+        "velocity": velocity,
+        "disparity": disparity,
+        "flow": flow,
+        "normal": normal,
+        "object_id": body,
+        "face_id": face_id,
+        "barycentric": barycentric,
+        "growth_rate": growth,
+    }
+    if maps == "complete":
+        accelerations = viewpoint.directions_to_camera(geometry.snapshot.accelerations)
+        # Of upright faces the slope is infinite along X or Y, and undefined along the other if that is level.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = -normal[:2] / normal[2]
+        found |= {
+            "acceleration": hits.interpolate(world.faces, accelerations).T,
+            "slope": slope,
+            "curvature": curvature,
+            "rotation_rate": rotation,
+            "growth_principal": principal,
+            "growth_direction": direction,
+            "uv": hits.interpolate_corners(world.image_uv).T,
+            "surface_mm": hits.interpolate_corners(world.chart_mm).T,
+        }
+    found = {name: values.reshape(*values.shape[:-1], *shape) for name, values in found.items()}
+    return found | {"mixed": mixed, "boundary_distance": boundary_distance(mixed)}
+
+
+def boundary_distance(mixed: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return how far in px the nearest mixed pixel is from the centre of every pixel, infinite if there is none.
+
+    Parameters
+    ----------
+    mixed
+        The mixed pixels of one image, shape (height, width).
+    """
+    if not mixed.any():
+        return np.full(mixed.shape, np.inf)
+    from scenetruth.truth.map_kernels import distances
+
+    found: NDArray[np.float64] = distances(mixed)
+    return found
+
+
+def truth_by_rows(
+    world: BuiltScene,
+    topology: Topology,
+    camera: Camera,
+    times: NDArray[np.float64],
+    viewpoints: Sequence[Viewpoint],
+    baseline_mm: float,
+    maps: TruthMaps = "complete",
+) -> dict[str, NDArray[Any]]:
+    """Compute the truth of every row at its own time and from its own viewpoint.
+
+    Parameters
+    ----------
+    world, topology
+        The scene's objects, and their faces and edges.
+    camera
+        The camera.
+    times
+        Time of every row in frames, shape (height,).
+    viewpoints
+        Poses of the camera at these times.
+    baseline_mm
+        V_X in mm per step of s.
+    maps
+        Which maps; see `truth_maps`.
+
+    Returns
+    -------
+    dict
+        As `truth_maps`; flow and velocity are instantaneous, at the row's time.
+    """
+    found: dict[str, NDArray[Any]] = {}
+    for row, (time, viewpoint) in enumerate(zip(times.tolist(), viewpoints, strict=True)):
+        # A row above and one below, as rays at the border need neighbours to be exact.
+        geometry = GeometryPass(world, topology, time)
+        part = truth_maps(geometry, camera.rows(row - 1, row + 2), viewpoint, baseline_mm, maps)
+        for name, values in part.items():
+            if name not in found:
+                found[name] = np.empty((*values.shape[:-2], camera.height, camera.width), dtype=values.dtype)
+            found[name][..., row, :] = values[..., 1, :]
+    # The nearest mixed pixel may be in another row.
+    return found | {"boundary_distance": boundary_distance(found["mixed"])}

@@ -1,0 +1,362 @@
+"""Surface points followed over time and cameras: visibility, displacements, occlusions and tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.camera import Camera, Viewpoint
+from scenetruth.errors import Problem, RecordingError, SceneError
+from scenetruth.provenance import build_schedule
+from scenetruth.raycast import Topology
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.scene_models import Scene
+from scenetruth.schema import check_dataset
+from scenetruth.truth.geometry_maps import Geometries, GeometryPass, TruthMaps
+
+__all__ = ["PixelPoints", "PointTracker", "SurfacePoints", "compile_visibility", "find_visible_points", "track_points"]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePoints:
+    """Points on the faces of the world, which move with the surface.
+
+    Parameters
+    ----------
+    face
+        Index in the world's list of faces, shape (n,).
+    weights
+        Barycentric coordinates of the face's second and third corner, shape (n, 2).
+    towards
+        Whether the point is on the front of its face, to which the normal (p1 - p0) x (p2 - p0) points, shape (n,). The
+        two sides of a thin sheet are different surfaces.
+    """
+
+    face: NDArray[np.int32]
+    weights: NDArray[np.float64]
+    towards: NDArray[np.bool_]
+
+    @classmethod
+    def seen_from(
+        cls, viewpoint: Viewpoint, geometry: GeometryPass, face: NDArray[np.int32], weights: NDArray[np.float64]
+    ) -> Self:
+        """Return points on the sides of their faces that a camera sees.
+
+        Parameters
+        ----------
+        viewpoint
+            Pose of the camera.
+        geometry
+            The world at the time of the image.
+        face, weights
+            The points, as of the class.
+        """
+        from scenetruth.truth.visibility_kernels import place_points
+
+        vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
+        _, towards = place_points(vertices, geometry.world.faces, face, weights)
+        return cls(face, weights, towards)
+
+    def positions_mm(self, geometry: GeometryPass) -> NDArray[np.float64]:
+        """Return the positions of the points in the world.
+
+        Parameters
+        ----------
+        geometry
+            The world at the time that is asked for.
+
+        Returns
+        -------
+        numpy.ndarray
+            Positions in mm, shape (n, 3).
+        """
+        from scenetruth.truth.visibility_kernels import place_points
+
+        points, _ = place_points(geometry.snapshot.vertices_mm, geometry.world.faces, self.face, self.weights)
+        return np.asarray(points)
+
+
+def find_visible_points(
+    points: SurfacePoints, geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Tell which surface points a camera sees, and compute their positions in the image.
+
+    A point is seen if it lies in the image, if its side of the face is turned towards the camera, and if no other face
+    lies between (every face near the line of sight is tested in float64).
+
+    Parameters
+    ----------
+    points
+        The points.
+    geometry
+        The world at the time of the image.
+    camera, viewpoint
+        The camera, and its pose.
+
+    Returns
+    -------
+    tuple
+        Whether each point is seen, bool, shape (n,); and positions in the image in px, shape (n, 2), NaN behind the
+        camera.
+    """
+    from scenetruth.truth.visibility_kernels import hide_points, look_at_points, sort_into_cells
+
+    faces = geometry.world.faces
+    vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
+    place, pixels, seen = look_at_points(
+        vertices, faces, points.face, points.weights, points.towards, camera.focal_px, *camera.principal_point
+    )
+    if camera.distortion is not None:
+        ahead = place[:, 2] > 0
+        pixels = camera.project(place)
+        pixels[~ahead] = np.nan
+    x, y = pixels.T
+    seen &= (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
+    cells = sort_into_cells(place, seen, 1 / camera.focal_px)
+    hidden = hide_points(vertices, faces, points.face[cells.order], cells)
+    seen[cells.order] = ~hidden
+    return seen, pixels
+
+
+TimedViewpoint = tuple[float, Viewpoint]
+"""Time in frames and pose of an image."""
+
+
+class PixelPoints:
+    """The surface points that the pixels of one image see.
+
+    Parameters
+    ----------
+    maps
+        The truth of the image (`truth_maps`).
+    geometry
+        The world at the time of the image.
+    viewpoint
+        Pose of its camera.
+    """
+
+    def __init__(self, maps: Mapping[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint) -> None:
+        world = geometry.world
+        body = maps["object_id"].ravel()
+        self.pixels = np.flatnonzero(body >= 0)
+        face = (world.face_offsets[body[self.pixels]] + maps["face_id"].ravel()[self.pixels]).astype(np.int32)
+        weights = np.ascontiguousarray(maps["barycentric"].reshape(2, -1)[:, self.pixels].T)
+        self.points = SurfacePoints.seen_from(viewpoint, geometry, face, weights)
+        self.geometry, self.viewpoint = geometry, viewpoint
+
+
+class PointTracker:
+    """Follows the points of pixels to the other cameras, and to the frames before and after.
+
+    Parameters
+    ----------
+    geometries
+        The world at any time.
+    camera
+        The camera.
+    places
+        Time and pose of every image, [camera][frame].
+    maps
+        Whether displacements and finite flow are wanted (``"complete"``).
+    """
+
+    def __init__(
+        self,
+        geometries: Geometries,
+        camera: Camera,
+        places: Sequence[Sequence[TimedViewpoint]],
+        maps: TruthMaps = "complete",
+    ) -> None:
+        self._geometries, self._camera, self._places = geometries, camera, places
+        self._complete = maps == "complete"
+        self._size = (camera.height, camera.width)
+
+    def shown(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:
+        """Tell which pixels' points an image shows.
+
+        Parameters
+        ----------
+        points
+            What the pixels of some image see.
+        index, frame
+            The image: camera and frame.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (y, x); False where a pixel sees nothing.
+        """
+        return self._map(points, self._seen(points, index, frame))
+
+    def maps(self, own: PixelPoints, index: int, frame: int) -> dict[str, NDArray[Any]]:
+        """Return the maps of one image that tell where else its points are.
+
+        Parameters
+        ----------
+        own
+            What its pixels see.
+        index, frame
+            Its camera and its frame.
+
+        Returns
+        -------
+        dict
+            - ``view_count`` and ``occluded_in_s`` (y, x): how many cameras see the pixel's point at this frame, and
+              whether some do not,
+            - ``occluded_in_t`` (y, x): whether this camera does not see it at the recorded frame before or after,
+            - ``displacement_next``, ``displacement_previous`` (component, y, x) in mm, in the frame of the camera, one
+              frame later and earlier,
+            - ``flow_next``, ``flow_previous`` (image component, y, x) in px: where the point is in the image that the
+              same camera takes one frame later or earlier, minus the pixel. Beyond the first and the last frame the
+              camera stays where it is.
+        """
+        count = np.ones(len(own.pixels), dtype=np.int16)
+        for other in range(len(self._places)):
+            if other != index:
+                count += self._seen(own, other, frame)
+        hidden = np.zeros(len(own.pixels), dtype=np.bool_)
+        moved: dict[str, NDArray[np.float64]] = {}
+        for step, way in ((1, "next"), (-1, "previous")):
+            recorded = 0 <= frame + step < len(self._places[index])
+            if not recorded and not self._complete:
+                continue
+            time, viewpoint = self._places[index][frame + step if recorded else frame]
+            geometry = self._geometries.at(time if recorded else time + step)
+            shown, pixels = find_visible_points(own.points, geometry, self._camera, viewpoint)
+            if recorded:
+                hidden |= ~shown
+            if self._complete:
+                moved |= self._moved(own, geometry, pixels, way)
+        found: dict[str, NDArray[Any]] = {
+            "view_count": self._map(own, count),
+            "occluded_in_s": self._map(own, count < len(self._places)),
+            "occluded_in_t": self._map(own, hidden),
+        }
+        return found | moved
+
+    def _seen(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:
+        time, viewpoint = self._places[index][frame]
+        return find_visible_points(points.points, self._geometries.at(time), self._camera, viewpoint)[0]
+
+    def _moved(
+        self, own: PixelPoints, geometry: GeometryPass, pixels: NDArray[np.float64], way: str
+    ) -> dict[str, NDArray[np.float64]]:
+        step = own.points.positions_mm(geometry) - own.points.positions_mm(own.geometry)
+        displacement, flow = np.full((3, *self._size), np.nan), np.full((2, *self._size), np.nan)
+        displacement.reshape(3, -1)[:, own.pixels] = own.viewpoint.directions_to_camera(step).T
+        row, column = np.divmod(own.pixels, self._size[1])
+        flow.reshape(2, -1)[:, own.pixels] = pixels.T - (column, row)
+        return {f"displacement_{way}": displacement, f"flow_{way}": flow}
+
+    def _map(self, points: PixelPoints, values: NDArray[Any]) -> NDArray[Any]:
+        """Return a map with values at the pixels that see something, and 0 or False elsewhere."""
+        found = np.zeros(self._size, dtype=values.dtype)
+        found.ravel()[points.pixels] = values
+        return found
+
+
+def compile_visibility(scene: Scene) -> None:
+    """Let numba compile the kernels that tell which points a camera sees, by asking for a few.
+
+    Parameters
+    ----------
+    scene
+        Any scene, best a small one.
+    """
+    world = build_scene(scene)
+    geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
+    viewpoint = build_schedule(scene).moment(0, 0).viewpoint
+    first = np.zeros((2, 2), dtype=np.int64)
+    maps = {"object_id": first, "face_id": first, "barycentric": np.full((2, 2, 2), 0.25)}
+    find_visible_points(PixelPoints(maps, geometry, viewpoint).points, geometry, scene.camera, viewpoint)
+
+
+def track_points(
+    scene: Scene, truth: xr.Dataset, times: Iterable[float], *, t: int = 0, folder: str | Path = ""
+) -> NDArray[np.float64]:
+    """Follow the surface points that pixels see at one frame to other times.
+
+    ``object_id``, ``face_id`` and ``barycentric`` of a truth name the surface point of every pixel; it stays the same
+    while the surface moves.
+
+    Parameters
+    ----------
+    scene
+        The scene that the truth was made from.
+    truth
+        The truth of the reference camera (or of one camera, selected from the truth of all).
+    times
+        Times in frames, any real numbers.
+    t
+        The frame whose pixels are followed.
+    folder
+        Folder to which relative paths of files in the scene refer.
+
+    Returns
+    -------
+    numpy.ndarray
+        World positions (X, Y, Z) in mm, shape (times, 3, y, x); NaN where a pixel shows no surface.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be made.
+    RecordingError
+        If the truth does not have the agreed form or what tracks need, or there are no such times or frame.
+
+    See Also
+    --------
+    make_truth : The truth whose pixels are followed.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> item = {"mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}, "name": "wall"}
+    >>> item |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> item |= {"motion": [{"kind": "velocity", "velocity_mm_per_frame": [0, 0, 2]}]}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [item]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 3}, "render": {"backend": "raycast"}}
+    >>> scene = st.scene_from_plain(plain)
+    >>> _, truth = st.simulate(scene)
+    >>> track_points(scene, truth, [0, 1.5])[:, 2, 15, 20].round(9).tolist()
+    [100.0, 103.0]
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError([Problem("", "must be a Scene, as of load_scene", type(scene).__name__)])
+    check_dataset(truth, "truth")
+    problems = [
+        Problem(name, "is missing; tracks need it")
+        for name in ("object_id", "face_id", "barycentric")
+        if name not in truth
+    ]
+    if isinstance(t, bool) or not isinstance(t, int | np.integer) or t not in truth["t"].values:
+        problems.append(Problem("t", f"must be one of the frames of the truth, {truth['t'].values.tolist()}", t))
+    try:
+        moments = np.array([float(time) for time in times])
+    except (TypeError, ValueError, OverflowError):
+        moments = np.full(1, np.nan)
+    if not np.isfinite(moments).all():
+        problems.append(Problem("times", "must be finite numbers", times))
+    if problems:
+        raise RecordingError(problems, source="truth")
+    world = build_scene(scene, Path(folder))
+    image = truth.sel(t=t)
+    body = image["object_id"].values
+    if body.ndim != 2:
+        image = image.sel(s=0)
+        body = image["object_id"].values
+    here = body >= 0
+    face = world.faces[world.face_offsets[body[here]] + image["face_id"].values[here]]
+    b1, b2 = (image["barycentric"].values[k][here][:, None] for k in range(2))
+    tracks = np.full((len(moments), 3, *body.shape), np.nan)
+    for track, time in zip(tracks, moments, strict=True):
+        vertices = world.at(float(time)).vertices_mm
+        first, second, third = (vertices[face[:, k]] for k in range(3))
+        track[:, here] = (first + b1 * (second - first) + b2 * (third - first)).T
+    return tracks

@@ -1,0 +1,398 @@
+"""The ground truth of a recording.
+
+The maps of all its images in one data set, and warnings where objects have no interior.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.camera import ImageAcquisition, Schedule, Stage
+from scenetruth.errors import Problem, SceneError
+from scenetruth.plain_data import argument_problems
+from scenetruth.progress import Progress
+from scenetruth.provenance import build_schedule, intrinsics_from, provenance_attributes
+from scenetruth.raycast import Topology
+from scenetruth.resources import Limits, refuse_beyond_limits
+from scenetruth.scene.built_scene import BuiltScene, build_scene
+from scenetruth.scene.mesh.mesh_file import FileMesh
+from scenetruth.scene.scene_models import Scene
+from scenetruth.scene.scene_report import check_scene
+from scenetruth.schema import COMPONENTS, VARIABLES, IncrementalDataset, Put, blank_map, label
+from scenetruth.truth.geometry_maps import Geometries, TruthMaps, truth_by_rows, truth_maps
+from scenetruth.truth.point_tracking import PixelPoints, PointTracker
+
+__all__ = [
+    "DTYPES",
+    "FOLLOWED",
+    "FURTHER",
+    "MOVED",
+    "STANDARD",
+    "TruthOptions",
+    "TruthPoses",
+    "TruthViews",
+    "blank_truth",
+    "fill_truth",
+    "interior_warnings",
+    "make_truth",
+    "refuse_arguments",
+    "truth_from_world",
+]
+
+
+STANDARD = (
+    "depth",
+    "velocity",
+    "disparity",
+    "flow",
+    "normal",
+    "object_id",
+    "face_id",
+    "barycentric",
+    "growth_rate",
+    "mixed",
+    "boundary_distance",
+)
+"""The maps of one image that every truth has."""
+
+FURTHER = (
+    "acceleration",
+    "slope",
+    "curvature",
+    "rotation_rate",
+    "growth_principal",
+    "growth_direction",
+    "uv",
+    "surface_mm",
+)
+"""The maps of one image that a complete truth has besides."""
+
+FOLLOWED = ("view_count", "occluded_in_s", "occluded_in_t")
+"""The maps that take other images, and that every truth has."""
+
+MOVED = ("displacement_next", "displacement_previous", "flow_next", "flow_previous")
+"""The maps that take the frames before and after, and that a complete truth has."""
+
+DTYPES: dict[str, type[np.generic[Any]]] = {
+    "object_id": np.int32,
+    "face_id": np.int32,
+    "mixed": np.bool_,
+    "view_count": np.int16,
+    "occluded_in_s": np.bool_,
+    "occluded_in_t": np.bool_,
+}
+"""Types of the values that are not float64."""
+
+
+# A body with a silhouette only has a smaller share of mixed pixels, unless it is tiny.
+_MANY_EDGES = 0.25
+
+
+def interior_warnings(
+    world: BuiltScene, object_id: NDArray[np.integer[Any]], boundary_distance: NDArray[np.float64], margin_px: float
+) -> list[str]:
+    """Return a warning that names the objects which are seen, but have no pixel in the interior.
+
+    Parameters
+    ----------
+    world
+        The scene's objects.
+    object_id
+        Number of the object at every pixel of one image, shape (height, width); -1 for none.
+    boundary_distance
+        How far the nearest mixed pixel is in px, same shape; 0 for mixed pixels.
+    margin_px
+        Least distance of the interior's pixels from mixed ones, ``score.interior_margin_px``.
+
+    Returns
+    -------
+    list of str
+        One line, or none.
+    """
+    without, faceted = [], []
+    for index, body in enumerate(world.bodies):
+        distances = boundary_distance[object_id == index]
+        if not distances.size or distances.max() >= margin_px:
+            continue
+        without.append(body.name)
+        if isinstance(body.mesh.source, FileMesh) and np.mean(distances == 0) > _MANY_EDGES:
+            faceted.append(body.name)
+    if not without:
+        return []
+    message = (
+        f"objects: {_listed(without)} without interior pixels: all that is seen at the reference frame is less than "
+        f"{margin_px:g} px from a mixed pixel, so that scores of the interior say nothing of it; use a nearer camera, "
+        "a longer focal length or a smaller score.interior_margin_px"
+    )
+    if faceted:
+        message += f"; many pixels of {_listed(faceted)} are mixed: use a larger crease_deg if its surface is smooth"
+    return [message]
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
+
+
+TruthViews = Literal["reference", "all"]
+TruthPoses = Literal["real", "nominal"]
+
+# Times at which the world is kept: of this frame and both neighbours; with scans, of every camera for itself.
+_CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8
+
+
+def make_truth(
+    scene: Scene,
+    *,
+    truth_views: TruthViews = "reference",
+    truth_poses: TruthPoses = "real",
+    truth_content: TruthMaps = "standard",
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Compute the exact truth of a scene without rendering images.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    truth_views
+        ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
+    truth_poses
+        ``"real"``: truth at the time and pose at which each image was taken, with the errors of the stage;
+        ``"nominal"``: truth at the planned time and pose.
+    truth_content
+        ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
+        size, with acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
+        rotation rate, principal growth, and coordinates on the surface.
+    limits
+        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
+    progress
+        Called with (what, done, total) as the work goes on.
+
+    Returns
+    -------
+    xarray.Dataset
+        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/truth.md``. NaN where nothing is seen.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be made or passes a bound, or nothing of it can be seen.
+
+    See Also
+    --------
+    simulate : Images and truth together.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}}
+    >>> truth = st.make_truth(st.scene_from_plain(plain))
+    >>> float(truth.depth[0, 15, 20]), float(truth.disparity[0, 15, 20])
+    (100.0, 3.0)
+    """
+    refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
+    refuse_beyond_limits(scene, limits)
+    world = build_scene(scene)
+    check_scene(scene, world)
+    choice = TruthOptions(truth_views, truth_poses, truth_content)
+    return truth_from_world(scene, world, choice, provenance_attributes(scene), progress)
+
+
+def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_content: Any, progress: Any) -> None:
+    """Refuse arguments of `make_truth` and its like whose types nobody checks at a call.
+
+    Raises
+    ------
+    SceneError
+        With all that are wrong.
+    """
+    problems = argument_problems(
+        progress,
+        truth_views=(truth_views, TruthViews),
+        truth_poses=(truth_poses, TruthPoses),
+        truth_content=(truth_content, TruthMaps),
+    )
+    if not isinstance(scene, Scene):
+        message = "must be a Scene; load_scene and scene_from_plain make one"
+        problems.insert(0, Problem("scene", message, type(scene).__name__))
+    if problems:
+        raise SceneError(problems)
+
+
+def truth_from_world(
+    scene: Scene, world: BuiltScene, choice: TruthOptions, provenance: dict[str, Any], progress: Progress | None = None
+) -> xr.Dataset:
+    """Compute the truth of a world that has been built and checked; see `make_truth`.
+
+    Parameters
+    ----------
+    scene, world
+        The scene, and its objects.
+    choice, progress
+        As of `make_truth`.
+    provenance
+        Attributes that say from which scene and program the truth is.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of `make_truth`.
+    """
+    filling = IncrementalDataset(blank_truth(scene, choice, provenance))
+    fill_truth(scene, world, choice, filling.put, progress)
+    return filling.dataset()
+
+
+@dataclass(frozen=True)
+class TruthOptions:
+    """Which truth is wanted; see `make_truth`."""
+
+    views: TruthViews = "reference"
+    poses: TruthPoses = "real"
+    content: TruthMaps = "standard"
+
+
+def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) -> xr.Dataset:
+    """Return the truth of a scene with maps that take no memory: all of their pixels are one.
+
+    Poses and times of the images, coordinates and attributes are there.
+    """
+    stage, frames, camera = scene.stage, scene.frames, scene.camera
+    images = (*((stage.rows,) if stage.rows > 1 else ()), stage.positions, frames.count)
+    size, all_views = (camera.height, camera.width), choice.views == "all"
+    names = list(STANDARD + FOLLOWED)
+    if choice.content == "complete":
+        names += [*FURTHER, *(MOVED if scene.shutter.readout_time_s == 0 else ())]
+    arrays: dict[str, NDArray[Any]] = {"visible": blank_map(np.bool_, (*images, *size))}
+    for name in names:
+        lead = [len(COMPONENTS[dim]) for dim in VARIABLES["truth"][name].dims if dim in COMPONENTS]
+        shape = (*lead, *(images if all_views else images[-1:]), *size)
+        arrays[name] = blank_map(DTYPES.get(name, np.float64), shape)
+    arrays |= _poses(scene, build_schedule(scene))
+    objects = json.dumps([item.name for _, item in scene.parts])
+    return label(
+        "truth",
+        {name: arrays[name] for name in VARIABLES["truth"] if name in arrays},
+        intrinsics_from(scene),
+        t=frames.t,
+        s=stage.s,
+        stage_x_mm=stage.x_mm,
+        stage_y_mm=stage.y_mm if stage.rows > 1 else None,
+        attrs={**provenance, "object_names": objects, "truth_poses": choice.poses},
+    )
+
+
+def fill_truth(
+    scene: Scene, world: BuiltScene, choice: TruthOptions, put: Put, progress: Progress | None = None
+) -> list[str]:
+    """Compute the maps of a truth, image by image.
+
+    Parameters
+    ----------
+    scene, world
+        The scene, and its objects.
+    choice
+        Which truth is wanted.
+    put
+        Takes every map: (name, place along the leading dimensions, values).
+    progress
+        As of `make_truth`.
+
+    Returns
+    -------
+    list of str
+        Warnings of objects without pixels in the interior (`interior_warnings`).
+    """
+    stage, frames, schedule = scene.stage, scene.frames, build_schedule(scene)
+    moment_of = schedule.moment if choice.poses == "real" else schedule.nominal
+    cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
+    moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
+    places = [[(moment.t, moment.viewpoint) for moment in row] for row in moments]
+    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+    together = len({time for time, _ in (row[0] for row in places)}) == 1
+    geometries = Geometries(world, topology, _CACHED_TIMES if together else _CACHED_SCAN_TIMES)
+    rolling = scene.shutter.readout_time_s > 0
+    # With a rolling shutter, the displacement of a point does not tell in which row, and so when, it is seen next.
+    follower = PointTracker(geometries, scene.camera, places, "standard" if rolling else choice.content)
+    centre = cameras.index((0, 0))
+    views = [centre] if choice.views == "reference" else [centre, *(k for k in range(len(cameras)) if k != centre)]
+    first = frames.t.tolist().index(0)
+    reference: PixelPoints | None = None
+    warnings: list[str] = []
+    total, done = (len(views) + len(cameras)) * frames.count, 0
+
+    def advance() -> None:
+        nonlocal done
+        if progress is not None:
+            progress("truth", done, total)
+        done += 1
+
+    # The reference image comes first: all others are asked whether they show its points.
+    for frame in [first, *(n for n in range(frames.count) if n != first)]:
+        for index in views:
+            advance()
+            moment = moments[index][frame]
+            geometry = geometries.at(moment.t)
+            if rolling:
+                maps = _truth_by_rows(scene, world, topology, moment, choice.content)
+            else:
+                maps = truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm, choice.content)
+            own = PixelPoints(maps, geometry, moment.viewpoint)
+            if reference is None:
+                reference = own
+                found = (maps["object_id"], maps["boundary_distance"], scene.score.interior_margin_px)
+                warnings = interior_warnings(world, *found)
+            at = {"t": frame} if choice.views == "reference" else _at(stage, index, frame)
+            for name, values in (maps | follower.maps(own, index, frame)).items():
+                put(name, at, values)
+            # Large images have large maps: one image's at a time.
+            del maps, own, values
+        for index in range(len(cameras)):
+            advance()
+            if reference is not None:
+                put("visible", _at(stage, index, frame), follower.shown(reference, index, frame))
+    if progress is not None:
+        progress("truth", total, total)
+    return warnings
+
+
+def _at(stage: Stage, index: int, frame: int) -> dict[str, int]:
+    """Return the place of an image along the leading dimensions of what every camera has."""
+    row, position = divmod(index, stage.positions)
+    return {**({"s_y": row} if stage.rows > 1 else {}), "s": position, "t": frame}
+
+
+def _truth_by_rows(
+    scene: Scene, world: BuiltScene, topology: Topology, moment: ImageAcquisition, content: TruthMaps
+) -> dict[str, NDArray[Any]]:
+    """Return the truth of an image that a rolling shutter takes, every row in the middle of its own exposure."""
+    camera, shutter = scene.camera, scene.shutter
+    later_s = shutter.row_offsets_s(np.arange(camera.height, dtype=np.float64), camera.height)
+    travel_mm = shutter.stage_speed_mm_per_s * later_s
+    places = [moment.viewpoint.moved((along, 0.0, 0.0)) for along in travel_mm.tolist()]
+    times = moment.t + later_s / scene.frames.frame_interval_s
+    return truth_by_rows(world, topology, camera, times, places, scene.stage.baseline_mm, content)
+
+
+def _poses(scene: Scene, schedule: Schedule) -> dict[str, NDArray[np.float64]]:
+    """Return the real poses and times of all images."""
+    stage, frames = scene.stage, scene.frames
+    shape = (stage.rows, stage.positions, frames.count)
+    position, rotation, time = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty(shape)
+    for index in np.ndindex(shape):
+        s_y, s, t = (int(axis[k]) for axis, k in zip((stage.s_y, stage.s, frames.t), index, strict=True))
+        moment = schedule.moment(s, t, s_y)
+        position[index], rotation[index] = moment.viewpoint.position_mm, moment.rotation_rad
+        time[index] = moment.t * frames.frame_interval_s
+    poses = {"camera_position_mm": position, "camera_rotation_rad": rotation, "image_time_s": time}
+    return poses if stage.rows > 1 else {name: values[0] for name, values in poses.items()}

@@ -1,0 +1,242 @@
+"""Validated models: their base class and field types, docstrings of fields, and presets."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType, UnionType
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    model_validator,
+)
+from pydantic_core import CoreSchema
+
+__all__ = [
+    "Direction",
+    "Finite",
+    "FrozenModel",
+    "Name",
+    "NonNegative",
+    "Positive",
+    "Preset",
+    "Vector3",
+    "field_docstrings",
+    "preset",
+]
+
+
+def field_docstrings(cls: type) -> dict[str, str]:
+    """Return what the source of a class, and of those it is derived from, says of their fields.
+
+    Parameters
+    ----------
+    cls
+        The class.
+
+    Returns
+    -------
+    dict
+        Docstrings by the names of the fields; without those of classes whose source cannot be read.
+
+    Examples
+    --------
+    >>> from scenetruth.estimators.method_settings import StructureTensorSettings
+    >>> field_docstrings(StructureTensorSettings)["window_sigma_frames"]
+    'Standard deviation of the Gaussian window B in t, in frames.'
+    """
+    found: dict[str, str] = {}
+    for part in reversed(cls.__mro__):
+        found |= _docstrings_of_module(part.__module__).get(part.__qualname__, {})
+    return found
+
+
+@lru_cache(maxsize=256)
+def _docstrings_of_module(name: str) -> dict[str, dict[str, str]]:
+    """Return the docstrings of fields by class, as its ``__qualname__``."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[name]))
+    except (KeyError, OSError, TypeError, SyntaxError):
+        return {}
+    found: dict[str, dict[str, str]] = {}
+
+    def visit(node: ast.AST, inside: str) -> None:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.ClassDef):
+                found[inside + child.name] = _of_fields(child)
+                visit(child, f"{inside}{child.name}.")
+            elif isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+                visit(child, f"{inside}{child.name}.<locals>.")
+
+    visit(tree, "")
+    return found
+
+
+def _of_fields(node: ast.ClassDef) -> dict[str, str]:
+    told = {}
+    for field, behind in zip(node.body, node.body[1:], strict=False):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(behind, ast.Expr):
+            value = behind.value
+            if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                told[field.target.id] = inspect.cleandoc(value.value)
+    return told
+
+
+LARGEST, SMALLEST = 1e12, 1e-12
+"""Bounds of the size of every number, whatever its unit: products and quotients of several of them stay far inside of
+what float64 holds, squares of three inside of float32. A thousand million metres, a picometre: nothing here needs more.
+"""
+
+
+def _not_lost(value: float) -> float:
+    if value < SMALLEST:
+        msg = f"must be at least {SMALLEST:g}: smaller numbers get lost"
+        raise ValueError(msg)
+    return value
+
+
+def _printable(value: str) -> str:
+    if not value.isprintable():
+        msg = "must hold printable characters only: no line ends, tabs or control characters"
+        raise ValueError(msg)
+    return value
+
+
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_not_lost)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
+"""What a thing is called, in messages, tables and file formats: printable characters only."""
+Vector3 = tuple[Finite, Finite, Finite]
+
+
+def _nonzero(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if value == (0, 0, 0):
+        msg = "must not be the zero vector"
+        raise ValueError(msg)
+    if max(map(abs, value)) < SMALLEST:
+        msg = f"must have a component of at least {SMALLEST:g}: its length does not matter, but shorter ones get lost"
+        raise ValueError(msg)
+    return value
+
+
+Direction = Annotated[Vector3, AfterValidator(_nonzero)]
+"""A vector of any length but zero."""
+
+
+class FrozenModel(BaseModel):
+    """A pydantic model whose instances cannot change and whose keys are all known.
+
+    Where a field takes one of some words, they may be written in any case; the field holds the word as it is declared.
+
+    Examples
+    --------
+    >>> class Filter(FrozenModel):
+    ...     sides: Literal["upper", "lower"]
+    ...     cutoff_px: Positive | Literal["auto"] = "auto"
+    >>> Filter.model_validate({"sides": "Upper", "cutoff_px": "AUTO"})
+    Filter(sides='upper', cutoff_px='auto')
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    # It wraps the model, so that a model's own validators, which look up presets, find the words as they are declared.
+    @model_validator(mode="wrap")
+    @classmethod
+    def _words_in_any_case(cls, given: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        return handler({**given, **_as_declared(cls, given)} if isinstance(given, dict) else given)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the JSON Schema with the docstrings of fields as their descriptions.
+
+        pydantic's own option for that reads the source of every model when it is imported, a second for a scene.
+        """
+        schema = handler(core_schema)
+        told = field_docstrings(cls)
+        # The schema has fields by the names that files use.
+        told |= {field.alias: told[name] for name, field in cls.model_fields.items() if field.alias and name in told}
+        whole = handler.resolve_ref_schema(schema)
+        if "description" in whole:
+            # What a model means; where to read on, and examples, are for whoever reads the code.
+            whole["description"] = _FURTHER.split(whole["description"])[0]
+        for name, field in whole.get("properties", {}).items():
+            if name in told:
+                field.setdefault("description", told[name])
+        return schema
+
+
+_FURTHER = re.compile(r"\n\n(?:See Also|Examples)\n---")
+
+
+def _as_declared(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[str, str]:
+    """Return the words among given values that are declared in another case, as they are declared."""
+    changed = {}
+    for name, words in _words_of_fields(model).items():
+        value = given.get(name)
+        if isinstance(value, str) and value not in words.values() and value.casefold() in words:
+            changed[name] = words[value.casefold()]
+    return changed
+
+
+@lru_cache(maxsize=1024)
+def _words_of_fields(model: type[BaseModel]) -> dict[str, dict[str, str]]:
+    """Return the words that each field of a model takes, by what they are when case is ignored."""
+    found = {}
+    for name, field in model.model_fields.items():
+        words = list(_words_in(field.annotation))
+        by_folded = {word.casefold(): word for word in words if isinstance(word, str)}
+        # Where any text is good, or two words differ by case alone, case matters.
+        if by_folded and str not in words and len(by_folded) == len(set(words)):
+            found[name] = by_folded
+    return found
+
+
+def _words_in(annotation: Any) -> Iterator[str | type[str]]:
+    """Yield the literal words that a type takes, and ``str`` if it takes any."""
+    if annotation is str:
+        yield annotation
+    elif get_origin(annotation) is Literal:
+        yield from (value for value in get_args(annotation) if isinstance(value, str))
+    elif get_origin(annotation) is Annotated:
+        yield from _words_in(get_args(annotation)[0])
+    elif get_origin(annotation) in (Union, UnionType):
+        for part in get_args(annotation):
+            yield from _words_in(part)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Fields of a model and their values.
+
+    Parameters
+    ----------
+    title
+        What it is: a product, a movement.
+    values
+        Fields and their values, in the model's units.
+    sources
+        Where each of them is from: the same keys.
+    """
+
+    title: str
+    values: Mapping[str, Any]
+    sources: Mapping[str, str]
+
+
+def preset(title: str, **fields: tuple[Any, str]) -> Preset:
+    """Return a preset of fields, each given as its value and its source."""
+    values = {name: value for name, (value, _) in fields.items()}
+    sources = {name: source for name, (_, source) in fields.items()}
+    return Preset(title, MappingProxyType(values), MappingProxyType(sources))

@@ -1,0 +1,7 @@
+"""Validation studies: many simulated measurements with known results (sensor, estimator, renderers)."""
+
+from scenetruth.validation_studies.emva1288 import run_emva
+from scenetruth.validation_studies.paper_figure2 import run_figure2
+from scenetruth.validation_studies.rendering_accuracy import run_fidelity
+
+__all__ = ["run_emva", "run_fidelity", "run_figure2"]
