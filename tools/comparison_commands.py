@@ -1,0 +1,139 @@
+"""Runs of the command line: exit codes, printed text, and the files that commands write."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+from comparison_adapter import api, schema_names
+from comparison_records import Records
+from comparison_renames import Renames
+
+__all__ = ["record_commands"]
+
+_SMALL = (
+    "--set camera.width=64 --set camera.height=48 --set camera.focal_length_px=320 --set frames.count=2 "
+    "--set stage.positions=3 --set render.backend=raycast --set score.interior_margin_px=3"
+)
+_COMMANDS = {
+    "check": f"check leaf {_SMALL}",
+    "check of a scene with errors": "check broken.yaml",
+    "run": f"run leaf -o run {_SMALL} --images png --truth all --ideal --figures depth",
+    "run again": f"run leaf -o run {_SMALL}",
+    "render": f"render cube -o steps {_SMALL} --truth-content complete --truth-poses nominal",
+    "estimate": "estimate steps --method structure_tensor --set estimate.window_sigma_px=4",
+    "estimate by another method": "estimate steps --method plane_sweep",
+    "score": "score steps --set score.interior_margin_px=2",
+    "report": "report steps --figures depth --figures-format pdf",
+    "verify": "verify steps",
+    "methods": "methods",
+    "scenes": "scenes",
+    "schema": "schema",
+    "dataset schema": "dataset schema",
+    "export list": "export --list",
+    "export": "export steps --format flo -o flo --flow instantaneous",
+    "export of an estimate": "export steps --format npz -o npz --method plane_sweep --set compress=false",
+    "export of a pair": "export run --format pfm -o pfm --left -1",
+    "compare list": "compare --list",
+    "compare": "compare structure_tensor -o compared --case noise --value 0.02 --workers 0",
+    "init": "init first.yaml --kind leaf",
+    "dataset check": "dataset check recipe.yaml",
+    "dataset run": "dataset run recipe.yaml -o samples",
+    "dataset status": "dataset status samples",
+    "dataset estimate": "dataset estimate samples --method structure_tensor --set window_sigma_px=4",
+    "dataset verify": "dataset verify samples --again 1",
+    "dataset sample": "dataset sample recipe.yaml 1 -o sample",
+    "dataset card": "dataset card samples",
+    "design predict": f"design predict cube -o predicted {_SMALL} --level bound",
+    "design budget": "design budget wall.yaml -o budget --method structure_tensor --draws 1 --confirm 0.5 --workers 0",
+    "design sweep": "design sweep wall.yaml -o sweep --vary stage.baseline_mm=2,4 --seeds 1 --workers 0",
+    "design optimise": "design optimise goal.yaml -o optimised --workers 0",
+    "design pattern": "design pattern --focal-length-px 2500 --distance-mm 500 -o pattern --size-mm 20x20 --seed 1",
+    "unknown option": "run leaf --nothing",
+    "unknown scene": "run leef -o nothing",
+}
+"""Label to the command line; they run in this order, in one folder."""
+_PROGRESS = re.compile(r"\d:\d\d:\d\d|-:--:--|\.py:\d+: |^  \w+\(.*\)$|^ *compil|^after \d")
+_AMOUNT = re.compile(r"(?<![\w.])\d[\d.,]*(?= ?(s|ms|min|h|kB|MB|GB|bytes)\b)")
+
+
+def record_commands(records: Records, renames: Renames, work: Path, inputs: dict[str, tuple[str, Any]]) -> None:
+    """Record what commands do.
+
+    Parameters
+    ----------
+    records
+        Where results go.
+    renames
+        The table of renamed names: commands and options are mapped where the checkout has the new ones.
+    work
+        The folder in which they run.
+    inputs
+        Input files by name: the model that is listed in NAMES of the adapter, and plain values.
+    """
+    import typer
+    from typer.testing import CliRunner
+
+    for name, (model, plain) in inputs.items():
+        form = renames.inputs(plain, schema_names(model))[0]
+        (work / name).write_text(yaml.safe_dump(form, sort_keys=False), encoding="utf-8")
+    app = api("app")
+    group, runner = typer.main.get_command(app), CliRunner()
+    there: dict[Path, bytes] = {}
+    with contextlib.chdir(work):
+        for label, line in _COMMANDS.items():
+            key = f"runs / {label}"
+            words = _renamed(shlex.split(line), group, renames)
+            found = runner.invoke(app, words, prog_name="scenetruth")
+            error = found.exception
+            code: Any = found.exit_code
+            if error is not None and not isinstance(error, SystemExit):
+                code = type(error).__name__
+                records.prose(f"{key} / error", str(error))
+            records.put(f"{key} / exit", code)
+            records.prose(f"{key} / text", list(_lines(found.output)))
+            for file, data in _new_files(Path(), there):
+                if not any(re.fullmatch(r"[0-9a-f]{16}", part.split(".")[0]) for part in file.parts):
+                    records.file(f"{key} / files:{file.as_posix()}", file.name, data)
+
+
+def _lines(text: str) -> Iterator[str]:
+    """Give what is printed but progress, which depends on time, and lines of the source that warned."""
+    if text.startswith("{"):
+        return  # a JSON Schema, which has a part of its own
+    for line in text.splitlines():
+        if not _PROGRESS.search(line):
+            yield _AMOUNT.sub("N", line.rstrip())
+
+
+def _new_files(folder: Path, there: dict[Path, bytes]) -> Iterator[tuple[Path, bytes]]:
+    """Give files that are new or have changed."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and there.get(path) != (data := path.read_bytes()):
+            there[path] = data
+            yield path, data
+
+
+def _renamed(words: list[str], group: Any, renames: Renames) -> list[str]:
+    """Return a command line in the names that the checkout has for its command and options."""
+    depth = 2 if words[0] in ("dataset", "design", "experiment") and len(words) > 1 else 1
+    old = " ".join(words[:depth])
+    path, command = words[:depth], None
+    for name in (*renames.names("commands", old), old):
+        found = group
+        for part in name.split(" "):
+            found = getattr(found, "commands", {}).get(part)
+        if found is not None:
+            path, command = name.split(" "), found
+            break
+    known = {name for one in getattr(command, "params", ()) for name in (*one.opts, *one.secondary_opts)}
+    rest = []
+    for word in words[depth:]:
+        choices = renames.names("options", word, [old]) if word.startswith("--") else [word]
+        rest.append(next((one for one in choices if one in known), word))
+    return [*path, *rest]
