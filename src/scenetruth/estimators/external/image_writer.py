@@ -69,7 +69,7 @@ def each_frame(recording: xr.Dataset) -> Iterator[tuple[NDArray[Any], NDArray[np
     >>> [image.shape for image, bad in each_frame(recording)]
     [(2, 30, 40), (2, 30, 40), (2, 30, 40)]
     """
-    images, mask = recording["image"], recording.get("mask")
+    images, mask = recording["image"], recording.get("exclusion_mask")
     for place in range(images.sizes["t"]):
         values = images.isel(t=place).values
         bad = np.zeros(values.shape[:3], dtype=np.bool_)

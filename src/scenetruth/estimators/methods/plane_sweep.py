@@ -31,14 +31,14 @@ class _PlaneSweep(StreamingMethod):
     needs = Needs(cameras=2)
 
     def blank(self, recording: xr.Dataset, settings: PlaneSweepSettings) -> xr.Dataset:
-        return blank_estimate(["disparity"], like=recording, t=recording["t"].values)
+        return blank_estimate(["disparity"], recording=recording, t=recording["t"].values)
 
     def fill(
         self, recording: xr.Dataset, settings: PlaneSweepSettings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
         from scenetruth.estimators.plane_sweep.disparity_sweep import estimate_disparities
 
-        put_each("disparity", estimate_disparities(recording, settings, progress), put, like=recording)
+        put_each("disparity", estimate_disparities(recording, settings, progress), put, recording=recording)
         return {}
 
 
