@@ -319,7 +319,7 @@ def test_masks_reach_the_program(recording_of: Make, tmp_path: Path) -> None:
     method = CommandMethod(words, "mine", keep_in=tmp_path / "kept", needs=Needs(exclusion_mask=True))
     st.estimate(recording, method)
     (camera,) = (tmp_path / "kept").glob("*/recording/camera.json")
-    assert len(json.loads(camera.read_text())["masks"]) == 9
+    assert len(json.loads(camera.read_text())["exclusion_masks"]) == 9
     assert read_results(camera.parents[1] / "output", recording)["depth"].sizes["t"] == 1
 
 

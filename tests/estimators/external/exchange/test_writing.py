@@ -114,7 +114,7 @@ def test_masks_and_values_that_are_no_numbers_are_told(
 
 def test_images_without_a_mask_have_no_file_for_it(recording_of: Make, tmp_path: Path) -> None:
     write_recording(recording_of(np.uint8, 0, 255), tmp_path / "in")
-    assert camera_in(tmp_path / "in")["masks"] == []
+    assert camera_in(tmp_path / "in")["exclusion_masks"] == []
     assert not list((tmp_path / "in").glob("mask*"))
 
 
