@@ -17,7 +17,7 @@ def align_columns(rows: Sequence[Sequence[str]]) -> list[str]:
 
     Examples
     --------
-    >>> align_columns([("depth", "rms"), ("disparity", "bias")])
+    >>> align_columns([("depth", "rmse"), ("disparity", "bias")])
     ['depth      rms', 'disparity  bias']
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -16,7 +16,9 @@ from tests.design.optimise.small import objective
 
 def rig(number: int, predicted: float, *figures: float) -> RigDesign:
     simulated = {"depth": PredictionInterval(1.0, 0.9, 1.1, len(figures))} if figures else {}
-    return RigDesign(number, {}, {}, {"depth": predicted}, simulated, (), None, "", {"depth": {"typical": figures}})
+    return RigDesign(
+        number, {}, {}, {"depth": predicted}, simulated, (), None, "", {"depth": {"scaled_median_abs_error": figures}}
+    )
 
 
 def test_what_seeds_have_in_common_does_not_hide_an_order() -> None:
@@ -31,7 +33,7 @@ def test_what_seeds_have_in_common_does_not_hide_an_order() -> None:
     assert (swapped.better, swapped.worse, swapped.verdict) == (2, 1, "swapped")
     assert swapped.simulated == pytest.approx(1 / found.simulated)
     # The median statistic was told, the other was not.
-    unknown = check_pair_rank(better, worse, replace(objective(), statistic="rms"))
+    unknown = check_pair_rank(better, worse, replace(objective(), statistic="rmse"))
     assert (unknown.seeds, unknown.verdict) == (0, "cannot be told")
 
 
