@@ -12,7 +12,12 @@ from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
+from scenetruth.benchmark.benchmark_report import _SUMMARY_STATISTICS
+from scenetruth.benchmark.cases.case import all_cases
+from scenetruth.design.optimisation import design_records
+from scenetruth.design.sweeps import sweep_result
 from scenetruth.scoring.statistics import (
+    STATISTIC_TITLES,
     STATISTICS,
     Statistics,
     endpoint_statistics,
@@ -195,3 +200,13 @@ def test_diverged_estimate_overflows_nothing() -> None:
     tiny = error_statistics(np.full(2, 1e300), np.ones(2), everywhere, std=np.full(2, 1e-300))
     assert (tiny["rms_z"], tiny["coverage_2_std"]) == (None, 0.0)
     assert endpoint_statistics(np.full((3, 2), 1.7e308), np.ones((3, 2)), everywhere)["rmse"] is None
+
+
+def test_all_packages_use_the_same_names() -> None:
+    assert {*STATISTICS} <= {*STATISTIC_TITLES}
+    assert {*sweep_result.STATISTICS} <= {*STATISTIC_TITLES}
+    assert {*design_records.STATISTICS, *(one.scored for one in design_records.STATISTICS.values())} <= {
+        *STATISTIC_TITLES
+    }
+    assert {*_SUMMARY_STATISTICS, *(case.headline[1] for case in all_cases().values())} <= {*STATISTIC_TITLES}
+    assert len({*STATISTIC_TITLES.values()}) == len(STATISTIC_TITLES)

@@ -169,30 +169,30 @@ class BenchmarkResult:
         method: str,
         quantity: str,
         statistic: str,
-        value: float | str | None = None,
+        level: float | str | None = None,
         pixels: str = METHOD_VALID,
     ) -> BenchmarkRecord:
         """Return one figure.
 
         Parameters
         ----------
-        case, method, quantity, statistic, value, pixels
-            What tells it from others; without a value, or what that is called, the first one.
+        case, method, quantity, statistic, level, pixels
+            What tells it from others; without a level, or what that is called, the first one.
 
         Raises
         ------
         KeyError
             If there is none.
         """
-        if isinstance(value, str):
-            value = next((one.value_of(value) for one in self.cases if one.kind == case), math.nan)
+        if isinstance(level, str):
+            level = next((one.value_of(level) for one in self.cases if one.kind == case), math.nan)
         for row in self.rows:
             told = (row.case, row.method, row.quantity, row.statistic, row.pixels)
             if told == (case, method, quantity, statistic, pixels) and (
-                value is None or math.isclose(row.level, value)
+                level is None or math.isclose(row.level, level)
             ):
                 return row
-        msg = f"there is no {statistic} of {quantity} by {method} in case {case} at {value}, on {pixels} pixels"
+        msg = f"there is no {statistic} of {quantity} by {method} in case {case} at {level}, on {pixels} pixels"
         raise KeyError(msg)
 
     def summary(self) -> pd.DataFrame:
@@ -216,7 +216,7 @@ class BenchmarkResult:
         return [one for one in found if one is not None]
 
     def efficiency(self) -> pd.DataFrame:
-        """Return noise beside the Cramér-Rao bound: columns case, level, method, quantity, noise_std, bound, efficiency.
+        """Return noise and its Cramér-Rao bound: case, level, method, quantity, noise_std, bound, efficiency_percent.
 
         Efficiency is (bound / noise)², in %: the share of the images' information that a method uses. Above 100 %, its
         window is larger than that of the bound, or it is biased.

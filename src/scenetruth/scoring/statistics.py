@@ -228,7 +228,7 @@ def error_statistics(
     - ``relative_rmse`` = ``rmse`` / (Σ truth_i² / n)^½, None where the truth vanishes throughout,
     - ``rms_z`` = (Σ (e_i / std_i)² / m)^½ over the m of them whose standard deviation is finite and positive:
       1 if the error bars are right, above 1 if they are too small (overconfident),
-    - ``coverage_2_std``, the share of those m with abs(e_i) ≤ 2 std_i: 0.954 of normal errors with the right error bars,
+    - ``coverage_2_std``, the share of those m with abs(e_i) ≤ 2 std_i: 0.954 of normal errors if std_i is right,
     - ``density`` = n / the number of pixels of the region with a finite truth,
     - ``count`` = n.
 

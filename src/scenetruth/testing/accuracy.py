@@ -275,8 +275,8 @@ def assert_accuracy(
     components. Its value is
 
     - a number: the largest rms of the error;
-    - a mapping of statistics (`scenetruth.scoring.STATISTICS`) to
-      numbers: the largest value, of ``bias`` either way; of ``density``, ``count`` and ``coverage_2_std`` the least one;
+    - a mapping of statistics (`scenetruth.scoring.STATISTICS`) to numbers: the largest value,
+      of ``bias`` either way; of ``density``, ``count`` and ``coverage_2_std`` the least one;
     - in either, two numbers: the least and the largest value;
     - a text, ``"1.5 x bound"``: that multiple of the Cramér-Rao bound, as rms over the pixels that are scored.
 

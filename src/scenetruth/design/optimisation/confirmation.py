@@ -212,7 +212,7 @@ def _cut(scene: Scene, look: SurfaceSamples, chosen: NDArray[np.bool_], most_px:
 
 
 Figures = dict[str, dict[str, float]]
-"""Statistics of scores by objective's title: ``rmse``, ``median_abs_error``, ``p95_abs_error``, ``bias``, ``density``."""
+"""Scores by objective's title: ``rmse``, ``median_abs_error``, ``p95_abs_error``, ``bias``, ``density``."""
 
 _STATISTICS = ("rmse", "median_abs_error", "p95_abs_error", "bias", "density")
 

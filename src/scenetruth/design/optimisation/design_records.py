@@ -75,8 +75,8 @@ STATISTICS: Mapping[str, StatisticKind] = {
     "rmse": StatisticKind(STATISTIC_TITLES["rmse"], "rmse", 1.0, 1.0),
     "p95_abs_error": StatisticKind(STATISTIC_TITLES["p95_abs_error"], "p95_abs_error", 1.0, 1.95996),
 }
-"""By name. ``scaled_median_abs_error``: 1.4826 times the median of the errors' sizes, the standard deviation of normal errors with that
-median; predicted by the median of standard deviations over the region. ``rmse``: predicted by the root of their mean
+"""By name. ``scaled_median_abs_error``: 1.4826 times the median of the errors' sizes, the standard
+deviation of normal errors with that median; predicted by the median of standard deviations over the region. ``rmse``: predicted by the root of their mean
 square. ``p95_abs_error``: predicted for normal errors with these standard deviations."""
 
 assert set(STATISTICS) == set(get_args(Statistic))
@@ -284,7 +284,7 @@ class RankConsistency:
         Prediction of the worse one over that of the better one: above 1.
     simulated
         The same of simulations, geometric mean over seeds; NaN if fewer than two seeds tell both.
-    low, high
+    ci_low, ci_high
         Interval of that mean, 95 %.
     seeds
         How many seeds tell both.
@@ -297,8 +297,8 @@ class RankConsistency:
     worse: int
     predicted: float
     simulated: float
-    low: float
-    high: float
+    ci_low: float
+    ci_high: float
     seeds: int
     verdict: str
 

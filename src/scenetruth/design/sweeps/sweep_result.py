@@ -174,8 +174,8 @@ class Sweep:
         Parameters
         ----------
         quantity, statistic
-            What is told: a key of `scenetruth.scoring.QUANTITIES`; ``rmse``, ``bias``, ``precision_std``, ``median_abs_error`` or
-            ``density``.
+            What is told: a key of `scenetruth.scoring.QUANTITIES`; ``rmse``, ``bias``, ``precision_std``,
+            ``median_abs_error`` or ``density``.
         at
             Values of what varies, by path; the first point that has them is taken.
         region, method, scene

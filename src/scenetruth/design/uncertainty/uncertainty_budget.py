@@ -259,8 +259,8 @@ class Budget:
     def to_frame(self) -> pd.DataFrame:
         """Return all figures, a row for each cause, quantity and region, and those of the whole.
 
-        Columns are the fields of `Contribution`. Rows of the whole have the causes ``root_sum_square``, ``signed_sum``, ``everything``
-        and ``ideal``.
+        Columns are the fields of `Contribution`. Rows of the whole have the causes ``root_sum_square``, ``signed_sum``,
+        ``everything`` and ``ideal``.
         """
         import pandas as pd
 

@@ -201,7 +201,7 @@ def build_rank_consistency_table(design: DesignResult) -> HtmlTable:
             HtmlCell(str(one.worse), one.worse),
             _number_cell(one.predicted),
             _number_cell(one.simulated),
-            HtmlCell(format_interval(one.low, one.high) or UNDEFINED, _finite(one.low)),
+            HtmlCell(format_interval(one.ci_low, one.ci_high) or UNDEFINED, _finite(one.ci_low)),
             HtmlCell(str(one.seeds), one.seeds),
             HtmlCell(one.verdict),
         ]
