@@ -129,11 +129,11 @@ def test_a_statistic_that_is_not_defined_breaks_its_limit(case: Case) -> None:
 def test_what_cannot_be_checked_is_told_all_at_once(case: Case, check: Callable[..., st.Score]) -> None:
     for kind in (TypeError, ValueError, st.ScoreError):
         with pytest.raises(kind) as caught:
-            check(depht_mm=1, depth_mm={"rsm": 1}, region="interor", rotation_rate_x_rad=1.0)
+            check(depht_mm=1, depth_mm={"rmes": 1}, region="interor", rotation_rate_x_rad=1.0)
     assert isinstance(caught.value, LimitError)
     assert [problem.path for problem in caught.value.problems] == [
         "depht_mm",
-        "depth_mm.rsm",
+        "depth_mm.rmes",
         "region",
         "rotation_rate_x",
     ]

@@ -61,7 +61,7 @@ def test_multiples_of_the_bound(text: str, multiple: float) -> None:
         ({"depth": 1.0}, "depth", "did you mean 'depth_mm'?"),
         ({"velocity_q_mm": 1.0}, "velocity_q_mm", "did you mean 'velocity_"),
         ({"colour": 1.0}, "colour", "there are depth_mm, "),
-        ({"depth_mm": {"rsm": 1.0}}, "depth_mm.rsm", "did you mean 'rmse'?"),
+        ({"depth_mm": {"rmes": 1.0}}, "depth_mm.rmes", "did you mean 'rmse'?"),
         ({"depth_mm": {7: 1.0}}, "depth_mm.7", "there are bias"),
         ({"depth_mm": {}}, "depth_mm", "limits nothing"),
         ({"depth_mm": -1.0}, "depth_mm.rmse", "must not be negative"),
@@ -84,8 +84,8 @@ def test_what_is_no_limit_is_told(given_limits: dict[str, Any], path: str, said:
 
 
 def test_all_that_is_wrong_is_told_once() -> None:
-    _, problems = read_limits({"flow_px": -1.0, "depht_mm": 1.0, "depth_mm": {"rsm": 1}}, min_density=1.5)
-    assert [problem.path for problem in problems] == ["flow_px.rmse", "depht_mm", "depth_mm.rsm", "min_density"]
+    _, problems = read_limits({"flow_px": -1.0, "depht_mm": 1.0, "depth_mm": {"rmes": 1}}, min_density=1.5)
+    assert [problem.path for problem in problems] == ["flow_px.rmse", "depht_mm", "depth_mm.rmes", "min_density"]
 
 
 numbers = some.floats(-1e6, 1e6, allow_subnormal=False)

@@ -207,7 +207,7 @@ _SUMMARY_STATISTICS = (
     "bias",
     "rmse",
     "median_abs_error",
-    "noise",
+    "noise_std",
     "density",
     "inlier_rate",
     "rms_z",

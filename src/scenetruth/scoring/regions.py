@@ -152,8 +152,8 @@ def further_regions(
 
     - ``nonoccluded`` and ``occluded`` need ``occluded_in_s`` and ``occluded_in_t``. Of the pixels with a surface,
       ``nonoccluded`` holds those whose point all cameras see at this frame and the reference camera at the frames
-      before and after; at t = 0, where ``throughout`` is known, that all cameras see at all frames. ``occluded`` has the
-      others.
+      before and after; at t = 0, where ``throughout`` is known, that all cameras see at all frames. ``occluded`` has
+      the others.
     - ``slope_LOW_HIGH`` (degrees) are classes of the angle between ``normal`` and the optical axis, from LOW on and
       below HIGH, over the visible pixels of the interior, so that edges are not taken for slopes.
     - ``boundary_LOW_HIGH`` (px) are classes of the distance to the nearest mixed pixel, over all visible pixels.

@@ -37,12 +37,12 @@ class LimitError(ScoreError, TypeError, ValueError):
     >>> truth = label("truth", {"depth": 500 * one, "disparity": 10 * one, "mixed": one == 0}, camera, t=[0])
     >>> estimate = label("estimate", {"depth": 500.1 * one}, camera, t=[0])
     >>> try:
-    ...     assert_accuracy(estimate, truth, depth_cm=0.02, disparity_px={"rsm": 0.1, "bias": -1})
+    ...     assert_accuracy(estimate, truth, depth_cm=0.02, disparity_px={"rmes": 0.1, "bias": -1})
     ... except LimitError as error:
     ...     print(error)
     3 problems with the limits:
       - depth_cm: is no quantity with its unit; did you mean 'depth_mm'?
-      - disparity_px.rsm: is no statistic of a score; did you mean 'rmse'?
+      - disparity_px.rmes: is no statistic of a score; did you mean 'rmse'?
       - disparity_px.bias: must not be negative (got -1)
     """
 
