@@ -151,7 +151,7 @@ def read_limits(given: Mapping[str, Any], min_density: object = None) -> tuple[l
 
     Examples
     --------
-    >>> limits, problems = read_limits({"depth_mm": {"rmse": 0.2, "median": 0.1}, "dispraity_px": 0.1})
+    >>> limits, problems = read_limits({"depth_mm": {"rmse": 0.2, "median_abs_error": 0.1}, "dispraity_px": 0.1})
     >>> [(limit.quantity, limit.statistic, limit.most) for limit in limits]
     [('depth', 'rmse', 0.2), ('depth', 'median_abs_error', 0.1)]
     >>> print(problems[0])

@@ -75,9 +75,9 @@ STATISTICS: Mapping[str, StatisticKind] = {
     "rmse": StatisticKind(STATISTIC_TITLES["rmse"], "rmse", 1.0, 1.0),
     "p95_abs_error": StatisticKind(STATISTIC_TITLES["p95_abs_error"], "p95_abs_error", 1.0, 1.95996),
 }
-"""By name. ``scaled_median_abs_error``: 1.4826 times the median of the errors' sizes, the standard
-deviation of normal errors with that median; predicted by the median of standard deviations over the region.
-``rmse``: predicted by the root of their mean square. ``p95_abs_error``: predicted for normal errors with these standard deviations."""
+"""By name. ``scaled_median_abs_error``: 1.4826 times the median of the errors' sizes, the standard deviation of normal
+errors with that median; predicted by the median of standard deviations over the region. ``rmse``: predicted by the
+root of their mean square. ``p95_abs_error``: predicted for normal errors with these standard deviations."""
 
 assert set(STATISTICS) == set(get_args(Statistic))
 
