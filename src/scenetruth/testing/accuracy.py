@@ -274,7 +274,7 @@ def assert_accuracy(
     `scenetruth.scoring.QUANTITIES`, and ``flow``, ``velocity``, ``slope``, ``rotation_rate`` for each of their
     components. Its value is
 
-    - a number: the largest rms of the error;
+    - a number: the largest rmse;
     - a mapping of statistics (`scenetruth.scoring.STATISTICS`) to numbers: the largest value,
       of ``bias`` either way; of ``density``, ``count`` and ``coverage_2_std`` the least one;
     - in either, two numbers: the least and the largest value;
@@ -344,7 +344,7 @@ def assert_accuracy(
     ...     print("\n".join(str(error).splitlines()[:3]))
     1 of 1 limit broken by the estimate of 'unknown' in the region 'interior' of 768 pixels:
               quantity  statistic  found   limit       times  density  pixels
-      BROKEN  depth     rms        0.1 mm  <= 0.05 mm  2 x    100 %    768
+      BROKEN  depth     rmse       0.1 mm  <= 0.05 mm  2 x    100 %    768
     """
     __tracebackhide__ = True
     wanted, problems = read_limits(limits, min_density)

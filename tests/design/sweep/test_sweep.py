@@ -144,7 +144,7 @@ def test_it_goes_on_where_it_was(tmp_path: Path) -> None:
     kept = pd.read_parquet(tmp_path / "calm" / "results.parquet")
     pd.testing.assert_frame_equal(kept, more.to_frame())
     assert len(pd.read_csv(tmp_path / "calm" / "results.csv")) == len(kept)
-    assert (tmp_path / "calm" / "plots" / "depth_rms.png").exists()
+    assert (tmp_path / "calm" / "plots" / "depth_rmse.png").exists()
 
 
 def test_what_failed_or_has_changed_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,7 +210,7 @@ def test_a_method_that_gives_nothing_leaves_a_page_that_says_why(tmp_path: Path)
     wall = scene()["objects"][0] | {"mesh": {"kind": "plane", "size_mm": [30, 30]}}
     plain = scene(objects=[wall], score={"interior_margin_px": 20})
     edge = sweep(plain, {BASELINE: [2, 3]}, nearest, tmp_path / "out", seeds=1)
-    assert (tmp_path / "out" / "plots" / "depth_rms.png").exists()
+    assert (tmp_path / "out" / "plots" / "depth_rmse.png").exists()
     # It moves by 0.1 mm per frame over three frames, and the method does not know it.
     assert edge.best("depth", region="all").value == pytest.approx(0.1 * math.sqrt(2 / 3), rel=1e-6)
     with pytest.raises(KeyError):

@@ -434,7 +434,7 @@ def _spell_length(region: str) -> str:
         return fixed[region]
     if region.startswith("object_"):
         return f"on the object “{region.removeprefix('object_')}”"
-    bounds = re.fullmatch(r"(slope|edge)_([^_]+)_([^_]+)", region)
+    bounds = re.fullmatch(r"(slope|boundary)_([^_]+)_([^_]+)", region)
     if bounds is None:
         return f"in the region “{region}”"
     kind, low, high = bounds.groups()
