@@ -132,7 +132,7 @@ class BenchmarkResult:
     >>> found
     BenchmarkResult(methods=['near', 'far'], folder=None, own=[])
     >>> found.summary().round(2).to_dict("index")
-    {'Range of disparity: disparity rms': {'near': 0.57, 'far': 0.13}}
+    {'Range of disparity: disparity rmse': {'near': 0.57, 'far': 0.13}}
     >>> row = found.figure("disparity", "far", "depth", "bias")
     >>> round(row.value, 1), row.unit
     (80.0, 'mm')
