@@ -70,12 +70,12 @@ def effect(name: str, changes: Sequence[str], folder: str) -> dict[str, Any]:
 
 def _told(found: Any) -> dict[str, Any]:
     totals = {
-        one.quantity: [one.parts, one.added, one.simulated, one.ideal]
+        one.quantity: [one.root_sum_square, one.signed_sum, one.simulated, one.ideal]
         for one in found.totals
         if one.region == "interior"
     }
     parts = [
-        [one.cause, one.quantity, one.predicted, one.drawn, one.simulated, one.figure]
+        [one.cause, one.quantity, one.predicted, one.predicted_for_seeds, one.simulated, one.figure]
         for one in found.parts
         if one.region == "interior"
     ]

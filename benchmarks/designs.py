@@ -103,7 +103,7 @@ def order_kept(design: DesignResult) -> None:
     for one in design.orders:
         print(
             f"  {one.objective}: rig {one.worse} over rig {one.better}: predicted {one.predicted:.2f}, simulated "
-            f"{one.simulated:.2f} ({one.low:.2f} to {one.high:.2f}, {one.seeds} seeds): {one.verdict}"
+            f"{one.simulated:.2f} ({one.ci_low:.2f} to {one.ci_high:.2f}, {one.seeds} seeds): {one.verdict}"
         )
     for each in design.discrepancies:
         print(f"  rig {each.rig}: {each.says}")

@@ -14,7 +14,7 @@ from benchmarks.jobs import arguments, ends, heading, line, number, pair
 import scenetruth as st
 
 # The regions of the score that are told, where a scene has pixels in them.
-REGIONS = ("all", "interior", "edge_10_20", "edge_5_10", "edge_0_5", "partly_hidden")
+REGIONS = ("all", "interior", "boundary_10_20", "boundary_5_10", "boundary_0_5", "occluded")
 GROWTH = "growth_rate_windowed"
 QUANTITIES = ("depth", "velocity_z", GROWTH)
 # Rounding makes what does not grow grow by less than this, per frame.

@@ -48,7 +48,7 @@ def rows(name: str, changes: Sequence[str]) -> list[list[str]]:
     cells = []
     for method in METHODS:
         scores = st.score(st.estimate(recording, method), truth).regions["interior"]
-        told = [f"{scores[quantity]['rms'] or float('nan'):.2g}" for quantity in QUANTITIES]
+        told = [f"{scores[quantity]['rmse'] or float('nan'):.2g}" for quantity in QUANTITIES]
         cells.append([name, method, *told, f"{float(scores['depth']['density'] or 0):.2f}"])
     return cells
 

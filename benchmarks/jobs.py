@@ -107,7 +107,7 @@ def number(value: float | None) -> str:
 
 def pair(values: Mapping[str, float | None]) -> str:
     """Spell the median and the root of the mean square of what a score tells of a quantity."""
-    return f"{number(values.get('median_abs'))} / {number(values.get('rms'))}" if values.get("count") else "–"
+    return f"{number(values.get('median_abs_error'))} / {number(values.get('rmse'))}" if values.get("count") else "–"
 
 
 def heading(columns: Cells) -> str:

@@ -54,7 +54,7 @@ def compare(recording: xr.Dataset, truth: xr.Dataset) -> Iterator[list[str]]:
     for title, method, settings in METHODS:
         found, seconds = timed(lambda method=method, settings=settings: st.estimate(recording, method, settings))
         interior = st.score(found.sel(t=[0]), truth, recording).regions["interior"]
-        errors = [f"{interior[name]['rms']:.2g}" if name in interior else "" for name in COLUMNS]
+        errors = [f"{interior[name]['rmse']:.2g}" if name in interior else "" for name in COLUMNS]
         yield [title, *errors, f"{seconds / found.sizes['t']:.3f}"]
 
 

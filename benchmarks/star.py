@@ -65,7 +65,7 @@ def periods_px(scene: st.Scene) -> Array:
     return period_mm / float(pixel_mm)
 
 
-def share_left(found: xr.Dataset, truth: xr.Dataset) -> Array:
+def amplitude_ratio(found: xr.Dataset, truth: xr.Dataset) -> Array:
     """Return the share of the true flow that is found at every column; NaN where nothing is told."""
     middle = found.sizes["y"] // 2
     rows = slice(middle - 1, middle + 1)
@@ -93,7 +93,7 @@ def rows(changes: Sequence[str]) -> list[list[str]]:
         for sigma_px in SIGMAS_PX:
             method, settings = settings_of(name, sigma_px)
             found = st.estimate(recording, method, settings).sel(t=0)
-            first, last = crossings(periods, share_left(found, truth))
+            first, last = crossings(periods, amplitude_ratio(found, truth))
             quiet = st.estimate(at_rest, method, settings).sel(t=0)
             inner = {"y": slice(INTERIOR_PX, -INTERIOR_PX), "x": slice(INTERIOR_PX, -INTERIOR_PX)}
             away = rest["boundary_distance"].isel(inner).values >= INTERIOR_PX

@@ -55,13 +55,13 @@ def data_set() -> None:
 def accuracy() -> None:
     """Draw the error of disparity over the noise of images, method by method, and the bound."""
     found = st.compare(list(METHODS), cases=["noise"]).to_frame()
-    told = found[(found.case == "noise") & (found.quantity == "disparity") & (found.statistic == "noise")]
+    told = found[(found.case == "noise") & (found.quantity == "disparity") & (found.statistic == "noise_std")]
     figure, axes = plt.subplots(figsize=(4.6, 2.3), layout="constrained")
     for method, own in told.groupby("method"):
         own = own.sort_values("value")
         bound = method not in METHODS
         style = {"color": INK, "linestyle": "--", "label": "least possible"} if bound else {"marker": "o"}
-        axes.loglog(100 * own["value"], own["number"], **{"label": METHODS.get(str(method)), **style})
+        axes.loglog(100 * own["level"], own["value"], **{"label": METHODS.get(str(method)), **style})
     axes.set_xticks(ticks := [0.5, 1, 2], [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_formatter("")
     axes.set(xlabel="noise of the images, % of full scale", ylabel="error of disparity, px")

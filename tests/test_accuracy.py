@@ -14,12 +14,12 @@ from tests.scenes import SCENES
 
 # What an independent implementation of the paper's estimator reached on a cube of this kind, with some room.
 BOUNDS = {
-    ("disparity", "rms"): 0.011,
-    ("depth", "rms"): 0.20,
-    ("depth", "median_abs"): 0.10,
-    ("velocity_z", "relative_rms"): 0.09,
-    ("velocity_x", "rms"): 0.004,
-    ("velocity_y", "rms"): 0.004,
+    ("disparity", "rmse"): 0.011,
+    ("depth", "rmse"): 0.20,
+    ("depth", "median_abs_error"): 0.10,
+    ("velocity_z", "relative_rmse"): 0.09,
+    ("velocity_x", "rmse"): 0.004,
+    ("velocity_y", "rmse"): 0.004,
 }
 
 Scores = dict[str, dict[tuple[str, str], float]]
@@ -65,7 +65,7 @@ def test_cube_without_noise(reference: Scores, divergence: str, figure: tuple[st
 
 @pytest.mark.parametrize("component", "xyz")
 def test_consistent_divergence_halves_the_errors_of_velocity(reference: Scores, component: str) -> None:
-    figure = (f"velocity_{component}", "relative_rms" if component == "z" else "rms")
+    figure = (f"velocity_{component}", "relative_rmse" if component == "z" else "rmse")
     assert reference["consistent"][figure] <= 0.5 * reference["paper"][figure]
 
 
@@ -91,13 +91,13 @@ def test_working_points_of_each_pixel_are_never_worse_than_the_best_single_one(d
         return {
             f"{quantity} {statistic}": float(value)
             for quantity, values in st.score(estimate, truth).regions["interior"].items()
-            for statistic in ("rms", "median_abs")
+            for statistic in ("rmse", "median_abs_error")
             if (value := values.get(statistic)) is not None
         }
 
     singles = {point: estimated(point) for point in (35, 36, 37, 38, 39)}
     depth_rms = {
-        point: st.score(estimate[["depth", "status_disparity"]], truth).regions["interior"]["depth"]["rms"] or np.inf
+        point: st.score(estimate[["depth", "status_disparity"]], truth).regions["interior"]["depth"]["rmse"] or np.inf
         for point, estimate in singles.items()
     }
     best = min(depth_rms, key=lambda point: depth_rms[point])

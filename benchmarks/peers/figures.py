@@ -126,8 +126,8 @@ def _errors(maps: Mapping[str, Map], pair: Pair) -> dict[str, dict[str, float]]:
         for part, errors in parts.items():
             kept = errors[pair.inside & np.isfinite(errors)].astype(np.float64)
             found[part] = {
-                "rms": float(np.sqrt(np.mean(kept**2))),
-                "median": float(np.median(np.abs(kept))),
+                "rmse": float(np.sqrt(np.mean(kept**2))),
+                "median_abs_error": float(np.median(np.abs(kept))),
                 "bias": float(kept.mean()),
                 "points": float(kept.size),
             }
@@ -158,7 +158,7 @@ def _resolution(moving: Mapping[str, Map], pair: Pair, still: Mapping[str, Map],
     off = still["flow"][1][rest.inside & inner]
     off = off[np.isfinite(off)].astype(np.float64)
     noise = float(np.sqrt(np.mean(off**2)))
-    return {"period at 10 % loss": first, "last": last, "noise": noise, "points": float(off.size)}
+    return {"cutoff_period_first": first, "cutoff_period_last": last, "noise_std": noise, "points": float(off.size)}
 
 
 def kept(name: str, folder: Path) -> dict[str, Any] | None:

@@ -79,7 +79,7 @@ JOBS: dict[str, Job] = {
 
 
 def _rows() -> Iterator[Wanted]:
-    both = ("rms", "median")
+    both = ("rmse", "median_abs_error")
     told: dict[tuple[str, str], tuple[float | None, ...]] = {
         ("pyvale: cube", "flow"): (0.0113, 0.0089),
         ("pyvale: cube", "disparity"): (0.0078, 0.0048),
@@ -130,7 +130,7 @@ def _rows() -> Iterator[Wanted]:
     }
     for job, (period, noise) in resolved.items():
         yield Wanted(job, "flow_y", "period at 10 % loss", period)
-        yield Wanted(job, "flow_y", "noise", noise)
+        yield Wanted(job, "flow_y", "noise_std", noise)
 
 
 WANTED = tuple(_rows())

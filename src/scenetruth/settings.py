@@ -35,8 +35,8 @@ class ScoreSettings(FrozenModel):
     slope_classes_deg: Bounds = (0.0, 20.0, 45.0, 70.0, 90.0)
     """Bounds of the regions ``slope_LOW_HIGH``: angles between surface normal and optical axis, in degrees."""
     edge_classes_px: Bounds = (0.0, 5.0, 10.0, 20.0)
-    """Bounds of the regions ``edge_LOW_HIGH``: distances to the nearest mixed pixel, in px. One more class,
-    ``edge_LOW_inf``, begins at the last."""
+    """Bounds of the regions ``boundary_LOW_HIGH``: distances to the nearest mixed pixel, in px. One more class,
+    ``boundary_LOW_inf``, begins at the last."""
     contrast_window_px: Window = 6.0
     """Standard deviation of the Gaussian window in which texture contrast is measured, in px."""
     contrast_classes: tuple[Positive, Positive] = (0.02, 0.05)

@@ -57,7 +57,7 @@ def test_who_is_ahead_is_read_without_scrolling(page: Any) -> None:
 
 
 def test_values_with_names_are_named_on_the_axis(page: Any) -> None:
-    names = page.locator("#chart-occlusion-disparity-rms .xtick").all_text_contents()
+    names = page.locator("#chart-occlusion-disparity-rmse .xtick").all_text_contents()
     assert names == ["some", "all"]
 
 

@@ -302,11 +302,11 @@ SHOWN = "scenetruthReport.panels.map((one) => one.layer.id)"
 
 
 def test_what_an_answer_shows_is_its_quantity_and_nothing_twice(page: Any) -> None:
-    button = page.locator("button.go[data-layer='velocity_endpoint:error']")
+    button = page.locator("button.go[data-layer='velocity_epe:error']")
     button.click()
     settle(page)
-    assert page.locator("#quantity").input_value() == "velocity_endpoint"
-    assert page.evaluate(SHOWN) == ["image", "velocity_endpoint:error", "velocity_z:error"]
+    assert page.locator("#quantity").input_value() == "velocity_epe"
+    assert page.evaluate(SHOWN) == ["image", "velocity_epe:error", "velocity_z:error"]
 
 
 def test_no_quantity_shows_a_map_twice(page: Any) -> None:

@@ -64,7 +64,7 @@ def test_run_does_everything_in_one_go(finished: Path) -> None:
 
 def test_score_files_agree_and_have_the_stated_keys(finished: Path) -> None:
     content = json.loads((finished / "score.json").read_text())
-    edges, slopes = ("edge_0_5", "edge_10_20"), ("slope_0_20", "slope_70_90")
+    edges, slopes = ("boundary_0_5", "boundary_10_20"), ("slope_0_20", "slope_70_90")
     assert {"all", "interior", "metadata", *edges, *slopes, "contrast_low", "contrast_high"} <= set(content)
     quantities = {"depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y"}
     for region in ("all", "interior"):
@@ -72,12 +72,12 @@ def test_score_files_agree_and_have_the_stated_keys(finished: Path) -> None:
         for quantity in quantities:
             statistics = {
                 "bias",
-                "rms",
-                "median_abs",
-                "p95_abs",
-                "relative_rms",
-                "calibration",
-                "within_2_std",
+                "rmse",
+                "median_abs_error",
+                "p95_abs_error",
+                "relative_rmse",
+                "rms_z",
+                "coverage_2_std",
                 "density",
                 "count",
             }
@@ -132,7 +132,7 @@ def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Pat
     done = scenetruth("score", finished, "--overwrite", "--set", "score.interior_margin_px=5")
     assert done.returncode == 0, done.stderr
     assert json.loads((finished / "score.json").read_text())["metadata"]["margin_px"] == 5
-    assert "all regions, rms errors" in done.stdout
+    assert "all regions, RMSE" in done.stdout
     changes = ("--set", "score.growth_window_px=9", "--set", "score.slope_classes_deg=[0, 30, 90]")
     done = scenetruth("score", finished, "--overwrite", *changes)
     assert done.returncode == 0, done.stderr

@@ -9,7 +9,7 @@ import pytest
 from scenetruth.cli.console import print_main_figures
 from scenetruth.scoring import Score
 
-VALUES = {"rms": 0.0123, "median_abs": 0.00456, "relative_rms": 0.0789, "density": 0.918}
+VALUES = {"rmse": 0.0123, "median_abs_error": 0.00456, "relative_rmse": 0.0789, "density": 0.918}
 
 
 @pytest.mark.parametrize(("columns", "shares"), [(60, False), (72, True), (100, True)])

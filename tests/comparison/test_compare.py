@@ -44,7 +44,7 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     found = compare([nearest, failing], folder=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
     assert told[-1][1:] == (1, 1)
-    assert found.figure("phase_of_flow", "nearest", "flow_x", "rms").number == 0
+    assert found.figure("phase_of_flow", "nearest", "flow_x", "rmse").value == 0
     assert len(found.failures) == 1
     assert "phase_of_flow at 0: failing" in found.failures[0]
     assert "no idea" in found.failures[0]
@@ -107,7 +107,7 @@ def test_a_method_that_is_mended_is_measured_again(tmp_path: Path) -> None:
         done = subprocess.run(called, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
         frame = pd.read_csv(tmp_path / "c" / "results.csv")
         frame = frame[(frame.quantity == "depth") & (frame.statistic == "bias")]
-        return done, [round(one, 1) for one in frame.number]
+        return done, [round(one, 1) for one in frame.value]
 
     beside.write_text("def number():\n    return {}['nokey']\n")
     done, told = bias()
@@ -129,8 +129,8 @@ def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
     found = compare(nearest, "full", tmp_path / "c", cases=["gallery"], values=["plaid"])
     assert not found.failures
     # The pattern is 100 mm away, and moves by 1 mm, 0.1 px, per frame.
-    assert found.figure("gallery", "nearest", "depth", "bias", "plaid").number == pytest.approx(620, rel=1e-6)
-    assert found.figure("gallery", "nearest", "flow_x", "bias", "plaid").number == pytest.approx(-0.1, rel=1e-6)
+    assert found.figure("gallery", "nearest", "depth", "bias", "plaid").value == pytest.approx(620, rel=1e-6)
+    assert found.figure("gallery", "nearest", "flow_x", "bias", "plaid").value == pytest.approx(-0.1, rel=1e-6)
     assert (tmp_path / "c" / "points" / "gallery" / "plaid.json").exists()
     table = pd.read_csv(tmp_path / "c" / "results.csv")
     assert set(table["label"]) == {"plaid"}
@@ -185,7 +185,7 @@ def test_methods_are_spelled_with_settings_and_labels() -> None:
 
 def test_the_command(tmp_path: Path) -> None:
     done = scenetruth(
-        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise", "--value", "0.005", "--workers", "0"
+        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise_std", "--value", "0.005", "--workers", "0"
     )
     assert done.returncode == 0, done.stderr
     assert "Noise floor" in done.stdout
@@ -239,8 +239,8 @@ def test_results_made_elsewhere_are_compared_as_if_made_here(tmp_path: Path) -> 
     found = compare([ResultsFolder(tmp_path / "made", "elsewhere"), nearest], **QUICK)
     assert not found.failures
     # What was handed in, to float32.
-    assert found.figure("phase_of_flow", "elsewhere", "flow_x", "bias").number == pytest.approx(0.01, rel=1e-6)
-    assert found.figure("phase_of_flow", "nearest", "flow_x", "bias").number == 0
+    assert found.figure("phase_of_flow", "elsewhere", "flow_x", "bias").value == pytest.approx(0.01, rel=1e-6)
+    assert found.figure("phase_of_flow", "nearest", "flow_x", "bias").value == 0
     (tmp_path / "nothing").mkdir()
     nothing = compare(ResultsFolder(tmp_path / "nothing", "elsewhere"), **QUICK)
     assert place.name in nothing.failures[0]

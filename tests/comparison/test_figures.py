@@ -8,7 +8,7 @@ import xarray as xr
 from scipy import ndimage
 
 import scenetruth as st
-from scenetruth.benchmark.cases.case import ALL, COMMON, OWN, BenchmarkRecord, CaseEstimates, all_cases
+from scenetruth.benchmark.cases.case import ALL, COMMON_VALID, METHOD_VALID, BenchmarkRecord, CaseEstimates, all_cases
 from scenetruth.benchmark.cases.reference_scene import apply_changes
 from scenetruth.benchmark.error_statistics import compute_statistic_records
 from scenetruth.scene import scene_from_plain
@@ -29,7 +29,9 @@ def estimate_of(recording: xr.Dataset, truth: xr.Dataset, **changes: object) -> 
     return st.make_estimate(recording=recording, t=[0], **given)  # type: ignore[arg-type]  # any arrays
 
 
-def one(rows: list[BenchmarkRecord], method: str, quantity: str, statistic: str, pixels: str = OWN) -> BenchmarkRecord:
+def one(
+    rows: list[BenchmarkRecord], method: str, quantity: str, statistic: str, pixels: str = METHOD_VALID
+) -> BenchmarkRecord:
     (found,) = [
         row
         for row in rows
@@ -55,12 +57,12 @@ def test_known_noise_bias_and_error_bars_come_back(still: tuple[xr.Dataset, xr.D
         found.append(CaseEstimates({"known": known}, truth, recording, 0.005))
     rows = list(compute_statistic_records(all_cases()["noise"], 0.005, found))
     # 12 x 112 x 76 values: their standard deviation is known to 0.2 %, their mean to 6e-5.
-    assert one(rows, "known", "disparity", "noise").number == pytest.approx(0.02, rel=0.02)
-    assert one(rows, "known", "disparity", "bias").number == pytest.approx(0.005, abs=3e-4)
-    assert one(rows, "known", "disparity", "density").number == 1
-    assert one(rows, "known", "disparity", "calibration").number == pytest.approx(np.hypot(2.0, 0.5), rel=0.02)
+    assert one(rows, "known", "disparity", "noise_std").value == pytest.approx(0.02, rel=0.02)
+    assert one(rows, "known", "disparity", "bias").value == pytest.approx(0.005, abs=3e-4)
+    assert one(rows, "known", "disparity", "density").value == 1
+    assert one(rows, "known", "disparity", "rms_z").value == pytest.approx(np.hypot(2.0, 0.5), rel=0.02)
     # Velocity was given as it is, in float32.
-    assert one(rows, "known", "velocity_x", "rms").number < 1e-6
+    assert one(rows, "known", "velocity_x", "rmse").value < 1e-6
 
 
 def test_the_window_of_a_blurred_truth_comes_back() -> None:
@@ -74,9 +76,9 @@ def test_the_window_of_a_blurred_truth_comes_back() -> None:
         blurred = ndimage.gaussian_filter(truth["velocity"].values, (0, 0, sigma_px, 0), mode="reflect", truncate=6)
         estimates = {"blurred": estimate_of(recording, truth, velocity=blurred)}
         rows += case.further_rows(CaseEstimates(estimates, truth, recording, value))
-    periods = {row.statistic: row.number for row in case.conclusions(rows)}
-    first = periods["period_at_10_percent_loss_first"]
-    assert first == periods["period_at_10_percent_loss_last"]
+    periods = {row.statistic: row.value for row in case.conclusions(rows)}
+    first = periods["cutoff_period_first"]
+    assert first == periods["cutoff_period_last"]
     assert first == pytest.approx(expected, rel=0.03)
 
 
@@ -94,10 +96,10 @@ def test_the_window_of_a_blurred_star_comes_back(star: tuple[xr.Dataset, xr.Data
     rows = [row for value in case.core for row in case.further_rows(CaseEstimates(estimates, truth, recording, value))]
     for row in rows:
         # Of a wave of one period exp(-(2 pi sigma / p)^2 / 2) is left; p changes by sigma / 4 within a window.
-        assert row.number == pytest.approx(np.exp(-((2 * np.pi * sigma_px / row.value) ** 2) / 2), abs=0.01)
-    periods = {row.statistic: row.number for row in case.conclusions(rows)}
-    first = periods["period_at_10_percent_loss_first"]
-    assert first == periods["period_at_10_percent_loss_last"]
+        assert row.value == pytest.approx(np.exp(-((2 * np.pi * sigma_px / row.level) ** 2) / 2), abs=0.01)
+    periods = {row.statistic: row.value for row in case.conclusions(rows)}
+    first = periods["cutoff_period_first"]
+    assert first == periods["cutoff_period_last"]
     assert first == pytest.approx(2 * np.pi * sigma_px / np.sqrt(-2 * np.log(0.9)), rel=0.03)
 
 
@@ -129,14 +131,14 @@ def test_methods_are_compared_on_what_all_tell(still: tuple[xr.Dataset, xr.Datas
     rows = list(
         compute_statistic_records(all_cases()["noise"], 0.005, [CaseEstimates(estimates, truth, recording, 0.005)])
     )
-    assert one(rows, "half", "disparity", "density").number == pytest.approx(0.5, abs=0.01)
-    assert one(rows, "half", "disparity", "good", ALL).number == pytest.approx(0.5, abs=0.01)
-    assert one(rows, "wrong", "disparity", "density").number == 1
-    assert one(rows, "wrong", "disparity", "good", ALL).number == pytest.approx(0.5, abs=0.01)
+    assert one(rows, "half", "disparity", "density").value == pytest.approx(0.5, abs=0.01)
+    assert one(rows, "half", "disparity", "inlier_rate", ALL).value == pytest.approx(0.5, abs=0.01)
+    assert one(rows, "wrong", "disparity", "density").value == 1
+    assert one(rows, "wrong", "disparity", "inlier_rate", ALL).value == pytest.approx(0.5, abs=0.01)
     # Float32 leaves 2e-7 of 4.3 px.
-    assert one(rows, "half", "disparity", "rms", COMMON).number < 1e-5
-    assert one(rows, "wrong", "disparity", "rms", COMMON).number == pytest.approx(0.3, rel=1e-4)
-    assert one(rows, "wrong", "disparity", "rms").number == pytest.approx(0.3 / np.sqrt(2), rel=0.02)
+    assert one(rows, "half", "disparity", "rmse", COMMON_VALID).value < 1e-5
+    assert one(rows, "wrong", "disparity", "rmse", COMMON_VALID).value == pytest.approx(0.3, rel=1e-4)
+    assert one(rows, "wrong", "disparity", "rmse").value == pytest.approx(0.3 / np.sqrt(2), rel=0.02)
 
 
 def test_a_method_that_gives_less_is_not_asked_for_more(still: tuple[xr.Dataset, xr.Dataset]) -> None:

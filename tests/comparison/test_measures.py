@@ -25,13 +25,13 @@ def test_noise_and_bias_come_back() -> None:
     kept = GENERATOR.random(errors.shape) < 0.7
     found = compute_interval_statistics(errors, kept)
     # 27,720 values: their standard deviation is known to 0.4 %.
-    assert found["std"].number == pytest.approx(0.2, rel=0.02)
-    assert found["bias"].number == pytest.approx(errors[kept].mean())
-    assert found["rms"].number == pytest.approx(np.hypot(0.03, 0.2), rel=0.02)
+    assert found["precision_std"].value == pytest.approx(0.2, rel=0.02)
+    assert found["bias"].value == pytest.approx(errors[kept].mean())
+    assert found["rmse"].value == pytest.approx(np.hypot(0.03, 0.2), rel=0.02)
     # The median of |N(0, 1)| is 0.6745; the bias changes it by a hundredth.
-    assert found["median"].number == pytest.approx(0.6745 * 0.2, rel=0.03)
-    for name in ("rms", "std", "bias"):
-        assert found[name].low < found[name].number < found[name].high
+    assert found["median_abs_error"].value == pytest.approx(0.6745 * 0.2, rel=0.03)
+    for name in ("rmse", "precision_std", "bias"):
+        assert found[name].ci_low < found[name].value < found[name].ci_high
 
 
 def test_intervals_hold_the_truth_though_neighbours_err_alike() -> None:
@@ -41,8 +41,8 @@ def test_intervals_hold_the_truth_though_neighbours_err_alike() -> None:
         white = np.random.default_rng(seed).normal(size=(1, 110, 146))
         smooth = ndimage.gaussian_filter(white, (0, 3, 3), mode="wrap")
         smooth *= 2 * 3 * np.sqrt(np.pi)
-        found = compute_interval_statistics(smooth, np.ones(smooth.shape, dtype=bool))["rms"]
-        held += found.low <= 1.0 <= found.high
+        found = compute_interval_statistics(smooth, np.ones(smooth.shape, dtype=bool))["rmse"]
+        held += found.ci_low <= 1.0 <= found.ci_high
     # 95 % of 60 are 57; fewer than 50 would happen once in a thousand tries.
     assert held >= 50
 
@@ -51,7 +51,7 @@ def test_nothing_is_told_of_nothing() -> None:
     assert compute_interval_statistics(np.zeros((1, 4, 4)), np.zeros((1, 4, 4), dtype=bool)) == {}
     few = np.zeros((1, 40, 40), dtype=bool)
     few[0, 3, 3:9] = True
-    assert np.isnan(compute_interval_statistics(np.ones(few.shape), few)["rms"].low)
+    assert np.isnan(compute_interval_statistics(np.ones(few.shape), few)["rmse"].ci_low)
 
 
 @given(strategies.floats(0.2, 5.0))

@@ -13,7 +13,7 @@ import xarray as xr
 
 from scenetruth.benchmark import BenchmarkResult
 from scenetruth.benchmark.benchmark_report import write_benchmark_report
-from scenetruth.benchmark.cases.case import BOUND, COMMON, OWN, BenchmarkRecord, all_cases
+from scenetruth.benchmark.cases.case import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, all_cases
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
 from scenetruth.benchmark.method_specs import parse_methods
 from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
@@ -26,23 +26,25 @@ def rows() -> list[BenchmarkRecord]:
     found = []
     for label, factor in (("mine", 1.0), (HOSTILE, 2.0)):
         for value in all_cases()["noise"].core:
-            for pixels in (OWN, COMMON):
+            for pixels in (METHOD_VALID, COMMON_VALID):
                 number = factor * value
                 found.append(
                     BenchmarkRecord(
-                        "noise", value, label, "disparity", pixels, "rms", number, 0.9 * number, 1.1 * number
+                        "noise", value, label, "disparity", pixels, "rmse", number, 0.9 * number, 1.1 * number
                     )
                 )
-            found.append(BenchmarkRecord("noise", value, label, "disparity", OWN, "noise", factor * value))
-            found.append(BenchmarkRecord("noise", value, label, "disparity", OWN, "density", 0.9))
+            found.append(BenchmarkRecord("noise", value, label, "disparity", METHOD_VALID, "noise_std", factor * value))
+            found.append(BenchmarkRecord("noise", value, label, "disparity", METHOD_VALID, "density", 0.9))
             found += [
-                BenchmarkRecord("noise", value, label, "disparity", OWN, "within", at / 4, at=at)
+                BenchmarkRecord("noise", value, label, "disparity", METHOD_VALID, "coverage", at / 4, threshold=at)
                 for at in (1.0, 2.0, 3.0)
             ]
         for period, left in ((96.0, 0.99), (48.0, 0.8)):
-            found.append(BenchmarkRecord("waves_of_depth", period, label, "depth", OWN, "share_left", left))
+            found.append(
+                BenchmarkRecord("waves_of_depth", period, label, "depth", METHOD_VALID, "amplitude_ratio", left)
+            )
     found += [
-        BenchmarkRecord("noise", value, BOUND, "disparity", OWN, "noise", value / 2)
+        BenchmarkRecord("noise", value, BOUND, "disparity", METHOD_VALID, "noise_std", value / 2)
         for value in all_cases()["noise"].core
     ]
     for case in (all_cases()["waves_of_depth"],):
@@ -61,21 +63,21 @@ def comparison() -> BenchmarkResult:
 def test_efficiency_and_products_follow_from_rows(comparison: BenchmarkResult) -> None:
     frame = comparison.efficiency()
     assert set(frame["efficiency_percent"].round(9)) == {25.0, 6.25}
-    first = comparison.figure("waves_of_depth", "mine", "depth", "period_at_10_percent_loss_first").number
+    first = comparison.figure("waves_of_depth", "mine", "depth", "cutoff_period_first").value
     # The logarithm of the share is a straight line over the period to the power of -2.
     way = (math.log(0.99) - math.log(0.9)) / (math.log(0.99) - math.log(0.8))
     assert first == pytest.approx((96**-2 + way * (48**-2 - 96**-2)) ** -0.5)
-    product = comparison.figure("waves_of_depth", HOSTILE, "disparity", "noise_times_period_first").number
+    product = comparison.figure("waves_of_depth", HOSTILE, "disparity", "metrological_efficiency_first").value
     assert product == pytest.approx(2 * 0.005 * first)
     summary = comparison.summary()
-    assert summary.loc["Noise floor: disparity noise", "mine"] == np.median(all_cases()["noise"].core)
-    assert summary.loc["Noise floor: disparity noise", BOUND] == np.median(all_cases()["noise"].core) / 2
+    assert summary.loc["Noise floor: disparity noise std", "mine"] == np.median(all_cases()["noise"].core)
+    assert summary.loc["Noise floor: disparity noise std", BOUND] == np.median(all_cases()["noise"].core) / 2
 
 
 def test_charts_hold_what_was_measured(comparison: BenchmarkResult) -> None:
     charts = {chart.name: chart for chart in build_charts(comparison, comparison.cases[0])}
-    assert set(charts) == {"noise-disparity-noise", "noise-disparity-density", "noise-within"}
-    chart = charts["noise-disparity-noise"]
+    assert set(charts) == {"noise-disparity-noise_std", "noise-disparity-density", "noise-coverage"}
+    chart = charts["noise-disparity-noise_std"]
     assert [line["name"] for line in chart.data] == ["mine", HOSTILE, "bound of noise"]
     assert chart.data[1]["y"] == [2 * value for value in all_cases()["noise"].core]
     assert "mine: 0.005 at 0.005" in chart.alt
@@ -91,14 +93,14 @@ def test_the_page_is_one_file_in_which_no_word_acts(comparison: BenchmarkResult,
     found = re.search(r"^const charts = (.*);$", text, re.MULTILINE)
     assert found is not None
     charts = json.loads(found[1])
-    assert charts["noise-disparity-noise"]["data"][1]["name"] == HOSTILE
+    assert charts["noise-disparity-noise_std"]["data"][1]["name"] == HOSTILE
     for name in charts:
         assert f'id="chart-{name}"' in text
     # Nothing is fetched: addresses of plotly's own code are in its script alone.
     outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r'(src|href)="(?!#)', outside)
     assert "scenetruth compare mine 'theirs[a: 1]' --case noise --value VALUE -o again" in outside.replace("&#39;", "'")
-    assert all(math.isfinite(value) for value in charts["noise-disparity-noise"]["data"][0]["y"])
+    assert all(math.isfinite(value) for value in charts["noise-disparity-noise_std"]["data"][0]["y"])
 
 
 def told_by(*figures: tuple[str, float], own: tuple[str, ...] = ("mine",), kind: str = "noise") -> BenchmarkResult:
@@ -106,9 +108,10 @@ def told_by(*figures: tuple[str, float], own: tuple[str, ...] = ("mine",), kind:
     case = all_cases()[kind]
     quantity, statistic = case.headline
     found = [
-        BenchmarkRecord(kind, math.nan, label, quantity, OWN, statistic, number, unit="px") for label, number in figures
+        BenchmarkRecord(kind, math.nan, label, quantity, METHOD_VALID, statistic, number, unit="px")
+        for label, number in figures
     ]
-    found += [BenchmarkRecord(kind, value, "mine", quantity, OWN, "density", 1.0) for value in case.core]
+    found += [BenchmarkRecord(kind, value, "mine", quantity, METHOD_VALID, "density", 1.0) for value in case.core]
     return BenchmarkResult([label for label, _ in figures], [case], found, own=own)
 
 
@@ -156,11 +159,13 @@ def test_our_own_methods_are_told_from_others() -> None:
 def test_values_with_names_are_drawn_at_their_names() -> None:
     case = all_cases()["gallery"]
     values = [case.value_of(name) for name in ("leaf", "cube", "star")]
-    found = [BenchmarkRecord(case.kind, value, "mine", "disparity", OWN, "rms", 0.1 + value) for value in values]
-    found += [BenchmarkRecord(case.kind, values[0], "mine", "growth_rate_windowed", OWN, "rms", 3.0)]
+    found = [
+        BenchmarkRecord(case.kind, value, "mine", "disparity", METHOD_VALID, "rmse", 0.1 + value) for value in values
+    ]
+    found += [BenchmarkRecord(case.kind, values[0], "mine", "growth_rate_windowed", METHOD_VALID, "rmse", 3.0)]
     charts = {chart.name: chart for chart in build_charts(BenchmarkResult(["mine"], [case], found), case)}
-    assert set(charts) == {"gallery-disparity-rms", "gallery-growth_rate_windowed-rms"}
-    chart = charts["gallery-disparity-rms"]
+    assert set(charts) == {"gallery-disparity-rmse", "gallery-growth_rate_windowed-rmse"}
+    chart = charts["gallery-disparity-rmse"]
     assert chart.data[0]["x"] == ["cube", "leaf", "star"]
     assert chart.data[0]["mode"] == "markers"
     assert chart.layout["xaxis"]["categoryarray"] == ["cube", "leaf", "star"]
@@ -172,21 +177,21 @@ def test_others_that_are_ahead_in_one_scene_or_one_quantity_are_told_too() -> No
     leaf, star = case.value_of("leaf"), case.value_of("star")
     figures = {(leaf, "mine"): 0.1, (leaf, "theirs"): 0.2, (star, "mine"): 0.1, (star, "theirs"): 0.05}
     found = [
-        BenchmarkRecord(case.kind, value, label, "disparity", pixels, "rms", number, unit="px")
+        BenchmarkRecord(case.kind, value, label, "disparity", pixels, "rmse", number, unit="px")
         for (value, label), number in figures.items()
-        for pixels in (OWN, COMMON)
+        for pixels in (METHOD_VALID, COMMON_VALID)
     ]
     # Nobody else tells depth; what is told by others alone puts them ahead.
     found += [
-        BenchmarkRecord(case.kind, star, "mine", "depth", OWN, "rms", 1.0),
-        BenchmarkRecord(case.kind, star, "theirs", "flow_x", OWN, "rms", 2.0),
+        BenchmarkRecord(case.kind, star, "mine", "depth", METHOD_VALID, "rmse", 1.0),
+        BenchmarkRecord(case.kind, star, "theirs", "flow_x", METHOD_VALID, "rmse", 2.0),
     ]
     leads = compute_rank_leaders(BenchmarkResult(["mine", "theirs"], [case], found, own=["mine"]))
     # The medians are 0.1 and 0.125.
     assert (leads.cases, leads.ahead, leads.figures) == (1, [], 3)
     assert leads.lines == [
-        ["Gallery, star", "Disparity, rms error", "theirs 0.05 px", "mine 0.1 px"],
-        ["Gallery, star", "Optical flow in x, rms error", "theirs 2", "–"],
+        ["Gallery, star", "Disparity, RMSE", "theirs 0.05 px", "mine 0.1 px"],
+        ["Gallery, star", "Optical flow in x, RMSE", "theirs 2", "–"],
     ]
 
 

@@ -31,11 +31,11 @@ def test_scores_land_in_the_catalogue_and_are_those_of_the_method(made: Path) ->
     found = estimate_dataset(made, settings={"working_point_px": "auto", "tau": 1e-4}, workers=0)
     assert (found.done, found.present, found.failed) == (2, 0, {})
     dataset = st.open_dataset(made)
-    column = dataset.catalogue["score.structure_tensor.all.depth.rms"]
+    column = dataset.catalogue["score.structure_tensor.all.depth.rmse"]
     for sample in dataset:
         estimate = st.estimate(sample.recording, working_point_px="auto", tau=1e-4)
         score = st.score(estimate, sample.truth, sample.recording)
-        assert column[sample.number] == score.regions["all"]["depth"]["rms"]
+        assert column[sample.number] == score.regions["all"]["depth"]["rmse"]
         if made.name == "folder":
             assert sample.estimate().attrs["estimate_hash"] == estimate.attrs["estimate_hash"]
     # What lay there before is as it was.

@@ -39,7 +39,7 @@ def test_it_is_scored_on_flow_alone() -> None:
     recording, truth = st.simulate(plaid(8, (4.0, -2.0, 0.0)))
     estimate = st.estimate(recording, "phase_correlation")
     scored = st.score(estimate, truth, recording).regions["all"]
-    rms = scored["flow_x"]["rms"]
+    rms = scored["flow_x"]["rmse"]
     assert rms is not None
     assert rms < 0.1
     assert "depth" not in scored

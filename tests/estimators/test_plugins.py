@@ -48,7 +48,7 @@ def test_a_plug_in_estimates_and_is_scored_like_ours(
     assert json.loads(estimate.attrs["settings"]) == {"block_px": 7, "largest_disparity_px": 20}
     score = st.score(estimate, truth, recording)
     # To the whole pixel: uniform errors within half a pixel have an rms of 0.29 px.
-    assert score.regions["interior"]["disparity"]["rms"] == pytest.approx(0.29, abs=0.1)
+    assert score.regions["interior"]["disparity"]["rmse"] == pytest.approx(0.29, abs=0.1)
     assert "velocity_z" not in score.regions["interior"]
 
 

@@ -25,11 +25,11 @@ BASELINE_MM = 5.0
 
 HELD = (
     *("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y"),
-    "velocity_endpoint",
+    "velocity_epe",
 )
 """What is scored of the estimates here: keys of `QUANTITIES`, the only one that is no scalar last."""
 
-OF_ERRORS = ("Score", "rms", "bias", "calibration", "Error, estimate", "outlier")
+OF_ERRORS = ("Score", "rmse", "bias", "rms_z", "Error, estimate", "outlier")
 """Words that have no place where there is no truth."""
 
 

@@ -210,7 +210,7 @@ def test_estimate_of_the_truth_has_the_bias_of_the_window_only() -> None:
     # (2 / pi)^1/2 / (2 - 4 / pi) = 1.10 standard deviations further in; pixels are a tenth wider on one side.
     assert 1e-4 < np.abs(bias).max() < 1.10 * 1.1 * 2 * 8 / 144
     result = score(case.estimate, case.truth, margin_px=24, growth_window_px=8).regions["interior"]
-    assert result["growth_rate_windowed"]["rms"] == 0.0
+    assert result["growth_rate_windowed"]["rmse"] == 0.0
     # Whole windows average a rate that is linear on the leaf, nearly so in the image.
     assert abs(result["growth_rate"]["bias"] or 1) < 0.02
     assert result["growth_rate"]["density"] == 1.0
@@ -227,14 +227,14 @@ def test_growth_is_scored_in_percent_per_hour() -> None:
     values = result.regions["all"]["growth_rate"]
     assert values["count"] == error.size
     assert values["bias"] == pytest.approx(error.mean())
-    assert values["rms"] == pytest.approx(np.sqrt((error**2).mean()))
+    assert values["rmse"] == pytest.approx(np.sqrt((error**2).mean()))
     # Growth is linear in the velocity.
-    assert result.regions["all"]["growth_rate_windowed"]["relative_rms"] == pytest.approx(0.5)
-    assert values["calibration"] is None
+    assert result.regions["all"]["growth_rate_windowed"]["relative_rmse"] == pytest.approx(0.5)
+    assert values["rms_z"] is None
     assert result.to_frame().loc[("all", "growth_rate"), "units"] == "%/h"
     hourly = [dataset.assign_attrs(frame_interval_s=3600.0) for dataset in (faster, case.truth)]
     slow = score(*hourly, growth_window_px=8).regions["all"]["growth_rate"]
-    assert slow["rms"] == pytest.approx(float(values["rms"] or 0) / 60)
+    assert slow["rmse"] == pytest.approx(float(values["rmse"] or 0) / 60)
 
 
 def test_only_full_pixels_are_used() -> None:

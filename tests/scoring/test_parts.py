@@ -53,7 +53,7 @@ def assert_same(found: Any, expected: Any) -> None:
     assert list(found) == list(expected)
     few = (expected["count"] or 0) < 200
     for statistic, value in expected.items():
-        if statistic in ("median_abs", "p95_abs") and value is not None:
+        if statistic in ("median_abs_error", "p95_abs_error") and value is not None:
             # Histograms are right to a bin; few values leave gaps that they know nothing of.
             assert found[statistic] == pytest.approx(value, rel=0.5 if few else 0.05)
         else:
@@ -63,7 +63,7 @@ def assert_same(found: Any, expected: Any) -> None:
 def test_histograms_hold_every_error_once(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     def gathered() -> dict[tuple[str, str], list[float]]:
         found: dict[tuple[str, str], list[float]] = {}
-        for name, samples in _samples(case.estimate, case.truth, ("depth", "velocity_endpoint"), 4.0):
+        for name, samples in _samples(case.estimate, case.truth, ("depth", "velocity_epe"), 4.0):
             for region, values in samples.items():
                 found.setdefault((name, region), []).extend(values.tolist())
         return found

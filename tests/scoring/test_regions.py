@@ -98,13 +98,13 @@ def test_visible_pixels_are_seen_in_every_way(told: Case) -> None:
     regions, truth = regions_of(told), told.truth
     y, x = np.indices((60, 80))
     seen = np.isfinite(truth["depth"].values)
-    np.testing.assert_array_equal(regions["visible"], seen & (x >= 8) & (y >= 6) & (y < 54))
-    np.testing.assert_array_equal(regions["partly_hidden"], seen & ~regions["visible"])
+    np.testing.assert_array_equal(regions["nonoccluded"], seen & (x >= 8) & (y >= 6) & (y < 54))
+    np.testing.assert_array_equal(regions["occluded"], seen & ~regions["nonoccluded"])
     # What is not seen throughout is told of t = 0 only.
     late = Case(told.recording, told.estimate, truth.assign_coords(t=truth.t + 1))
     masks = region_masks(truth["depth"].values, truth["mixed"].values)
     later = further_regions(late.truth, masks["interior"], ScoreSettings(), throughout=visible_throughout(late.truth))
-    np.testing.assert_array_equal(later["visible"], seen & (x >= 8) & (y >= 6))
+    np.testing.assert_array_equal(later["nonoccluded"], seen & (x >= 8) & (y >= 6))
     assert visible_throughout(truth.drop_vars("visible")) is None
 
 
@@ -119,7 +119,7 @@ def test_visibility_of_a_grid_of_cameras_and_of_frames_counts(told: Case) -> Non
 
 @pytest.mark.parametrize(
     ("stem", "among"),
-    [("slope", ("visible", "interior")), ("edge", ("visible",)), ("contrast", ("visible", "interior"))],
+    [("slope", ("nonoccluded", "interior")), ("boundary", ("nonoccluded",)), ("contrast", ("nonoccluded", "interior"))],
 )
 def test_classes_divide_what_they_are_among(told: Case, stem: str, among: tuple[str, ...]) -> None:
     regions = regions_of(told, contrast_classes=(0.06, 0.09))
@@ -133,30 +133,30 @@ def test_slopes_and_edges_are_told_by_their_bounds(told: Case) -> None:
     truth = told.truth
     regions = regions_of(told, margin_px=0.0)
     angle = 90.0 * np.indices((60, 80))[1] / 79
-    inner = regions["interior"] & regions["visible"]
+    inner = regions["interior"] & regions["nonoccluded"]
     for low, high in ((0, 20), (20, 45), (45, 70), (70, 90)):
         np.testing.assert_array_equal(regions[f"slope_{low}_{high}"], inner & (angle >= low) & (angle < high))
     distance = brute_force_distance(truth["mixed"].values)
-    inner = regions["visible"]
-    np.testing.assert_array_equal(regions["edge_0_5"], inner & (distance < 5))
-    np.testing.assert_array_equal(regions["edge_20_inf"], inner & (distance >= 20))
+    inner = regions["nonoccluded"]
+    np.testing.assert_array_equal(regions["boundary_0_5"], inner & (distance < 5))
+    np.testing.assert_array_equal(regions["boundary_20_inf"], inner & (distance >= 20))
     # Without any edge everything is infinitely far; a truth that tells distances is believed.
     nowhere = Case(told.recording, told.estimate, truth.assign(mixed=truth["mixed"] & False))
-    np.testing.assert_array_equal(regions_of(nowhere)["edge_20_inf"], inner)
+    np.testing.assert_array_equal(regions_of(nowhere)["boundary_20_inf"], inner)
     at = Case(told.recording, told.estimate, truth.assign(boundary_distance=truth["depth"] * 0 + 7))
-    np.testing.assert_array_equal(regions_of(at)["edge_5_10"], inner)
+    np.testing.assert_array_equal(regions_of(at)["boundary_5_10"], inner)
 
 
 def test_surface_seen_edge_on_is_in_the_last_class_of_slopes(told: Case) -> None:
     normal = told.truth["normal"] * 0 + np.array([1.0, 0.0, 0.0])[:, None, None, None]
     regions = regions_of(Case(told.recording, told.estimate, told.truth.assign(normal=normal)))
-    np.testing.assert_array_equal(regions["slope_70_90"], regions["interior"] & regions["visible"])
+    np.testing.assert_array_equal(regions["slope_70_90"], regions["interior"] & regions["nonoccluded"])
 
 
 def test_without_occlusions_all_pixels_count(told: Case) -> None:
     regions = regions_of(Case(told.recording, told.estimate, told.truth.drop_vars("occluded_in_time")))
-    assert "visible" not in regions
-    edges = [mask for name, mask in regions.items() if name.startswith("edge")]
+    assert "nonoccluded" not in regions
+    edges = [mask for name, mask in regions.items() if name.startswith("boundary")]
     np.testing.assert_array_equal(np.sum(edges, axis=0), regions["all"])
 
 
@@ -177,7 +177,7 @@ def test_objects_are_told_apart(told: Case) -> None:
     names = {"object_names": '["soil", "plant.leaf_1", "never seen"]'}
     several = told.truth.assign(object_id=number).assign_attrs(names)
     regions = regions_of(Case(told.recording, told.estimate, several))
-    inner = regions["interior"] & regions["visible"]
+    inner = regions["interior"] & regions["nonoccluded"]
     np.testing.assert_array_equal(regions["object_soil"], inner & (x >= 30) & (x < 70))
     np.testing.assert_array_equal(regions["object_plant.leaf_1"], inner & (x < 30))
     assert "object_never seen" not in regions
@@ -190,7 +190,8 @@ def test_objects_are_told_apart(told: Case) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["visible", "slope_0_22.5", "edge_20_inf", "edge_1e+03_inf", "contrast_mid", "object_plant.leaf 1"]
+    "name",
+    ["nonoccluded", "slope_0_22.5", "boundary_20_inf", "boundary_1e+03_inf", "contrast_mid", "object_plant.leaf 1"],
 )
 def test_names_of_regions_are_known(name: str) -> None:
     assert is_further_region(name)

@@ -124,11 +124,11 @@ def test_every_quantity_is_in_the_tables_of_both_regions(reader: Reader) -> None
 
 
 def test_error_bars_are_in_the_tables_of_both_regions(full_case: Case, reader: Reader) -> None:
-    assert reader.text.count("error bars") == reader.text.count("calibration") - 1 == 2
+    assert reader.text.count("error bars") == reader.text.count("RMS of z") - 1 == 2
     regions = score(full_case.estimate, full_case.truth).regions
     for values in (regions["all"], regions["interior"]):
-        assert format_number(values["depth"]["calibration"]) in reader.text
-        assert format_percent(values["depth"]["within_2_std"]) in reader.text
+        assert format_number(values["depth"]["rms_z"]) in reader.text
+        assert format_percent(values["depth"]["coverage_2_std"]) in reader.text
 
 
 def test_origin_and_warnings_are_told_and_quoted(page: Path, reader: Reader) -> None:
@@ -147,7 +147,7 @@ def test_data_from_elsewhere_have_a_report_too(tmp_path: Path) -> None:
     text = write_report(case.recording, estimate, case.truth, folder=tmp_path, figures=ONE).read_text(encoding="utf-8")
     assert "The scene in full" not in text
     assert "<h1>Estimate against truth</h1>" in text
-    assert format_number(score(estimate, case.truth).regions["all"]["disparity"]["rms"]) in text
+    assert format_number(score(estimate, case.truth).regions["all"]["disparity"]["rmse"]) in text
 
 
 def read(page: Path) -> Reader:
@@ -161,8 +161,8 @@ def read(page: Path) -> Reader:
 @pytest.mark.parametrize(
     ("held", "titles", "cards"),
     [
-        (("depth", "disparity"), ("Depth", "Disparity"), ("Depth, rms error", "Disparity, rms error")),
-        (("flow",), ("Optical flow in x", "Optical flow in y"), ("Optical flow in x, rms error",)),
+        (("depth", "disparity"), ("Depth", "Disparity"), ("Depth, RMSE", "Disparity, RMSE")),
+        (("flow",), ("Optical flow in x", "Optical flow in y"), ("Optical flow in x, RMSE",)),
     ],
 )
 def test_page_tells_what_the_estimate_holds(
@@ -250,7 +250,7 @@ def test_summaries_are_those_of_the_known_pixels(full_case: Case) -> None:
 def test_regions_stand_beside_each_other(full_case: Case, reader: Reader) -> None:
     for region, values in score(full_case.estimate, full_case.truth).regions.items():
         assert region in reader.text
-        assert format_number(values["velocity_z"]["rms"]) in reader.text
+        assert format_number(values["velocity_z"]["rmse"]) in reader.text
     assert not any("rowth" in text for text in reader.text)
 
 
@@ -273,10 +273,10 @@ def test_growth_is_reported_where_it_is_scored(tmp_path: Path) -> None:
     page = write_report(case.recording, case.estimate, case.truth, result, tmp_path, figures=("image", "growth_rate"))
     reader = read(page)
     text = " ".join(reader.text)
-    assert "Growth rate, windowed, rms error" in text
+    assert "Growth rate, windowed, RMSE" in text
     assert reader.text.count("Growth rate") == 2
     for name in ("growth_rate", "growth_rate_windowed"):
         for region in ("all", "interior"):
-            assert format_number(result.regions[region][name]["rms"]) in reader.text
+            assert format_number(result.regions[region][name]["rmse"]) in reader.text
     assert "Gaussian weights of 6 px" in text
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {"image.png", "growth_rate.png"}

@@ -34,11 +34,11 @@ from tests.scoring.synthetic import (
 
 NAMES = (*HELD, "outliers")
 BARRED = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z")
-EDGES = ("edge_0_5", "edge_5_10", "edge_10_20", "edge_20_inf")
+EDGES = ("boundary_0_5", "boundary_5_10", "boundary_10_20", "boundary_20_inf")
 SLOPES = ("slope_0_20", "slope_20_45", "slope_45_70", "slope_70_90")
 CONTRASTS = ("contrast_low", "contrast_mid", "contrast_high")
 GROWTH = ("growth_rate", "growth_rate_windowed")
-VELOCITY = ("velocity_x", "velocity_y", "velocity_z", "velocity_endpoint")
+VELOCITY = ("velocity_x", "velocity_y", "velocity_z", "velocity_epe")
 
 
 def strict(text: str) -> dict[str, object]:
@@ -70,13 +70,13 @@ def test_json_has_exactly_the_agreed_keys(case: Case) -> None:
 def test_regions_are_those_that_the_truth_can_tell() -> None:
     case = with_regions(make_growing_case(48, 36, 380.0))
     everything = score(case.estimate, case.truth, case.recording)
-    hidden = ("visible", "partly_hidden")
+    hidden = ("nonoccluded", "occluded")
     assert tuple(everything.regions) == ("all", "interior", *hidden, *SLOPES, *EDGES, *CONTRASTS)
     truth = case.truth.drop_vars(["occluded_across_cameras", "normal"])
     assert tuple(score(case.estimate, truth).regions) == ("all", "interior", *EDGES)
     bounds: dict[str, Any] = {"slope_classes_deg": (0, 22.5, 90), "edge_classes_px": (3,)}
     named = score(case.estimate, case.truth, **bounds).regions
-    assert tuple(named) == ("all", "interior", *hidden, "slope_0_22.5", "slope_22.5_90", "edge_3_inf")
+    assert tuple(named) == ("all", "interior", *hidden, "slope_0_22.5", "slope_22.5_90", "boundary_3_inf")
     for regions in (everything, score(case.estimate, case.truth, **bounds)):
         assert Score.from_json(regions.to_json()) == regions
 
@@ -88,13 +88,13 @@ def test_growth_comes_before_the_outliers() -> None:
         assert tuple(values) == (*NAMES[:-1], *GROWTH, "outliers")
     assert Score.from_json(result.to_json()) == result
     content = json.loads(result.to_json())
-    del content["edge_0_5"]["growth_rate"]
-    del content["interior"]["growth_rate_windowed"]["rms"]
+    del content["boundary_0_5"]["growth_rate"]
+    del content["interior"]["growth_rate_windowed"]["rmse"]
     with pytest.raises(ScoreError) as caught:
         Score.from_json(json.dumps(content))
     paths = {problem.path for problem in caught.value.problems}
-    assert {"edge_0_5.growth_rate.bias", "interior.growth_rate_windowed.rms"} <= paths
-    assert all(path.startswith(("edge_0_5.growth_rate.", "interior.growth_rate_windowed.")) for path in paths)
+    assert {"boundary_0_5.growth_rate.bias", "interior.growth_rate_windowed.rmse"} <= paths
+    assert all(path.startswith(("boundary_0_5.growth_rate.", "interior.growth_rate_windowed.")) for path in paths)
 
 
 def test_recording_that_does_not_belong_is_refused(case: Case) -> None:
@@ -128,10 +128,10 @@ def test_perfect_estimate_has_full_marks(case: Case) -> None:
     result = score(case.truth, case.truth)
     for quantities in result.regions.values():
         for name in NAMES[:-1]:
-            assert (quantities[name]["rms"], quantities[name]["density"]) == (0.0, 1.0)
+            assert (quantities[name]["rmse"], quantities[name]["density"]) == (0.0, 1.0)
         # With disparities that are all alike, a rate of zero says nothing.
         assert "outliers" not in quantities
-        assert quantities["velocity_x"]["relative_rms"] is None
+        assert quantities["velocity_x"]["relative_rmse"] is None
 
 
 def test_numbers_are_those_of_the_arrays(case: Case) -> None:
@@ -141,9 +141,9 @@ def test_numbers_are_those_of_the_arrays(case: Case) -> None:
     assert result["all"]["depth"]["count"] == scored.sum()
     assert result["all"]["depth"]["bias"] == pytest.approx(error[scored].mean())
     delta = (case.estimate["velocity"].values.astype(np.float64) - case.truth["velocity"].values)[:, scored]
-    assert result["all"]["velocity_endpoint"]["rms"] == pytest.approx(np.sqrt((delta**2).sum(axis=0).mean()))
-    assert result["all"]["velocity_z"]["rms"] == pytest.approx(np.sqrt((delta[2] ** 2).mean()))
-    assert result["interior"]["depth"]["rms"] < result["all"]["depth"]["rms"]  # type: ignore[operator]
+    assert result["all"]["velocity_epe"]["rmse"] == pytest.approx(np.sqrt((delta**2).sum(axis=0).mean()))
+    assert result["all"]["velocity_z"]["rmse"] == pytest.approx(np.sqrt((delta[2] ** 2).mean()))
+    assert result["interior"]["depth"]["rmse"] < result["all"]["depth"]["rmse"]  # type: ignore[operator]
 
 
 @pytest.mark.parametrize("region", ["all", "interior"])
@@ -153,8 +153,8 @@ def test_right_error_bars_are_calibrated(full_case: Case, region: str) -> None:
         count = float(result[name]["count"] or 0)
         assert count > 500
         # Five standard deviations of what so many normal errors give.
-        assert result[name]["calibration"] == pytest.approx(1, abs=5 / math.sqrt(2 * count))
-        assert result[name]["within_2_std"] == pytest.approx(0.9545, abs=5 * math.sqrt(0.9545 * 0.0455 / count))
+        assert result[name]["rms_z"] == pytest.approx(1, abs=5 / math.sqrt(2 * count))
+        assert result[name]["coverage_2_std"] == pytest.approx(0.9545, abs=5 * math.sqrt(0.9545 * 0.0455 / count))
 
 
 def test_calibration_scales_with_the_error_bars(full_case: Case) -> None:
@@ -164,9 +164,9 @@ def test_calibration_scales_with_the_error_bars(full_case: Case) -> None:
     for region in ("all", "interior"):
         for name in BARRED:
             here, there = bold.regions[region][name], right.regions[region][name]
-            assert here["calibration"] == 2 * float(there["calibration"] or 0)
-            assert float(here["within_2_std"] or 0) < 0.75
-            assert (here["rms"], here["density"]) == (there["rms"], there["density"])
+            assert here["rms_z"] == 2 * float(there["rms_z"] or 0)
+            assert float(here["coverage_2_std"] or 0) < 0.75
+            assert (here["rmse"], here["density"]) == (there["rmse"], there["density"])
 
 
 def test_quantities_without_error_bars_have_no_calibration(full_case: Case) -> None:
@@ -174,13 +174,13 @@ def test_quantities_without_error_bars_have_no_calibration(full_case: Case) -> N
     partly = score(full_case.estimate.drop_vars(["depth_std", "velocity_std"]), full_case.truth)
     for region, quantities in partly.regions.items():
         for name in NAMES[:-1]:
-            undefined = quantities[name]["calibration"] is None and quantities[name]["within_2_std"] is None
+            undefined = quantities[name]["rms_z"] is None and quantities[name]["coverage_2_std"] is None
             assert undefined == (name != "disparity")
-            assert quantities[name]["rms"] == everything.regions[region][name]["rms"]
+            assert quantities[name]["rmse"] == everything.regions[region][name]["rmse"]
     strict(partly.to_json())
     frame = partly.to_frame()
-    assert frame["calibration"].notna().sum() == len(partly.regions)
-    assert frame.loc[("all", "disparity"), "calibration"] == partly.regions["all"]["disparity"]["calibration"]
+    assert frame["rms_z"].notna().sum() == len(partly.regions)
+    assert frame.loc[("all", "disparity"), "rms_z"] == partly.regions["all"]["disparity"]["rms_z"]
 
 
 def test_every_quantity_counts_where_its_own_kind_is_full(full_case: Case) -> None:
@@ -236,7 +236,7 @@ def test_nothing_in_common_is_no_crash() -> None:
     empty.attrs = case.estimate.attrs
     result = score(empty, case.truth)
     assert result.regions["all"]["depth"]["density"] == 0.0
-    assert result.regions["all"]["depth"]["rms"] is None
+    assert result.regions["all"]["depth"]["rmse"] is None
     no_surface = case.truth.assign(depth=case.truth["depth"] * np.nan)
     assert score(case.estimate, no_surface).regions["interior"]["depth"]["density"] is None
     strict(result.to_json())
@@ -255,15 +255,21 @@ def test_json_and_pickle_round_trip(case: Case) -> None:
         ("[]", "must be a JSON object"),
         ('{"all": {}, "interior": {}}', "metadata: must be a JSON object"),
         ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is not one of the keys"),
-        ('{"all": {}, "interior": {}, "metadata": {}, "visible": 1}', "visible: must be a JSON object"),
-        ('{"all": {}, "interior": {}, "metadata": {}, "visible": {}}', "all: must have at least one of depth, dispar"),
-        ('{"all": {"depth": {}}, "interior": {}, "metadata": {}, "visible": {}}', "visible.depth.rms: is missing"),
-        ('{"all": {"flow_x": {}}, "interior": {}, "metadata": {}}', "interior.flow_y.rms: is missing"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "nonoccluded": 1}', "nonoccluded: must be a JSON object"),
+        (
+            '{"all": {}, "interior": {}, "metadata": {}, "nonoccluded": {}}',
+            "all: must have at least one of depth, dispar",
+        ),
+        (
+            '{"all": {"depth": {}}, "interior": {}, "metadata": {}, "nonoccluded": {}}',
+            "nonoccluded.depth.rmse: is missing",
+        ),
+        ('{"all": {"flow_x": {}}, "interior": {}, "metadata": {}}', "interior.flow_y.rmse: is missing"),
         (
             '{"all": {"depth": {}, "outliers": {"flow_rate": 0}}, "interior": {}, "metadata": {}}',
             "interior.outliers.flow_rate: is missing",
         ),
-        ('{"all": {"depth": {}}, "interior": 1, "metadata": {}}', "all.depth.rms: is missing"),
+        ('{"all": {"depth": {}}, "interior": 1, "metadata": {}}', "all.depth.rmse: is missing"),
     ],
 )
 def test_foreign_json_is_refused(text: str, message: str) -> None:
@@ -300,9 +306,9 @@ def test_frame_holds_every_number(case: Case) -> None:
     assert frame.index.names == ["region", "quantity"]
     assert list(frame.index) == [(region, name) for region in ("all", "interior", *EDGES) for name in NAMES]
     assert frame.loc[("all", "depth"), "units"] == "mm"
-    assert frame.loc[("interior", "velocity_endpoint"), "rms"] == result.regions["interior"]["velocity_endpoint"]["rms"]
-    assert np.isnan(frame.loc[("all", "outliers"), "rms"])
-    assert np.isnan(frame.loc[("all", "velocity_x"), "relative_rms"])
+    assert frame.loc[("interior", "velocity_epe"), "rmse"] == result.regions["interior"]["velocity_epe"]["rmse"]
+    assert np.isnan(frame.loc[("all", "outliers"), "rmse"])
+    assert np.isnan(frame.loc[("all", "velocity_x"), "relative_rmse"])
 
 
 def test_csv_leaves_undefined_values_empty(case: Case) -> None:
@@ -311,10 +317,10 @@ def test_csv_leaves_undefined_values_empty(case: Case) -> None:
     assert len(rows) == 6 * len(NAMES)
     depth = rows["all", "depth"]
     assert depth["units"] == "mm"
-    assert float(depth["rms"]) == result.regions["all"]["depth"]["rms"]
+    assert float(depth["rmse"]) == result.regions["all"]["depth"]["rmse"]
     assert int(depth["count"]) == result.regions["all"]["depth"]["count"]
     assert depth["disparity_rate"] == ""
-    assert rows["all", "velocity_x"]["relative_rms"] == ""
+    assert rows["all", "velocity_x"]["relative_rmse"] == ""
 
 
 @pytest.mark.parametrize(
@@ -340,7 +346,7 @@ def test_what_the_estimate_holds_is_scored(
     for region, quantities in result.regions.items():
         assert tuple(quantities) == scored
         for name, values in quantities.items():
-            expected = {**everything.regions[region][name], "calibration": None, "within_2_std": None}
+            expected = {**everything.regions[region][name], "rms_z": None, "coverage_2_std": None}
             assert values == expected
     assert Score.from_json(result.to_json()) == result
     assert len(list(csv.DictReader(io.StringIO(result.to_csv())))) == len(result.regions) * len(scored)
@@ -367,12 +373,12 @@ def test_score_has_a_short_representation(case: Case) -> None:
     result = score(case.estimate, case.truth)
     text = repr(result)
     assert "\n" not in text
-    rms = result.regions["interior"]["depth"]["rms"]
+    rms = result.regions["interior"]["depth"]["rmse"]
     assert text.startswith("Score(regions: all, interior and 4 more; quantities: depth, disparity, velocity, flow; ")
     assert f"depth {rms:.3g} mm" in text
-    assert "velocity_endpoint" in text
+    assert "velocity_epe" in text
     nothing = score(case.estimate.assign(status=0 * case.estimate["status"])[["disparity", "status"]], case.truth)
-    assert repr(nothing).endswith("quantities: disparity; rms in the interior: disparity undefined px/step)")
+    assert repr(nothing).endswith("quantities: disparity; RMSE in the interior: disparity undefined px/step)")
 
 
 def test_score_is_a_table_in_a_notebook(full_case: Case) -> None:
@@ -384,7 +390,7 @@ def test_score_is_a_table_in_a_notebook(full_case: Case) -> None:
     assert cells[0][:4] == ["region", "quantity", "unit", "bias"]
     assert len(cells) == 1 + 2 * 8
     assert cells[1][:3] == ["all", "Depth", "mm"]
-    assert format_number(result.regions["interior"]["depth"]["rms"]) in cells[9]
+    assert format_number(result.regions["interior"]["depth"]["rmse"]) in cells[9]
     assert "object_&lt;b&gt;&amp;" in html
     assert "outliers" not in html.lower()
 

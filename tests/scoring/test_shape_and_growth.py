@@ -90,19 +90,19 @@ def test_every_quantity_is_scored_with_its_errors(scored: Score) -> None:
     sizes = {"slope_x": STD["slope"], "mean_curvature": STD["mean_curvature"]}
     sizes |= {"gaussian_curvature": STD["gaussian_curvature"], "rotation_rate_y": STD["rotation_rate"]}
     sizes |= {"growth_rate": PERCENT_PER_HOUR * STD["growth_rate"], "growth_direction": np.degrees(TURN)}
-    sizes |= {"growth_least": PERCENT_PER_HOUR * STD["principal_growth_rates"]}
+    sizes |= {"growth_principal_2": PERCENT_PER_HOUR * STD["principal_growth_rates"]}
     for name, size in sizes.items():
         # 10,000 independent errors: 0.7 %, of five standard deviations 3.5 %.
-        assert values[name]["rms"] == pytest.approx(size, rel=0.035), name
-        assert values[name]["calibration"] == pytest.approx(1, rel=0.035), name
-        assert values[name]["within_2_std"] == pytest.approx(0.9545, abs=0.011), name
+        assert values[name]["rmse"] == pytest.approx(size, rel=0.035), name
+        assert values[name]["rms_z"] == pytest.approx(1, rel=0.035), name
+        assert values[name]["coverage_2_std"] == pytest.approx(0.9545, abs=0.011), name
         assert values[name]["density"] == 1.0
-    for name in ("normal", "velocity_endpoint"):
-        assert values[name]["calibration"] is None
-    assert values["normal"]["rms"] == pytest.approx(np.degrees(TILT), rel=1e-6)
+    for name in ("normal", "velocity_epe"):
+        assert values[name]["rms_z"] is None
+    assert values["normal"]["rmse"] == pytest.approx(np.degrees(TILT), rel=1e-6)
     # Angles are no part of anything.
-    assert values["normal"]["relative_rms"] is None
-    assert values["growth_rate"]["median_abs"] == pytest.approx(
+    assert values["normal"]["relative_rmse"] is None
+    assert values["growth_rate"]["median_abs_error"] == pytest.approx(
         0.6745 * PERCENT_PER_HOUR * STD["growth_rate"], rel=0.05
     )
 
@@ -111,7 +111,7 @@ def test_growth_in_windows_follows_from_depth_and_velocity(full: Case, scored: S
     without = full.estimate.drop_vars(["growth_rate", "growth_rate_std"])
     plain = score(without, full.truth).regions["all"]
     assert plain["growth_rate_windowed"] == scored.regions["all"]["growth_rate_windowed"]
-    assert plain["growth_rate"]["calibration"] is None
+    assert plain["growth_rate"]["rms_z"] is None
     assert plain["growth_rate"] != scored.regions["all"]["growth_rate"]
 
 
@@ -119,7 +119,7 @@ def test_scores_are_read_again(scored: Score) -> None:
     assert Score.from_json(scored.to_json()) == scored
     frame = scored.to_frame()
     assert frame.loc[("interior", "normal"), "units"] == "°"
-    assert frame.loc[("interior", "growth_largest"), "units"] == "%/h"
+    assert frame.loc[("interior", "growth_principal_1"), "units"] == "%/h"
     assert "rotation_rate_z,rad/frame" in scored.to_csv()
 
 

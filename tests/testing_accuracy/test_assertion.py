@@ -59,7 +59,7 @@ def test_limits_around_what_the_score_tells_are_kept_and_broken(
 ) -> None:
     values = st.score(case.estimate, case.truth, case.recording, margin_px=MARGIN_PX).regions["interior"]
     # Far more than rounding, far less than any error.
-    looser = 1 - 1e-9 if statistic in ("density", "count", "within_2_std") else 1 + 1e-9
+    looser = 1 - 1e-9 if statistic in ("density", "count", "coverage_2_std") else 1 + 1e-9
     known = {
         name: (key.quantities[0], abs(value))
         for name, key in KEYS.items()
@@ -76,31 +76,31 @@ def test_limits_around_what_the_score_tells_are_kept_and_broken(
 
 def test_growth_is_limited_in_either_unit() -> None:
     case = make_growing_case(80, 60, 600.0, velocity_noise=0.001)
-    error = st.score(case.estimate, case.truth, margin_px=MARGIN_PX).regions["interior"]["growth_rate"]["rms"]
+    error = st.score(case.estimate, case.truth, margin_px=MARGIN_PX).regions["interior"]["growth_rate"]["rmse"]
     assert error is not None
     for limit in ({"growth_percent_per_hour": 1.01 * error}, {"growth_per_hour": 0.0101 * error}):
         alone(case.estimate, case.truth, margin_px=MARGIN_PX, **limit)
     for limit in ({"growth_rate_percent_per_hour": 0.99 * error}, {"growth_per_hour": 0.0099 * error}):
-        with pytest.raises(AssertionError, match=r"growth_rate +rms"):
+        with pytest.raises(AssertionError, match=r"growth_rate +rmse"):
             alone(case.estimate, case.truth, margin_px=MARGIN_PX, slips=False, **limit)
 
 
 def test_all_that_is_broken_is_told_and_what_is_kept_too(check: Callable[..., st.Score]) -> None:
-    text = broken(check, depth_mm={"rms": 1e-6, "median": 1e3}, flow_px=1e-6, min_density=0.01)
+    text = broken(check, depth_mm={"rmse": 1e-6, "median_abs_error": 1e3}, flow_px=1e-6, min_density=0.01)
     lines = text.splitlines()
     assert lines[0].startswith("3 of 7 limits broken by the estimate of 'unknown' in the region 'interior' of ")
     rows = [line.split() for line in lines if line.split()[0] in ("kept", "BROKEN")]
     assert [row[:3] for row in rows if row[0] == "BROKEN"] == [
-        ["BROKEN", "depth", "rms"],
-        ["BROKEN", "flow_x", "rms"],
-        ["BROKEN", "flow_y", "rms"],
+        ["BROKEN", "depth", "rmse"],
+        ["BROKEN", "flow_x", "rmse"],
+        ["BROKEN", "flow_y", "rmse"],
     ]
     assert len(rows) == 7
     assert "scenetruth.write_report" in lines[-1]
 
 
 def test_the_pixels_of_the_region_are_counted(case: Case, check: Callable[..., st.Score]) -> None:
-    for region in ("all", "interior", "visible", "contrast_high"):
+    for region in ("all", "interior", "nonoccluded", "contrast_high"):
         text = broken(check, region=region, depth_mm=0.0)
         values = st.score(case.estimate, case.truth, case.recording, margin_px=MARGIN_PX).regions[region]["depth"]
         count, density = values["count"], values["density"]
@@ -123,17 +123,17 @@ def test_what_is_not_estimated_is_never_accurate(case: Case) -> None:
 def test_a_statistic_that_is_not_defined_breaks_its_limit(case: Case) -> None:
     without = case.estimate.drop_vars([name for name in case.estimate if str(name).endswith("_std")])
     with pytest.raises(AssertionError, match="no standard deviations"):
-        alone(without, case.truth, margin_px=MARGIN_PX, slips=False, depth_mm={"calibration": 1e9})
+        alone(without, case.truth, margin_px=MARGIN_PX, slips=False, depth_mm={"rms_z": 1e9})
 
 
 def test_what_cannot_be_checked_is_told_all_at_once(case: Case, check: Callable[..., st.Score]) -> None:
     for kind in (TypeError, ValueError, st.ScoreError):
         with pytest.raises(kind) as caught:
-            check(depht_mm=1, depth_mm={"rsm": 1}, region="interor", rotation_rate_x_rad=1.0)
+            check(depht_mm=1, depth_mm={"rmes": 1}, region="interor", rotation_rate_x_rad=1.0)
     assert isinstance(caught.value, LimitError)
     assert [problem.path for problem in caught.value.problems] == [
         "depht_mm",
-        "depth_mm.rsm",
+        "depth_mm.rmes",
         "region",
         "rotation_rate_x",
     ]

@@ -31,13 +31,15 @@ def test_every_quantity_that_is_scored_can_be_limited_in_its_unit() -> None:
 
 
 def test_a_number_limits_the_rms_and_a_mapping_what_it_names() -> None:
-    assert read_limits({"depth_mm": 0.2}) == ([Limit("depth", "rms", most=0.2, units="mm")], [])
-    limits, problems = read_limits({"depth_mm": {"bias": 0.1, "density": 0.9, "p95": (0.1, 0.3)}}, min_density=0.5)
+    assert read_limits({"depth_mm": 0.2}) == ([Limit("depth", "rmse", most=0.2, units="mm")], [])
+    limits, problems = read_limits(
+        {"depth_mm": {"bias": 0.1, "density": 0.9, "p95_abs_error": (0.1, 0.3)}}, min_density=0.5
+    )
     assert problems == []
     assert [(limit.statistic, limit.least, limit.most) for limit in limits] == [
         ("bias", -0.1, 0.1),
         ("density", 0.9, math.inf),
-        ("p95_abs", 0.1, 0.3),
+        ("p95_abs_error", 0.1, 0.3),
         ("density", 0.5, math.inf),
     ]
 
@@ -48,7 +50,7 @@ def test_a_number_limits_the_rms_and_a_mapping_what_it_names() -> None:
 )
 def test_multiples_of_the_bound(text: str, multiple: float) -> None:
     limits, problems = read_limits({"disparity_px": text})
-    assert (limits[0].of_bound, limits[0].statistic, problems) == (multiple, "rms", [])
+    assert (limits[0].of_bound, limits[0].statistic, problems) == (multiple, "rmse", [])
 
 
 @pytest.mark.parametrize(
@@ -59,19 +61,19 @@ def test_multiples_of_the_bound(text: str, multiple: float) -> None:
         ({"depth": 1.0}, "depth", "did you mean 'depth_mm'?"),
         ({"velocity_q_mm": 1.0}, "velocity_q_mm", "did you mean 'velocity_"),
         ({"colour": 1.0}, "colour", "there are depth_mm, "),
-        ({"depth_mm": {"rsm": 1.0}}, "depth_mm.rsm", "did you mean 'rms'?"),
+        ({"depth_mm": {"rmes": 1.0}}, "depth_mm.rmes", "did you mean 'rmse'?"),
         ({"depth_mm": {7: 1.0}}, "depth_mm.7", "there are bias"),
         ({"depth_mm": {}}, "depth_mm", "limits nothing"),
-        ({"depth_mm": -1.0}, "depth_mm.rms", "must not be negative"),
-        ({"depth_mm": math.nan}, "depth_mm.rms", "must be a number"),
-        ({"depth_mm": True}, "depth_mm.rms", "must be a number"),
-        ({"depth_mm": None}, "depth_mm.rms", "must be a number"),
-        ({"depth_mm": (2.0, 1.0)}, "depth_mm.rms", "must be two numbers"),
-        ({"depth_mm": "2 x bund"}, "depth_mm.rms", "a multiple of the bound"),
-        ({"depth_mm": "0 x bound"}, "depth_mm.rms", "a multiple of the bound"),
-        ({"depth_mm": "1..5 x bound"}, "depth_mm.rms", "a multiple of the bound"),
-        ({"depth_mm": {"median": "2 x bound"}}, "depth_mm.median", "limits rms"),
-        ({"normal_deg": "2 x bound"}, "normal_deg.rms", "has no bound"),
+        ({"depth_mm": -1.0}, "depth_mm.rmse", "must not be negative"),
+        ({"depth_mm": math.nan}, "depth_mm.rmse", "must be a number"),
+        ({"depth_mm": True}, "depth_mm.rmse", "must be a number"),
+        ({"depth_mm": None}, "depth_mm.rmse", "must be a number"),
+        ({"depth_mm": (2.0, 1.0)}, "depth_mm.rmse", "must be two numbers"),
+        ({"depth_mm": "2 x bund"}, "depth_mm.rmse", "a multiple of the bound"),
+        ({"depth_mm": "0 x bound"}, "depth_mm.rmse", "a multiple of the bound"),
+        ({"depth_mm": "1..5 x bound"}, "depth_mm.rmse", "a multiple of the bound"),
+        ({"depth_mm": {"median_abs_error": "2 x bound"}}, "depth_mm.median_abs_error", "limits rmse"),
+        ({"normal_deg": "2 x bound"}, "normal_deg.rmse", "has no bound"),
         ({}, "limits", "give one at least"),
     ],
 )
@@ -82,8 +84,8 @@ def test_what_is_no_limit_is_told(given_limits: dict[str, Any], path: str, said:
 
 
 def test_all_that_is_wrong_is_told_once() -> None:
-    _, problems = read_limits({"flow_px": -1.0, "depht_mm": 1.0, "depth_mm": {"rsm": 1}}, min_density=1.5)
-    assert [problem.path for problem in problems] == ["flow_px.rms", "depht_mm", "depth_mm.rsm", "min_density"]
+    _, problems = read_limits({"flow_px": -1.0, "depht_mm": 1.0, "depth_mm": {"rmes": 1}}, min_density=1.5)
+    assert [problem.path for problem in problems] == ["flow_px.rmse", "depht_mm", "depth_mm.rmes", "min_density"]
 
 
 numbers = some.floats(-1e6, 1e6, allow_subnormal=False)
@@ -109,20 +111,20 @@ def test_times_is_above_one_just_where_a_limit_is_broken(
     ("values", "note"),
     [
         (None, "the estimate has none"),
-        ({"rms": None, "density": 0.0, "count": 0}, "nothing is scored"),
-        ({"rms": None, "density": None, "count": 0}, "no true value there"),
-        ({"rms": None, "density": 1.0, "count": 5}, "undefined"),
-        ({"rms": math.nan, "density": 1.0, "count": 5}, "undefined"),
+        ({"rmse": None, "density": 0.0, "count": 0}, "nothing is scored"),
+        ({"rmse": None, "density": None, "count": 0}, "no true value there"),
+        ({"rmse": None, "density": 1.0, "count": 5}, "undefined"),
+        ({"rmse": math.nan, "density": 1.0, "count": 5}, "undefined"),
     ],
 )
 def test_what_is_undefined_is_never_kept(values: dict[str, Any] | None, note: str) -> None:
-    outcome = evaluate_limit(Limit("depth", "rms"), values)
+    outcome = evaluate_limit(Limit("depth", "rmse"), values)
     assert (outcome.kept, outcome.times, outcome.shown_found) == (False, None, note)
 
 
 def test_a_multiple_of_a_bound_that_nobody_knows_is_never_kept() -> None:
-    values = {"rms": 0.0, "density": 1.0, "count": 5}
-    limit = Limit("depth", "rms", of_bound=2.0, units="mm")
+    values = {"rmse": 0.0, "density": 1.0, "count": 5}
+    limit = Limit("depth", "rmse", of_bound=2.0, units="mm")
     assert not evaluate_limit(limit, values).kept
     outcome = evaluate_limit(limit, values, bound=0.25)
     assert outcome.kept

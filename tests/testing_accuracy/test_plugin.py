@@ -30,7 +30,7 @@ ESTIMATE = label("estimate", {"depth": 500.1 * ONE}, CAMERA, t=[0])
 
 
 def test_kept():
-    assert_accuracy(ESTIMATE, TRUTH, depth_mm={"rms": 0.2, "bias": 0.4})
+    assert_accuracy(ESTIMATE, TRUTH, depth_mm={"rmse": 0.2, "bias": 0.4})
 
 
 def test_broken():
@@ -107,9 +107,9 @@ def test_the_table_has_every_limit_of_the_run(pytester: pytest.Pytester) -> None
     result.stdout.fnmatch_lines(
         [
             "test                       region    quantity    statistic  found                  limit          times",
-            "test_own.py::test_kept *  depth       rms        0.1 mm                 <= 0.2 mm      0.5 x",
+            "test_own.py::test_kept *  depth       rmse       0.1 mm                 <= 0.2 mm      0.5 x",
             "test_own.py::test_kept *  depth       bias       0.1 mm                 <= 0.4 mm      0.25 x",
-            "test_own.py::test_lacking  interior  velocity_z  rms  *the estimate has none  <= 1 mm/frame  -  *BROKEN",
+            "test_own.py::test_lacking  interior  velocity_z  rmse  *the estimate has none  <= 1 mm/frame  -  *BROKEN",
         ],
         consecutive=True,
     )
@@ -160,7 +160,7 @@ from scenetruth.testing.assertion_context import get_context
 
 
 def test_noted():
-    row = {"quantity": "depth", "statistic": "rms", "region": "all", "found": "1 mm", "limit": "<= 2 mm"}
+    row = {"quantity": "depth", "statistic": "rmse", "region": "all", "found": "1 mm", "limit": "<= 2 mm"}
     get_context().note([{**row, "times": 0.5, "kept": True}, {**row, "times": float("inf"), "kept": False}])
 """
     )
@@ -169,7 +169,7 @@ def test_noted():
     result.assert_outcomes(passed=1)
     result.stdout.fnmatch_lines(
         [
-            "test_own.py::test_noted  all     depth     rms        1 mm   <= 2 mm  0.5 x",
-            "test_own.py::test_noted  all     depth     rms        1 mm   <= 2 mm  inf x  BROKEN",
+            "test_own.py::test_noted  all     depth     rmse       1 mm   <= 2 mm  0.5 x",
+            "test_own.py::test_noted  all     depth     rmse       1 mm   <= 2 mm  inf x  BROKEN",
         ]
     )

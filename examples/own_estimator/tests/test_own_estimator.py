@@ -23,7 +23,7 @@ def test_accuracy(scenetruth_recording):
         estimate,
         made.truth,
         made.recording,
-        depth_mm={"rms": 2.0, "median": 1.0},
-        flow_px={"rms": 0.03, "bias": 0.012},
+        depth_mm={"rmse": 2.0, "median_abs_error": 1.0},
+        flow_px={"rmse": 0.03, "bias": 0.012},
         min_density=0.9,
     )

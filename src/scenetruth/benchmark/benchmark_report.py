@@ -66,11 +66,11 @@ def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float]
     for label in found.methods:
         shares = sorted(
             (
-                (row.number, row.case, row.value, row.quantity)
+                (row.value, row.case, row.level, row.quantity)
                 for row in found.rows
                 if row.method == label
                 and row.pixels == ALL
-                and row.statistic == "good"
+                and row.statistic == "inlier_rate"
                 and row.quantity in PICTURED_QUANTITIES
             ),
         )
@@ -179,9 +179,9 @@ def write_benchmark_report(
 
 def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]], suite: str) -> dict[str, Any]:
     rows = [row for row in found.rows if row.case == case.kind]
-    values = sorted({row.value for row in rows if math.isfinite(row.value)})
+    values = sorted({row.level for row in rows if math.isfinite(row.level)})
     table = [
-        [row.method, case.label_of(row.value), row.quantity, row.pixels, row.statistic, _number(row.number), row.unit]
+        [row.method, case.label_of(row.level), row.quantity, row.pixels, row.statistic, _number(row.value), row.unit]
         for row in rows
         if row.quantity and row.statistic in _SUMMARY_STATISTICS and row.method != BOUND
     ]
@@ -189,9 +189,9 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     named = [word for one in words for word in one]
     again = ["scenetruth", "compare", *named, *chosen, "--case", case.kind, "--value", "VALUE", "-o", "again"]
     concluded = [
-        (row.method, row.statistic.replace("_", " "), _number(row.number), row.unit)
+        (row.method, row.statistic.replace("_", " "), _number(row.value), row.unit)
         for row in rows
-        if not math.isfinite(row.value)
+        if not math.isfinite(row.level)
     ]
     return {
         "case": case,
@@ -203,7 +203,16 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     }
 
 
-_SUMMARY_STATISTICS = ("bias", "rms", "median", "noise", "density", "good", "calibration", "share_left")
+_SUMMARY_STATISTICS = (
+    "bias",
+    "rmse",
+    "median_abs_error",
+    "noise_std",
+    "density",
+    "inlier_rate",
+    "rms_z",
+    "amplitude_ratio",
+)
 
 
 def _summary(found: BenchmarkResult) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenetruth.benchmark.cases.case import BOUND, COMMON, OWN, BenchmarkRecord, Case
+from scenetruth.benchmark.cases.case import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, Case
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,12 +77,12 @@ class Ranking:
             At this value alone; the median over all if not given.
         """
         rows = self._rows.get((case.kind, quantity, statistic), ())
-        rows = [row for row in rows if value is None or row.value == value]
+        rows = [row for row in rows if value is None or row.level == value]
         numbers = {}
         for label in self._methods:
             mine = [row for row in rows if row.method == label]
-            figures = [abs(row.number) for row in mine if row.pixels == COMMON] or [
-                abs(row.number) for row in mine if row.pixels == OWN
+            figures = [abs(row.value) for row in mine if row.pixels == COMMON_VALID] or [
+                abs(row.value) for row in mine if row.pixels == METHOD_VALID
             ]
             if figures:
                 # What there is not at some value is not counted.
@@ -132,12 +132,12 @@ class BenchmarkResult:
     >>> found
     BenchmarkResult(methods=['near', 'far'], folder=None, own=[])
     >>> found.summary().round(2).to_dict("index")
-    {'Range of disparity: disparity rms': {'near': 0.57, 'far': 0.13}}
+    {'Range of disparity: disparity rmse': {'near': 0.57, 'far': 0.13}}
     >>> row = found.figure("disparity", "far", "depth", "bias")
-    >>> round(row.number, 1), row.unit
+    >>> round(row.value, 1), row.unit
     (80.0, 'mm')
     >>> frame = found.to_frame()
-    >>> frame[(frame.method == "near") & (frame.quantity == "depth") & (frame.statistic == "density")].number.tolist()
+    >>> frame[(frame.method == "near") & (frame.quantity == "depth") & (frame.statistic == "density")].value.tolist()
     [1.0]
     """
 
@@ -152,15 +152,15 @@ class BenchmarkResult:
     def to_frame(self) -> pd.DataFrame:
         """Return all figures, a row each.
 
-        Columns are the fields of `scenetruth.benchmark.cases.case.BenchmarkRecord`, and after ``value`` its ``label``:
+        Columns are the fields of `scenetruth.benchmark.cases.case.BenchmarkRecord`, and after ``level`` its ``label``:
         what the value is called, as the name of a scene; empty for figures of all values.
         """
         import pandas as pd
 
         frame = pd.DataFrame([asdict(row) for row in self.rows], columns=list(BenchmarkRecord.__dataclass_fields__))
         cases = {case.kind: case for case in self.cases}
-        labels = [cases[row.case].label_of(row.value) if math.isfinite(row.value) else "" for row in self.rows]
-        frame.insert(frame.columns.get_loc("value") + 1, "label", pd.Series(labels, dtype=object))
+        labels = [cases[row.case].label_of(row.level) if math.isfinite(row.level) else "" for row in self.rows]
+        frame.insert(frame.columns.get_loc("level") + 1, "label", pd.Series(labels, dtype=object))
         return frame
 
     def figure(
@@ -169,30 +169,30 @@ class BenchmarkResult:
         method: str,
         quantity: str,
         statistic: str,
-        value: float | str | None = None,
-        pixels: str = OWN,
+        level: float | str | None = None,
+        pixels: str = METHOD_VALID,
     ) -> BenchmarkRecord:
         """Return one figure.
 
         Parameters
         ----------
-        case, method, quantity, statistic, value, pixels
-            What tells it from others; without a value, or what that is called, the first one.
+        case, method, quantity, statistic, level, pixels
+            What tells it from others; without a level, or what that is called, the first one.
 
         Raises
         ------
         KeyError
             If there is none.
         """
-        if isinstance(value, str):
-            value = next((one.value_of(value) for one in self.cases if one.kind == case), math.nan)
+        if isinstance(level, str):
+            level = next((one.value_of(level) for one in self.cases if one.kind == case), math.nan)
         for row in self.rows:
             told = (row.case, row.method, row.quantity, row.statistic, row.pixels)
             if told == (case, method, quantity, statistic, pixels) and (
-                value is None or math.isclose(row.value, value)
+                level is None or math.isclose(row.level, level)
             ):
                 return row
-        msg = f"there is no {statistic} of {quantity} by {method} in case {case} at {value}, on {pixels} pixels"
+        msg = f"there is no {statistic} of {quantity} by {method} in case {case} at {level}, on {pixels} pixels"
         raise KeyError(msg)
 
     def summary(self) -> pd.DataFrame:
@@ -216,21 +216,21 @@ class BenchmarkResult:
         return [one for one in found if one is not None]
 
     def efficiency(self) -> pd.DataFrame:
-        """Return noise beside the Cramér-Rao bound: columns case, value, method, quantity, noise, bound, efficiency.
+        """Return noise and its Cramér-Rao bound: case, level, method, quantity, noise_std, bound, efficiency_percent.
 
         Efficiency is (bound / noise)², in %: the share of the images' information that a method uses. Above 100 %, its
         window is larger than that of the bound, or it is biased.
         """
         import pandas as pd
 
-        bounds = {(row.case, row.value, row.quantity): row.number for row in self.rows if row.method == BOUND}
+        bounds = {(row.case, row.level, row.quantity): row.value for row in self.rows if row.method == BOUND}
         cells = [
-            (row.case, row.value, row.method, row.quantity, row.number, bound, 100 * (bound / row.number) ** 2)
+            (row.case, row.level, row.method, row.quantity, row.value, bound, 100 * (bound / row.value) ** 2)
             for row in self.rows
-            if row.statistic == "noise"
+            if row.statistic == "noise_std"
             and row.method != BOUND
-            and row.number > 0
-            and (bound := bounds.get((row.case, row.value, row.quantity), math.nan)) == bound
+            and row.value > 0
+            and (bound := bounds.get((row.case, row.level, row.quantity), math.nan)) == bound
         ]
-        columns = ["case", "value", "method", "quantity", "noise", "bound", "efficiency_percent"]
+        columns = ["case", "level", "method", "quantity", "noise_std", "bound", "efficiency_percent"]
         return pd.DataFrame(cells, columns=columns)

@@ -104,6 +104,7 @@ def compute_point_key(job: BenchmarkTask, number: int) -> str:
     case = all_cases()[point.case]
     scene = case.scene(point.values[0])
     depends: dict[str, Any] = {
+        "format": 2,
         "point": asdict(point),
         "scene": scene,
         "noise_std": case.noise_std(point.values[0]),

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.benchmark.cases.case import BOUND, OWN, BenchmarkRecord, Case, CaseEstimates, all_cases
+from scenetruth.benchmark.cases.case import BOUND, METHOD_VALID, BenchmarkRecord, Case, CaseEstimates, all_cases
 from scenetruth.benchmark.error_statistics import compute_statistic_records
 from scenetruth.benchmark.method_specs import MethodSpec
 from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, ScoreError, StoreError
@@ -257,7 +257,9 @@ def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -
                         measured.slips[one.label] = [slip.message for slip in detect_convention_mismatches(maps, truth)]
                 for name, number, unit in (("seconds", took, "s"), ("peak_memory", held.megabytes, "MB")):
                     measured.rows.append(
-                        BenchmarkRecord(case.kind, first, one.label, "", OWN, name, number, at=seed, unit=unit)
+                        BenchmarkRecord(
+                            case.kind, first, one.label, "", METHOD_VALID, name, number, threshold=seed, unit=unit
+                        )
                     )
             found.append(CaseEstimates(estimates, truth, recording, first))
         measured.maps = build_error_maps(case, found[0])
@@ -315,7 +317,9 @@ def _bound_rows(
         std = (maps["xyz".index(axis)] if axis else maps)[region]
         std = std[np.isfinite(std)]
         number = float(np.sqrt(np.mean(np.square(std)))) if std.size else math.nan
-        yield BenchmarkRecord(case.kind, value, BOUND, quantity, OWN, "noise", number, unit=get_units(quantity))
+        yield BenchmarkRecord(
+            case.kind, value, BOUND, quantity, METHOD_VALID, "noise_std", number, unit=get_units(quantity)
+        )
 
 
 @contextmanager

@@ -9,7 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.benchmark.cases.case import ALL, BOUND, COMMON, NOISE_STD, OWN, BenchmarkRecord, Case, CaseEstimates
+from scenetruth.benchmark.cases.case import (
+    ALL,
+    BOUND,
+    COMMON_VALID,
+    METHOD_VALID,
+    NOISE_STD,
+    BenchmarkRecord,
+    Case,
+    CaseEstimates,
+)
 from scenetruth.random_streams import generator_for
 from scenetruth.scoring import get_units
 from scenetruth.scoring.error_pairs import EstimateTruthPairs
@@ -45,9 +54,9 @@ Map = NDArray[np.float64]
 class IntervalStatistic:
     """A figure with its 95 % confidence interval, NaN where there are too few blocks for one."""
 
-    number: float
-    low: float = float("nan")
-    high: float = float("nan")
+    value: float
+    ci_low: float = float("nan")
+    ci_high: float = float("nan")
 
 
 def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[str, IntervalStatistic]:
@@ -77,14 +86,14 @@ def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[st
         name: IntervalStatistic(float(each(count.sum(), *(one.sum() for one in sums))))
         for name, each in _FIGURES.items()
     }
-    found["median"] = IntervalStatistic(median)
+    found["median_abs_error"] = IntervalStatistic(median)
     if number >= _FEWEST_BLOCKS:
         drawn = generator_for(0, "blocks", number).multinomial(number, np.full(number, 1 / number), size=_DRAWS)
         with np.errstate(invalid="ignore", divide="ignore"):
             totals: list[Map] = [drawn @ one for one in (count, *sums)]
             for name, each in _FIGURES.items():
                 low, high = np.nanpercentile(each(*totals), [2.5, 97.5])
-                found[name] = IntervalStatistic(found[name].number, float(low), float(high))
+                found[name] = IntervalStatistic(found[name].value, float(low), float(high))
     return found
 
 
@@ -107,8 +116,8 @@ def _std(count: Map, total: Map, squares: Map) -> Map:
 
 _FIGURES: Mapping[str, Callable[[Map, Map, Map], Map]] = {
     "bias": lambda count, total, squares: total / count,
-    "rms": _rms,
-    "std": _std,
+    "rmse": _rms,
+    "precision_std": _std,
 }
 
 
@@ -177,13 +186,23 @@ def compute_statistic_records(case: Case, value: float, found: Sequence[CaseEsti
             rows = _rows_of(errors[label], known, common, region, std.get(label), alone=len(told) == 1)
             for pixels, statistic, size, at in rows:
                 unit = "1" if statistic in _SHARES else get_units(quantity)
-                if quantity in _IN_PX or statistic != "good":
+                if quantity in _IN_PX or statistic != "inlier_rate":
                     yield BenchmarkRecord(
-                        case.kind, value, label, quantity, pixels, statistic, size.number, size.low, size.high, at, unit
+                        case.kind,
+                        value,
+                        label,
+                        quantity,
+                        pixels,
+                        statistic,
+                        size.value,
+                        size.ci_low,
+                        size.ci_high,
+                        at,
+                        unit,
                     )
 
 
-_SHARES = ("density", "good", "within", "calibration")
+_SHARES = ("density", "inlier_rate", "coverage", "rms_z")
 
 
 def _stacks(
@@ -220,28 +239,28 @@ def _rows_of(
     there = len(errors) * np.count_nonzero(region)
     if not there:
         return
-    yield OWN, "density", IntervalStatistic(np.count_nonzero(known) / there), math.nan
+    yield METHOD_VALID, "density", IntervalStatistic(np.count_nonzero(known) / there), math.nan
     good = np.count_nonzero(known & (np.abs(errors) <= INLIER_PX))
-    yield ALL, "good", IntervalStatistic(good / there), math.nan
+    yield ALL, "inlier_rate", IntervalStatistic(good / there), math.nan
     for name, size in compute_interval_statistics(errors, known).items():
-        yield OWN, name, size, math.nan
+        yield METHOD_VALID, name, size, math.nan
     if not alone:
         for name, size in compute_interval_statistics(errors, common).items():
-            yield COMMON, name, size, math.nan
+            yield COMMON_VALID, name, size, math.nan
     noise = _noise(errors, known)
     if noise is not None:
-        yield OWN, "noise", noise, math.nan
+        yield METHOD_VALID, "noise_std", noise, math.nan
     if std is None:
         return
     kept = known & np.isfinite(std) & (std > 0)
     if not kept.any():
         return
     off, bars = errors[kept], std[kept]
-    yield OWN, "calibration", IntervalStatistic(compute_rms_z(off, bars)), math.nan
+    yield METHOD_VALID, "rms_z", IntervalStatistic(compute_rms_z(off, bars)), math.nan
     for at, share in zip(COVERAGE_FACTORS, compute_coverage(off, bars), strict=True):
-        yield OWN, "within", IntervalStatistic(share), at
+        yield METHOD_VALID, "coverage", IntervalStatistic(share), at
     for at, left in zip(SPARSIFICATION_FRACTIONS, compute_sparsification(off, bars), strict=True):
-        yield OWN, "rms_of_surest", IntervalStatistic(left), at
+        yield METHOD_VALID, "sparsification_rmse", IntervalStatistic(left), at
 
 
 def _noise(errors: Map, known: Mask) -> IntervalStatistic | None:
@@ -254,7 +273,7 @@ def _noise(errors: Map, known: Mask) -> IntervalStatistic | None:
     # Blocks are drawn again as for other errors; squares and not errors are averaged.
     deviations = np.zeros(always.shape)
     deviations[always] = np.sqrt(variance)
-    return compute_interval_statistics(deviations[None], always[None])["rms"]
+    return compute_interval_statistics(deviations[None], always[None])["rmse"]
 
 
 def group_by_case(rows: Sequence[BenchmarkRecord]) -> Mapping[str, list[BenchmarkRecord]]:
@@ -287,18 +306,18 @@ def compute_growth_records(case: Case, found: CaseEstimates) -> Iterator[Benchma
                     found.value,
                     label,
                     quantity,
-                    OWN,
+                    METHOD_VALID,
                     statistic,
-                    size.number,
-                    size.low,
-                    size.high,
+                    size.value,
+                    size.ci_low,
+                    size.ci_high,
                     unit="%/h",
                 )
 
 
 _PAIRS: Mapping[str, str] = {"star": "flow_y", "waves_of_motion": "flow_y", "waves_of_depth": "disparity"}
 """Which noise goes with which resolution; of both, px times px."""
-_PERIOD = "period_at_10_percent_loss_"
+_PERIOD = "cutoff_period_"
 
 
 def compute_efficiency_records(rows: Sequence[BenchmarkRecord]) -> Iterator[BenchmarkRecord]:
@@ -311,16 +330,23 @@ def compute_efficiency_records(rows: Sequence[BenchmarkRecord]) -> Iterator[Benc
         a period lies outside of what was, there is no product.
     """
     noise = {
-        (row.method, row.quantity): row.number
+        (row.method, row.quantity): row.value
         for row in rows
-        if row.case == "noise" and row.statistic == "noise" and row.method != BOUND and row.value == NOISE_STD
+        if row.case == "noise" and row.statistic == "noise_std" and row.method != BOUND and row.level == NOISE_STD
     }
     for row in rows:
         if row.statistic.startswith(_PERIOD) and row.case in _PAIRS:
             quantity = _PAIRS[row.case]
-            product = row.number * noise.get((row.method, quantity), math.nan)
+            product = row.value * noise.get((row.method, quantity), math.nan)
             if math.isfinite(product) and product > 0:
                 reading = row.statistic.removeprefix(_PERIOD)
                 yield BenchmarkRecord(
-                    row.case, math.nan, row.method, quantity, OWN, f"noise_times_period_{reading}", product, unit="px²"
+                    row.case,
+                    math.nan,
+                    row.method,
+                    quantity,
+                    METHOD_VALID,
+                    f"metrological_efficiency_{reading}",
+                    product,
+                    unit="px²",
                 )

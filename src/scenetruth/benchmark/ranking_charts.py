@@ -8,23 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from scenetruth.benchmark.benchmark_result import BenchmarkResult, RankedMethod, Ranking
-from scenetruth.benchmark.cases.case import BOUND, COMMON, OWN, BenchmarkRecord, Case
+from scenetruth.benchmark.cases.case import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, Case
 from scenetruth.html import COLOURS, Chart
 from scenetruth.scoring.quantities import get_title, get_units
+from scenetruth.scoring.statistics import STATISTIC_TITLES
 
-__all__ = ["STATISTIC_TITLES", "RankDifference", "RankLeaders", "build_charts", "compute_rank_leaders"]
-
-
-STATISTIC_TITLES = {
-    "rms": "rms error",
-    "bias": "bias",
-    "median": "median of the absolute error",
-    "noise": "noise",
-    "share_left": "share that is left",
-    "density": "share of the pixels that is told",
-    "period_at_10_percent_loss_first": "period at 10 % loss",
-}
-"""Statistics in words."""
+__all__ = ["RankDifference", "RankLeaders", "build_charts", "compute_rank_leaders"]
 
 
 @dataclass(frozen=True)
@@ -118,7 +107,7 @@ def _figures(found: BenchmarkResult) -> Iterator[RankedMethod]:
     """Give all that can be set side by side, quantity by quantity, and name by name where values have some."""
     standings = Ranking(found.rows, found.methods)
     for case in found.cases:
-        kinds = [case.headline, *((name, "rms") for name in (*case.quantities, "growth_rate_windowed"))]
+        kinds = [case.headline, *((name, "rmse") for name in (*case.quantities, "growth_rate_windowed"))]
         for quantity, statistic in dict.fromkeys(kinds):
             for value in case.labels() or [None]:
                 one = standings.standing(case, quantity, statistic, value)
@@ -138,15 +127,15 @@ def _rank_difference(one: RankedMethod, found: BenchmarkResult) -> RankDifferenc
     if not before:
         return None
     title = f"{one.case.title}, {one.label}" if one.label else one.case.title
-    what = f"{get_title(one.quantity)}, {STATISTIC_TITLES.get(one.statistic, one.statistic)}"
+    what = f"{get_title(one.quantity)}, {STATISTIC_TITLES[one.statistic]}"
     told = [(label, _words(one, found, numbers[label])) for label in before]
     return RankDifference(one.case.kind, title, what, told, [ours[0], _words(one, found, least)] if ours else [])
 
 
 def _words(one: RankedMethod, found: BenchmarkResult, number: float) -> str:
     unit = "" if one.unit in ("", "1") else f" {one.unit}"
-    if one.statistic.startswith("period"):
-        values = [row.value for row in found.rows if row.case == one.case.kind and math.isfinite(row.value)]
+    if one.statistic.startswith("cutoff_period"):
+        values = [row.level for row in found.rows if row.case == one.case.kind and math.isfinite(row.level)]
         # Outside of what was measured there is no figure.
         if number == 0:
             return f"under {min(values, default=math.nan):g}{unit}"
@@ -172,11 +161,11 @@ def build_charts(found: BenchmarkResult, case: Case) -> list[Chart]:
     rows = [row for row in found.rows if row.case == case.kind]
     charts = []
     told = dict.fromkeys([case.headline[0], *case.quantities, *_GROWTH])
-    waves = {row.quantity for row in rows if row.statistic == "share_left"}
+    waves = {row.quantity for row in rows if row.statistic == "amplitude_ratio"}
     for quantity in told:
-        statistic = case.headline[1] if quantity == case.headline[0] else "rms"
+        statistic = case.headline[1] if quantity == case.headline[0] else "rmse"
         # Periods at which a tenth is lost follow from this curve.
-        chart = _curves(found, case, rows, quantity, "share_left" if quantity in waves else statistic)
+        chart = _curves(found, case, rows, quantity, "amplitude_ratio" if quantity in waves else statistic)
         if chart is not None:
             charts.append(chart)
     measured = case.headline[0] if case.headline[0] in case.quantities else case.quantities[0]
@@ -191,10 +180,11 @@ def _curves(
 ) -> Chart | None:
     """Return a figure over what is varied, a line for each method, with its confidence interval."""
     own, common = (
-        {(row.method, row.value) for row in rows if _is(row, quantity, statistic, pixels)} for pixels in (OWN, COMMON)
+        {(row.method, row.level) for row in rows if _is(row, quantity, statistic, pixels)}
+        for pixels in (METHOD_VALID, COMMON_VALID)
     )
     # Where one method tells nothing, there are no pixels that all tell; the others are shown all the same.
-    pixels = COMMON if common and common == {one for one in own if one[0] != BOUND} else OWN
+    pixels = COMMON_VALID if common and common == {one for one in own if one[0] != BOUND} else METHOD_VALID
     data = []
     for place, label in enumerate(found.methods):
         points = sorted(
@@ -205,26 +195,26 @@ def _curves(
     if not data:
         return None
     bounds = sorted((row for row in rows if row.method == BOUND and row.quantity == quantity), key=_value)
-    if bounds and statistic in ("rms", "noise"):
+    if bounds and statistic in ("rmse", "noise_std"):
         data.append(
             {
                 "name": "bound of noise",
-                "x": [_place(case, row.value) for row in bounds],
-                "y": [_finite(row.number) for row in bounds],
+                "x": [_place(case, row.level) for row in bounds],
+                "y": [_finite(row.value) for row in bounds],
                 "mode": "lines",
                 "line": {"color": "#444444", "dash": "longdash", "width": 1.5},
             }
         )
-    unit = "" if statistic in ("density", "share_left") else f", {get_units(quantity)}"
-    what = f"{get_title(quantity)}: {STATISTIC_TITLES.get(statistic, statistic)}{unit}"
-    where = "" if statistic in ("density", "share_left") else _PIXEL_SETS[pixels]
-    positive = statistic not in ("bias", "density", "share_left")
+    unit = "" if statistic in ("density", "amplitude_ratio") else f", {get_units(quantity)}"
+    what = f"{get_title(quantity)}: {STATISTIC_TITLES[statistic]}{unit}"
+    where = "" if statistic in ("density", "amplitude_ratio") else _PIXEL_SETS[pixels]
+    positive = statistic not in ("bias", "density", "amplitude_ratio")
     layout: dict[str, dict[str, Any]] = {
         "title": {"text": f"{what}<br><sub>{where}</sub>" if where else what},
         "xaxis": {"title": {"text": case.varied}, **_axis(case, rows)},
         "yaxis": {"type": "log" if positive else "linear", "exponentformat": "power"},
     }
-    if statistic in ("density", "share_left"):
+    if statistic in ("density", "amplitude_ratio"):
         layout["yaxis"]["range"] = [-0.05, 1.25]
     return Chart(
         f"{case.kind}-{quantity}-{statistic}", f"{what}, over {case.varied}. {_describe_lines(data)}", data, layout
@@ -233,33 +223,35 @@ def _curves(
 
 _GROWTH = ("growth_rate_windowed",)
 """What further figures of cases tell, and is drawn as their quantities are."""
-_PIXEL_SETS = {COMMON: "pixels that all methods tell", OWN: "pixels that each method tells"}
+_PIXEL_SETS = {COMMON_VALID: "pixels that all methods tell", METHOD_VALID: "pixels that each method tells"}
 _CONFIDENCE: Mapping[str, tuple[str, str, str]] = {
-    "within": (
+    "coverage": (
         "Errors within the stated bars",
         "stated standard deviations",
         "share of errors within so many",
     ),
-    "rms_of_surest": ("Errors of the surest pixels", "share of the pixels that is kept", "rms error"),
+    "sparsification_rmse": ("Errors of the surest pixels", "share of the pixels that is kept", "RMSE"),
 }
 
 
 def _confidence(found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkRecord], statistic: str) -> Chart | None:
     quantity = case.headline[0]
-    chosen = [row for row in rows if _is(row, quantity, statistic, OWN)]
+    chosen = [row for row in rows if _is(row, quantity, statistic, METHOD_VALID)]
     if not chosen:
         return None
-    values = sorted({row.value for row in chosen})
+    values = sorted({row.level for row in chosen})
     value = values[len(values) // 2]
     title, x, y = _CONFIDENCE[statistic]
     data = []
     for place, label in enumerate(found.methods):
-        points = sorted((row for row in chosen if row.method == label and row.value == value), key=lambda row: row.at)
+        points = sorted(
+            (row for row in chosen if row.method == label and row.level == value), key=lambda row: row.threshold
+        )
         if points:
             line = _line(case, label, place, points)
-            line |= {"x": [row.at for row in points], "mode": "lines+markers"}
+            line |= {"x": [row.threshold for row in points], "mode": "lines+markers"}
             data.append(line)
-    if statistic == "within":
+    if statistic == "coverage":
         at = [k / 20 for k in range(61)]
         perfect = [math.erf(one / math.sqrt(2)) for one in at]
         style = {"color": "#444444", "dash": "longdash", "width": 1.5}
@@ -282,22 +274,22 @@ def _confidence(found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkReco
 
 
 def _line(case: Case, label: str, place: int, points: Sequence[BenchmarkRecord]) -> dict[str, Any]:
-    numbers = [_finite(abs(row.number) if row.statistic == "rms" else row.number) for row in points]
+    numbers = [_finite(abs(row.value) if row.statistic == "rmse" else row.value) for row in points]
     line: dict[str, Any] = {
         "name": label,
-        "x": [_place(case, row.value) for row in points],
+        "x": [_place(case, row.level) for row in points],
         "y": numbers,
         # Between things that have names there is nothing.
         "mode": "markers" if case.labels() else "lines+markers",
         "line": {"color": COLOURS[place % len(COLOURS)], "dash": _DASHES[place // len(COLOURS) % len(_DASHES)]},
         "marker": {"symbol": _SYMBOLS[place % len(_SYMBOLS)], "size": 8},
     }
-    if any(math.isfinite(row.low) for row in points):
+    if any(math.isfinite(row.ci_low) for row in points):
         line["error_y"] = {
             "type": "data",
             "symmetric": False,
-            "array": [_finite(row.high - row.number) for row in points],
-            "arrayminus": [_finite(row.number - row.low) for row in points],
+            "array": [_finite(row.ci_high - row.value) for row in points],
+            "arrayminus": [_finite(row.value - row.ci_low) for row in points],
             "thickness": 1,
         }
     return line
@@ -327,18 +319,18 @@ def _place(case: Case, value: float) -> float | str:
 
 def _axis(case: Case, rows: Sequence[BenchmarkRecord]) -> dict[str, Any]:
     if case.labels():
-        values = sorted({row.value for row in rows if math.isfinite(row.value)})
+        values = sorted({row.level for row in rows if math.isfinite(row.level)})
         names = [case.label_of(value) for value in values]
         return {"type": "category", "categoryorder": "array", "categoryarray": names}
     return {"type": "log" if case.logarithmic else "linear"}
 
 
 def _is(row: BenchmarkRecord, quantity: str, statistic: str, pixels: str) -> bool:
-    return (row.quantity, row.statistic, row.pixels) == (quantity, statistic, pixels) and math.isfinite(row.value)
+    return (row.quantity, row.statistic, row.pixels) == (quantity, statistic, pixels) and math.isfinite(row.level)
 
 
 def _value(row: BenchmarkRecord) -> float:
-    return row.value
+    return row.level
 
 
 def _finite(number: float) -> float | None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.benchmark.cases.case import OWN, BenchmarkRecord, Case, CaseEstimates
+from scenetruth.benchmark.cases.case import METHOD_VALID, BenchmarkRecord, Case, CaseEstimates
 from scenetruth.scoring.error_pairs import EstimateTruthPairs
 
 __all__ = [
@@ -143,7 +143,7 @@ def compute_amplitude_records(
         told = region & np.isfinite(got) & (True if pair.full is None else pair.full[0])
         if np.count_nonzero(told) >= MIN_VALID_FRACTION * np.count_nonzero(region):
             left = share(got[told], true[told])
-        yield BenchmarkRecord(case.kind, found.value, label, quantity, OWN, "share_left", left, unit="1")
+        yield BenchmarkRecord(case.kind, found.value, label, quantity, METHOD_VALID, "amplitude_ratio", left, unit="1")
 
 
 def compute_cutoff_records(case: Case, rows: Sequence[BenchmarkRecord], quantity: str) -> Iterator[BenchmarkRecord]:
@@ -160,11 +160,11 @@ def compute_cutoff_records(case: Case, rows: Sequence[BenchmarkRecord], quantity
     """
     curves: dict[str, dict[float, float]] = {}
     for row in rows:
-        if (row.case, row.statistic, row.quantity) == (case.kind, "share_left", quantity):
-            curves.setdefault(row.method, {})[row.value] = row.number
+        if (row.case, row.statistic, row.quantity) == (case.kind, "amplitude_ratio", quantity):
+            curves.setdefault(row.method, {})[row.level] = row.value
     for label, curve in curves.items():
         first, last = compute_cutoff_periods(list(curve), list(curve.values()))
         for name, period in (("first", first), ("last", last)):
             yield BenchmarkRecord(
-                case.kind, math.nan, label, quantity, OWN, f"period_at_10_percent_loss_{name}", period, unit="px"
+                case.kind, math.nan, label, quantity, METHOD_VALID, f"cutoff_period_{name}", period, unit="px"
             )

@@ -95,8 +95,8 @@ def compare(
     --------
     >>> import scenetruth as st
     >>> found = st.compare("structure_tensor", cases=["noise"], values=[0.005])
-    >>> row = found.figure("noise", "structure_tensor", "flow_x", "rms")
-    >>> bool(row.low < row.number < row.high), row.unit
+    >>> row = found.figure("noise", "structure_tensor", "flow_x", "rmse")
+    >>> bool(row.ci_low < row.value < row.ci_high), row.unit
     (True, 'px/frame')
     """
     contestants = parse_methods(methods)

@@ -105,7 +105,7 @@ def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload]) -> list[str]
 def _most_moving(found: Prediction) -> list[str]:
     """Return the regions of the objects that move most, the first ones of those that are at rest."""
     regions = [region for region in found.regions if region.startswith("object_")]
-    quantity = next((name for name in ("velocity_endpoint", "flow_x") if name in found.quantities), None)
+    quantity = next((name for name in ("velocity_epe", "flow_x") if name in found.quantities), None)
     if quantity is not None:
         regions.sort(key=lambda region: found.figure(quantity, region).signal or 0.0, reverse=True)
     return regions[:_MOST_PRECISIONS]

@@ -401,7 +401,7 @@ def make_console() -> Console:
 
 
 def print_score(scored: Score, method: str = "") -> None:
-    """Print the figures of merit of an estimate: the interior, then the rms errors of all regions."""
+    """Print the figures of merit of an estimate: the interior, then the RMSE of all regions."""
     from rich.table import Table
 
     from scenetruth.errors import visible
@@ -410,12 +410,12 @@ def print_score(scored: Score, method: str = "") -> None:
 
     headings = {
         "bias": "bias",
-        "rms": "rms",
-        "median_abs": "median",
-        "p95_abs": "95 %",
-        "relative_rms": "rms,\nrel.",
-        "calibration": "err/\nstd",
-        "within_2_std": "in 2\nstd",
+        "rmse": "RMSE",
+        "median_abs_error": "median",
+        "p95_abs_error": "95 %",
+        "relative_rmse": "RMSE,\nrel.",
+        "rms_z": "RMS\nof z",
+        "coverage_2_std": "in 2\nstd",
         "density": "density",
     }
     title = visible(f"{method}, region interior" if method else "region interior")
@@ -457,14 +457,14 @@ def print_main_figures(scored: Score, method: str) -> None:
     table = Table(title=visible(f"errors of {method}, region interior", lines=False), title_justify="left")
     table.add_column("quantity", min_width=13)
     # What finds no room is left out: no figure loses digits.
-    headings = ("rms", "median", "unit", "rms, rel.", "density")[: 5 if make_console().width >= _ALL_FIGURES else 3]
+    headings = ("RMSE", "median", "unit", "RMSE, rel.", "density")[: 5 if make_console().width >= _ALL_FIGURES else 3]
     for heading in headings:
         table.add_column(heading, justify="left" if heading == "unit" else "right", no_wrap=True)
     for name in (next((one for one in several if one in shown), None) for several in _MAIN):
         if name is None:
             continue
         rms, median, relative, density = (
-            interior[name].get(key) for key in ("rms", "median_abs", "relative_rms", "density")
+            interior[name].get(key) for key in ("rmse", "median_abs_error", "relative_rmse", "density")
         )
         shares = ("–" if value is None else f"{100 * value:.3g} %" for value in (relative, density))
         values = ("–" if value is None else f"{value:.3g}" for value in (rms, median))
@@ -476,7 +476,7 @@ _GROWTH = ("growth_rate", "growth_rate_windowed")
 
 
 def _print_regions(scored: Score) -> None:
-    """Print the rms errors of some quantities in every region that has any pixel scored."""
+    """Print the RMSE of some quantities in every region that has any pixel scored."""
     from rich.table import Table
 
     from scenetruth.errors import visible
@@ -486,12 +486,12 @@ def _print_regions(scored: Score) -> None:
     shown = select_summary_quantities(scored.regions, grows=scored.grows)
     names = [
         name
-        for name in ("depth", "normal", "flow_x", "velocity_z", "velocity_endpoint", *_GROWTH)
+        for name in ("depth", "normal", "flow_x", "velocity_z", "velocity_epe", *_GROWTH)
         if name in shown
         # Flow stands for motion where there is nothing better.
         and (name != "flow_x" or "velocity_z" not in scored.regions["all"])
     ]
-    table = Table(title="all regions, rms errors", title_justify="left")
+    table = Table(title="all regions, RMSE", title_justify="left")
     table.add_column("region", overflow="fold")
     for name in ("pixels", "density", *(f"{name}\n{get_units(name)}" for name in names)):
         table.add_column(name, justify="right")
@@ -500,7 +500,7 @@ def _print_regions(scored: Score) -> None:
         count, density = (quantities[first][key] for key in ("count", "density"))
         if not count:
             continue
-        cells = [density, *(quantities[name]["rms"] for name in names)]
+        cells = [density, *(quantities[name]["rmse"] for name in names)]
         table.add_row(
             visible(region, lines=False), f"{count:,}", *("–" if value is None else f"{value:.3g}" for value in cells)
         )

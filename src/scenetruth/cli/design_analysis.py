@@ -121,7 +121,7 @@ def _print_budget(found: Budget, region: str) -> None:
         for one in found.of(quantity, region):
             cells = (one.title, one.size, number(one.figure), number(one.predicted), number(one.simulated))
             table.add_row(*(visible(cell, lines=False) for cell in cells))
-        table.add_row("root of the sum of squares", "", number(total.parts), "", "")
+        table.add_row("root of the sum of squares", "", number(total.root_sum_square), "", "")
         table.add_row("everything on", "", "", "", number(total.simulated))
         make_console().print(table)
     for line in (*found.words(region), *found.failures):
@@ -217,12 +217,12 @@ def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, 
         there = "" if signal is None else f"{signal:.3g}"
         times = "" if ratio is None or not signal else f"{ratio:.3g}"
         unit = "" if figure.value_unit == "1" else f" {figure.value_unit}"
-        precision = f"{figure.value:.3g}{unit}" if figure.known_share else "not known"
+        precision = f"{figure.value:.3g}{unit}" if figure.valid_fraction else "not known"
         rows.append((TITLES[quantity], precision, there, times))
     return rows
 
 
-_LEFT_OUT = ("disparity", "velocity_endpoint", "normal")
+_LEFT_OUT = ("disparity", "velocity_epe", "normal")
 
 
 def _print_prediction(prediction: Prediction) -> None:
@@ -366,8 +366,8 @@ def _print_best(found: Sweep) -> None:
     from scenetruth.scoring.quantities import get_title
 
     region = choose_main_region(found)
-    table = Table(title=f"least rms error of each quantity, region {region}", title_justify="left")
-    for heading in ("quantity", "rms", "95 %", "unit", "at", "method"):
+    table = Table(title=f"least RMSE of each quantity, region {region}", title_justify="left")
+    for heading in ("quantity", "RMSE", "95 %", "unit", "at", "method"):
         table.add_column(heading, overflow="fold")
     for quantity in list_plotted_quantities(found):
         try:
@@ -376,8 +376,8 @@ def _print_best(found: Sweep) -> None:
             continue
         at = ", ".join(f"{path} = {format_level(value)}" for path, value in best.values.items())
         scene = f"{best.scene}: " if len(found.scenes) > 1 else ""
-        interval = f"{best.low:.3g} to {best.high:.3g}" if best.low == best.low else "–"
-        cells = (get_title(quantity), f"{best.number:.3g}", interval, best.unit, scene + at, best.method)
+        interval = f"{best.ci_low:.3g} to {best.ci_high:.3g}" if best.ci_low == best.ci_low else "–"
+        cells = (get_title(quantity), f"{best.value:.3g}", interval, best.unit, scene + at, best.method)
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
     for line in (*found.notes, *found.failures):

@@ -94,7 +94,7 @@ def _print_front(found: DesignResult) -> None:
         for objective in found.objectives:
             told = rig.simulated.get(objective.title)
             cells.append(f"{rig.predicted[objective.title]:.3g}")
-            cells += ["–", "–"] if told is None else [f"{told.number:.3g}", f"{told.low:.3g} to {told.high:.3g}"]
+            cells += ["–", "–"] if told is None else [f"{told.value:.3g}", f"{told.pi_low:.3g} to {told.pi_high:.3g}"]
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
 

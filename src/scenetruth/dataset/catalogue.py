@@ -130,11 +130,11 @@ def _text(value: Any) -> str:
 
 
 _REGIONS = ("all", "interior")
-_STATISTICS = ("bias", "rms", "median_abs", "density", "calibration", "within_2_std", "count")
+_STATISTICS = ("bias", "rmse", "median_abs_error", "density", "rms_z", "coverage_2_std", "count")
 
 
 def flatten_score(score: Score) -> dict[str, Any]:
-    """Return a score as columns: ``interior.depth.rms``, and so on."""
+    """Return a score as columns: ``interior.depth.rmse``, and so on."""
     return {
         f"{region}.{quantity}.{name}": found.get(name)
         for region in _REGIONS

@@ -305,7 +305,7 @@ def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | Non
     Returns
     -------
     SceneDataset
-        The samples that are in the catalogue, which has the scores of methods too: ``score.METHOD.interior.depth.rms``.
+        The samples that are in the catalogue, with the scores of methods: ``score.METHOD.interior.depth.rmse``.
 
     Raises
     ------

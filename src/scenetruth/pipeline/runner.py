@@ -445,7 +445,7 @@ class PipelineRunner:
 def _unseen_growth(scored: Score, method: str) -> str:
     """Tell of growth that most pixels are off by more than there is, and what sees more of it."""
     values = scored.regions["interior"].get("growth_rate", {})
-    median, rms, relative = (values.get(name) for name in ("median_abs", "rms", "relative_rms"))
+    median, rms, relative = (values.get(name) for name in ("median_abs_error", "rmse", "relative_rmse"))
     if not scored.grows or median is None or not rms or not relative or median <= rms / relative:
         return ""
     better = "a longer frames.frame_interval_s" if method == "refined" else "--method refined"

@@ -131,7 +131,7 @@ def run_scene(
     ...     print(*sorted(path.name for path in results.folder.path.iterdir()))
     estimate.zarr recording.zarr scene.yaml score.csv score.json truth.zarr
     >>> error = results.scores["structure_tensor"].regions["interior"]["depth"]
-    >>> error["count"] > 50, error["relative_rms"] < 0.02, results.failures
+    >>> error["count"] > 50, error["relative_rmse"] < 0.02, results.failures
     (True, True, {})
     """
     from scenetruth.truth import TruthOptions, refuse_arguments

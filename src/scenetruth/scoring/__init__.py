@@ -9,13 +9,14 @@ from scenetruth.scoring.regions import REGIONS, region_masks
 from scenetruth.scoring.report import matches_fingerprint, write_report
 from scenetruth.scoring.score_result import Score
 from scenetruth.scoring.scorer import score, score_settings
-from scenetruth.scoring.statistics import STATISTICS
+from scenetruth.scoring.statistics import STATISTIC_TITLES, STATISTICS
 
 __all__ = [
     "FIGURES",
     "QUANTITIES",
     "REGIONS",
     "STATISTICS",
+    "STATISTIC_TITLES",
     "ConventionMismatch",
     "FigureInfo",
     "Quantity",

@@ -17,7 +17,7 @@ __all__ = [
     "get_units",
 ]
 
-ENDPOINT = "velocity_endpoint"
+ENDPOINT = "velocity_epe"
 """Name of the Euclidean distance between the estimated and the true velocity."""
 
 OUTLIERS = "outliers"
@@ -83,10 +83,10 @@ QUANTITIES: Mapping[str, Quantity] = {
     "growth_rate": Quantity("growth_rate", None, "%/h", "g", "Growth rate", "growth", _BOTH),
     # Follows from depth and velocity; no variable holds it.
     "growth_rate_windowed": Quantity("", None, "%/h", "g", "Growth rate, windowed", "windowed growth", _BOTH),
-    "growth_largest": Quantity(
+    "growth_principal_1": Quantity(
         "principal_growth_rates", 0, "%/h", "g_1", "Largest growth of length", "principal growth", _BOTH
     ),
-    "growth_least": Quantity(
+    "growth_principal_2": Quantity(
         "principal_growth_rates", 1, "%/h", "g_2", "Least growth of length", "principal growth", _BOTH
     ),
     "growth_direction": Quantity(

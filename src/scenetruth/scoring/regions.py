@@ -33,7 +33,7 @@ REGIONS = ("all", "interior")
 
 _NUMBER = r"[0-9][0-9.e+-]*"
 _FURTHER = re.compile(
-    rf"visible|partly_hidden|(slope|edge)_{_NUMBER}_({_NUMBER}|inf)|contrast_(low|mid|high)|object_.+"
+    rf"nonoccluded|occluded|(slope|boundary)_{_NUMBER}_({_NUMBER}|inf)|contrast_(low|mid|high)|object_.+"
 )
 
 
@@ -150,13 +150,13 @@ def further_regions(
 ) -> dict[str, Mask]:
     """Return where the regions lie that only some truths tell.
 
-    - ``visible`` and ``partly_hidden`` need ``occluded_across_cameras`` and ``occluded_in_time``. Of the pixels with
-      a surface, ``visible`` holds those whose point all cameras see at this frame and the reference camera at the
+    - ``nonoccluded`` and ``occluded`` need ``occluded_across_cameras`` and ``occluded_in_time``. Of the pixels with
+      a surface, ``nonoccluded`` holds those whose point all cameras see at this frame and the reference camera at the
       frames before and after; at t = 0, where ``throughout`` is known, that all cameras see at all frames.
-      ``partly_hidden`` has the others.
+      ``occluded`` has the others.
     - ``slope_LOW_HIGH`` (degrees) are classes of the angle between ``normal`` and the optical axis, from LOW on and
       below HIGH, over the visible pixels of the interior, so that edges are not taken for slopes.
-    - ``edge_LOW_HIGH`` (px) are classes of the distance to the nearest mixed pixel, over all visible pixels.
+    - ``boundary_LOW_HIGH`` (px) are classes of the distance to the nearest mixed pixel, over all visible pixels.
     - ``contrast_low``, ``contrast_mid`` and ``contrast_high`` are classes of the texture's contrast, over the same
       pixels as slopes.
     - ``object_NAME`` are the objects, over the same pixels as slopes, that have any of them; of a truth of several
@@ -190,7 +190,7 @@ def further_regions(
         visible = seen & ~_flags(truth["occluded_across_cameras"]) & ~_flags(truth["occluded_in_time"])
         if throughout is not None:
             visible[truth["t"].values == 0] &= throughout
-        regions |= {"visible": visible, "partly_hidden": seen & ~visible}
+        regions |= {"nonoccluded": visible, "occluded": seen & ~visible}
     inner = interior & visible
     if "normal" in truth:
         facing = np.abs(truth["normal"].sel(component="Z").values)
@@ -202,7 +202,7 @@ def further_regions(
         distance = truth["boundary_distance"].values
     else:
         distance = edge_distance(truth["mixed"].values.astype(bool))
-    regions |= _classes("edge", distance, (*settings.edge_classes_px, math.inf), visible)
+    regions |= _classes("boundary", distance, (*settings.edge_classes_px, math.inf), visible)
     if contrast is not None:
         low, high = settings.contrast_classes
         regions |= {

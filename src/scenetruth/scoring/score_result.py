@@ -35,10 +35,10 @@ _MAIN = (("depth", "disparity"), (ENDPOINT, "flow_x"), ("growth_rate_windowed",)
 
 _SUMMARY_COLUMNS: Mapping[str, tuple[str, Callable[[float | None], str]]] = {
     "bias": ("bias", format_number),
-    "rms": ("rms", format_number),
-    "median_abs": ("median |e|", format_number),
-    "p95_abs": ("95 % |e|", format_number),
-    "relative_rms": ("relative rms [%]", format_percent),
+    "rmse": ("RMSE", format_number),
+    "median_abs_error": ("median |e|", format_number),
+    "p95_abs_error": ("95 % |e|", format_number),
+    "relative_rmse": ("relative RMSE [%]", format_percent),
     "density": ("density [%]", format_percent),
     "count": ("pixels", format_count),
 }
@@ -55,11 +55,11 @@ def line_summary(regions: Regions, *, grows: bool) -> str:
     groups = [name for name, members in QUANTITY_GROUPS.items() if set(members) & set(shown)]
     interior = regions["interior"]
     main = [next((name for name in names if name in shown), None) for names in _MAIN]
-    errors = [f"{name} {_short(interior[name]['rms'])} {get_units(name)}" for name in main if name is not None]
+    errors = [f"{name} {_short(interior[name]['rmse'])} {get_units(name)}" for name in main if name is not None]
     parts = {
         "regions": ", ".join(REGIONS) + (f" and {len(regions) - 2} more" if len(regions) > 2 else ""),
         "quantities": ", ".join(groups),
-        "rms in the interior": ", ".join(errors),
+        "RMSE in the interior": ", ".join(errors),
     }
     return f"Score({'; '.join(f'{name}: {text}' for name, text in parts.items())})"
 
@@ -105,8 +105,8 @@ class Score:
     ----------
     regions
         Region to quantity to statistic to value; None where a value is undefined. Errors are estimate minus truth, in
-        the units of the quantity; ``density``, ``relative_rms``, ``within_2_std`` and rates are fractions, and
-        ``calibration`` is a ratio. ``all`` and ``interior`` come first; which others there are depends on the truth.
+        the units of the quantity; ``density``, ``relative_rmse``, ``coverage_2_std`` and rates are fractions, and
+        ``rms_z`` is a ratio. ``all`` and ``interior`` come first; which others there are depends on the truth.
         All regions have the same quantities: those that the estimate has.
     metadata
         What the score was made from, as plain JSON values.
@@ -120,16 +120,16 @@ class Score:
     --------
     >>> found = Score(
     ...     {
-    ...         "all": {"depth": {"bias": 0.01, "rms": 0.02, "density": 0.9, "count": 900}},
-    ...         "interior": {"depth": {"bias": 0.0, "rms": 0.01, "density": 1.0, "count": 600}},
+    ...         "all": {"depth": {"bias": 0.01, "rmse": 0.02, "density": 0.9, "count": 900}},
+    ...         "interior": {"depth": {"bias": 0.0, "rmse": 0.01, "density": 1.0, "count": 600}},
     ...     },
     ...     {"seed": 1},
     ... )
     >>> found
-    Score(regions: all, interior; quantities: depth; rms in the interior: depth 0.01 mm)
-    >>> found.regions["interior"]["depth"]["rms"], found.metadata
+    Score(regions: all, interior; quantities: depth; RMSE in the interior: depth 0.01 mm)
+    >>> found.regions["interior"]["depth"]["rmse"], found.metadata
     (0.01, {'seed': 1})
-    >>> print(found.to_frame().loc[("all", "depth"), "units"], found.to_frame().loc[("all", "depth"), "rms"])
+    >>> print(found.to_frame().loc[("all", "depth"), "units"], found.to_frame().loc[("all", "depth"), "rmse"])
     mm 0.02
     """
 
@@ -139,7 +139,7 @@ class Score:
     @property
     def grows(self) -> bool:
         """Whether any true growth rate is more than rounding; of what moves rigidly, growth is not worth showing."""
-        error = self.regions["all"].get("growth_rate", {}).get("relative_rms")
+        error = self.regions["all"].get("growth_rate", {}).get("relative_rmse")
         return error is not None and error < _ROUNDING
 
     def __repr__(self) -> str:

@@ -182,9 +182,9 @@ def score(
     (see `further_regions`):
 
     - depth, disparity, the three components of velocity and the two of optical flow, as bias, rms, median and 95th
-      percentile of abs(e), relative rms, density and count (see `error_statistics`);
-    - ``velocity_endpoint``, the same of the distance ‖U_estimate - U_truth‖ (see `endpoint_statistics`);
-    - ``calibration`` and ``within_2_std``, where the estimate states standard deviations (``depth_std``,
+      percentile of abs(e), relative RMSE, density and count (see `error_statistics`);
+    - ``velocity_epe``, the same of the distance ‖U_estimate - U_truth‖ (see `endpoint_statistics`);
+    - ``rms_z`` and ``coverage_2_std``, where the estimate states standard deviations (``depth_std``,
       ``velocity_std``, ``growth_rate_std`` and so on): whether the errors are as large as they say;
     - ``outliers``, the shares of gross errors, where they can tell a good estimate from a poor one (see `outlier_rates`
       and `meaningful_rates`);
@@ -247,7 +247,7 @@ def score(
     >>> estimate = label("estimate", {"depth": 500.1 * one}, camera, t=[0])
     >>> found = score(estimate, truth)
     >>> found
-    Score(regions: all, interior and 4 more; quantities: depth; rms in the interior: depth 0.1 mm)
+    Score(regions: all, interior and 4 more; quantities: depth; RMSE in the interior: depth 0.1 mm)
     >>> f"{found.regions['all']['depth']['bias']:.3f}", found.regions["all"]["depth"]["density"]
     ('0.100', 1.0)
     """

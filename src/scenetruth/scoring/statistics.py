@@ -21,6 +21,7 @@ __all__ = [
     "OUTLIER_PX",
     "RATES",
     "STATISTICS",
+    "STATISTIC_TITLES",
     "ErrorSamples",
     "OutlierAccumulator",
     "Outliers",
@@ -176,16 +177,41 @@ Statistics = dict[str, float | int | None]
 
 STATISTICS = (
     "bias",
-    "rms",
-    "median_abs",
-    "p95_abs",
-    "relative_rms",
-    "calibration",
-    "within_2_std",
+    "rmse",
+    "median_abs_error",
+    "p95_abs_error",
+    "relative_rmse",
+    "rms_z",
+    "coverage_2_std",
     "density",
     "count",
 )
 """The statistics of an error, in the order in which they are reported."""
+
+
+STATISTIC_TITLES: Mapping[str, str] = {
+    "rmse": "RMSE",
+    "bias": "bias",
+    "precision_std": "standard deviation",
+    "noise_std": "standard deviation due to noise",
+    "median_abs_error": "median absolute error",
+    "scaled_median_abs_error": "scaled median absolute error",
+    "p95_abs_error": "95th percentile of the absolute error",
+    "relative_rmse": "relative RMSE",
+    "rms_z": "RMS of the normalised error",
+    "coverage": "coverage",
+    "coverage_2_std": "coverage at 2 standard deviations",
+    "density": "density",
+    "count": "scored pixels",
+    "inlier_rate": "inlier rate",
+    "sparsification_rmse": "RMSE of the most certain pixels",
+    "amplitude_ratio": "amplitude ratio",
+    "cutoff_period_first": "longest period at 10 % loss",
+    "cutoff_period_last": "shortest period at 10 % loss",
+    "metrological_efficiency_first": "noise times longest period at 10 % loss",
+    "metrological_efficiency_last": "noise times shortest period at 10 % loss",
+}
+"""All statistics in words: of scores, benchmarks, sweeps, predictions, objectives of designs, and limits of tests."""
 
 
 def error_statistics(
@@ -197,12 +223,12 @@ def error_statistics(
     scored pixels, with e_i = estimate - truth,
 
     - ``bias`` = Σ e_i / n,
-    - ``rms`` = (Σ e_i² / n)^½,
-    - ``median_abs`` and ``p95_abs``, the median and the 95th percentile of abs(e_i), interpolated linearly,
-    - ``relative_rms`` = ``rms`` / (Σ truth_i² / n)^½, None where the truth vanishes throughout,
-    - ``calibration`` = (Σ (e_i / std_i)² / m)^½ over the m of them whose standard deviation is finite and positive:
+    - ``rmse`` = (Σ e_i² / n)^½,
+    - ``median_abs_error`` and ``p95_abs_error``, the median and the 95th percentile of abs(e_i), interpolated linearly,
+    - ``relative_rmse`` = ``rmse`` / (Σ truth_i² / n)^½, None where the truth vanishes throughout,
+    - ``rms_z`` = (Σ (e_i / std_i)² / m)^½ over the m of them whose standard deviation is finite and positive:
       1 if the error bars are right, above 1 if they are too small (overconfident),
-    - ``within_2_std``, the share of those m with abs(e_i) ≤ 2 std_i: 0.954 of normal errors with the right error bars,
+    - ``coverage_2_std``, the share of those m with abs(e_i) ≤ 2 std_i: 0.954 of normal errors if std_i is right,
     - ``density`` = n / the number of pixels of the region with a finite truth,
     - ``count`` = n.
 
@@ -221,8 +247,8 @@ def error_statistics(
     -------
     dict
         By the names of `STATISTICS`. With no scored pixel, everything is None but ``count`` = 0 and ``density`` = 0;
-        with no true pixel either, the density is None as well. Without any usable standard deviation, ``calibration``
-        and ``within_2_std`` are None.
+        with no true pixel either, the density is None as well. Without any usable standard deviation, ``rms_z``
+        and ``coverage_2_std`` are None.
 
     Examples
     --------
@@ -237,8 +263,8 @@ def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | No
     """Return the statistics of the Euclidean distance between two vector maps in one region.
 
     As `error_statistics`, with e_i = ‖estimate_i - truth_i‖ ≥ 0 (so ``bias`` is the mean distance) and with the
-    rms of ‖truth_i‖ as the reference of ``relative_rms``. All components must be finite at a scored pixel. A distance
-    has no standard deviation, so that ``calibration`` and ``within_2_std`` are None.
+    rms of ‖truth_i‖ as the reference of ``relative_rmse``. All components must be finite at a scored pixel. A distance
+    has no standard deviation, so that ``rms_z`` and ``coverage_2_std`` are None.
 
     Parameters
     ----------
@@ -362,12 +388,12 @@ class StatisticsAccumulator:
         rms, reference, ratios = self._errors.rms, self._truths.rms, self._ratios
         return {
             "bias": _finite_or_none(self._total / self._count),
-            "rms": _finite_or_none(rms),
-            "median_abs": _finite_or_none(median),
-            "p95_abs": _finite_or_none(p95),
-            "relative_rms": _finite_or_none(rms / reference) if reference else None,
-            "calibration": _finite_or_none(ratios.rms) if ratios.count else None,
-            "within_2_std": self._within / ratios.count if ratios.count else None,
+            "rmse": _finite_or_none(rms),
+            "median_abs_error": _finite_or_none(median),
+            "p95_abs_error": _finite_or_none(p95),
+            "relative_rmse": _finite_or_none(rms / reference) if reference else None,
+            "rms_z": _finite_or_none(ratios.rms) if ratios.count else None,
+            "coverage_2_std": self._within / ratios.count if ratios.count else None,
             "density": self._count / self._known,
             "count": self._count,
         }

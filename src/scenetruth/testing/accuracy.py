@@ -105,7 +105,7 @@ def compute_bound_in_region(
     if problems:
         raise LimitError(list(dict.fromkeys(problems)))
     regions = score(wrong, truth, recording, check=False, **settings).regions[region]
-    return {name: regions[name]["rms"] if QUANTITIES[name].variable in found else None for name in names}
+    return {name: regions[name]["rmse"] if QUANTITIES[name].variable in found else None for name in names}
 
 
 def _read_std(bound: xr.Dataset, entry: Quantity, found: xr.Dataset) -> Map:
@@ -274,9 +274,9 @@ def assert_accuracy(
     `scenetruth.scoring.QUANTITIES`, and ``flow``, ``velocity``, ``slope``, ``rotation_rate`` for each of their
     components. Its value is
 
-    - a number: the largest rms of the error;
-    - a mapping of statistics (`scenetruth.scoring.STATISTICS`; ``median`` and ``p95`` are those of absolute errors) to
-      numbers: the largest value, of ``bias`` either way; of ``density``, ``count`` and ``within_2_std`` the least one;
+    - a number: the largest rmse;
+    - a mapping of statistics (`scenetruth.scoring.STATISTICS`) to numbers: the largest value,
+      of ``bias`` either way; of ``density``, ``count`` and ``coverage_2_std`` the least one;
     - in either, two numbers: the least and the largest value;
     - a text, ``"1.5 x bound"``: that multiple of the Cramér-Rao bound, as rms over the pixels that are scored.
 
@@ -337,14 +337,14 @@ def assert_accuracy(
     >>> maps = {"depth": 500 * one, "disparity": 10 * one, "velocity": still, "flow": still[:2], "mixed": one == 0}
     >>> truth = label("truth", maps, camera, t=[0])
     >>> estimate = label("estimate", {"depth": 500.1 * one}, camera, t=[0])
-    >>> score = assert_accuracy(estimate, truth, depth_mm={"rms": 0.2, "median": 0.15}, min_density=0.9)
+    >>> score = assert_accuracy(estimate, truth, depth_mm={"rmse": 0.2, "median_abs_error": 0.15}, min_density=0.9)
     >>> try:
     ...     assert_accuracy(estimate, truth, depth_mm=0.05, slips=False)
     ... except AssertionError as error:
     ...     print("\n".join(str(error).splitlines()[:3]))
     1 of 1 limit broken by the estimate of 'unknown' in the region 'interior' of 768 pixels:
               quantity  statistic  found   limit       times  density  pixels
-      BROKEN  depth     rms        0.1 mm  <= 0.05 mm  2 x    100 %    768
+      BROKEN  depth     rmse       0.1 mm  <= 0.05 mm  2 x    100 %    768
     """
     __tracebackhide__ = True
     wanted, problems = read_limits(limits, min_density)

@@ -17,8 +17,8 @@ def align_columns(rows: Sequence[Sequence[str]]) -> list[str]:
 
     Examples
     --------
-    >>> align_columns([("depth", "rms"), ("disparity", "bias")])
-    ['depth      rms', 'disparity  bias']
+    >>> align_columns([("depth", "rmse"), ("disparity", "bias")])
+    ['depth      rmse', 'disparity  bias']
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -37,12 +37,12 @@ class LimitError(ScoreError, TypeError, ValueError):
     >>> truth = label("truth", {"depth": 500 * one, "disparity": 10 * one, "mixed": one == 0}, camera, t=[0])
     >>> estimate = label("estimate", {"depth": 500.1 * one}, camera, t=[0])
     >>> try:
-    ...     assert_accuracy(estimate, truth, depth_cm=0.02, disparity_px={"rsm": 0.1, "bias": -1})
+    ...     assert_accuracy(estimate, truth, depth_cm=0.02, disparity_px={"rmes": 0.1, "bias": -1})
     ... except LimitError as error:
     ...     print(error)
     3 problems with the limits:
       - depth_cm: is no quantity with its unit; did you mean 'depth_mm'?
-      - disparity_px.rsm: is no statistic of a score; did you mean 'rms'?
+      - disparity_px.rmes: is no statistic of a score; did you mean 'rmse'?
       - disparity_px.bias: must not be negative (got -1)
     """
 
@@ -108,9 +108,8 @@ _SPELLINGS: Mapping[str, tuple[tuple[str, float, str], ...]] = {
 """How the units of scores end a keyword: ending, factor from the score's unit, unit."""
 
 _SHORT = {"growth": "growth_rate"}
-_ALIASES = {"median": "median_abs", "p95": "p95_abs"}
-_IN_UNITS = ("bias", "rms", "median_abs", "p95_abs")
-_LARGER_IS_BETTER = ("within_2_std", "density", "count")
+_IN_UNITS = ("bias", "rmse", "median_abs_error", "p95_abs_error")
+_LARGER_IS_BETTER = ("coverage_2_std", "density", "count")
 _BOUND_MULTIPLES = re.compile(
     r"\s*(?:(?P<factor>[0-9.]+(?:e[+-]?[0-9]+)?)\s*[x×*]\s*)?bound\s*", re.ASCII | re.IGNORECASE
 )
@@ -141,7 +140,7 @@ def read_limits(given: Mapping[str, Any], min_density: object = None) -> tuple[l
     Parameters
     ----------
     given
-        By the names of `KEYS`: a number or text, which limits ``rms``, or a mapping of statistics to these.
+        By the names of `KEYS`: a number or text, which limits ``rmse``, or a mapping of statistics to these.
     min_density
         The least density of each of these quantities, if there is one.
 
@@ -152,9 +151,9 @@ def read_limits(given: Mapping[str, Any], min_density: object = None) -> tuple[l
 
     Examples
     --------
-    >>> limits, problems = read_limits({"depth_mm": {"rms": 0.2, "median": 0.1}, "dispraity_px": 0.1})
+    >>> limits, problems = read_limits({"depth_mm": {"rmse": 0.2, "median_abs_error": 0.1}, "dispraity_px": 0.1})
     >>> [(limit.quantity, limit.statistic, limit.most) for limit in limits]
-    [('depth', 'rms', 0.2), ('depth', 'median_abs', 0.1)]
+    [('depth', 'rmse', 0.2), ('depth', 'median_abs_error', 0.1)]
     >>> print(problems[0])
     dispraity_px: is no quantity with its unit; did you mean 'disparity_px'?
     """
@@ -189,14 +188,14 @@ def _limits_for_quantity(
     name: str, key: LimitKey, quantity: str, value: Any, problems: list[Problem]
 ) -> Iterator[Limit]:
     if not isinstance(value, Mapping):
-        value = {"rms": value}
+        value = {"rmse": value}
     elif not value:
-        problems.append(Problem(name, "limits nothing: give a number, or statistics as {'rms': 0.2}"))
+        problems.append(Problem(name, "limits nothing: give a number, or statistics as {'rmse': 0.2}"))
     for word, bounds in value.items():
-        statistic = _ALIASES.get(word, word)
+        statistic = word
         if statistic not in STATISTICS:
             shown = word if isinstance(word, str) else repr(word)
-            message = f"is no statistic of a score{suggest_names(shown, (*STATISTICS, *_ALIASES))}"
+            message = f"is no statistic of a score{suggest_names(shown, STATISTICS)}"
             problems.append(Problem(f"{name}.{shown}", message))
             continue
         units = (key.factor, key.units) if statistic in _IN_UNITS else (1.0, "")
@@ -234,8 +233,8 @@ def _multiple(path: str, quantity: str, statistic: str, text: str, problems: lis
         found, factor = None, 0.0
     if found is None or not 0 < factor < math.inf:
         problems.append(Problem(path, "must be a number, or a multiple of the bound as '1.5 x bound'", text))
-    elif statistic != "rms":
-        problems.append(Problem(path, "is not what the bound is of; a multiple of it limits rms", text))
+    elif statistic != "rmse":
+        problems.append(Problem(path, "is not what the bound is of; a multiple of it limits rmse", text))
     elif QUANTITIES[quantity].error != "difference":
         problems.append(Problem(path, "has no bound; only quantities without direction have", text))
     else:
@@ -343,7 +342,7 @@ def evaluate_limit(limit: Limit, values: Values | None, bound: float | None = No
 
     Examples
     --------
-    >>> evaluate_limit(Limit("depth", "rms", most=0.2, units="mm"), {"rms": 0.3, "density": 0.9, "count": 90}).kept
+    >>> evaluate_limit(Limit("depth", "rmse", most=0.2, units="mm"), {"rmse": 0.3, "density": 0.9, "count": 90}).kept
     False
     """
     if values is None:
@@ -356,7 +355,7 @@ def evaluate_limit(limit: Limit, values: Values | None, bound: float | None = No
     if not count:
         note = "no true value there" if density is None else "nothing is scored"
     elif value is None or not math.isfinite(value):
-        spread = limit.statistic in ("calibration", "within_2_std")
+        spread = limit.statistic in ("rms_z", "coverage_2_std")
         note = "no standard deviations" if spread else "undefined"
     elif limit.of_bound is not None and bound is None:
         note = "no bound there"

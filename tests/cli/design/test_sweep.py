@@ -23,7 +23,7 @@ def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     done = scenetruth(*words)
     assert done.returncode == 0, done.stderr
     assert "2 points with 2 seeds: 4 simulations, 4 of them to be made" in done.stderr
-    assert "least rms error of each quantity, region interior" in done.stdout
+    assert "least RMSE of each quantity, region interior" in done.stdout
     assert "stage.baseline_mm = 1" in done.stdout
     assert {name for name in names(out) if not name.startswith(".")} == RESULTS
     assert "4 simulations, 0 of them to be made" in scenetruth(*words).stderr
@@ -58,4 +58,6 @@ def test_a_method_of_the_house_in_processes(tmp_path: Path) -> None:
     done = scenetruth(*words, "--workers", "2")
     assert done.returncode == 0, done.stderr
     frame = pd.read_csv(tmp_path / "out" / "results.csv")
-    assert len(frame[frame["seed"].isna() & (frame["statistic"] == "std") & (frame["quantity"] == "depth")]) == 8
+    assert (
+        len(frame[frame["seed"].isna() & (frame["statistic"] == "precision_std") & (frame["quantity"] == "depth")]) == 8
+    )

@@ -29,7 +29,7 @@ def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budg
     assert line.startswith("Depth: 1.5 mm in all.")
     assert "Yaw of the stage (100 µrad) makes 1.4 of it in these draws, and 4.2 is to be expected of others" in line
     # What is left: the root of 0.035² + 0.16² + 0.05², times 1.5 over the parts' sum.
-    left = math.sqrt(0.035**2 + 0.16**2 + 0.05**2 + 5e-6) * 1.5 / found.totals[0].parts
+    left = math.sqrt(0.035**2 + 0.16**2 + 0.05**2 + 5e-6) * 1.5 / found.totals[0].root_sum_square
     assert f"An air bearing brings it to {number(left)} mm; then slanted surfaces limit (0.16)." in line
     assert "With yaw of the stage, 50 % of the pixels are still told." in line
 
@@ -39,7 +39,7 @@ def test_bars_add_up_by_their_squares(found: Budget) -> None:
     assert [step.title for step in steps][:3] == ["yaw of the stage", "slanted surfaces", HOSTILE]
     assert steps[-1].title == "2 smaller parts"
     assert steps[0].start == 0
-    assert steps[-1].end == pytest.approx(found.totals[0].parts)
+    assert steps[-1].end == pytest.approx(found.totals[0].root_sum_square)
     for one, other in pairwise(steps):
         assert other.start == pytest.approx(one.end)
     for step in steps:

@@ -54,7 +54,7 @@ def found(scene: st.Scene, folder: Path) -> Budget:
 
 def agrees(found: Budget, cause: str, quantity: str = "depth", within: float = 0.2) -> None:
     part = found.part(cause, quantity)
-    expected = part.drawn if math.isfinite(part.drawn) else part.predicted
+    expected = part.predicted_for_seeds if math.isfinite(part.predicted_for_seeds) else part.predicted
     assert part.simulated == pytest.approx(expected, rel=within), (cause, quantity)
 
 
@@ -98,18 +98,18 @@ def test_everything_predicted_is_simulated() -> None:
     agrees(found, "brightness", "velocity_z", within=0.3)
     for quantity in ("depth", "velocity_x", "velocity_y", "velocity_z"):
         total = found.total(quantity)
-        assert total.parts == pytest.approx(total.simulated, rel=0.2), quantity
-        assert total.added == pytest.approx(total.simulated, rel=0.1), quantity
+        assert total.root_sum_square == pytest.approx(total.simulated, rel=0.2), quantity
+        assert total.signed_sum == pytest.approx(total.simulated, rel=0.1), quantity
 
 
 def test_parts_add_up_to_the_whole(found: Budget) -> None:
     for quantity in ("velocity_z", "velocity_y"):
         total = found.total(quantity)
         # Of a single draw, parts may be alike by chance.
-        assert total.parts == pytest.approx(total.simulated, rel=0.3), quantity
-        assert total.added == pytest.approx(total.simulated, rel=0.1), quantity
+        assert total.root_sum_square == pytest.approx(total.simulated, rel=0.3), quantity
+        assert total.signed_sum == pytest.approx(total.simulated, rel=0.1), quantity
         parts = [one.figure for one in found.of(quantity) if math.isfinite(one.figure)]
-        assert total.parts == pytest.approx(float(np.linalg.norm(parts)))
+        assert total.root_sum_square == pytest.approx(float(np.linalg.norm(parts)))
         own = [found.part(kind, quantity).figure for kind in ("slope", "curvature", "rest")]
         assert total.ideal == pytest.approx(float(np.linalg.norm(own)))
     everywhere = found.total("depth", "all")
@@ -133,7 +133,7 @@ def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, fol
     assert {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()} == before
     assert [one.simulated for one in again.parts] == pytest.approx([one.simulated for one in found.parts], nan_ok=True)
     frame = found.to_frame()
-    assert set(frame["cause"]) >= {"noise", "sum", "added", "everything", "ideal"}
+    assert set(frame["cause"]) >= {"noise", "root_sum_square", "signed_sum", "everything", "ideal"}
     assert len(frame) == len(found.parts) + 4 * len(found.totals)
     with pytest.raises(OutputExistsError, match="another scene"):
         budget(scene, folder, calibration="perfect")

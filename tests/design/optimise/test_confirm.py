@@ -38,7 +38,7 @@ def test_figures_are_those_of_a_score() -> None:
     found = simulate_objectives(made, (DEPTH, OF_WALL, NOTHING))
     recording, truth = st.simulate(made)
     told = st.score(st.estimate(recording), truth, interior_margin_px=0.0).regions["interior"]["depth"]
-    assert found["Depth"]["rms"] == told["rms"]
+    assert found["Depth"]["rmse"] == told["rmse"]
     # The only object is all that there is; what nothing is told of is left out.
     assert found["Depth of wall"] == found["Depth"]
     assert "Growth" not in found
@@ -47,8 +47,8 @@ def test_figures_are_those_of_a_score() -> None:
 def test_growth_of_lengths_is_measured_though_the_standard_truth_does_not_tell_it() -> None:
     method = {"method": "refined", "motion": "affine", "surface": "plane"}
     made = scene_from_plain({**scene(), "estimate": method})
-    found = simulate_objectives(made, (Objective("growth_largest", "interior", "%/h", "Growth"),))
-    assert found["Growth"]["rms"] > 0
+    found = simulate_objectives(made, (Objective("growth_principal_1", "interior", "%/h", "Growth"),))
+    assert found["Growth"]["rmse"] > 0
     assert 0 < found["Growth"]["density"] <= 1
 
 
@@ -75,7 +75,7 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
     first = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=2, most_px=None), tmp_path, 0)
     told = first.rigs[7].simulated["Depth"]
     assert told.seeds == 2
-    assert 0 < told.low < told.number < told.high
+    assert 0 < told.pi_low < told.value < told.pi_high
     assert first.discrepancies[0].predicted == pytest.approx(rig.predicted["Depth"])
     assert first.changes == ()
     numbers: list[int] = []
@@ -94,18 +94,18 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
     for typical, rms, percentile in zip(*(figures[name] for name in STATISTICS), strict=True):
         assert 0 < typical <= 1.4826 * 2**0.5 * rms
         assert typical / 1.4826 <= percentile <= 20**0.5 * rms
-    assert again.rigs[7].simulated["Depth"] == compute_prediction_interval(figures["typical"])
+    assert again.rigs[7].simulated["Depth"] == compute_prediction_interval(figures["scaled_median_abs_error"])
     assert simulate_candidates([], prepared, ConfirmationSpec(), tmp_path, 0).rigs == {}
 
 
 def test_figures_that_lack_a_statistic_are_made_again(tmp_path: Path) -> None:
     plain = {**scene(), "estimate": {"method": "structure_tensor"}}
     job = ConfirmationTask(str(tmp_path), (plain,), (1,), (DEPTH,), ())
-    told = {"Depth": {"rms": 0.2, "median_abs": 0.1, "bias": 0.0, "density": 1.0}}
+    told = {"Depth": {"rmse": 0.2, "median_abs_error": 0.1, "bias": 0.0, "density": 1.0}}
     (tmp_path / f"{job.key(0)}.json").write_text(json.dumps({"key": job.key(0), "figures": told}))
     assert job.figures(0) == told
-    assert get_simulated_statistic(told, "Depth", "typical") == pytest.approx(0.14826)
-    assert replace(job, objectives=(replace(DEPTH, statistic="percentile_95"),)).figures(0) is None
+    assert get_simulated_statistic(told, "Depth", "scaled_median_abs_error") == pytest.approx(0.14826)
+    assert replace(job, objectives=(replace(DEPTH, statistic="p95_abs_error"),)).figures(0) is None
 
 
 def test_what_fails_is_told(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_parts_add_up_to_what_is_predicted(prepared: OptimisationProblem) -> Non
     assert better.parts[depth]["noise"] == pytest.approx(one.parts[depth]["noise"], rel=1e-6)
 
 
-@pytest.mark.parametrize("statistic", ["rms", "percentile_95"])
+@pytest.mark.parametrize("statistic", ["rmse", "p95_abs_error"])
 def test_statistics_are_those_of_the_region(prepared: OptimisationProblem, statistic: Any) -> None:
     one = evaluated(prepared, stage="air_bearing")
     scene = scene_from_plain(dict(rig_from_evaluation(3, one, prepared).scene))
@@ -67,7 +67,7 @@ def test_statistics_are_those_of_the_region(prepared: OptimisationProblem, stati
     parts = compute_objective_contributions(depth, scene, prediction)
     assert parts["noise"] == getattr(figure, statistic)
     # Standard deviations differ from place to place, but not by much: a wall.
-    factor = {"rms": 1.0, "percentile_95": 1.96}[statistic]
+    factor = {"rmse": 1.0, "p95_abs_error": 1.96}[statistic]
     assert factor * figure.value * 0.95 < parts["noise"] < factor * figure.value * 1.5
     typical = compute_objective_contributions(prepared.task.objectives[0], scene, prediction)
     assert parts["stage"] == pytest.approx(factor * typical["stage"], rel=1e-4)

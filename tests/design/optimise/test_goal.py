@@ -126,15 +126,15 @@ def test_objectives_that_are_not_told() -> None:
 
 
 def test_statistics_that_are_not_told() -> None:
-    assert "objectives.0.statistic: input should be 'typical', 'rms' or 'percentile_95'" in refused(
+    assert "objectives.0.statistic: input should be 'scaled_median_abs_error', 'rmse' or 'p95_abs_error'" in refused(
         objectives=[{"quantity": "depth", "statistic": "std"}]
     )
-    wanted = [{"quantity": "velocity_endpoint", "statistic": kind} for kind in ("percentile_95", "rms")]
+    wanted = [{"quantity": "velocity_epe", "statistic": kind} for kind in ("p95_abs_error", "rmse")]
     told = refused(objectives=wanted)
-    assert "objectives.0.statistic: is not predicted of velocity_endpoint, which is a distance or an angle" in told
+    assert "objectives.0.statistic: is not predicted of velocity_epe, which is a distance or an angle" in told
     assert "objectives.1" not in told
     assert "is there twice: depth of all, rms" in refused(
-        objectives=[{"quantity": "depth", "region": "all", "statistic": "rms"}] * 2
+        objectives=[{"quantity": "depth", "region": "all", "statistic": "rmse"}] * 2
     )
 
 
@@ -163,9 +163,13 @@ def test_titles_tell_objectives_apart() -> None:
     assert [one.title for one in task.objectives] == ["Depth, interior", "Depth of wall", "Velocity in Z, interior"]
     task = prepare_problem(design_spec_from_dict(goal())).task
     assert [one.title for one in task.objectives] == ["Depth"]
-    wanted = [{"quantity": "depth"}, {"quantity": "depth", "statistic": "rms"}, {"quantity": "velocity_z"}]
+    wanted = [{"quantity": "depth"}, {"quantity": "depth", "statistic": "rmse"}, {"quantity": "velocity_z"}]
     task = prepare_problem(design_spec_from_dict(goal(objectives=wanted))).task
-    assert [one.title for one in task.objectives] == ["Depth, typical error", "Depth, rms error", "Velocity in Z"]
+    assert [one.title for one in task.objectives] == [
+        "Depth, scaled median absolute error",
+        "Depth, RMSE",
+        "Velocity in Z",
+    ]
 
 
 @nightly

@@ -24,7 +24,7 @@ def test_one_more_figure_lies_inside_with_95_percent(seeds: int) -> None:
     inside = 0
     for *known, another in figures:
         found = compute_prediction_interval(known)
-        inside += found.low <= another <= found.high
+        inside += found.pi_low <= another <= found.pi_high
     # Of 2000 draws, the share is known to √(0.95 0.05 / 2000) = 0.5 %; three of them are allowed.
     assert inside / draws == pytest.approx(0.95, abs=0.015)
 
@@ -32,15 +32,15 @@ def test_one_more_figure_lies_inside_with_95_percent(seeds: int) -> None:
 def test_few_figures() -> None:
     assert compute_prediction_interval([]).seeds == 0
     one = compute_prediction_interval([2.0])
-    assert (one.number, one.seeds) == (2.0, 1)
-    assert math.isnan(one.low)
-    assert math.isnan(compute_prediction_interval([0.0, 1.0]).high)
-    figures = {"depth": {"typical": (1.0, math.nan, 4.0), "rms": (2.0, 2.0, 2.0)}}
+    assert (one.value, one.seeds) == (2.0, 1)
+    assert math.isnan(one.pi_low)
+    assert math.isnan(compute_prediction_interval([0.0, 1.0]).pi_high)
+    figures = {"depth": {"scaled_median_abs_error": (1.0, math.nan, 4.0), "rmse": (2.0, 2.0, 2.0)}}
     rig = RigDesign(1, {}, {}, {}, {}, (), None, "", figures)
     # What was not told of a seed is left out.
-    assert compute_rig_interval(rig, "depth", "typical") == compute_prediction_interval([1.0, 4.0])
-    assert compute_rig_interval(rig, "depth", "rms").number == 2.0
-    assert compute_rig_interval(rig, "growth", "rms").seeds == 0
+    assert compute_rig_interval(rig, "depth", "scaled_median_abs_error") == compute_prediction_interval([1.0, 4.0])
+    assert compute_rig_interval(rig, "depth", "rmse").value == 2.0
+    assert compute_rig_interval(rig, "growth", "rmse").seeds == 0
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,9 @@ from tests.design.optimise.small import objective
 
 def rig(number: int, predicted: float, *figures: float) -> RigDesign:
     simulated = {"depth": PredictionInterval(1.0, 0.9, 1.1, len(figures))} if figures else {}
-    return RigDesign(number, {}, {}, {"depth": predicted}, simulated, (), None, "", {"depth": {"typical": figures}})
+    return RigDesign(
+        number, {}, {}, {"depth": predicted}, simulated, (), None, "", {"depth": {"scaled_median_abs_error": figures}}
+    )
 
 
 def test_what_seeds_have_in_common_does_not_hide_an_order() -> None:
@@ -26,19 +28,19 @@ def test_what_seeds_have_in_common_does_not_hide_an_order() -> None:
     found = check_pair_rank(worse, better, objective())
     assert (found.better, found.worse, found.predicted, found.verdict) == (1, 2, 1.5, "kept")
     assert found.simulated == pytest.approx(1.2, rel=1e-3)
-    assert 1.15 < found.low < found.simulated < found.high < 1.25
+    assert 1.15 < found.ci_low < found.simulated < found.ci_high < 1.25
     swapped = check_pair_rank(replace(better, predicted={"depth": 2.0}), worse, objective())
     assert (swapped.better, swapped.worse, swapped.verdict) == (2, 1, "swapped")
     assert swapped.simulated == pytest.approx(1 / found.simulated)
     # The median statistic was told, the other was not.
-    unknown = check_pair_rank(better, worse, replace(objective(), statistic="rms"))
+    unknown = check_pair_rank(better, worse, replace(objective(), statistic="rmse"))
     assert (unknown.seeds, unknown.verdict) == (0, "cannot be told")
 
 
 def test_what_seeds_do_not_tell_is_told_so() -> None:
     near = check_pair_rank(rig(1, 1.0, 1.0, 1.1, 0.9), rig(2, 1.02, 1.1, 0.9, 1.0), objective())
     assert near.verdict == "cannot be told"
-    assert near.low < 1 < near.high
+    assert near.ci_low < 1 < near.ci_high
     # Seeds that tell one rig alone tell nothing.
     lost = check_pair_rank(rig(1, 1.0, 1.0, math.nan, 1.0), rig(2, 1.2, math.nan, 2.0, 2.0), objective())
     assert (lost.seeds, lost.verdict) == (1, "cannot be told")

@@ -55,7 +55,7 @@ def test_it_is_as_good_as_the_best_of_a_grid(found: DesignResult) -> None:
 def test_what_was_simulated_is_told_beside_the_prediction(found: DesignResult) -> None:
     told = found.recommended.simulated["Depth"]
     assert told.seeds == 2
-    assert told.low < told.number < told.high
+    assert told.pi_low < told.value < told.pi_high
     (one,) = found.discrepancies
     assert one.rig == found.recommended.number
     assert one.simulated == found.recommended.simulated["Depth"]
@@ -130,8 +130,8 @@ def test_folders_that_hold_no_design_are_refused(found: DesignResult, folder: Pa
 def test_words(found: DesignResult) -> None:
     told = "\n".join(found.words())
     assert f"recommended, rig {found.recommended.number}" in told
-    assert "Depth: typical error, predicted" in told
-    assert "; rms error " in told
+    assert "Depth: scaled median absolute error, predicted" in told
+    assert "; RMSE " in told
     assert "10 % more (less) of each parameter changes depth by" in told
 
 

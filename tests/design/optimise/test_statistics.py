@@ -38,10 +38,10 @@ def test_those_of_a_region_whose_points_differ(spread: float) -> None:
     median, rms, percentile = compute_spread(std, weights)
     chosen = generator.choice(std, DRAWS, p=weights / weights.sum())
     told = drawn(chosen, 2)
-    assert told["rms"] == pytest.approx(rms, rel=0.02)
-    assert told["percentile_95"] == pytest.approx(percentile, rel=0.02)
+    assert told["rmse"] == pytest.approx(rms, rel=0.02)
+    assert told["p95_abs_error"] == pytest.approx(percentile, rel=0.02)
     # The median of the errors' sizes is not that of the standard deviations, but near it.
-    assert told["typical"] == pytest.approx(median, rel=0.15)
+    assert told["scaled_median_abs_error"] == pytest.approx(median, rel=0.15)
 
 
 def test_points_without_error_or_without_number() -> None:

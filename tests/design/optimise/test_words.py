@@ -34,15 +34,15 @@ def test_what_is_wanted_is_judged_by_simulations(
     rig = RigDesign(3, {"stage.baseline_mm": 4.25}, {}, {"depth": 0.2}, told, (), None, "")
     lines = compose_summary((objective(wanted=wanted),), rig, (), (), ())
     assert lines[0] == "recommended, rig 3: stage.baseline_mm = 4.25"
-    assert lines[1].startswith("depth: typical error, predicted 0.2 mm")
+    assert lines[1].startswith("depth: scaled median absolute error, predicted 0.2 mm")
     assert lines[1].endswith(verdict)
 
 
 def test_the_rms_error_stands_beside_a_typical_one() -> None:
-    figures = {"depth": {"typical": (0.3, 0.3), "rms": (0.7, 0.7)}}
+    figures = {"depth": {"scaled_median_abs_error": (0.3, 0.3), "rmse": (0.7, 0.7)}}
     rig = RigDesign(3, {}, {}, {"depth": 0.2}, {"depth": PredictionInterval(0.3, 0.2, 0.4, 2)}, (), None, "", figures)
-    assert "from 2 seeds; rms error 0.7)" in compose_summary((objective(),), rig, (), (), ())[1]
-    of_rms = replace(objective(), statistic="rms")
+    assert "from 2 seeds; RMSE 0.7)" in compose_summary((objective(),), rig, (), (), ())[1]
+    of_rms = replace(objective(), statistic="rmse")
     assert compose_summary((of_rms,), rig, (), (), ())[1].endswith("from 2 seeds)")
 
 

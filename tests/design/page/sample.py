@@ -67,8 +67,8 @@ def rig(place: int) -> RigDesign:
     scatter = (0.93, 1.06, 0.97, 1.02, 1.05, 0.97)
     by_seed = {
         title: {
-            "typical": tuple(one * figures[title].number for one in scatter),
-            "rms": tuple(more * one * figures[title].number for one in scatter),
+            "scaled_median_abs_error": tuple(one * figures[title].value for one in scatter),
+            "rmse": tuple(more * one * figures[title].value for one in scatter),
         }
         for title, more in ((DEPTH, 1.2), (GROWTH, 2.0))
     }
@@ -124,7 +124,7 @@ def design(folder: Path | None = None) -> DesignResult:
             title,
             one.predicted[title],
             one.simulated[title],
-            one.simulated[title].number / one.predicted[title],
+            one.simulated[title].value / one.predicted[title],
             title == GROWTH,
             "agrees within its interval" if title == DEPTH else "simulation is 25 % worse than predicted",
         )

@@ -140,19 +140,19 @@ def test_the_answer_is_judged_by_simulations(sample: DesignResult) -> None:
     depth, growth = summarise_objectives(sample)
     assert (depth.figure, depth.unit, depth.verdict) == ("0.0530", "mm", "")
     assert depth.source == (
-        "typical error in 6 simulated recordings (95 %: 0.0475 to 0.0600; predicted 0.0500; rms error 0.0637)"
+        "scaled median absolute error in 6 simulated recordings (95 %: 0.0475 to 0.0600; predicted 0.0500; RMSE 0.0637)"
     )
     assert growth.verdict == "Wanted: 0.3 %/h. Not reached."
 
     def verdict(number: float, low: float, high: float, *rms: float) -> str:
         figures = {**sample.recommended.simulated, GROWTH: PredictionInterval(number, low, high, 1)}
-        best = replace(sample.recommended, simulated=figures, figures={GROWTH: {"rms": rms}})
+        best = replace(sample.recommended, simulated=figures, figures={GROWTH: {"rmse": rms}})
         return summarise_objectives(replace(sample, recommended=best))[1].verdict
 
     assert verdict(0.2, 0.1, 0.29) == "Wanted: 0.3 %/h. Reached, with all of the interval."
     assert verdict(0.2, 0.1, 0.31) == "Wanted: 0.3 %/h. Reached in the mean, but the interval goes beyond."
     assert verdict(0.2, math.nan, math.nan, 0.2) == "Wanted: 0.3 %/h. Reached."
-    assert verdict(0.2, math.nan, math.nan, 0.4) == "Wanted: 0.3 %/h. Reached. The rms error is beyond."
+    assert verdict(0.2, math.nan, math.nan, 0.4) == "Wanted: 0.3 %/h. Reached. The RMSE is beyond."
     assert verdict(math.nan, math.nan, math.nan) == "Wanted: 0.3 %/h. Not reached."
 
 
@@ -167,7 +167,7 @@ def test_what_must_be_known_comes_first(sample: DesignResult, tmp_path: Path) ->
     unconfirmed = replace(sample, recommended=sample.front[1], discrepancies=())
     assert "was not simulated" in list_warnings(unconfirmed)[-1][0]
     text = said_in(text_of(unconfirmed, tmp_path))
-    assert "predicted typical error; not simulated" in text
+    assert "predicted scaled median absolute error; not simulated" in text
     assert "No rig was simulated: nothing here is confirmed." in text
 
 
@@ -181,10 +181,10 @@ def test_the_front_is_drawn_with_bars_and_told_in_words(sample: DesignResult) ->
     assert len(cloud["x"]) > 200
     by_depth = sorted((rig for rig in sample.front if rig.is_confirmed), key=lambda rig: rig.predicted[DEPTH])
     figures = [rig.simulated[GROWTH] for rig in by_depth]
-    assert simulated["y"] == [one.number for one in figures]
-    assert simulated["error_y"]["array"] == [one.high - one.number for one in figures]
+    assert simulated["y"] == [one.value for one in figures]
+    assert simulated["error_y"]["array"] == [one.pi_high - one.value for one in figures]
     assert simulated["error_x"]["arrayminus"] == [
-        rig.simulated[DEPTH].number - rig.simulated[DEPTH].low for rig in by_depth
+        rig.simulated[DEPTH].value - rig.simulated[DEPTH].pi_low for rig in by_depth
     ]
     assert [star["x"], star["y"]] == [[sample.recommended.predicted[title]] for title in (DEPTH, GROWTH)]
     assert chart.layout["yaxis"]["type"] == "log"
@@ -330,7 +330,9 @@ def test_places_that_are_far_off_are_warned_of(sample: DesignResult) -> None:
     told = [
         words for words, _ in list_warnings(replace(sample, recommended=replace(sample.recommended, simulated=reached)))
     ]
-    far_off = f"{GROWTH}: some places are far off. The typical error is 0.200 %/h, but the rms error 0.619 %/h."
+    far_off = (
+        f"{GROWTH}: some places are far off. The scaled median absolute error is 0.200 %/h, but the RMSE 0.619 %/h."
+    )
     assert far_off in told
 
 

@@ -51,7 +51,7 @@ def test_growth_of_length_is_told_where_any_gradient_may_be() -> None:
     assert (largest.unit, largest.value_unit) == ("1/frame", "%/h")
     assert largest.signal_value == pytest.approx(PER_HOUR * STRAIN, rel=1e-3)
     assert least.signal_value == pytest.approx(PER_HOUR * STRAIN / 2, rel=1e-3)
-    assert "growth_largest" not in predict(rubber(), window_sigma_px=WINDOW, motion="growing").quantities
+    assert "growth_principal_1" not in predict(rubber(), window_sigma_px=WINDOW, motion="growing").quantities
 
 
 def test_what_noise_pushes_apart_is_told() -> None:

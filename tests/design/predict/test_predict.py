@@ -172,7 +172,7 @@ def test_what_is_left_out_is_told() -> None:
 def test_scenes_of_the_library_are_predicted(file: str) -> None:
     told = predict(SCENES / f"{file}.yaml")
     assert 0 < told.figure("depth", "interior").std < 0.1
-    assert told.figure("depth").known_share > 0.9
+    assert told.figure("depth").valid_fraction > 0.9
 
 
 @given(some.lists(some.tuples(some.floats(0, 10), some.integers(1, 5)), min_size=1, max_size=20))

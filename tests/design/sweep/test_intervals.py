@@ -71,6 +71,6 @@ def test_sizes_of_normal_errors_are_those_of_drawn_ones() -> None:
     drawn = np.random.default_rng(2).normal(0.0, std, (200_000, 3))
     found = compute_normal_statistics(np.array([0.5, 1.0, 4.0, np.nan]))
     # 600 000 numbers tell both to some 0.2 %.
-    assert found["rms"] == pytest.approx(float(np.sqrt(np.square(drawn).mean())), rel=0.01)
-    assert found["median"] == pytest.approx(float(np.median(np.abs(drawn))), rel=0.01)
+    assert found["rmse"] == pytest.approx(float(np.sqrt(np.square(drawn).mean())), rel=0.01)
+    assert found["median_abs_error"] == pytest.approx(float(np.median(np.abs(drawn))), rel=0.01)
     assert compute_normal_statistics(np.array([np.nan])) == {}

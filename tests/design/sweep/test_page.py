@@ -27,12 +27,12 @@ def rows(points: list[dict[str, Any]], methods: tuple[str, ...] = ("mine",)) -> 
         for factor, method in enumerate(methods, 1):
             where = (values, "cube", method, None, "interior")
             error = factor * number
-            found.append(SweepRecord(*where, "depth", "rms", error, 0.8 * error, 1.2 * error, "mm"))
+            found.append(SweepRecord(*where, "depth", "rmse", error, 0.8 * error, 1.2 * error, "mm"))
             found.append(SweepRecord(*where, "depth", "bias", -error, unit="mm"))
-            found.append(SweepRecord(*where, "growth_rate", "rms", error, unit="%/h"))
-            found.append(SweepRecord(values, "cube", method, 1, "interior", "depth", "rms", 77.0, unit="mm"))
+            found.append(SweepRecord(*where, "growth_rate", "rmse", error, unit="%/h"))
+            found.append(SweepRecord(values, "cube", method, 1, "interior", "depth", "rmse", 77.0, unit="mm"))
             bound = "bound" if len(methods) == 1 else f"bound of {method}"
-            found.append(SweepRecord(values, "cube", bound, None, "interior", "depth", "rms", error / 2, unit="mm"))
+            found.append(SweepRecord(values, "cube", bound, None, "interior", "depth", "rmse", error / 2, unit="mm"))
     return found
 
 
@@ -62,7 +62,7 @@ def test_one_factor_makes_lines_with_error_bars_and_the_bound() -> None:
     assert [trace.get("showlegend", True) for trace in data] == [True, True, True, False]
     (bias,) = build_panels(over_one(), "depth", "bias")
     assert not bias.y.logarithmic
-    assert build_panels(over_one(), "depth", "std") == []
+    assert build_panels(over_one(), "depth", "precision_std") == []
 
 
 def test_two_factors_make_a_map_and_lines() -> None:
@@ -109,7 +109,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(tmp_path: Path) -> None:
         made = re.search(r"^const charts = (.*);$", text, re.MULTILINE)
         assert made is not None
         charts = json.loads(made[1])
-        assert set(charts) == {"depth|rms|interior", "depth|bias|interior"}
+        assert set(charts) == {"depth|rmse|interior", "depth|bias|interior"}
         # Nothing is fetched: addresses of plotly's own code are in its script alone.
         outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
         assert not re.search(r'(src|href)="(?!#)', outside)
@@ -123,7 +123,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(tmp_path: Path) -> None:
 
 def test_pictures_are_drawn_of_every_quantity(tmp_path: Path) -> None:
     made = write_static_plots(over_two(), tmp_path / "plots")
-    assert [path.name for path in made] == ["depth_rms.png"]
+    assert [path.name for path in made] == ["depth_rmse.png"]
     with Image.open(made[0]) as picture:
         assert picture.info["Software"] == "scenetruth"
         width, height = picture.size
@@ -132,7 +132,7 @@ def test_pictures_are_drawn_of_every_quantity(tmp_path: Path) -> None:
         colours = {pixel for _, pixel in picture.convert("RGB").getcolors(1 << 24) or []}
         assert {(253, 231, 36), (68, 1, 84)} <= colours
     # Pictures of an earlier sweep go, and what is not ours stays.
-    (tmp_path / "plots" / "flow_x_rms.png").write_bytes(b"old")
+    (tmp_path / "plots" / "flow_x_rmse.png").write_bytes(b"old")
     (tmp_path / "plots" / "mine.txt").write_text("mine")
     write_static_plots(over_one(), tmp_path / "plots")
-    assert {path.name for path in (tmp_path / "plots").iterdir()} == {"depth_rms.png", "mine.txt"}
+    assert {path.name for path in (tmp_path / "plots").iterdir()} == {"depth_rmse.png", "mine.txt"}

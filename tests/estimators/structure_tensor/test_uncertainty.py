@@ -128,8 +128,8 @@ def test_residuals_tell_of_errors_that_are_not_noise() -> None:
     estimate = st.estimate(recording)
     score = st.score(estimate, truth).regions["interior"]["depth"]
     full = estimate["status"].values == STATUS_VALID
-    assert score["rms"] is not None
-    assert 0.3 <= score["rms"] / np.sqrt(np.nanmean(estimate["depth_std"].values[full] ** 2)) <= 3
+    assert score["rmse"] is not None
+    assert 0.3 <= score["rmse"] / np.sqrt(np.nanmean(estimate["depth_std"].values[full] ** 2)) <= 3
 
 
 @pytest.mark.parametrize("sigma", [0.005, 0.05])

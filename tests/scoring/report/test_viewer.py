@@ -82,8 +82,8 @@ def test_maps_are_those_of_the_data_sets(
 def test_all_that_both_data_sets_hold_is_there(viewer: Viewer) -> None:
     names = [one["name"] for one in viewer.plain["groups"]]
     assert names[:7] == ["depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y"]
-    assert {"velocity_endpoint", "flow_endpoint", "estimate.coherence", "estimate.status_motion"} <= {*names}
-    assert group(viewer, "velocity_endpoint")["length_of"] == ("velocity_x", "velocity_y", "velocity_z")
+    assert {"velocity_epe", "flow_endpoint", "estimate.coherence", "estimate.status_motion"} <= {*names}
+    assert group(viewer, "velocity_epe")["length_of"] == ("velocity_x", "velocity_y", "velocity_z")
     codes = {"0": "invalid", "1": "normal component only", "2": "valid", "3": "fallback"}
     assert group(viewer, "estimate.status_motion")["codes"] == codes
     assert [one["name"] for one in viewer.plain["regions"]] == ["interior", "edges"]
@@ -158,7 +158,7 @@ def test_the_worst_place_is_where_errors_were_put(full_case: Case) -> None:
     errors[wrong["status_disparity"].values[0] != STATUS_VALID] = np.nan
     # The squares of 32 px begin at the corner; most of what was put in is in one of them.
     square = errors[64:96, 32:64]
-    assert place.rms == pytest.approx(np.sqrt(np.nanmean(square**2)), rel=1e-12)
+    assert place.rmse == pytest.approx(np.sqrt(np.nanmean(square**2)), rel=1e-12)
     assert place.side_px == 32
     row, column = np.unravel_index(np.nanargmax(np.abs(square)), square.shape)
     assert (place.x, place.y) == (float(32 + column), float(64 + row))

@@ -23,17 +23,17 @@ def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(sc
     result, viewer = scored
     depth, motion = summarise_score(result, viewer)
     inner = result.regions["interior"]
-    assert (depth.title, depth.figure, depth.units) == ("Depth", format_number(inner["depth"]["rms"]), "mm")
-    assert f"{format_percent(inner['depth']['relative_rms'])} % of the true value" in depth.rest
+    assert (depth.title, depth.figure, depth.units) == ("Depth", format_number(inner["depth"]["rmse"]), "mm")
+    assert f"{format_percent(inner['depth']['relative_rmse'])} % of the true value" in depth.rest
     spread = viewer.spread["depth"]
-    assert inner["depth"]["rms"] is not None
-    varies = f"{format_percent(inner['depth']['rms'] / spread)} % of the standard deviation of the true depth there"
+    assert inner["depth"]["rmse"] is not None
+    varies = f"{format_percent(inner['depth']['rmse'] / spread)} % of the standard deviation of the true depth there"
     assert varies in depth.rest
-    assert motion.figure == format_number(inner["velocity_endpoint"]["rms"])
-    assert motion.layer == "velocity_endpoint:error"
-    assert motion.place == viewer.worst["velocity_endpoint"]
+    assert motion.figure == format_number(inner["velocity_epe"]["rmse"])
+    assert motion.layer == "velocity_epe:error"
+    assert motion.place == viewer.worst["velocity_epe"]
     further = {name: values for name, values in result.regions.items() if name not in ("all", "interior")}
-    worst = max(values["depth"]["rms"] or 0.0 for values in further.values() if (values["depth"]["count"] or 0) >= 100)
+    worst = max(values["depth"]["rmse"] or 0.0 for values in further.values() if (values["depth"]["count"] or 0) >= 100)
     assert f"({format_number(worst)} mm)" in depth.rest
 
 
@@ -42,7 +42,7 @@ def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:
     result = score(estimate, full_case.truth)
     (motion,) = summarise_score(result, build_viewer(full_case.recording, estimate, full_case.truth, result))
     inner = result.regions["interior"]
-    rms_x, rms_y = (inner[name]["rms"] for name in ("flow_x", "flow_y"))
+    rms_x, rms_y = (inner[name]["rmse"] for name in ("flow_x", "flow_y"))
     assert rms_x is not None
     assert rms_y is not None
     assert (motion.title, motion.units) == ("Motion in the image", "px/frame")
@@ -55,7 +55,7 @@ def test_growth_is_told_where_something_grows() -> None:
     viewer = build_viewer(case.recording, case.estimate, case.truth, result)
     growth = summarise_score(result, viewer)[-1]
     assert (growth.title, growth.units) == ("Growth", "%/h")
-    assert growth.figure == format_number(result.regions["interior"]["growth_rate"]["rms"])
+    assert growth.figure == format_number(result.regions["interior"]["growth_rate"]["rmse"])
     # The map that tells the place is one that the viewer has.
     name, what = growth.layer.split(":")
     maps = next(one for one in viewer.plain["groups"] if one["name"] == name)["maps"]["0"]

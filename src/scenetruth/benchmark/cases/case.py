@@ -18,9 +18,9 @@ from scenetruth.errors import Problem, RecipeError
 __all__ = [
     "ALL",
     "BOUND",
-    "COMMON",
+    "COMMON_VALID",
+    "METHOD_VALID",
     "NOISE_STD",
-    "OWN",
     "SUITES",
     "BenchmarkRecord",
     "Case",
@@ -32,9 +32,9 @@ __all__ = [
 ]
 
 
-OWN = "own"
+METHOD_VALID = "method_valid"
 """Pixels that the method itself tells."""
-COMMON = "common"
+COMMON_VALID = "common_valid"
 """Pixels that all methods of the comparison tell."""
 ALL = "all"
 """All pixels of the region; what is missing counts as missing."""
@@ -50,36 +50,36 @@ class BenchmarkRecord:
     ----------
     case
         Which case of the suite.
-    value
+    level
         What was varied, in the unit of the case.
     method
         Label of the method, or `BOUND`.
     quantity
         What was measured: a key of `scenetruth.scoring.QUANTITIES`; empty for time and memory.
     pixels
-        Over which pixels: `OWN`, `COMMON` or `ALL`.
+        Over which pixels: `METHOD_VALID`, `COMMON_VALID` or `ALL`.
     statistic
         What of their errors.
-    number
+    value
         The figure, in the quantity's unit; NaN where there is none.
-    low, high
+    ci_low, ci_high
         Its 95 % confidence interval; NaN if it was not found out.
-    at
+    threshold
         What a curve is drawn over besides: the share of pixels that is kept, or the number of standard deviations.
     unit
         Unit of the figure.
     """
 
     case: str
-    value: float
+    level: float
     method: str
     quantity: str
     pixels: str
     statistic: str
-    number: float
-    low: float = math.nan
-    high: float = math.nan
-    at: float = math.nan
+    value: float
+    ci_low: float = math.nan
+    ci_high: float = math.nan
+    threshold: float = math.nan
     unit: str = ""
 
     def to_plain(self) -> dict[str, Any]:
@@ -158,7 +158,7 @@ class Case:
     """Whether the Cramér-Rao bound is told beside it."""
     one_scene: ClassVar[bool] = False
     """Whether all values are of one scene, and `region_at` tells them apart."""
-    headline: ClassVar[tuple[str, str]] = ("disparity", "rms")
+    headline: ClassVar[tuple[str, str]] = ("disparity", "rmse")
     """Quantity and statistic that stand for the case in a summary."""
 
     def values(self, suite: str) -> tuple[float, ...]:

@@ -34,7 +34,7 @@ class IlluminationChangeCase(Case):
     varied = "change of brightness per frame, %"
     core = (1.0, 10.0)
     full = (0.0, 0.3, 1.0, 3.0, 10.0)
-    headline = ("velocity_z", "rms")
+    headline = ("velocity_z", "rmse")
 
     def scene(self, value: float) -> Mapping[str, Any]:
         """Return the sheet in such light."""
@@ -84,7 +84,7 @@ class FlowRangeCase(Case):
     varied = "flow, px per frame"
     core = (0.1, 1.3, 6.3)
     full = (0.01, 0.03, 0.1, 0.3, 1.3, 3.3, 6.3, 12.3)
-    headline = ("flow_x", "rms")
+    headline = ("flow_x", "rmse")
     logarithmic = True
 
     def scene(self, value: float) -> Mapping[str, Any]:
@@ -106,7 +106,7 @@ class NoiseFloorCase(Case):
     seeds: ClassVar[Mapping[str, int]] = {"core": 3, "full": 8}
     bounded = True
     quantities = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y")
-    headline = ("disparity", "noise")
+    headline = ("disparity", "noise_std")
 
     def scene(self, value: float) -> Mapping[str, Any]:
         """Return the sheet at rest."""

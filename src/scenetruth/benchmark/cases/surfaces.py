@@ -102,7 +102,7 @@ class GrowthIntervalCase(Case):
     varied = "interval between frames, minutes"
     core = (2.0, 15.0)
     full = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
-    headline = ("growth_rate_windowed", "rms")
+    headline = ("growth_rate_windowed", "rmse")
     logarithmic = True
     quantities = ("velocity_z", "flow_x")
 
@@ -161,7 +161,7 @@ class GrowthRateCase(Case):
     question = "How well is growth measured, over 20 px, at which rate?"
     varied = "growth rate of the area, % per hour, a frame every 10 minutes"
     full = (0.0, 1.0, 3.0, 10.0, 30.0)
-    headline = ("growth_rate_windowed", "rms")
+    headline = ("growth_rate_windowed", "rmse")
     quantities = ("velocity_z", "flow_x")
 
     def scene(self, value: float) -> Mapping[str, Any]:
@@ -208,7 +208,7 @@ class StarPatternCase(Case):
     question = "Along the middle of a star, down to which period is a displacement found but for 10 %?"
     varied = "period of the displacement, px"
     core = (20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
-    headline = ("flow_y", "period_at_10_percent_loss_first")
+    headline = ("flow_y", "cutoff_period_first")
     logarithmic = True
     quantities = ("flow_y", "velocity_y")
     one_scene = True
@@ -258,7 +258,7 @@ class MotionDiscontinuityCase(Case):
     full = (0.5, 1.5, 2.5, 3.5, 4.5, 6.5, 9.5, 14.5)
     margin_px = 18.0
     quantities = ("velocity_y", "flow_y")
-    headline = ("flow_y", "rms")
+    headline = ("flow_y", "rmse")
     one_scene = True
 
     def scene(self, value: float) -> Mapping[str, Any]:
@@ -286,7 +286,7 @@ class DepthResolutionCase(Case):
     varied = "period of the relief, px"
     core = (20.0, 32.0, 48.0, 96.0)
     full = (16.0, 20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
-    headline = ("depth", "period_at_10_percent_loss_first")
+    headline = ("depth", "cutoff_period_first")
     logarithmic = True
     quantities = ("depth", "disparity")
 
@@ -325,7 +325,7 @@ class DisplacementResolutionCase(Case):
     varied = "period of the displacement, px"
     core = (32.0, 48.0, 96.0)
     full = (16.0, 20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
-    headline = ("flow_y", "period_at_10_percent_loss_first")
+    headline = ("flow_y", "cutoff_period_first")
     logarithmic = True
     quantities = ("flow_y", "velocity_y")
 

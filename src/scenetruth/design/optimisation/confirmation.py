@@ -86,13 +86,13 @@ def compare_with_prediction(
     simulated
         What simulations found: the same statistic.
     """
-    ratio = simulated.number / predicted if predicted > 0 and math.isfinite(predicted) else math.nan
+    ratio = simulated.value / predicted if predicted > 0 and math.isfinite(predicted) else math.nan
     if not math.isfinite(ratio):
         says = f"{objective.title}: nothing was estimated in the simulations, where {predicted:.3g} was predicted"
         return Discrepancy(rig, objective.title, predicted, simulated, math.nan, True, says)
-    inside = math.isnan(simulated.low) or simulated.low <= predicted <= simulated.high
+    inside = math.isnan(simulated.pi_low) or simulated.pi_low <= predicted <= simulated.pi_high
     notable = not 1 / _NOTABLE_FACTOR <= ratio <= _NOTABLE_FACTOR and not (inside and simulated.seeds > 1)
-    told = f"{objective.title}: {objective.told_in} simulated {simulated.number:.3g}, "
+    told = f"{objective.title}: {objective.told_in} simulated {simulated.value:.3g}, "
     told += f"predicted of these images {predicted:.3g} {objective.unit}"
     if not notable:
         says = f"{told}: as far as {simulated.seeds} seeds tell, they agree (factor {ratio:.2f})"
@@ -212,9 +212,9 @@ def _cut(scene: Scene, look: SurfaceSamples, chosen: NDArray[np.bool_], most_px:
 
 
 Figures = dict[str, dict[str, float]]
-"""Statistics of scores by objective's title: ``rms``, ``median_abs``, ``p95_abs``, ``bias``, ``density``."""
+"""Scores by objective's title: ``rmse``, ``median_abs_error``, ``p95_abs_error``, ``bias``, ``density``."""
 
-_STATISTICS = ("rms", "median_abs", "p95_abs", "bias", "density")
+_STATISTICS = ("rmse", "median_abs_error", "p95_abs_error", "bias", "density")
 
 
 _ALL_UNDEFINED = dict.fromkeys(_STATISTICS, math.nan)
@@ -321,7 +321,7 @@ def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...]) -> Figu
         region = "interior" if alone and one.region.startswith("object_") else one.region
         told = found.regions.get(region, {}).get(one.quantity, {})
         values = {name: float(value) for name in _STATISTICS if (value := told.get(name)) is not None}
-        if "rms" in values:
+        if "rmse" in values:
             figures[one.title] = values
     return figures
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from scenetruth.design.prediction import PredictedValue
 from scenetruth.errors import RecipeError
+from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = [
     "STATISTICS",
@@ -40,7 +41,7 @@ class DesignSpecError(RecipeError):
     _noun = "goal"
 
 
-Statistic = Literal["typical", "rms", "percentile_95"]
+Statistic = Literal["scaled_median_abs_error", "rmse", "p95_abs_error"]
 """What an objective may be of; see `STATISTICS`."""
 
 
@@ -68,13 +69,15 @@ class StatisticKind:
 
 STATISTICS: Mapping[str, StatisticKind] = {
     # The median of a normal error's size is 0.6745 of its standard deviation.
-    "typical": StatisticKind("typical error", "median_abs", 1.4826, 1.0),
-    "rms": StatisticKind("rms error", "rms", 1.0, 1.0),
-    "percentile_95": StatisticKind("95th percentile of the errors' sizes", "p95_abs", 1.0, 1.95996),
+    "scaled_median_abs_error": StatisticKind(
+        STATISTIC_TITLES["scaled_median_abs_error"], "median_abs_error", 1.4826, 1.0
+    ),
+    "rmse": StatisticKind(STATISTIC_TITLES["rmse"], "rmse", 1.0, 1.0),
+    "p95_abs_error": StatisticKind(STATISTIC_TITLES["p95_abs_error"], "p95_abs_error", 1.0, 1.95996),
 }
-"""By name. ``typical``: 1.4826 times the median of the errors' sizes, the standard deviation of normal errors with that
-median; predicted by the median of standard deviations over the region. ``rms``: predicted by the root of their mean
-square. ``percentile_95``: predicted for normal errors with these standard deviations."""
+"""By name. ``scaled_median_abs_error``: 1.4826 times the median of the errors' sizes, the standard deviation of normal
+errors with that median; predicted by the median of standard deviations over the region. ``rmse``: predicted by the
+root of their mean square. ``p95_abs_error``: predicted for normal errors with these standard deviations."""
 
 assert set(STATISTICS) == set(get_args(Statistic))
 
@@ -89,7 +92,7 @@ def compute_predicted_statistic(figure: PredictedValue, statistic: Statistic) ->
     statistic
         Key of `STATISTICS`.
     """
-    told = {"typical": figure.value, "rms": figure.rms, "percentile_95": figure.percentile_95}
+    told = {"scaled_median_abs_error": figure.value, "rmse": figure.rmse, "p95_abs_error": figure.p95_abs_error}
     return told[statistic]
 
 
@@ -99,17 +102,17 @@ class PredictionInterval:
 
     Parameters
     ----------
-    number
+    value
         Root mean square over seeds.
-    low, high
+    pi_low, pi_high
         Ends of the interval for one further seed; NaN where fewer than two seeds tell.
     seeds
         How many recordings were simulated.
     """
 
-    number: float
-    low: float
-    high: float
+    value: float
+    pi_low: float
+    pi_high: float
     seeds: int
 
 
@@ -172,7 +175,7 @@ class Objective:
     unit: str
     title: str
     wanted: float | None = None
-    statistic: Statistic = "typical"
+    statistic: Statistic = "scaled_median_abs_error"
 
     @property
     def told_in(self) -> str:
@@ -281,7 +284,7 @@ class RankConsistency:
         Prediction of the worse one over that of the better one: above 1.
     simulated
         The same of simulations, geometric mean over seeds; NaN if fewer than two seeds tell both.
-    low, high
+    ci_low, ci_high
         Interval of that mean, 95 %.
     seeds
         How many seeds tell both.
@@ -294,8 +297,8 @@ class RankConsistency:
     worse: int
     predicted: float
     simulated: float
-    low: float
-    high: float
+    ci_low: float
+    ci_high: float
     seeds: int
     verdict: str
 
@@ -389,7 +392,7 @@ def compute_prediction_interval(values: Sequence[float]) -> PredictionInterval:
     Examples
     --------
     >>> found = compute_prediction_interval([0.9, 1.0, 1.1, 1.0])
-    >>> round(found.number, 3), round(found.low, 2), round(found.high, 2), found.seeds
+    >>> round(found.value, 3), round(found.pi_low, 2), round(found.pi_high, 2), found.seeds
     (1.002, 0.75, 1.34, 4)
     """
     from scipy.special import stdtrit

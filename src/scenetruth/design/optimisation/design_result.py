@@ -267,33 +267,33 @@ def _reached(objectives: Sequence[Objective], rig: RigDesign) -> Iterator[str]:
         found = rig.simulated.get(one.title)
         figure, known = rig.predicted[one.title], "predicted"
         if found is not None:
-            figure, known = found.number, "simulated"
-            told += f", simulated {found.number:.3g} ({_seeds(found)}{_compare_rmse(rig, one)})"
+            figure, known = found.value, "simulated"
+            told += f", simulated {found.value:.3g} ({_seeds(found)}{_compare_rmse(rig, one)})"
             if rig.density(one.title) < SUFFICIENT_DENSITY:
                 told += f"; only {100 * rig.density(one.title):.0f} % of the pixels are told"
         if one.wanted is not None:
             reached = "reached" if figure <= one.wanted else "NOT reached"
-            if found is not None and figure <= one.wanted < found.high:
+            if found is not None and figure <= one.wanted < found.pi_high:
                 reached = "reached, but another recording may miss it"
             told += f"; wanted {one.wanted:g}: {reached} ({known})"
         yield told
 
 
 def _seeds(found: PredictionInterval) -> str:
-    if found.seeds < 2 or not math.isfinite(found.low):
+    if found.seeds < 2 or not math.isfinite(found.pi_low):
         return f"from {'one seed' if found.seeds == 1 else f'{found.seeds} seeds'}: no interval"
-    return f"another recording: {found.low:.3g} to {found.high:.3g} with 95 %, from {found.seeds} seeds"
+    return f"another recording: {found.pi_low:.3g} to {found.pi_high:.3g} with 95 %, from {found.seeds} seeds"
 
 
 def _compare_rmse(rig: RigDesign, objective: Objective) -> str:
-    """Return the rms error where it is not what the objective is of: it tells of places that are far off."""
-    rms = compute_rig_interval(rig, objective.title, "rms")
-    return f"; rms error {rms.number:.3g}" if objective.statistic != "rms" and rms.seeds else ""
+    """Return the RMSE where it is not what the objective is of: it tells of places that are far off."""
+    rms = compute_rig_interval(rig, objective.title, "rmse")
+    return f"; RMSE {rms.value:.3g}" if objective.statistic != "rmse" and rms.seeds else ""
 
 
 RESULT_FILE, SCREENING_FILE = "design.json", "screened.csv"
 """Files of a folder: the answer as plain values, and all predictions."""
-_FORMAT = 2
+_FORMAT = 3
 _PARTS: Mapping[str, Any] = {
     "title": str,
     "objectives": tuple[Objective, ...],
@@ -361,7 +361,7 @@ class DesignResult:
     >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
     >>> design = optimise(goal, workers=0)
     >>> print(design.words()[1])
-    Depth: typical error, predicted 0.162 mm
+    Depth: scaled median absolute error, predicted 0.162 mm
     >>> for rig in design.rigs:
     ...     print(f"baseline {rig.parameters['stage.baseline_mm']} mm: depth to {rig.predicted['Depth']:.2f} mm")
     baseline 8 mm: depth to 0.16 mm
@@ -415,8 +415,8 @@ class DesignResult:
             row |= {"front": rig.number in first, **rig.parameters}
             for objective in self.objectives:
                 title, found = objective.title, rig.simulated.get(objective.title, nothing)
-                row |= {title: rig.predicted[title], f"{title} simulated": found.number}
-                row |= {f"{title} low": found.low, f"{title} high": found.high}
+                row |= {title: rig.predicted[title], f"{title} simulated": found.value}
+                row |= {f"{title} pi_low": found.pi_low, f"{title} pi_high": found.pi_high}
             rows.append({**row, "price": rig.price, "limits": rig.limits})
         return pd.DataFrame(rows)
 

@@ -298,7 +298,7 @@ class _Run:
         objectives = self.prepared.task.objectives
         told = [rig for rig in rigs if all(one.title in rig.simulated for one in objectives)]
         if told:
-            figures = [{one.title: rig.simulated[one.title].number for one in objectives} for rig in told]
+            figures = [{one.title: rig.simulated[one.title].value for one in objectives} for rig in told]
             return told[select_recommended(figures, objectives)]
         if simulated.rigs:
             self.say("no simulation told all objectives; the recommended rig is that of the predictions")

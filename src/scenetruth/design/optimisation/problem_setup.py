@@ -359,7 +359,7 @@ def _not_predicted(where: str, wanted: ObjectiveSpec, prediction: Prediction, me
         known = ", ".join(prediction.quantities) or "nothing"
         message = f"is not predicted for this scene by {method}, which tells {known}"
         yield Problem(f"{where}.quantity", message, wanted.quantity)
-    elif wanted.statistic == "percentile_95" and QUANTITIES[wanted.quantity].error != "difference":
+    elif wanted.statistic == "p95_abs_error" and QUANTITIES[wanted.quantity].error != "difference":
         message = f"is not predicted of {wanted.quantity}, which is a distance or an angle; choose typical or rms"
         yield Problem(f"{where}.statistic", message, wanted.statistic)
 

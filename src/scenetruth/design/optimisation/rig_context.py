@@ -105,8 +105,8 @@ def compute_stage_uncertainty(
             lateral = depth * flow / focal
             told |= {"flow_x": flow, "velocity_x": lateral, "velocity_z": nearer, "growth_rate": 2 * nearer / depth}
             # What comes nearer is taken for growth of all lengths alike.
-            told |= {"growth_largest": nearer / depth, "growth_least": nearer / depth}
-            told["velocity_endpoint"] = math.hypot(lateral, nearer)
+            told |= {"growth_principal_1": nearer / depth, "growth_principal_2": nearer / depth}
+            told["velocity_epe"] = math.hypot(lateral, nearer)
         found["stage"] = told
     lag = scene.stage.time_per_position_s / scene.frames.frame_interval_s
     if lag > 0 and scene.stage.scan == "unidirectional" and over_s > 0:

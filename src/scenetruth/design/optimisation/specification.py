@@ -91,10 +91,10 @@ class ObjectiveSpec(FrozenModel):
     """What is to be known: a key of `scenetruth.scoring.QUANTITIES`, such as ``depth`` or ``growth_rate``."""
     region: Name = "interior"
     """Where: ``all``, ``interior``, or ``object_NAME``."""
-    statistic: Statistic = "typical"
-    """Of which statistic of the errors in the region: ``typical``, 1.4826 times the median of their sizes, which is the
-    standard deviation where errors are normal, and which few places that are far off do not change; ``rms``, which they
-    do; ``percentile_95``, below which the sizes of 95 % of them lie."""
+    statistic: Statistic = "scaled_median_abs_error"
+    """Of which statistic of the errors in the region: ``scaled_median_abs_error``, 1.4826 times the median of their
+    sizes, which is the standard deviation where errors are normal, and which few places that are far off do not change;
+    ``rmse``, which they do; ``p95_abs_error``, below which the sizes of 95 % of them lie."""
     within: Positive | None = None
     """What of it is good enough, in mm, mm/frame or %/h; the smaller the better if not given."""
 

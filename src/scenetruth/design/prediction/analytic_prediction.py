@@ -33,7 +33,7 @@ Mask = NDArray[np.bool_]
 
 _MOST_NAMES = 3
 _S_PER_H = 3600.0
-# Of the standard deviation: what is less is hardly seen in rms errors.
+# Of the standard deviation: what is less is hardly seen in RMSE.
 _LARGE_BIAS = 0.3
 # Quintic splines lose 1.5 % of a wave of 3 px, and show as much of another. Errors on a cube with 45 % of its squared
 # gradients in shorter waves are 2.2 times the prediction; with 21 % they are within what seeds tell.
@@ -130,8 +130,8 @@ def compute_signals(setup: MethodSetup, look: SurfaceSamples) -> dict[str, Array
     velocity = look.points.q * setup.scene.stage.baseline_mm
     found = {f"flow_{axis}": flow[:, k] for k, axis in enumerate("xy")}
     found |= {f"velocity_{axis}": velocity[k] for k, axis in enumerate("xyz")}
-    found |= dict(zip(("growth_largest", "growth_least"), look.principal_growth_rates, strict=True))
-    return {**found, "velocity_endpoint": np.linalg.norm(velocity, axis=0), "growth_rate": look.growth}
+    found |= dict(zip(("growth_principal_1", "growth_principal_2"), look.principal_growth_rates, strict=True))
+    return {**found, "velocity_epe": np.linalg.norm(velocity, axis=0), "growth_rate": look.growth}
 
 
 def _slopes(look: SurfaceSamples) -> Array:

@@ -96,9 +96,9 @@ def _signals(truth: xr.Dataset, setup: MethodSetup) -> dict[str, Array]:
         return {}
     found = {f"flow_{axis}": truth["flow"].values[k] for k, axis in enumerate("xy")}
     found |= {f"velocity_{axis}": truth["velocity"].values[k] for k, axis in enumerate("xyz")}
-    found["velocity_endpoint"] = np.linalg.norm(truth["velocity"].values, axis=0)
+    found["velocity_epe"] = np.linalg.norm(truth["velocity"].values, axis=0)
     if "principal_growth_rates" in truth:
-        found |= dict(zip(("growth_largest", "growth_least"), truth["principal_growth_rates"].values, strict=True))
+        found |= dict(zip(("growth_principal_1", "growth_principal_2"), truth["principal_growth_rates"].values, strict=True))
     return {**found, "growth_rate": truth["growth_rate"].values}
 
 

@@ -27,10 +27,10 @@ UNITS: Mapping[str, str] = {
     "velocity_z": "mm/frame",
     "flow_x": "px/frame",
     "flow_y": "px/frame",
-    "velocity_endpoint": "mm/frame",
+    "velocity_epe": "mm/frame",
     "growth_rate": "%/h",
-    "growth_largest": "%/h",
-    "growth_least": "%/h",
+    "growth_principal_1": "%/h",
+    "growth_principal_2": "%/h",
     "slope_x": "1",
     "slope_y": "1",
     "normal": "°",
@@ -45,10 +45,10 @@ TITLES: Mapping[str, str] = {
     "velocity_z": "Velocity in Z",
     "flow_x": "Optical flow in x",
     "flow_y": "Optical flow in y",
-    "velocity_endpoint": "Velocity endpoint",
+    "velocity_epe": "Velocity endpoint",
     "growth_rate": "Growth rate",
-    "growth_largest": "Largest growth of length",
-    "growth_least": "Least growth of length",
+    "growth_principal_1": "Largest growth of length",
+    "growth_principal_2": "Least growth of length",
     "slope_x": "Slope in X",
     "slope_y": "Slope in Y",
     "normal": "Normal",
@@ -75,9 +75,9 @@ class PredictedValue:
         Rms over the region of what there is to be measured, of motion and growth; None of others.
     value, signal_value, value_unit
         The same for people: growth in % per hour, all else as it is.
-    known_share
+    valid_fraction
         Share of the region where the images tell it.
-    rms, percentile_95
+    rmse, p95_abs_error
         Root mean square over the region of the standard deviation, and the 95th percentile of the sizes of normal
         errors with such standard deviations; in ``value_unit``, infinite where the images do not tell it.
 
@@ -108,9 +108,9 @@ class PredictedValue:
     value: float
     signal_value: float | None
     value_unit: str
-    known_share: float
-    rms: float = float("inf")
-    percentile_95: float = float("inf")
+    valid_fraction: float
+    rmse: float = float("inf")
+    p95_abs_error: float = float("inf")
 
     @property
     def signal_to_noise(self) -> float | None:
@@ -314,7 +314,7 @@ def compute_value(
     quantity: str,
     spread: tuple[float, float, float],
     signal: float | None,
-    known_share: float,
+    valid_fraction: float,
     frame_interval_s: float,
 ) -> PredictedValue:
     """Return a figure with what it is for people.
@@ -325,7 +325,7 @@ def compute_value(
         Key of `UNITS`.
     spread
         Median and root mean square of the standard deviation, and the 95th percentile of errors.
-    signal, known_share
+    signal, valid_fraction
         As of `PredictedValue`.
     frame_interval_s
         Time between two frames.
@@ -335,7 +335,9 @@ def compute_value(
     told = None if signal is None else factor * signal
     std, rms, percentile = spread
     inside = _UNITS_INSIDE.get(unit, unit)
-    return PredictedValue(std, inside, signal, factor * std, told, unit, known_share, factor * rms, factor * percentile)
+    return PredictedValue(
+        std, inside, signal, factor * std, told, unit, valid_fraction, factor * rms, factor * percentile
+    )
 
 
 _TABLE, _PICTURE = "prediction.csv", "prediction.png"

@@ -88,7 +88,7 @@ def _check_growth(scene: Scene, prediction: Prediction, again: Predictor, enough
 
 
 def _check_motion(scene: Scene, prediction: Prediction, again: Predictor, enough: float) -> Iterator[str]:
-    quantity = next((name for name in ("velocity_endpoint", "flow_x") if name in prediction.quantities), None)
+    quantity = next((name for name in ("velocity_epe", "flow_x") if name in prediction.quantities), None)
     region = None if quantity is None else _most_moving(prediction, quantity)
     if quantity is None or region is None:
         return
@@ -108,7 +108,7 @@ def _check_depth(scene: Scene, prediction: Prediction) -> Iterator[str]:
         enough = _nice(abs(scene.stage.baseline_mm) * std / (_DEPTH_SHARE * depth))
         text = f"depth has a precision of {std:.2g} mm at {depth:.4g} mm, {100 * std / depth:.2g} %"
         yield f"{text}: raise stage.baseline_mm to {enough:g}"
-    share = prediction.figure("depth").known_share
+    share = prediction.figure("depth").valid_fraction
     if share < _LEAST_DENSITY:
         text = f"images tell depth in {100 * share:.0f} % of what is seen only"
         yield f"{text}: give surfaces a texture, or reduce stage.baseline_mm, so that all images show them"

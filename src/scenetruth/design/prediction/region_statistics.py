@@ -31,8 +31,8 @@ _COMPONENTS = {
     "velocity_y": "velocity.1",
     "velocity_z": "velocity.2",
     "growth_rate": "growth_rate",
-    "growth_largest": "principal_growth_rates.0",
-    "growth_least": "principal_growth_rates.1",
+    "growth_principal_1": "principal_growth_rates.0",
+    "growth_principal_2": "principal_growth_rates.1",
 }
 
 NAMES = {key: name for name, key in _COMPONENTS.items()}
@@ -73,7 +73,7 @@ def compute_quantities(std: Mapping[str, Array], slopes: Array | None) -> dict[s
     found = {name: std[name] for name in ("depth", "disparity") if name in std}
     found |= {name: std[key] for name, key in _COMPONENTS.items() if key in std}
     if "velocity_x" in found:
-        found["velocity_endpoint"] = np.sqrt(sum(found[f"velocity_{axis}"] ** 2 for axis in "xyz"))
+        found["velocity_epe"] = np.sqrt(sum(found[f"velocity_{axis}"] ** 2 for axis in "xyz"))
     if "slope_x" in found and slopes is not None:
         # Of n = (a, b, -1) / √(1 + a² + b²), with independent errors of a and b.
         a, b = slopes

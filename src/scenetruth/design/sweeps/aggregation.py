@@ -158,12 +158,12 @@ def compute_point_records(
         scattered.add((method, region, quantity))
         scatter = _scatter(kept, method, region, quantity)
         if scatter is not None:
-            yield _make_record(where, method, None, region, quantity, "std", scatter)
+            yield _make_record(where, method, None, region, quantity, "precision_std", scatter)
     for measured, _ in found.values():
         for name, regions in measured.bounds.items():
             for region, quantities in regions.items():
                 for quantity, figures in quantities.items():
-                    for statistic, number in ({"std": figures["rms"]} | figures).items():
+                    for statistic, number in ({"precision_std": figures["rmse"]} | figures).items():
                         yield _make_record(where, name, None, region, quantity, statistic, (number, np.nan, np.nan))
 
 
@@ -176,9 +176,9 @@ def _figures(measured: SimulationResult) -> Iterator[tuple[str, str, str, str, f
 
 
 def _over_seeds(statistic: str, numbers: Sequence[float]) -> Interval:
-    if statistic == "rms":
+    if statistic == "rmse":
         return compute_root_mean_square(numbers)
-    if statistic == "median":
+    if statistic == "median_abs_error":
         return compute_positive_mean(numbers)
     number, low, high = compute_mean(numbers)
     # Shares stay shares.
@@ -259,7 +259,7 @@ def _find_ineffective_factors(plan: SweepPlan, rows: Sequence[SweepRecord]) -> I
         for row in rows:
             others = tuple(repr(value) for name, value in row.values.items() if name != path)
             what = (*others, row.scene, row.method, row.seed, row.region, row.quantity, row.statistic)
-            seen.setdefault(what, set()).add(row.number)
+            seen.setdefault(what, set()).add(row.value)
             counts[what] = counts.get(what, 0) + 1
         compared = [what for what, count in counts.items() if count > 1]
         if compared and all(len(seen[what]) == 1 for what in compared):

@@ -15,9 +15,9 @@ from scenetruth.design.sweeps.point_simulation import BOUND
 from scenetruth.design.sweeps.sweep_result import STATISTICS, Sweep, SweepRecord
 from scenetruth.scoring import QUANTITIES
 from scenetruth.scoring.quantities import get_title, get_units
+from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = [
-    "STATISTIC_TITLES",
     "PanelAxis",
     "SweepCurve",
     "SweepMap",
@@ -30,15 +30,7 @@ __all__ = [
     "list_plotted_quantities",
 ]
 
-STATISTIC_TITLES: Mapping[str, str] = {
-    "rms": "rms error",
-    "bias": "bias",
-    "std": "standard deviation between seeds",
-    "median": "median of the absolute error",
-    "density": "share of the pixels that is told",
-}
-"""Statistics in words, in the order in which pages have them."""
-POSITIVE = ("rms", "std", "median")
+POSITIVE = ("rmse", "precision_std", "median_abs_error")
 """Statistics that are drawn on a logarithmic scale."""
 _WIDE = 8.0
 """Values that span more than this factor are drawn on a logarithmic scale."""
@@ -162,13 +154,13 @@ class SweepPanel:
 
 def choose_main_region(found: Sweep) -> str:
     """Return the region that is shown first: the interior, or all, where nothing is told of the interior."""
-    regions = list(dict.fromkeys(row.region for row in found.rows if row.statistic == "rms" and not row.is_bound))
+    regions = list(dict.fromkeys(row.region for row in found.rows if row.statistic == "rmse" and not row.is_bound))
     return "interior" if "interior" in regions or not regions else regions[0]
 
 
 def list_plotted_quantities(found: Sweep) -> list[str]:
     """Return the quantities that are drawn: growth only where something grows."""
-    there = {row.quantity for row in found.rows if not row.is_bound and row.statistic == "rms"}
+    there = {row.quantity for row in found.rows if not row.is_bound and row.statistic == "rmse"}
     return [name for name, entry in QUANTITIES.items() if name in there and (found.grows or not entry.is_growth)]
 
 
@@ -188,7 +180,7 @@ def format_short(number: float, digits: int = 3) -> str:
     return f"{float(f'{number:.{digits}g}'):g}"
 
 
-def build_panels(found: Sweep, quantity: str, statistic: str = "rms", region: str = "interior") -> list[SweepPanel]:
+def build_panels(found: Sweep, quantity: str, statistic: str = "rmse", region: str = "interior") -> list[SweepPanel]:
     """Return what is drawn of a figure.
 
     Parameters
@@ -199,10 +191,10 @@ def build_panels(found: Sweep, quantity: str, statistic: str = "rms", region: st
         Which figure, over all seeds.
     """
     assert statistic in STATISTICS
-    rows = [row for row in found.selected(quantity, statistic, region=region) if math.isfinite(row.number)]
+    rows = [row for row in found.selected(quantity, statistic, region=region) if math.isfinite(row.value)]
     if not any(not row.is_bound for row in rows):
         return []
-    positive = statistic in POSITIVE and all(row.number > 0 for row in rows)
+    positive = statistic in POSITIVE and all(row.value > 0 for row in rows)
     number = PanelAxis(_short_title(quantity, statistic), logarithmic=positive)
     axes = {path: _axis(found, path) for path in found.factors}
     if len(found.factors) == 2:
@@ -270,7 +262,7 @@ def _curve(name: str, axis: PanelAxis, rows: Iterable[SweepRecord], colour: int,
     placed.sort(key=lambda one: axis.names.index(str(one[0])) if axis.names else float(one[0]))
     return SweepCurve(
         name,
-        tuple((place, row.number, row.low, row.high) for place, row in placed),
+        tuple((place, row.value, row.ci_low, row.ci_high) for place, row in placed),
         colour,
         any(row.is_bound for _, row in placed),
         joined and not axis.names,
@@ -292,20 +284,20 @@ def _over_two(
 ) -> list[SweepPanel]:
     """Return a map over two factors, and in a grid the lines over the first for each value of the second."""
     first, second = found.factors
-    least = {_key(row): row.number for row in bound}
+    least = {_key(row): row.value for row in bound}
     cells = tuple(
         (
             _place(axes[first], row.values[first]),
             _place(axes[second], row.values[second]),
-            row.number,
-            row.low,
-            row.high,
+            row.value,
+            row.ci_low,
+            row.ci_high,
             least.get(_key(row), math.nan),
         )
         for row in own
     )
-    best = min(own, key=lambda row: abs(row.number))
-    told = f"least {format_short(best.number)} at " + ", ".join(
+    best = min(own, key=lambda row: abs(row.value))
+    told = f"least {format_short(best.value)} at " + ", ".join(
         f"{path} = {format_level(one)}" for path, one in best.values.items()
     )
     words = f"{number.title} of {name} over {first} and {second}: {told}."

@@ -233,7 +233,7 @@ def compute_bound_std(
 
 
 def compute_normal_statistics(std: StdMap) -> dict[str, float]:
-    """Return how large errors are that are normal with these standard deviations: ``rms`` and ``median``.
+    """Return how large errors are that are normal with these standard deviations: ``rmse`` and ``median_abs_error``.
 
     Parameters
     ----------
@@ -248,10 +248,14 @@ def compute_normal_statistics(std: StdMap) -> dict[str, float]:
     Examples
     --------
     >>> {name: round(size, 4) for name, size in compute_normal_statistics(np.array([1.0, 1.0, np.nan])).items()}
-    {'rms': 1.0, 'median': 0.6745}
+    {'rmse': 1.0, 'median_abs_error': 0.6745}
     """
     kept = std[np.isfinite(std) & (std > 0)]
-    return {"rms": float(np.sqrt(np.mean(np.square(kept)))), "median": _compute_median(kept)} if kept.size else {}
+    return (
+        {"rmse": float(np.sqrt(np.mean(np.square(kept)))), "median_abs_error": _compute_median(kept)}
+        if kept.size
+        else {}
+    )
 
 
 def _compute_median(std: StdMap) -> float:
@@ -266,8 +270,8 @@ def _compute_median(std: StdMap) -> float:
     return float(brentq(lambda size: float(np.mean(erf(size / (math.sqrt(2) * std)))) - 0.5, low, high, rtol=1e-9))
 
 
-SCORED_STATISTICS: Mapping[str, str] = {"rms": "rms", "bias": "bias", "median": "median_abs", "density": "density"}
-"""Statistics of a sweep, by what scores call them."""
+SCORED_STATISTICS = ("rmse", "bias", "median_abs_error", "density")
+"""Statistics of a sweep that scores have."""
 
 Mask = NDArray[np.bool_]
 Figures = dict[str, dict[str, dict[str, float]]]
@@ -428,13 +432,9 @@ def _is_reported(region: str) -> bool:
 def _figures(found: Score) -> Figures:
     return {
         region: {
-            quantity: {
-                name: float(value)
-                for name, key in SCORED_STATISTICS.items()
-                if (value := statistics.get(key)) is not None
-            }
+            quantity: {name: float(value) for name in SCORED_STATISTICS if (value := statistics.get(name)) is not None}
             for quantity, statistics in quantities.items()
-            if any(key in statistics for key in SCORED_STATISTICS.values())
+            if any(name in statistics for name in SCORED_STATISTICS)
         }
         for region, quantities in found.regions.items()
         if _is_reported(region)
@@ -462,7 +462,7 @@ def _errors(
     return {name: np.concatenate([part[name] for part in parts]) for name in common}
 
 
-_FORMAT = 2
+_FORMAT = 3
 """Counts up when figures of the same simulation change."""
 
 

@@ -35,7 +35,7 @@ _MANY_DECADES = 2.5
 _WIDTH, _HEIGHT = 5.2, 3.9
 
 
-def write_static_plots(found: Sweep, folder: str | Path, statistic: str = "rms", region: str = "") -> list[Path]:
+def write_static_plots(found: Sweep, folder: str | Path, statistic: str = "rmse", region: str = "") -> list[Path]:
     """Write a picture of each quantity; the folder appears whole, or not at all.
 
     Parameters

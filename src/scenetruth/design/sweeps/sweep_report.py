@@ -9,7 +9,6 @@ from typing import Any
 
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.plot_model import (
-    STATISTIC_TITLES,
     PanelAxis,
     SweepCurve,
     SweepMap,
@@ -20,11 +19,12 @@ from scenetruth.design.sweeps.plot_model import (
     format_short,
     list_plotted_quantities,
 )
-from scenetruth.design.sweeps.sweep_result import Sweep, SweepRecord
+from scenetruth.design.sweeps.sweep_result import STATISTICS, Sweep, SweepRecord
 from scenetruth.html import COLOURS, render_page
 from scenetruth.output import write_atomically
 from scenetruth.scoring import get_units
 from scenetruth.scoring.quantities import get_title
+from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = ["PAGE", "build_chart", "write_sweep_report"]
 
@@ -166,7 +166,7 @@ def _finite(number: float) -> float | None:
 PAGE = "index.html"
 _MOST_LINES = 1000
 _MOST_VALUES = 8
-_STATISTIC = "rms"
+_STATISTIC = "rmse"
 
 
 def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Path:
@@ -191,11 +191,11 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
     charts = {
         f"{quantity}|{statistic}|{region}": [build_chart(panel) for panel in panels]
         for quantity in quantities
-        for statistic in STATISTIC_TITLES
+        for statistic in STATISTICS
         for region in regions
         if (panels := build_panels(found, quantity, statistic, region))
     }
-    statistics = [name for name in STATISTIC_TITLES if any(key.split("|")[1] == name for key in charts)]
+    statistics = [name for name in STATISTICS if any(key.split("|")[1] == name for key in charts)]
     region = choose_main_region(found)
     lines = _lines(found, region)
     text = render_page(
@@ -211,7 +211,7 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         statistic=_STATISTIC,
         region=region,
         best=_find_best(found, region),
-        best_columns=["quantity", "rms", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
+        best_columns=["quantity", "rmse", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
         columns=[*found.factors, *_COLUMNS],
         lines=lines[:_MOST_LINES],
         left_out=max(0, len(lines) - _MOST_LINES),
@@ -223,7 +223,19 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
     return path
 
 
-_COLUMNS = ("scene", "method", "quantity", "rms", "95 % of rms", "bias", "std", "median", "density", "bound", "unit")
+_COLUMNS = (
+    "scene",
+    "method",
+    "quantity",
+    "rmse",
+    "95 % of RMSE",
+    "bias",
+    "precision_std",
+    "median_abs_error",
+    "density",
+    "bound",
+    "unit",
+)
 
 
 def _values(found: Sweep) -> list[tuple[str, str]]:
@@ -240,17 +252,17 @@ def _values(found: Sweep) -> list[tuple[str, str]]:
 
 
 def _find_best(found: Sweep, region: str) -> list[list[str]]:
-    """Return where each quantity has its least rms error."""
+    """Return where each quantity has its least RMSE."""
     lines = []
     for quantity in list_plotted_quantities(found):
         try:
-            row = found.best(quantity, "rms", region=region)
+            row = found.best(quantity, "rmse", region=region)
         except KeyError:
             continue
         where = ", ".join(f"{path} = {format_level(value)}" for path, value in row.values.items())
         scene = f"{row.scene}: " if len(found.scenes) > 1 else ""
         method = [row.method] if len(found.methods) > 1 else []
-        lines.append([get_title(quantity), _number(row.number), _interval(row), row.unit, scene + where, *method])
+        lines.append([get_title(quantity), _number(row.value), _interval(row), row.unit, scene + where, *method])
     return lines
 
 
@@ -265,24 +277,24 @@ def _lines(found: Sweep, region: str) -> list[list[str]]:
         at = tuple(format_level(value) for value in row.values.values())
         if not row.is_bound:
             told.setdefault((*at, row.scene, row.method, row.quantity), {})[row.statistic] = row
-        elif row.statistic == "rms":
+        elif row.statistic == "rmse":
             of = row.method.removeprefix("bound").removeprefix(" of ")
-            bounds[(*at, row.scene, of, row.quantity)] = row.number
+            bounds[(*at, row.scene, of, row.quantity)] = row.value
     lines = []
     for key, rows in told.items():
         *values, scene, method, quantity = key
         alone = bounds.get((*values, scene, "", quantity), math.nan)
         bound = bounds.get((*values, scene, method, quantity), alone)
-        numbers = {name: _number(row.number) for name, row in rows.items()}
-        cells = [numbers.get(name, "–") for name in ("bias", "std", "median", "density")]
-        interval = _interval(rows["rms"]) if "rms" in rows else "–"
+        numbers = {name: _number(row.value) for name, row in rows.items()}
+        cells = [numbers.get(name, "–") for name in ("bias", "precision_std", "median_abs_error", "density")]
+        interval = _interval(rows["rmse"]) if "rmse" in rows else "–"
         lines.append(
             [
                 *values,
                 scene,
                 method,
                 quantity,
-                numbers.get("rms", "–"),
+                numbers.get("rmse", "–"),
                 interval,
                 *cells,
                 _number(bound),
@@ -293,7 +305,7 @@ def _lines(found: Sweep, region: str) -> list[list[str]]:
 
 
 def _interval(row: SweepRecord) -> str:
-    return f"{_number(row.low)} to {_number(row.high)}" if math.isfinite(row.low) else "–"
+    return f"{_number(row.ci_low)} to {_number(row.ci_high)}" if math.isfinite(row.ci_low) else "–"
 
 
 def _number(value: float) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["STATISTICS", "Sweep", "SweepRecord"]
 
 
-STATISTICS = ("rms", "bias", "std", "median", "density")
+STATISTICS = ("rmse", "bias", "precision_std", "median_abs_error", "density")
 """What is told of errors: root of the mean square, mean, standard deviation between seeds, median of the absolute
 error; and the share of the pixels that is told."""
 
@@ -41,9 +41,9 @@ class SweepRecord:
         What was measured: a key of `scenetruth.scoring.QUANTITIES`.
     statistic
         One of `STATISTICS`.
-    number
+    value
         The figure.
-    low, high
+    ci_low, ci_high
         Its 95 % confidence interval over seeds; NaN if there is none.
     unit
         Its unit.
@@ -56,9 +56,9 @@ class SweepRecord:
     region: str
     quantity: str
     statistic: str
-    number: float
-    low: float = math.nan
-    high: float = math.nan
+    value: float
+    ci_low: float = math.nan
+    ci_high: float = math.nan
     unit: str = ""
 
     @property
@@ -67,7 +67,7 @@ class SweepRecord:
         return self.method.split(" ")[0] == "bound"
 
 
-_COLUMNS = ("scene", "method", "seed", "region", "quantity", "statistic", "number", "low", "high", "unit")
+_COLUMNS = ("scene", "method", "seed", "region", "quantity", "statistic", "value", "ci_low", "ci_high", "unit")
 
 
 @dataclass(frozen=True)
@@ -110,14 +110,14 @@ class Sweep:
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> scene |= {"sensor": {"noise_std": 0.01}, "score": {"interior_margin_px": 0}}
     >>> found = st.sweep(scene, {"stage.baseline_mm": [2, 4]}, "structure_tensor", seeds=1)
-    >>> row = found.figure("depth", "rms", at={"stage.baseline_mm": 4})
-    >>> f"{row.number:.1f} {row.unit}"
+    >>> row = found.figure("depth", "rmse", at={"stage.baseline_mm": 4})
+    >>> f"{row.value:.1f} {row.unit}"
     '0.7 mm'
 
     Every point, and what noise alone leaves at least:
 
-    >>> for row in found.selected("depth", "rms"):
-    ...     print(row.values, row.method, f"{row.number:.1f} {row.unit}")
+    >>> for row in found.selected("depth", "rmse"):
+    ...     print(row.values, row.method, f"{row.value:.1f} {row.unit}")
     {'stage.baseline_mm': 2} structure_tensor 1.4 mm
     {'stage.baseline_mm': 2} bound 1.4 mm
     {'stage.baseline_mm': 4} structure_tensor 0.7 mm
@@ -161,7 +161,7 @@ class Sweep:
     def figure(
         self,
         quantity: str,
-        statistic: str = "rms",
+        statistic: str = "rmse",
         *,
         at: Mapping[str, Any] | None = None,
         region: str = "interior",
@@ -174,8 +174,8 @@ class Sweep:
         Parameters
         ----------
         quantity, statistic
-            What is told: a key of `scenetruth.scoring.QUANTITIES`; ``rms``, ``bias``, ``std``, ``median`` or
-            ``density``.
+            What is told: a key of `scenetruth.scoring.QUANTITIES`; ``rmse``, ``bias``, ``precision_std``,
+            ``median_abs_error`` or ``density``.
         at
             Values of what varies, by path; the first point that has them is taken.
         region, method, scene
@@ -199,7 +199,7 @@ class Sweep:
     def best(
         self,
         quantity: str,
-        statistic: str = "rms",
+        statistic: str = "rmse",
         *,
         region: str = "interior",
         method: str | None = None,
@@ -225,8 +225,8 @@ class Sweep:
             msg = f"there is no {statistic} of {quantity} in region {region}"
             raise KeyError(msg)
         if statistic == "density":
-            return max(rows, key=lambda row: row.number)
-        return min(rows, key=lambda row: abs(row.number))
+            return max(rows, key=lambda row: row.value)
+        return min(rows, key=lambda row: abs(row.value))
 
     def selected(
         self,

@@ -146,7 +146,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
     total, last = found.total(quantity, region), len(steps)
     bars = [(step.start, step.end, COLOURS.get(step.group, "#888888"), step.simulated, step.figure) for step in steps]
     for place, (start, end, colour, sure, figure) in enumerate(
-        [*bars, (0.0, total.parts, "#444444", True, total.parts)]
+        [*bars, (0.0, total.root_sum_square, "#444444", True, total.root_sum_square)]
     ):
         axis.barh(place, end - start, left=start, color=colour, alpha=1.0 if sure else 0.45, height=0.7)
         # In front of the line, and of what is behind it.
@@ -173,7 +173,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
         )
     axis.set_yticks(range(last + 1), [*(step.title for step in steps), "root of the sum of squares"], fontsize=9)
     axis.invert_yaxis()
-    axis.set_xlim(0, 1.16 * max(total.parts, total.simulated if math.isfinite(total.simulated) else 0))
+    axis.set_xlim(0, 1.16 * max(total.root_sum_square, total.simulated if math.isfinite(total.simulated) else 0))
     axis.xaxis.set_major_locator(MaxNLocator(6))
     axis.set_title(f"{_heading(quantity)}, {unit_text(total.unit)}", loc="left", fontsize=11, pad=14)
     for side in ("top", "right"):
@@ -197,12 +197,12 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
     total, steps = found.total(quantity, region), compute_bars(found, quantity, region)
     unit = unit_text(total.unit)
     titles = [*(step.title for step in steps), "root of the sum of squares"]
-    figures = [*(step.figure for step in steps), total.parts]
+    figures = [*(step.figure for step in steps), total.root_sum_square]
     bar: dict[str, Any] = {
         "type": "bar",
         "orientation": "h",
         "y": titles,
-        "x": [*(step.end - step.start for step in steps), total.parts],
+        "x": [*(step.end - step.start for step in steps), total.root_sum_square],
         "base": [*(step.start for step in steps), 0.0],
         "marker": {
             "color": [*(COLOURS.get(step.group, "#888888") for step in steps), "#444444"],
@@ -214,7 +214,7 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
         "customdata": [
             f"{number(step.figure)} {unit}, {'simulated' if step.simulated else 'predicted'}" for step in steps
         ]
-        + [f"{number(total.parts)} {unit}"],
+        + [f"{number(total.root_sum_square)} {unit}"],
         "hovertemplate": "%{y}: %{customdata}<extra></extra>",
         "showlegend": False,
     }
@@ -222,7 +222,10 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
         "title": {"text": f"{_heading(quantity)}, {unit}"},
         "yaxis": {"autorange": "reversed", "automargin": True},
         # Room for numbers behind the bars, also on a phone.
-        "xaxis": {"range": [0, 1.5 * max([total.parts, *_finite(total.simulated)])], "exponentformat": "none"},
+        "xaxis": {
+            "range": [0, 1.5 * max([total.root_sum_square, *_finite(total.simulated)])],
+            "exponentformat": "none",
+        },
         "height": 150 + 32 * len(titles),
         "margin": {"l": 10, "r": 20, "t": 60, "b": 30},
     }
@@ -251,7 +254,7 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
             }
         ]
     told = "; ".join(f"{step.title} {number(step.figure)}" for step in steps)
-    alt = f"{_heading(quantity)}, {unit}: {told}; together {number(total.parts)}."
+    alt = f"{_heading(quantity)}, {unit}: {told}; together {number(total.root_sum_square)}."
     return Chart(f"waterfall-{quantity}", alt, [bar], layout)
 
 
@@ -323,17 +326,17 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
                 HtmlCell(one.title),
                 # Of several units: nothing to sort numbers by.
                 HtmlCell(one.size),
-                *(_cell(value) for value in (one.figure, one.predicted, one.drawn, one.simulated)),
-                _share(one.seen),
+                *(_cell(value) for value in (one.figure, one.predicted, one.predicted_for_seeds, one.simulated)),
+                _share(one.valid_fraction),
             ]
             for one in parts
         ]
         foot = [
             [HtmlCell(text) for text in cells]
             for cells in (
-                ("root of the sum of squares", "", number(total.parts), "", "", "", ""),
-                ("added up pixel by pixel", "", number(total.added), "", "", "", ""),
-                ("everything on", "", "", "", "", number(total.simulated), _share(total.seen).text),
+                ("root of the sum of squares", "", number(total.root_sum_square), "", "", "", ""),
+                ("added up pixel by pixel", "", number(total.signed_sum), "", "", "", ""),
+                ("everything on", "", "", "", "", number(total.simulated), _share(total.valid_fraction).text),
             )
         ]
         caption = f"{quantity.replace('_', ' ')}, {unit_text(total.unit)}"

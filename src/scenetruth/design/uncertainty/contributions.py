@@ -58,12 +58,12 @@ class Contribution:
         Of the figures.
     predicted
         By propagation, of one standard deviation of the cause; NaN where no model tells.
-    drawn
+    predicted_for_seeds
         By propagation, for the very errors that were simulated; NaN where the cause is no draw, or was not simulated.
     simulated
         Root of the mean square of what the estimate changes by, pixel by pixel, when the cause is switched on; NaN if
         it was not simulated, as surfaces, which cannot be switched off.
-    seen
+    valid_fraction
         Share of the pixels known with ideal images that are known with the cause too; NaN if not simulated.
     figure
         What counts: simulated if it was, else predicted; of surfaces, as much of what ideal images leave as goes along
@@ -77,9 +77,9 @@ class Contribution:
     region: str
     unit: str
     predicted: float = math.nan
-    drawn: float = math.nan
+    predicted_for_seeds: float = math.nan
     simulated: float = math.nan
-    seen: float = math.nan
+    valid_fraction: float = math.nan
     figure: float = math.nan
 
 
@@ -91,9 +91,9 @@ class CombinedUncertainty:
     ----------
     quantity, region, unit
         What and where.
-    parts
+    root_sum_square
         Root of the sum of the squares of all parts, as if they were independent.
-    added
+    signed_sum
         Root of the mean square of all that was simulated, added up pixel by pixel with its sign, and of the squares of
         what was predicted only. Biases may cancel each other; NaN if nothing was simulated but ideal images.
     simulated
@@ -102,24 +102,24 @@ class CombinedUncertainty:
         The error with ideal images.
     signal
         Root of the mean square of the true value.
-    seen
+    valid_fraction
         Share of the region's pixels that are known with everything on.
     """
 
     quantity: str
     region: str
     unit: str
-    parts: float
-    added: float
+    root_sum_square: float
+    signed_sum: float
     simulated: float
     ideal: float
     signal: float
-    seen: float
+    valid_fraction: float
 
     @property
     def figure(self) -> float:
         """What counts: simulated, or the sum of the parts if nothing was told."""
-        return self.simulated if math.isfinite(self.simulated) else self.parts
+        return self.simulated if math.isfinite(self.simulated) else self.root_sum_square
 
 
 def sort_contributions(parts: Iterable[Contribution], quantity: str, region: str) -> list[Contribution]:

@@ -71,7 +71,9 @@ def _summarise_quantity(
     if quantity == GROWTH:
         title = "Growth"
     if not math.isfinite(total.simulated):
-        head = f"{title}: with everything on, nothing is told; the parts add up to {number(total.parts)} {unit}."
+        head = (
+            f"{title}: with everything on, nothing is told; the parts add up to {number(total.root_sum_square)} {unit}."
+        )
     else:
         head = f"{title}: {number(total.figure)} {unit} in all"
         head += (
@@ -84,17 +86,17 @@ def _summarise_quantity(
     sentences = [head, *_largest(parts, total)]
     helped = _describe_mitigation(parts, total, remedies)
     sentences += [helped] if helped else []
-    if math.isfinite(total.simulated) and abs(total.parts - total.simulated) > _AGREE * total.simulated:
-        text = f"The parts' squares add up to {number(total.parts)} {unit}"
-        if math.isfinite(total.added) and abs(total.added - total.simulated) < _AGREE * total.simulated:
-            text += f", but biases have signs: added up pixel by pixel, they make {number(total.added)}."
+    if math.isfinite(total.simulated) and abs(total.root_sum_square - total.simulated) > _AGREE * total.simulated:
+        text = f"The parts' squares add up to {number(total.root_sum_square)} {unit}"
+        if math.isfinite(total.signed_sum) and abs(total.signed_sum - total.simulated) < _AGREE * total.simulated:
+            text += f", but biases have signs: added up pixel by pixel, they make {number(total.signed_sum)}."
         elif not math.isfinite(parts[0].simulated):
             text += ", and the largest is predicted alone: confirm=1 (--confirm 1) simulates it too."
         else:
             text += ": together, causes do more or less than alone."
         sentences.append(text)
-    silent = [one for one in everything if one.seen < _FULL_DENSITY]
-    sentences += [f"With {one.title}, {100 * one.seen:.0f} % of the pixels are still told." for one in silent]
+    silent = [one for one in everything if one.valid_fraction < _FULL_DENSITY]
+    sentences += [f"With {one.title}, {100 * one.valid_fraction:.0f} % of the pixels are still told." for one in silent]
     return " ".join(sentences)
 
 
@@ -115,7 +117,7 @@ def _largest(parts: list[Contribution], total: CombinedUncertainty) -> list[str]
     text = f"{_capital(first.title)}{size} makes {number(first.figure)} of it{sure}"
     if first.cause in _PLURAL:
         text = text.replace(" makes ", " make ", 1)
-    if math.isfinite(first.drawn) and not 1 / _SEED_RATIO < first.predicted / first.figure < _SEED_RATIO:
+    if math.isfinite(first.predicted_for_seeds) and not 1 / _SEED_RATIO < first.predicted / first.figure < _SEED_RATIO:
         text += f" in these draws, and {number(first.predicted)} is to be expected of others"
     named = [one for one in others[:2] if one.figure**2 > _LEAST_NAMED_SHARE * whole]
     if named:
@@ -257,17 +259,24 @@ class Budget:
     def to_frame(self) -> pd.DataFrame:
         """Return all figures, a row for each cause, quantity and region, and those of the whole.
 
-        Columns are the fields of `Contribution`. Rows of the whole have the causes ``sum``, ``added``, ``everything``
-        and ``radiance``.
+        Columns are the fields of `Contribution`. Rows of the whole have the causes ``root_sum_square``, ``signed_sum``,
+        ``everything`` and ``radiance``.
         """
         import pandas as pd
 
         rows = [asdict(one) for one in self.parts]
         for one in self.totals:
             place = {"quantity": one.quantity, "region": one.region, "unit": one.unit, "size": ""}
-            rows.append({"cause": "sum", "title": "root of the sum of squares", **place, "figure": one.parts})
-            rows.append({"cause": "added", "title": "added up pixel by pixel", **place, "figure": one.added})
-            told = {"simulated": one.simulated, "figure": one.simulated, "seen": one.seen}
+            rows.append(
+                {
+                    "cause": "root_sum_square",
+                    "title": "root of the sum of squares",
+                    **place,
+                    "figure": one.root_sum_square,
+                }
+            )
+            rows.append({"cause": "signed_sum", "title": "added up pixel by pixel", **place, "figure": one.signed_sum})
+            told = {"simulated": one.simulated, "figure": one.simulated, "valid_fraction": one.valid_fraction}
             rows.append({"cause": "everything", "title": "everything on", **place, **told})
             told = {"simulated": one.ideal, "figure": one.ideal}
             rows.append({"cause": "ideal", "title": "ideal images", **place, **told})

@@ -142,7 +142,7 @@ def _draw_panel(axes: Any, name: str, counts: Mapping[str, Counts], edges: Map, 
         axes.text(0.5, 0.5, "nothing scored", transform=axes.transAxes, ha="center", color=GREY)
         return
     for (region, heights), options in zip(counts.items(), _STYLES, strict=True):
-        rms = score.regions[region][name]["rms"]
+        rms = score.regions[region][name]["rmse"]
         axes.stairs(heights, edges, label=f"{region}: rms {'–' if rms is None else format(rms, '.3g')}", **options)
     axes.set_xlim(edges[0], edges[-1])
     # Head room for the legend, on a logarithmic axis.
@@ -250,8 +250,8 @@ def _draw_histogram(axes: Any, ratios: Mapping[str, NDArray[np.int64]], score: S
         highest = max(highest, float(density[1:-1].max()))
         values = score.regions["interior"][name]
         label = (
-            f"${QUANTITIES[name].symbol}$: calibration {format_number(values['calibration'])}, "
-            f"{format_percent(values['within_2_std'])} % within 2 std"
+            f"${QUANTITIES[name].symbol}$: RMS of z {format_number(values['rms_z'])}, "
+            f"{format_percent(values['coverage_2_std'])} % within 2 std"
         )
         axes.stairs(density, _EDGES, color=_COLOURS[name], linewidth=1.1, label=label)
     axes.set_title("Errors in units of their standard deviation, interior")

@@ -39,24 +39,24 @@ __all__ = [
 
 
 _HEADLINES = (
-    ("Depth", "depth", "rms"),
-    ("Disparity", "disparity", "rms"),
-    ("Velocity in Z", "velocity_z", "rms"),
-    ("Velocity endpoint", ENDPOINT, "rms"),
-    ("Normal", "normal", "rms"),
-    ("Growth rate", "growth_rate", "rms"),
-    ("Growth rate, windowed", "growth_rate_windowed", "rms"),
+    ("Depth", "depth", "rmse"),
+    ("Disparity", "disparity", "rmse"),
+    ("Velocity in Z", "velocity_z", "rmse"),
+    ("Velocity endpoint", ENDPOINT, "rmse"),
+    ("Normal", "normal", "rmse"),
+    ("Growth rate", "growth_rate", "rmse"),
+    ("Growth rate, windowed", "growth_rate_windowed", "rmse"),
     ("Density of depth", "depth", "density"),
     ("Scene flow outliers", OUTLIERS, "scene_flow_rate"),
 )
 _HEADLINES_OF_FLOW = (
-    ("Optical flow in x", "flow_x", "rms"),
-    ("Optical flow in y", "flow_y", "rms"),
+    ("Optical flow in x", "flow_x", "rmse"),
+    ("Optical flow in y", "flow_y", "rmse"),
     ("Density of optical flow", "flow_x", "density"),
 )
 """Of an estimate without depth and velocity, flow is all that there is."""
 _BY_REGION = ("depth", "disparity", "normal", "velocity_z", ENDPOINT, "growth_rate", "growth_rate_windowed")
-"""Quantities whose rms errors are shown for every region."""
+"""Quantities whose RMSE are shown for every region."""
 _SHORT = {
     ENDPOINT: "U, endpoint",
     "normal": "normal",
@@ -91,10 +91,10 @@ def _headlines(score: Score, shown: list[str]) -> Iterator[dict[str, str]]:
 
 def _headline(score: Score, title: str, quantity: str, statistic: str) -> dict[str, str]:
     spelled = {region: _spell(score.regions[region][quantity][statistic], statistic) for region in REGIONS}
-    relative = score.regions["interior"][quantity].get("relative_rms")
-    percent = statistic != "rms"
+    relative = score.regions["interior"][quantity].get("relative_rmse")
+    percent = statistic != "rmse"
     return {
-        "title": title if percent else f"{title}, rms error",
+        "title": title if percent else f"{title}, RMSE",
         "value": spelled["interior"],
         "units": "%" if percent else get_units(quantity),
         "whole": spelled["all"],
@@ -103,7 +103,7 @@ def _headline(score: Score, title: str, quantity: str, statistic: str) -> dict[s
 
 
 def _spell(value: float | None, statistic: str) -> str:
-    return format_number(value) if statistic == "rms" else format_percent(value)
+    return format_number(value) if statistic == "rmse" else format_percent(value)
 
 
 def _rows(score: Score, region: str, shown: list[str]) -> Iterator[tuple[str, str, Mapping[str, float | int | None]]]:
@@ -137,7 +137,7 @@ def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
             (
                 region,
                 values[first],
-                [values[name]["rms"] for name in names],
+                [values[name]["rmse"] for name in names],
                 None if rate is None else values[OUTLIERS][rate],
             )
             for region, values in score.regions.items()
@@ -288,7 +288,7 @@ class SummarySentence:
         side = f"{self.place.side_px:.0f}"
         return (
             f"by place worst around x = {self.place.x:g}, y = {self.place.y:g} px "
-            f"({format_number(self.place.rms)} {self.units} within {side} × {side} px)"
+            f"({format_number(self.place.rmse)} {self.units} within {side} × {side} px)"
         )
 
 
@@ -326,7 +326,7 @@ def _shape_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     values = score.regions["interior"][name]
     signal = _signal(values, name)
     spread = viewer.spread.get(name, 0.0)
-    rms = values["rms"]
+    rms = values["rmse"]
     if spread and rms is not None:
         varies = f"{format_percent(rms / spread)} % of the standard deviation of the true {name} there"
         signal += f"{' and ' if signal else ''}{varies}"
@@ -368,8 +368,8 @@ def _sentence(
     score: Score, viewer: Viewer, title: str, name: str, signal: str, shown: str | None = None
 ) -> SummarySentence:
     units = get_units(name)
-    worst = _worst_region({region: values[name]["rms"] for region, values in _large(score, name)}, units)
-    rms = score.regions["interior"][name]["rms"]
+    worst = _worst_region({region: values[name]["rmse"] for region, values in _large(score, name)}, units)
+    rms = score.regions["interior"][name]["rmse"]
     place = shown or name
     return SummarySentence(
         title, format_number(rms), units, _tail(signal, worst), viewer.worst.get(place), f"{place}:error"
@@ -377,25 +377,25 @@ def _sentence(
 
 
 def _tail(signal: str, worst: str) -> str:
-    text = "rms error in the interior"
+    text = "RMSE in the interior"
     return text + (f", {signal}" if signal else "") + (f"; of all regions, it is largest {worst}" if worst else "")
 
 
 def _signal(values: Values, name: str) -> str:
     """Return what the error is a part of."""
-    truth, relative = _true_rms(values), values.get("relative_rms")
+    truth, relative = _true_rms(values), values.get("relative_rmse")
     if truth is None or relative is None:
         return ""
     return f"{format_percent(relative)} % of the true value (rms {format_number(truth)} {get_units(name)})"
 
 
 def _true_rms(values: Values) -> float | None:
-    rms, relative = values.get("rms"), values.get("relative_rms")
+    rms, relative = values.get("rmse"), values.get("relative_rmse")
     return rms / relative if rms and relative else None
 
 
 def _length(values: Mapping[str, Values]) -> float | None:
-    parts = [values[name]["rms"] for name in ("flow_x", "flow_y")]
+    parts = [values[name]["rmse"] for name in ("flow_x", "flow_y")]
     known = [part for part in parts if part is not None]
     return math.hypot(*known) if len(known) == len(parts) else None
 
@@ -420,12 +420,12 @@ def _spell_length(region: str) -> str:
 
     Examples
     --------
-    >>> tuple(_spell_length(name) for name in ("edge_0_5", "edge_20_inf", "slope_45_70", "object_leaf 3"))
+    >>> tuple(_spell_length(name) for name in ("boundary_0_5", "boundary_20_inf", "slope_45_70", "object_leaf 3"))
     ('within 0 to 5 px of an edge', 'from 20 px from an edge on', 'on slopes of 45 to 70°', 'on the object “leaf 3”')
     """
     fixed = {
-        "visible": "where all images see the point",
-        "partly_hidden": "where some image does not see the point",
+        "nonoccluded": "where all images see the point",
+        "occluded": "where some image does not see the point",
         "contrast_low": "where contrast is low",
         "contrast_mid": "where contrast is middling",
         "contrast_high": "where contrast is high",
@@ -434,7 +434,7 @@ def _spell_length(region: str) -> str:
         return fixed[region]
     if region.startswith("object_"):
         return f"on the object “{region.removeprefix('object_')}”"
-    bounds = re.fullmatch(r"(slope|edge)_([^_]+)_([^_]+)", region)
+    bounds = re.fullmatch(r"(slope|boundary)_([^_]+)_([^_]+)", region)
     if bounds is None:
         return f"in the region “{region}”"
     kind, low, high = bounds.groups()

@@ -287,15 +287,15 @@ class ErrorHotspot:
     ----------
     x, y
         The pixel of the square with the largest error, in px of the whole image.
-    rms
-        The rms error there, in the quantity's units.
+    rmse
+        The RMSE there, in the quantity's units.
     side_px
         The side of the square, in px of the whole image.
     """
 
     x: float
     y: float
-    rms: float
+    rmse: float
     side_px: float
 
 
@@ -331,7 +331,7 @@ def _errors(layers: Mapping[str, ViewerLayers]) -> Iterator[tuple[str, Map]]:
 
 
 def _worst(errors: Map, x: Map, y: Map) -> ErrorHotspot | None:
-    """Return the square with the largest rms error, of those that are known at a quarter of their pixels or more."""
+    """Return the square with the largest RMSE, of those that are known at a quarter of their pixels or more."""
     side = min(_BLOCK_PX, *errors.shape)
     rows, columns = errors.shape[0] // side, errors.shape[1] // side
     blocks = errors[: rows * side, : columns * side].reshape(rows, side, columns, side)
@@ -349,6 +349,6 @@ def _worst(errors: Map, x: Map, y: Map) -> ErrorHotspot | None:
     return ErrorHotspot(
         x=float(x[column * side + across]),
         y=float(y[row * side + down]),
-        rms=float(rms[row, column]),
+        rmse=float(rms[row, column]),
         side_px=side * width,
     )

@@ -173,7 +173,7 @@ class ConformanceBench:
 
     @cached_property
     def own_error(self) -> dict[str, float]:
-        """The rms error of each of `maps`, in its unit."""
+        """The RMSE of each of `maps`, in its unit."""
         truth = self.plane.truth()
         return {name: compute_rms((item - truth[name]).values) for name, item in self.maps.items()}
 

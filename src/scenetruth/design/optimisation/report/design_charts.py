@@ -214,13 +214,13 @@ def trace_simulations(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec) -> di
     }
     for axis, way in (("x", x), ("y", y)):
         figures = [found for rig in rigs if (found := way.simulated(rig)) is not None]
-        trace[axis] = [finite_or_none(one.number) for one in figures]
-        if any(math.isfinite(one.low) for one in figures):
+        trace[axis] = [finite_or_none(one.value) for one in figures]
+        if any(math.isfinite(one.pi_low) for one in figures):
             trace[f"error_{axis}"] = {
                 "type": "data",
                 "symmetric": False,
-                "array": [finite_or_none(one.high - one.number) for one in figures],
-                "arrayminus": [finite_or_none(one.number - one.low) for one in figures],
+                "array": [finite_or_none(one.pi_high - one.value) for one in figures],
+                "arrayminus": [finite_or_none(one.value - one.pi_low) for one in figures],
                 "thickness": 1,
                 "color": _RED,
             }
@@ -241,7 +241,7 @@ def trace_discrepancies(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec) -> 
             found = way.simulated(rig)
             trace[axis] += [
                 finite_or_none(way.predicted(rig)),
-                None if found is None else finite_or_none(found.number),
+                None if found is None else finite_or_none(found.value),
                 None,
             ]
     return trace
@@ -270,8 +270,8 @@ def _hover_text(rig: RigDesign) -> str:
         found = rig.simulated.get(title)
         told = f"{title}: predicted {format_number(value)}"
         if found is not None:
-            between = format_interval(found.low, found.high)
-            told += f", simulated {format_number(found.number)}" + (f" ({between})" if between else "")
+            between = format_interval(found.pi_low, found.pi_high)
+            told += f", simulated {format_number(found.value)}" + (f" ({between})" if between else "")
         lines.append(told)
     return "<br>".join([*lines, *(f"{path} = {format_value(value)}" for path, value in rig.parameters.items())])
 
@@ -313,7 +313,7 @@ def _chart(design: DesignResult, x: AxisSpec, y: AxisSpec, name: str) -> Chart:
     axes, shapes, signs = {}, [], []
     for axis, way in (("x", x), ("y", y)):
         figures = [found for rig in confirmed if (found := way.simulated(rig)) is not None]
-        ends = [end for one in figures for end in (one.low, one.high) if math.isfinite(end)]
+        ends = [end for one in figures for end in (one.pi_low, one.pi_high) if math.isfinite(end)]
         axes[f"{axis}axis"] = build_axis(way, [value for trace in data for value in trace[axis]], ends)
         line, words = build_target_line(way, axis, axes[f"{axis}axis"])
         shapes += line

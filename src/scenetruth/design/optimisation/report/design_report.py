@@ -122,14 +122,14 @@ def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
             source = f"predicted {objective.told_in}; not simulated"
             figure = predicted
         else:
-            between = format_interval(simulated.low, simulated.high)
+            between = format_interval(simulated.pi_low, simulated.pi_high)
             told = f"95 %: {between}; " if between else ""
             several = "recording" if simulated.seeds == 1 else "recordings"
-            rms = compute_rig_interval(design.recommended, objective.title, "rms")
-            beside = f"; rms error {format_number(rms.number)}" if objective.statistic != "rms" and rms.seeds else ""
+            rms = compute_rig_interval(design.recommended, objective.title, "rmse")
+            beside = f"; RMSE {format_number(rms.value)}" if objective.statistic != "rmse" and rms.seeds else ""
             told += f"predicted {format_number(predicted)}{beside}"
             source = f"{objective.told_in} in {simulated.seeds} simulated {several} ({told})"
-            figure = simulated.number
+            figure = simulated.value
         verdict = _verdict(design, objective)
         found.append(ObjectiveResult(objective.title, format_number(figure), objective.unit, source, verdict))
     return found
@@ -143,14 +143,14 @@ def _verdict(design: DesignResult, objective: Objective) -> str:
     aim = f"Wanted: {format_length(wanted)} {objective.unit}"
     if simulated is None:
         return f"{aim}. {'Reached' if predicted <= wanted else 'Not reached'} by prediction alone."
-    if not simulated.number <= wanted:
+    if not simulated.value <= wanted:
         return f"{aim}. Not reached."
-    if math.isfinite(simulated.high) and simulated.high > wanted:
+    if math.isfinite(simulated.pi_high) and simulated.pi_high > wanted:
         told = "Reached in the mean, but the interval goes beyond."
     else:
-        told = f"Reached{', with all of the interval' if math.isfinite(simulated.high) else ''}."
-    rms = compute_rig_interval(design.recommended, title, "rms")
-    return f"{aim}. {told}" + (" The rms error is beyond." if rms.number > wanted else "")
+        told = f"Reached{', with all of the interval' if math.isfinite(simulated.pi_high) else ''}."
+    rms = compute_rig_interval(design.recommended, title, "rmse")
+    return f"{aim}. {told}" + (" The RMSE is beyond." if rms.value > wanted else "")
 
 
 def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
@@ -165,7 +165,7 @@ def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
     for objective in design.objectives:
         figure = design.recommended.predicted[objective.title]
         if objective.title in design.recommended.simulated:
-            figure = design.recommended.simulated[objective.title].number
+            figure = design.recommended.simulated[objective.title].value
         if objective.wanted is not None and not figure <= objective.wanted:
             aim = (
                 f"{format_number(figure)} {objective.unit}, and not {format_length(objective.wanted)} {objective.unit}"
@@ -188,14 +188,14 @@ def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
 
 
 def _far_off(design: DesignResult, objective: Objective, figure: float) -> list[tuple[str, str]]:
-    """Warn of places that are so far off that the rms error misses what the objective's statistic reaches."""
-    rms = compute_rig_interval(design.recommended, objective.title, "rms")
+    """Warn of places that are so far off that the RMSE misses what the objective's statistic reaches."""
+    rms = compute_rig_interval(design.recommended, objective.title, "rmse")
     wanted = objective.wanted
-    if objective.statistic == "rms" or wanted is None or not figure <= wanted or not rms.number > wanted:
+    if objective.statistic == "rmse" or wanted is None or not figure <= wanted or not rms.value > wanted:
         return []
     value = f"{format_number(figure)} {objective.unit}"
     words = f"{objective.title}: some places are far off. The {objective.told_in} is {value},"
-    return [(f"{words} but the rms error {format_number(rms.number)} {objective.unit}.", "alternatives")]
+    return [(f"{words} but the RMSE {format_number(rms.value)} {objective.unit}.", "alternatives")]
 
 
 def describe_sensitivities(design: DesignResult) -> list[str]:

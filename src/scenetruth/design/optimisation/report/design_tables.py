@@ -25,6 +25,7 @@ from scenetruth.design.optimisation.report.formatting import (
 )
 from scenetruth.design.optimisation.report.scene_file import build_scene_file
 from scenetruth.html import HtmlCell, HtmlTable
+from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = [
     "build_constraint_table",
@@ -39,9 +40,9 @@ __all__ = [
 
 _NOTHING = PredictionInterval(math.nan, math.nan, math.nan, 0)
 _OTHER: Mapping[str, Mapping[str, str]] = {
-    "typical": {"rms": "rms error"},
-    "rms": {"typical": "typical error"},
-    "percentile_95": {"rms": "rms error"},
+    "scaled_median_abs_error": {"rmse": STATISTIC_TITLES["rmse"]},
+    "rmse": {"scaled_median_abs_error": STATISTIC_TITLES["scaled_median_abs_error"]},
+    "p95_abs_error": {"rmse": STATISTIC_TITLES["rmse"]},
 }
 """What is told of simulations besides an objective's statistic."""
 _AT_THE_END = 0.01
@@ -80,11 +81,11 @@ def build_front_table(design: DesignResult) -> HtmlTable:
         line.append(HtmlCell("yes" if rig.number in first else "no"))
         for objective in design.objectives:
             found = rig.simulated.get(objective.title, _NOTHING)
-            told = format_interval(found.low, found.high) or UNDEFINED
-            line += [_number_cell(rig.predicted.get(objective.title)), _number_cell(found.number)]
-            line.append(HtmlCell(told, found.low if math.isfinite(found.low) else None))
+            told = format_interval(found.pi_low, found.pi_high) or UNDEFINED
+            line += [_number_cell(rig.predicted.get(objective.title)), _number_cell(found.value)]
+            line.append(HtmlCell(told, found.pi_low if math.isfinite(found.pi_low) else None))
             others = [compute_rig_interval(rig, objective.title, name) for name in _OTHER[objective.statistic]]
-            line += [_number_cell(one.number) for one in others]
+            line += [_number_cell(one.value) for one in others]
         line += [
             HtmlCell(format_value(value), _sort_key(value))
             for value in (rig.parameters.get(path, "") for path in parameters)
@@ -166,8 +167,10 @@ def build_discrepancy_table(design: DesignResult) -> HtmlTable:
             HtmlCell(str(one.rig), one.rig),
             HtmlCell(one.objective),
             _number_cell(one.predicted),
-            _number_cell(one.simulated.number),
-            HtmlCell(format_interval(one.simulated.low, one.simulated.high) or UNDEFINED, _finite(one.simulated.low)),
+            _number_cell(one.simulated.value),
+            HtmlCell(
+                format_interval(one.simulated.pi_low, one.simulated.pi_high) or UNDEFINED, _finite(one.simulated.pi_low)
+            ),
             HtmlCell(str(one.simulated.seeds), one.simulated.seeds),
             _number_cell(one.ratio),
             HtmlCell("differs" if one.notable else "agrees"),
@@ -198,7 +201,7 @@ def build_rank_consistency_table(design: DesignResult) -> HtmlTable:
             HtmlCell(str(one.worse), one.worse),
             _number_cell(one.predicted),
             _number_cell(one.simulated),
-            HtmlCell(format_interval(one.low, one.high) or UNDEFINED, _finite(one.low)),
+            HtmlCell(format_interval(one.ci_low, one.ci_high) or UNDEFINED, _finite(one.ci_low)),
             HtmlCell(str(one.seeds), one.seeds),
             HtmlCell(one.verdict),
         ]
