@@ -46,7 +46,7 @@ def contents(folder: Path) -> dict[str, str]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data set of three draws and their ladders, made by two processes."""
     folder = tmp_path_factory.mktemp("made") / "tiles"
-    sampler = recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 3, "paired": PAIRED})
+    sampler = recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 3, "paired_factors": PAIRED})
     outcome = run_dataset(sampler, folder, workers=2)
     assert (outcome.made, outcome.present, outcome.failed) == (6, 0, [])
     return folder
@@ -127,14 +127,14 @@ def test_more_samples_only_if_asked_for(made: Path, tmp_path: Path, sampler_with
     ("changes", "message"),
     [
         ({"seed": 12}, "seed changed"),
-        ({"vary": {}}, "vary changed"),
+        ({"distributions": {}}, "vary changed"),
         ({"set": {"frames.count": 2}}, "base or set changed"),
     ],
 )
 def test_another_recipe_is_refused(made: Path, sampler_with: Make, changes: dict[str, Any], message: str) -> None:
     before = contents(made)
     with pytest.raises(MismatchError, match=message):
-        run_dataset(sampler_with(**{"samples": 3, "paired": PAIRED, **changes}), made, extend=True)
+        run_dataset(sampler_with(**{"samples": 3, "paired_factors": PAIRED, **changes}), made, extend=True)
     assert contents(made) == before
 
 
@@ -177,7 +177,7 @@ def test_what_the_machine_does_not_have_is_refused_first(tmp_path: Path, sampler
 def test_a_sample_that_fails_is_set_aside_and_told(tmp_path: Path, sampler_with: Make) -> None:
     """The tile is behind the camera in the second sample."""
     depth = "objects.1.pose.position_mm.2"
-    sampler = sampler_with(samples=3, vary={depth: {"kind": "list", "values": [100, -50, 90]}})
+    sampler = sampler_with(samples=3, distributions={depth: {"kind": "sequence", "values": [100, -50, 90]}})
     said: list[str] = []
     outcome = run_dataset(sampler, tmp_path / "new", workers=0, retries=1, notice=said.append)
     assert (outcome.made, outcome.failed) == (2, [1])
@@ -194,7 +194,7 @@ def test_a_sample_that_fails_is_set_aside_and_told(tmp_path: Path, sampler_with:
 @nightly
 def test_a_killed_run_leaves_whole_samples_and_goes_on(made: Path, tmp_path: Path) -> None:
     recipe, folder = tmp_path / "recipe.yaml", tmp_path / "killed"
-    recipe.write_text(yaml.safe_dump({**RECIPE, "samples": 3, "paired": PAIRED}), encoding="utf-8")
+    recipe.write_text(yaml.safe_dump({**RECIPE, "samples": 3, "paired_factors": PAIRED}), encoding="utf-8")
     command = [sys.executable, "-m", "scenetruth", "dataset", "run", str(recipe), "-o", str(folder), "--workers", "2"]
     # While some samples are done, and others under way.
     run = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True)

@@ -473,11 +473,11 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
     >>> import scenetruth as st
     >>> from scenetruth.estimators import find_method
     >>> method = find_method("plane_sweep")
-    >>> settings = validate_settings(method, {"distinctness": 1.5})
-    >>> settings.distinctness, settings.disparity_px
+    >>> settings = validate_settings(method, {"uniqueness_ratio": 1.5})
+    >>> settings.uniqueness_ratio, settings.disparity_px
     (1.5, 'auto')
     >>> try:
-    ...     validate_settings(method, {"distinctness": -1, "disparity": 20})
+    ...     validate_settings(method, {"uniqueness_ratio": -1, "disparity": 20})
     ... except st.EstimateError as error:
     ...     print(error)
     2 problems with the estimate in settings of 'plane_sweep':
