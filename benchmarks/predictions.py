@@ -111,7 +111,7 @@ def recipe() -> dict[str, Any]:
         "samples": SCENES,
         "seed": 16,
         "base": bases,
-        "values": {"shortest_mm": uniform(2.2, 4.5), "longest": uniform(2.5, 5.0)},
+        "parameters": {"shortest_mm": uniform(2.2, 4.5), "longest": uniform(2.5, 5.0)},
         "distributions": {
             "objects.*.texture.wavelength_mm.0": "=shortest_mm",
             "objects.*.texture.wavelength_mm.1": "=shortest_mm * longest",

@@ -11,7 +11,7 @@ from scenetruth.dataset.sampler import UniformDraws
 
 
 def one(plan: SamplingPlan) -> UniformDistribution:
-    return UniformDistribution(low=0, high=1, plan=plan)
+    return UniformDistribution(low=0, high=1, sampling=plan)
 
 
 def points(fields: dict[str, RandomDistribution], count: int, seed: int = 3, attempt: int = 0) -> NDArray[np.float64]:

@@ -63,7 +63,7 @@ def test_samples_are_folders_of_runs_and_whole(made: Path) -> None:
 
 
 def test_parts_orders_and_restarts_make_the_same_bytes(made: Path, tmp_path: Path, sampler_with: Make) -> None:
-    sampler, folder = sampler_with(samples=3, paired=PAIRED), tmp_path / "again"
+    sampler, folder = sampler_with(samples=3, paired_factors=PAIRED), tmp_path / "again"
     for part in (Partition(3, 3), Partition(1, 3), Partition(2, 3)):
         run_dataset(sampler, folder, workers=0, part=part)
     assert contents(folder) == contents(made)
@@ -114,20 +114,20 @@ def test_what_is_missing_is_made_again(made: Path, tmp_path: Path) -> None:
 def test_more_samples_only_if_asked_for(made: Path, tmp_path: Path, sampler_with: Make) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(made, folder)
-    more = sampler_with(samples=4, paired=PAIRED)
+    more = sampler_with(samples=4, paired_factors=PAIRED)
     with pytest.raises(MismatchError, match="has 3 samples, and the recipe asks for more; allow it: --extend"):
         run_dataset(more, folder)
     assert run_dataset(more, folder, workers=0, extend=True).made == 2
     assert contents(made).items() < contents(folder).items()
     with pytest.raises(MismatchError, match="asks for fewer"):
-        run_dataset(sampler_with(samples=3, paired=PAIRED), folder)
+        run_dataset(sampler_with(samples=3, paired_factors=PAIRED), folder)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"seed": 12}, "seed changed"),
-        ({"distributions": {}}, "vary changed"),
+        ({"distributions": {}}, "distributions changed"),
         ({"set": {"frames.count": 2}}, "base or set changed"),
     ],
 )
@@ -159,7 +159,7 @@ def test_the_recipe_in_a_folder_is_that_of_the_data_set(tmp_path: Path, sampler_
 
 def test_words_may_change(made: Path, sampler_with: Make) -> None:
     words = {"description": "tiles before a wall", "licence": "CC-BY-4.0"}
-    assert run_dataset(sampler_with(samples=3, paired=PAIRED, **words), made).present == 6
+    assert run_dataset(sampler_with(samples=3, paired_factors=PAIRED, **words), made).present == 6
 
 
 def test_foreign_folders_are_left_alone(tmp_path: Path, sampler_with: Make) -> None:

@@ -19,7 +19,7 @@ CONTRAST = {"kind": "uniform", "low": 0.4, "high": 0.6}
 
 def test_a_sample_is_the_same_alone_and_among_others(sampler_with: Make) -> None:
     accept = [{"kind": "depth", "object": "tile", "max": 105}]
-    one, other = (sampler_with(samples=30, accept=accept) for _ in range(2))
+    one, other = (sampler_with(samples=30, acceptance=accept) for _ in range(2))
     together = [one.draw(number) for number in range(30)]
     assert sum(found.attempts > 1 for found in together) > 2
     for number in (29, 0, 17):
@@ -29,7 +29,7 @@ def test_a_sample_is_the_same_alone_and_among_others(sampler_with: Make) -> None
 def test_another_field_changes_no_other_draw(sampler_with: Make) -> None:
     few = sampler_with()
     vary = {"sensor.noise_std": {"kind": "uniform", "low": 0, "high": 0.1}, **RECIPE["distributions"], MEAN: CONTRAST}
-    many = sampler_with(distributions=vary, values={"unused": {"kind": "normal", "mean": 0, "std": 1}})
+    many = sampler_with(distributions=vary, parameters={"unused": {"kind": "normal", "mean": 0, "std": 1}})
     for number in range(len(few)):
         one, other = few.draw(number), many.draw(number)
         assert one.values[DEPTH] == other.values[DEPTH]
@@ -52,7 +52,7 @@ def test_values_reach_formulas_and_other_fields(sampler_with: Make) -> None:
         "objects.1.texture.mean": {"kind": "linked", "of": "objects.0.texture.mean"},
         "frames.count": {"kind": "formula", "formula": "gap / 3", "integer": True},
     }
-    found = sampler_with(distributions=vary, values={"gap": {"kind": "uniform", "low": 5, "high": 9}}).draw(1)
+    found = sampler_with(distributions=vary, parameters={"gap": {"kind": "uniform", "low": 5, "high": 9}}).draw(1)
     scene = found.scene()
     assert scene.objects[0].pose.position_mm[2] == found.values[DEPTH] + found.values["gap"]
     assert scene.frames.count == round(found.values["gap"] / 3)
@@ -68,7 +68,7 @@ def test_whole_parts_of_a_scene_can_vary(sampler_with: Make) -> None:
 
 def test_ladders_change_one_factor_and_nothing_else(sampler_with: Make) -> None:
     paired = {"sensor.noise_std": [0.02, 0.05], "lighting.drift_per_frame": [0.01]}
-    sampler = sampler_with(samples=3, paired=paired)
+    sampler = sampler_with(samples=3, paired_factors=paired)
     assert len(sampler) == 12
     for draw in range(3):
         drawn, *steps = (sampler.draw(4 * draw + step) for step in range(4))
@@ -130,27 +130,30 @@ BAD: list[tuple[dict[str, Any], list[str]]] = [
     ({"set": {"camra.width": 3}}, ["set.camra.width: there is no 'camra'; did you mean 'camera'?"]),
     (
         {"distributions": {"objects.7.name": "= 1"}},
-        ["vary.objects.7.name: 'objects' is a list of 2; '7' is not an index of it"],
+        ["distributions.objects.7.name: 'objects' is a list of 2; '7' is not an index of it"],
     ),
-    ({"distributions": {"plants.*.name": "= 1"}}, ["vary.plants.*.name: stands for nothing"]),
-    ({"distributions": {"camera.width": {"kind": "unifrm"}}}, ["vary.camera.width: is of no known kind: 'unifrm'"]),
-    ({"distributions": {"camera.width": 3}}, ["vary.camera.width: "]),
+    ({"distributions": {"plants.*.name": "= 1"}}, ["distributions.plants.*.name: stands for nothing"]),
+    (
+        {"distributions": {"camera.width": {"kind": "unifrm"}}},
+        ["distributions.camera.width: is of no known kind: 'unifrm'"],
+    ),
+    ({"distributions": {"camera.width": 3}}, ["distributions.camera.width: "]),
     (
         {"distributions": {"camera.width": {"kind": "uniform", "low": 3, "high": 1}}},
-        ["vary.camera.width: has no values"],
+        ["distributions.camera.width: has no values"],
     ),
-    ({"distributions": {"camera.width": "= foo"}}, ["vary.camera.width: uses what is no value: foo"]),
-    ({"values": {"a": "= b", "b": "= a"}}, ["values.a: these values need each other in a circle: a, b"]),
-    ({"values": {"z": "= 1"}}, ["names of values must be unique; used more than once: z"]),
+    ({"distributions": {"camera.width": "= foo"}}, ["distributions.camera.width: uses what is no value: foo"]),
+    ({"parameters": {"a": "= b", "b": "= a"}}, ["parameters.a: these values need each other in a circle: a, b"]),
+    ({"parameters": {"z": "= 1"}}, ["names of values must be unique; used more than once: z"]),
     ({"set": {DEPTH: 3}}, [f"is both set and varied: {DEPTH}"]),
-    ({"paired_factors": {"sensor.noise": [1]}}, ["paired.sensor.noise: unknown key"]),
+    ({"paired_factors": {"sensor.noise": [1]}}, ["paired_factors.sensor.noise: unknown key"]),
     (
         {"paired_factors": {"sensor.noise_std": [0.1, -1]}},
-        ["paired.sensor.noise_std: input should be greater than or equal"],
+        ["paired_factors.sensor.noise_std: input should be greater than or equal"],
     ),
     ({"hold_out": {"camera.width": [3]}}, ["hold_out.camera.width: is neither the path nor the name"]),
-    ({"acceptance": [{"kind": "depth"}]}, ["accept.0: bounds nothing"]),
-    ({"acceptance": [{"kind": "depth", "min": 3, "max": 1}]}, ["accept.0: can never hold"]),
+    ({"acceptance": [{"kind": "depth"}]}, ["acceptance.0: bounds nothing"]),
+    ({"acceptance": [{"kind": "depth", "min": 3, "max": 1}]}, ["acceptance.0: can never hold"]),
     (
         {
             "distributions": {
@@ -158,21 +161,21 @@ BAD: list[tuple[dict[str, Any], list[str]]] = [
                 "camera.width": {"kind": "integers", "low": 0, "high": 9},
             }
         },
-        [f"vary.{DEPTH}.values.1: ", "vary.camera.width.low: "],
+        [f"distributions.{DEPTH}.values.1: ", "distributions.camera.width.low: "],
     ),
     (
         {"distributions": {"sensor": {"kind": "choice", "values": ["ideal", {"noise_std": -1}]}}},
-        ["vary.sensor.values.1: sensor.noise_std: "],
+        ["distributions.sensor.values.1: sensor.noise_std: "],
     ),
     (
         {"acceptance": [{"kind": "visible_share", "object": "tile", "min": 1.1}], "max_draws": 7},
-        ["accept: sample 0: none of 7 draws was accepted (visible share of tile under 1.1: 7)"],
+        ["acceptance: sample 0: none of 7 draws was accepted (visible share of tile under 1.1: 7)"],
     ),
     (
         {"distributions": {"frames.count": "= 5 - 5 * 2"}},
         ["frames.count: ", "with every value in the middle of its range"],
     ),
-    ({"distributions": {"frames.count": "= 1 / 0"}}, ["vary.frames.count: '1 / 0' has no value"]),
+    ({"distributions": {"frames.count": "= 1 / 0"}}, ["distributions.frames.count: '1 / 0' has no value"]),
 ]
 
 

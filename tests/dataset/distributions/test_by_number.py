@@ -64,7 +64,7 @@ def test_tables_that_cannot_be_used_are_told_before_any_draw(
     plain["distributions"] = {ACROSS: {"kind": "table", "file": "runs.csv", "column": "across"}}
     with pytest.raises(RecipeError, match=message) as caught:
         recipe_from_plain(plain, folder=tmp_path)
-    assert caught.value.problems[0].path.startswith(f"vary.{ACROSS}.")
+    assert caught.value.problems[0].path.startswith(f"distributions.{ACROSS}.")
 
 
 @pytest.mark.parametrize("fields", [{}, {"values": []}, {"low": 1, "high": 2}, {"values": [1], "low": 1}])

@@ -66,7 +66,7 @@ def test_drawn_values_know_their_scale(sampler_with: Make) -> None:
 def test_recipes_in_words(sampler_with: Make) -> None:
     sampler = sampler_with(
         distributions={"objects.1.pose.position_mm.2": "=2 * a"},
-        values={"a": {"kind": "choice", "values": [50, 51]}},
+        parameters={"a": {"kind": "choice", "values": [50, 51]}},
         acceptance=[{"kind": "depth", "object": "tile", "max": 200}],
         splits={"train": 3, "test": 1},
         hold_out={"a": [51]},

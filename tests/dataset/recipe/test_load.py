@@ -88,15 +88,15 @@ def test_a_shipped_recipe_can_be_copied_anywhere(name: str, tmp_path: Path) -> N
         ({"set": {"a b": 1}}, "set.a b: is no path of a field: .* as objects.0.mesh.size_mm [(]got 'a b'[)]"),
         (
             {"distributions": {"seed": {"kind": "integers", "low": 1, "high": 2, "name": "a-b"}}},
-            "vary.seed.name: must consist of the letters A to Z and a to z, digits and underscores",
+            "distributions.seed.name: must consist of the letters A to Z and a to z, digits and underscores",
         ),
         (
             {"distributions": {"seed": {"kind": "loguniform", "low": 1, "high": 2}}},
-            "vary.seed: is of no known kind: .*; did you mean 'log_uniform'[?] [(]got",
+            "distributions.seed: is of no known kind: .*; did you mean 'log_uniform'[?] [(]got",
         ),
         (
             {"acceptance": [{"kind": "visibleshare"}]},
-            "accept.0: is of no known kind: .*did you mean 'visible_share'[?]",
+            "acceptance.0: is of no known kind: .*did you mean 'visible_share'[?]",
         ),
     ],
     ids=str,

@@ -194,8 +194,8 @@ class DesignSpec(FrozenModel):
     """Changes of the scene: values by path."""
     variables: dict[FieldPath, DesignVariable] = Field(min_length=1)
     """Design variables: ranges and values by path of a field. In addition, ``lens``, ``camera`` and ``stage`` are
-    entries of catalogues; ``f_number`` needs a lens; ``exposure_s`` is that of shutter and sensor; ``working_distance_mm`` moves
-    all that stands before the camera."""
+    entries of catalogues; ``f_number`` needs a lens; ``exposure_s`` is that of shutter and sensor;
+    ``working_distance_mm`` moves all that stands before the camera."""
     catalogues: tuple[InputFile, ...] = ()
     """Files with more entries of catalogues."""
     light: IlluminationSpec | None = None
