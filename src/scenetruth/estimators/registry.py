@@ -482,7 +482,7 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
     ...     print(error)
     2 problems with the estimate in settings of 'plane_sweep':
       - disparity: unknown setting of 'plane_sweep'; did you mean 'disparity_px'? (got 20)
-      - distinctness: input should be greater than or equal to 1 (got -1)
+      - uniqueness_ratio: input should be greater than or equal to 1 (got -1)
     """
     problems = plain_problems(fields)
     if problems:
