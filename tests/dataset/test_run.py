@@ -143,7 +143,7 @@ def test_the_recipe_in_a_folder_is_that_of_the_data_set(tmp_path: Path, sampler_
     table = tmp_path / "runs.csv"
     table.write_text("z\n100\n105\n", encoding="utf-8")
     values = {"depth": {"kind": "table", "file": str(table), "column": "z"}}
-    sampler = sampler_with(set={"frames.count": 2}, values=values, samples=1)
+    sampler = sampler_with(set={"frames.count": 2}, parameters=values, samples=1)
     begin_dataset(DatasetFolder(tmp_path / "new"), sampler)
     inside = load_recipe(tmp_path / "new" / "dataset.yaml")
     assert compute_recipe_hash(inside) == compute_recipe_hash(sampler)
@@ -151,9 +151,9 @@ def test_the_recipe_in_a_folder_is_that_of_the_data_set(tmp_path: Path, sampler_
     former = compute_recipe_hash(sampler)
     moved = table.rename(tmp_path / "moved.csv")
     values["depth"]["file"] = str(moved)
-    assert compute_recipe_hash(sampler_with(set={"frames.count": 2}, values=values, samples=1)) == former
+    assert compute_recipe_hash(sampler_with(set={"frames.count": 2}, parameters=values, samples=1)) == former
     # What lies in every sample's files counts, though no image depends on it.
-    other = sampler_with(set={"frames.count": 2, "score.interior_margin_px": 5}, values=values, samples=1)
+    other = sampler_with(set={"frames.count": 2, "score.interior_margin_px": 5}, parameters=values, samples=1)
     assert compute_recipe_hash(other) != former
 
 
