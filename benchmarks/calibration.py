@@ -19,7 +19,7 @@ import scenetruth as st
 PARTS = ("Z", "U_X", "U_Y", "U_Z")
 REFINED = {"method": "refined"}
 # Of waves that repeat, a plane sweep cannot tell which one is which.
-REPEATING = {"start": "structure_tensor"}
+REPEATING = {"initialisation": "structure_tensor"}
 
 
 def row(name: str, recording: Any, truth: Any, seeds: int, inner: dict[str, slice], **settings: Any) -> None:

@@ -50,7 +50,7 @@ CUBES: dict[str, Any] = {
     "base": str(SCENES / "cube.yaml"),
     "set": {"camera.width": 320, "camera.height": 240, "camera.focal_length_px": 2508},
     "seed": 5,
-    "vary": {
+    "distributions": {
         "objects.0.pose.position_mm.2": {"kind": "uniform", "low": 650, "high": 750},
         "objects.0.pose.rotations.0.angle_deg": {"kind": "uniform", "low": 30, "high": 60},
         "objects.0.texture.rms_contrast": {"kind": "uniform", "low": 0.1, "high": 0.3},

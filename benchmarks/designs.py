@@ -1,9 +1,10 @@
 """Measure what optimised rigs are worth: against random rigs, against simulations, and with other seeds.
 
-Run it from the top of the repository: ``python -m benchmarks.designs [--random N] [--seeds N] [--folder FOLDER] [GOAL
-...]``. For every goal, the best prediction is held against the best of random rigs that satisfy the constraints; the
-order of simulated rigs against that of their predictions, pair by pair over the same seeds; and the recommended rig is
-simulated with other seeds than those that its interval was made from: the interval should hold 95 % of them.
+Run it from the top of the repository: ``python -m benchmarks.designs [--random N] [--seeds N] [--folder FOLDER] [SPEC
+...]``. For every design specification, the best prediction is held against the best of random rigs that satisfy the
+constraints; the order of simulated rigs against that of their predictions, pair by pair over the same seeds; and the
+recommended rig is simulated with other seeds than those that its interval was made from: the interval should hold 95 %
+of them.
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ from scenetruth.design.prediction import Prediction, PredictionInputs
 from scenetruth.errors import SceneError
 from scenetruth.scene import scene_from_plain
 
-GOALS = ("leaf_growth", "cube_depth", "sheet_motion")
-FOLDER = Path(__file__).parents[1] / "scenes" / "goals"
+DESIGNS = ("leaf_growth", "cube_depth", "sheet_motion")
+FOLDER = Path(__file__).parents[1] / "scenes" / "designs"
 _MOST_DRAWN, _AT_ONCE, _ABOUT = 500, 500, 0.05
 
 
 def random_rigs(file: Path, count: int) -> list[Mapping[str, float]]:
-    """Return predictions of random rigs that satisfy a goal's constraints."""
+    """Return predictions of random rigs that satisfy a design specification's constraints."""
     prepared = prepare_problem(load_design_spec(file))
     generator = np.random.default_rng(2026)
     crew = create_executor(2)
@@ -109,10 +110,10 @@ def order_kept(design: DesignResult) -> None:
         print(f"  rig {each.rig}: {each.says}")
 
 
-def other_seeds(design: DesignResult, count: int, most_px: int | None, folder: Path) -> None:
+def other_seeds(design: DesignResult, count: int, max_size_px: int | None, folder: Path) -> None:
     """Print how many recordings with other seeds lie in the intervals of the recommended rig."""
     rig = design.recommended
-    light = reduce_scene(scene_from_plain(rig.scene), design.objectives[0].region, most_px)
+    light = reduce_scene(scene_from_plain(rig.scene), design.objectives[0].region, max_size_px)
     first = int(rig.scene["seed"]) + 1000
     seeds = tuple(range(first, first + count))
     versions = tuple(sorted(collect_versions().items()))
@@ -132,15 +133,15 @@ def other_seeds(design: DesignResult, count: int, most_px: int | None, folder: P
 
 
 def main() -> None:
-    """Print all figures, goal by goal."""
+    """Print all figures, design by design."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("goals", nargs="*", metavar="GOAL", help=f"of {', '.join(GOALS)}; all if not given")
+    parser.add_argument("designs", nargs="*", metavar="SPEC", help=f"of {', '.join(DESIGNS)}; all if not given")
     parser.add_argument("--random", type=int, default=200, help="random rigs")
     parser.add_argument("--seeds", type=int, default=0, help="other seeds for the recommended rig")
     parser.add_argument("--folder", type=Path, help="where designs are kept")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        for name in given.goals or GOALS:
+        for name in given.designs or DESIGNS:
             file = FOLDER / f"{name}.yaml"
             print(name, flush=True)
             folder = (given.folder or Path(scratch)) / name
@@ -151,7 +152,7 @@ def main() -> None:
             against_random(design, random_rigs(file, given.random))
             order_kept(design)
             if given.seeds and design.recommended.is_confirmed:
-                other_seeds(design, given.seeds, load_design_spec(file).confirm.most_px, folder)
+                other_seeds(design, given.seeds, load_design_spec(file).confirmation.max_size_px, folder)
 
 
 if __name__ == "__main__":

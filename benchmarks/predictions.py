@@ -111,8 +111,8 @@ def recipe() -> dict[str, Any]:
         "samples": SCENES,
         "seed": 16,
         "base": bases,
-        "values": {"shortest_mm": uniform(2.2, 4.5), "longest": uniform(2.5, 5.0)},
-        "vary": {
+        "parameters": {"shortest_mm": uniform(2.2, 4.5), "longest": uniform(2.5, 5.0)},
+        "distributions": {
             "objects.*.texture.wavelength_mm.0": "=shortest_mm",
             "objects.*.texture.wavelength_mm.1": "=shortest_mm * longest",
             "objects.*.texture.rms_contrast": uniform(0.08, 0.3),

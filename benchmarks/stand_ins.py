@@ -27,7 +27,7 @@ OUTLINE_PX = 5
 METHODS: tuple[tuple[str, dict[str, object]], ...] = (
     ("structure_tensor", {"tau": "auto"}),
     ("plane_sweep", {}),
-    ("refined", {"unfitted": "nothing"}),
+    ("refined", {"fallback": "none"}),
     ("refined", {}),
 )
 SEMI_GLOBAL = "SGBM"

@@ -39,7 +39,7 @@ def bundled_files(folder: str = ".") -> dict[str, Path]:
     Parameters
     ----------
     folder
-        ``"."`` for scenes, ``"datasets"`` for recipes, ``"goals"`` for goals.
+        ``"."`` for scenes, ``"datasets"`` for recipes, ``"designs"`` for design specifications.
 
     Examples
     --------

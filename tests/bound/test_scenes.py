@@ -94,7 +94,13 @@ def test_the_refined_method_reaches_it(motion: Any) -> None:
     bound = cramer_rao_bound(
         truth, clean.assign(radiance=clean["image"]), noise_std=noise, window_sigma_px=sigma, motion=motion
     )
-    settings = {"surface": "plane", "motion": motion, "acceleration": False, "outlines": False, "brightness": "none"}
+    settings = {
+        "surface": "plane",
+        "motion": motion,
+        "acceleration": False,
+        "discontinuity_refit": False,
+        "photometric_model": "none",
+    }
     found = [
         st.estimate(plane.recording(3, 5, noise_std=noise, seed=seed), "refined", window_sigma_px=sigma, **settings)
         for seed in range(16)

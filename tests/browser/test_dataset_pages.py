@@ -21,9 +21,9 @@ def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
     folder = tmp_path_factory.mktemp("dataset")
     plain = copy.deepcopy(RECIPE) | {
         "samples": 3,
-        "paired": {"sensor.noise_std": [0.05]},
+        "paired_factors": {"sensor.noise_std": [0.05]},
         "splits": {"train": 1, "test": 1},
-        "accept": [{"kind": "depth", "object": "tile", "at_most": 100}],
+        "acceptance": [{"kind": "depth", "object": "tile", "max": 100}],
     }
     recipe = recipe_from_plain(plain)
     run_dataset(recipe, folder / "tiles", workers=0)

@@ -41,7 +41,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_check_tells_what_varies_what_is_refused_and_what_it_takes(tmp_path: Path) -> None:
-    recipe = written(tmp_path, accept=[{"kind": "depth", "object": "tile", "at_most": 100}], samples=30)
+    recipe = written(tmp_path, acceptance=[{"kind": "depth", "object": "tile", "max": 100}], samples=30)
     output = call("check", recipe)
     assert "uniform: low 90, high 110" in output
     assert "rejected: " in output
@@ -75,7 +75,7 @@ def test_a_sample_alone_is_that_of_the_data_set(made: Path, tmp_path: Path) -> N
 
 
 def test_some_failures_have_an_exit_code_of_their_own(tmp_path: Path) -> None:
-    recipe = written(tmp_path, vary={DEPTH: {"kind": "list", "values": [100, -50]}})
+    recipe = written(tmp_path, distributions={DEPTH: {"kind": "sequence", "values": [100, -50]}})
     output = call("run", recipe, "-o", tmp_path / "new", "--retries", 0, code=1)
     assert "1 samples failed" in output
     assert "is behind the camera" in call("status", tmp_path / "new")
@@ -83,7 +83,9 @@ def test_some_failures_have_an_exit_code_of_their_own(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", [("check",), ("run", "-o", "new"), ("sample", 0, "-o", "new")])
 def test_what_is_wrong_with_a_recipe_names_its_file(tmp_path: Path, command: tuple[object, ...]) -> None:
-    recipe = written(tmp_path, vary={"objects.0.texture.rms_contrast": {"kind": "uniform", "low": -1, "high": 3}})
+    recipe = written(
+        tmp_path, distributions={"objects.0.texture.rms_contrast": {"kind": "uniform", "low": -1, "high": 3}}
+    )
     name, *rest = command
     with pytest.raises((RecipeError, MismatchError), match=r"recipe\.yaml") as caught:
         call(name, recipe, *[tmp_path / word if word == "new" else word for word in rest])
@@ -102,7 +104,7 @@ def test_the_schema_describes_every_kind() -> None:
         schema["$defs"]
     )
     assert "Examples" not in json.dumps(schema)
-    assert schema["properties"]["vary"]["description"]
+    assert schema["properties"]["distributions"]["description"]
 
 
 def test_a_card_from_before_is_told_of(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import scenetruth as st
-from scenetruth.cli.options import GOALS, RECIPES, SCENES, BundledFiles, resolve_file
+from scenetruth.cli.options import DESIGNS, RECIPES, SCENES, BundledFiles, resolve_file
 from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.input_files import bundled_folder
 from tests.cli.calling import scenetruth
@@ -26,7 +26,7 @@ def test_all_scenes_recipes_and_goals_are_shipped() -> None:
     for shelf, files in (
         (SCENES, LIBRARY),
         (RECIPES, sorted((FOLDER / "datasets").glob("*.yaml"))),
-        (GOALS, sorted((FOLDER / "goals").glob("*.yaml"))),
+        (DESIGNS, sorted((FOLDER / "designs").glob("*.yaml"))),
     ):
         shipped = shelf.files()
         assert {name: file.read_bytes() for name, file in shipped.items()} == {f.stem: f.read_bytes() for f in files}
@@ -37,12 +37,12 @@ def test_an_installed_package_brings_them_along(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(importlib.resources, "files", lambda package: tmp_path / "site" / package)
     assert bundled_folder() is None
     assert SCENES.files() == {}
-    (tmp_path / "site" / "scenetruth" / "shipped" / "goals").mkdir(parents=True)
-    (tmp_path / "site" / "scenetruth" / "shipped" / "goals" / "far.yaml").touch()
-    assert resolve_file(GOALS, Path("far")) == tmp_path / "site" / "scenetruth" / "shipped" / "goals" / "far.yaml"
+    (tmp_path / "site" / "scenetruth" / "shipped" / "designs").mkdir(parents=True)
+    (tmp_path / "site" / "scenetruth" / "shipped" / "designs" / "far.yaml").touch()
+    assert resolve_file(DESIGNS, Path("far")) == tmp_path / "site" / "scenetruth" / "shipped" / "designs" / "far.yaml"
 
 
-@pytest.mark.parametrize(("shelf", "name"), [(SCENES, "cube"), (RECIPES, "cubes"), (GOALS, "cube_depth")])
+@pytest.mark.parametrize(("shelf", "name"), [(SCENES, "cube"), (RECIPES, "cubes"), (DESIGNS, "cube_depth")])
 def test_a_name_stands_for_a_file_unless_there_is_one(shelf: BundledFiles, name: str, tmp_path: Path) -> None:
     shipped = shelf.files()[name]
     assert resolve_file(shelf, Path(name)) == shipped
@@ -56,7 +56,7 @@ def test_a_name_stands_for_a_file_unless_there_is_one(shelf: BundledFiles, name:
 
 @pytest.mark.parametrize(
     ("shelf", "error", "near"),
-    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cubs"), (GOALS, DesignSpecError, "cube_dept")],
+    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cubs"), (DESIGNS, DesignSpecError, "cube_dept")],
 )
 def test_unknown_names_are_told_with_those_near_them(shelf: BundledFiles, error: type[Exception], near: str) -> None:
     with pytest.raises(error, match=rf"no {shelf.noun} of this name is shipped; did you mean '.*`scenetruth scenes`"):
@@ -73,7 +73,7 @@ def test_unknown_names_are_told_with_those_near_them(shelf: BundledFiles, error:
             SCENES,
             st.SceneError,
             "leaf_growth",
-            "is a goal, called by `scenetruth design optimise leaf_growth -o FOLDER`",
+            "is a design, called by `scenetruth design optimise leaf_growth -o FOLDER`",
         ),
         (
             RECIPES,
@@ -81,14 +81,14 @@ def test_unknown_names_are_told_with_those_near_them(shelf: BundledFiles, error:
             "cube",
             "'cube' is a scene, called by `scenetruth run cube -o FOLDER`; or did you mean",
         ),
-        (RECIPES, st.RecipeError, "sheet_motion", "is a goal, called by `scenetruth design optimise sheet_motion"),
+        (RECIPES, st.RecipeError, "sheet_motion", "is a design, called by `scenetruth design optimise sheet_motion"),
         (
-            GOALS,
+            DESIGNS,
             DesignSpecError,
             "windy_leaf",
             "'windy_leaf' is a scene, called by `scenetruth run windy_leaf -o FOLDER`",
         ),
-        (GOALS, DesignSpecError, "leaves", "'leaves' is a recipe, called by `scenetruth dataset run leaves"),
+        (DESIGNS, DesignSpecError, "leaves", "'leaves' is a recipe, called by `scenetruth dataset run leaves"),
     ],
 )
 def test_what_is_shipped_as_something_else_is_told_with_its_command(
@@ -131,7 +131,7 @@ def test_commands_take_names(tmp_path: Path) -> None:
 def test_all_of_them_are_listed() -> None:
     done = scenetruth("scenes")
     assert done.returncode == 0, done.stderr
-    for shelf in (SCENES, RECIPES, GOALS):
+    for shelf in (SCENES, RECIPES, DESIGNS):
         for name in shelf.files():
             assert f" {name} " in done.stdout
     for words in ("Scharr & Küsters 2002", "45 images of 64 x 64 px", str(bundled_folder())):

@@ -38,7 +38,7 @@ def test_scenes_are_copied_with_their_files(build: Any, tmp_path: Path) -> None:
     assert len(files) == 2
     assert all(path.is_file() and path.is_relative_to(shipped) for path in files)
     assert {"cubes.yaml", "leaves.yaml"} <= {path.name for path in (shipped / "datasets").iterdir()}
-    assert (shipped / "goals" / "cube_depth.yaml").is_file()
+    assert (shipped / "designs" / "cube_depth.yaml").is_file()
     assert not list(shipped.rglob("__pycache__"))
     assert str(shipped / "cube.yaml") in build.get_outputs()
     # These go into a source distribution, from which a wheel is made elsewhere.

@@ -38,7 +38,7 @@ RECIPE: dict[str, Any] = {
     "base": [{"scene": SCENE}],
     "samples": 4,
     "seed": 11,
-    "vary": {"objects.1.pose.position_mm.2": {"kind": "uniform", "low": 90, "high": 110, "name": "z"}},
+    "distributions": {"objects.1.pose.position_mm.2": {"kind": "uniform", "low": 90, "high": 110, "name": "z"}},
 }
 
 

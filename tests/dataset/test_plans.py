@@ -11,7 +11,7 @@ from scenetruth.dataset.sampler import UniformDraws
 
 
 def one(plan: SamplingPlan) -> UniformDistribution:
-    return UniformDistribution(low=0, high=1, plan=plan)
+    return UniformDistribution(low=0, high=1, sampling=plan)
 
 
 def points(fields: dict[str, RandomDistribution], count: int, seed: int = 3, attempt: int = 0) -> NDArray[np.float64]:
@@ -32,7 +32,7 @@ def test_sobol_points_are_a_net() -> None:
 def test_a_latin_hypercube_has_one_point_in_every_stratum() -> None:
     fields: dict[str, RandomDistribution] = {
         "a": one("latin_hypercube"),
-        "b": ConeDistribution(axis=(0, 0, 1), half_angle_deg=9, plan="latin_hypercube"),
+        "b": ConeDistribution(axis=(0, 0, 1), half_angle_deg=9, sampling="latin_hypercube"),
     }
     for attempt in (0, 3):
         found = points(fields, 50, attempt=attempt)

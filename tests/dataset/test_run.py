@@ -46,7 +46,7 @@ def contents(folder: Path) -> dict[str, str]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data set of three draws and their ladders, made by two processes."""
     folder = tmp_path_factory.mktemp("made") / "tiles"
-    sampler = recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 3, "paired": PAIRED})
+    sampler = recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 3, "paired_factors": PAIRED})
     outcome = run_dataset(sampler, folder, workers=2)
     assert (outcome.made, outcome.present, outcome.failed) == (6, 0, [])
     return folder
@@ -63,7 +63,7 @@ def test_samples_are_folders_of_runs_and_whole(made: Path) -> None:
 
 
 def test_parts_orders_and_restarts_make_the_same_bytes(made: Path, tmp_path: Path, sampler_with: Make) -> None:
-    sampler, folder = sampler_with(samples=3, paired=PAIRED), tmp_path / "again"
+    sampler, folder = sampler_with(samples=3, paired_factors=PAIRED), tmp_path / "again"
     for part in (Partition(3, 3), Partition(1, 3), Partition(2, 3)):
         run_dataset(sampler, folder, workers=0, part=part)
     assert contents(folder) == contents(made)
@@ -114,27 +114,27 @@ def test_what_is_missing_is_made_again(made: Path, tmp_path: Path) -> None:
 def test_more_samples_only_if_asked_for(made: Path, tmp_path: Path, sampler_with: Make) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(made, folder)
-    more = sampler_with(samples=4, paired=PAIRED)
+    more = sampler_with(samples=4, paired_factors=PAIRED)
     with pytest.raises(MismatchError, match="has 3 samples, and the recipe asks for more; allow it: --extend"):
         run_dataset(more, folder)
     assert run_dataset(more, folder, workers=0, extend=True).made == 2
     assert contents(made).items() < contents(folder).items()
     with pytest.raises(MismatchError, match="asks for fewer"):
-        run_dataset(sampler_with(samples=3, paired=PAIRED), folder)
+        run_dataset(sampler_with(samples=3, paired_factors=PAIRED), folder)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"seed": 12}, "seed changed"),
-        ({"vary": {}}, "vary changed"),
+        ({"distributions": {}}, "distributions changed"),
         ({"set": {"frames.count": 2}}, "base or set changed"),
     ],
 )
 def test_another_recipe_is_refused(made: Path, sampler_with: Make, changes: dict[str, Any], message: str) -> None:
     before = contents(made)
     with pytest.raises(MismatchError, match=message):
-        run_dataset(sampler_with(**{"samples": 3, "paired": PAIRED, **changes}), made, extend=True)
+        run_dataset(sampler_with(**{"samples": 3, "paired_factors": PAIRED, **changes}), made, extend=True)
     assert contents(made) == before
 
 
@@ -143,7 +143,7 @@ def test_the_recipe_in_a_folder_is_that_of_the_data_set(tmp_path: Path, sampler_
     table = tmp_path / "runs.csv"
     table.write_text("z\n100\n105\n", encoding="utf-8")
     values = {"depth": {"kind": "table", "file": str(table), "column": "z"}}
-    sampler = sampler_with(set={"frames.count": 2}, values=values, samples=1)
+    sampler = sampler_with(set={"frames.count": 2}, parameters=values, samples=1)
     begin_dataset(DatasetFolder(tmp_path / "new"), sampler)
     inside = load_recipe(tmp_path / "new" / "dataset.yaml")
     assert compute_recipe_hash(inside) == compute_recipe_hash(sampler)
@@ -151,15 +151,15 @@ def test_the_recipe_in_a_folder_is_that_of_the_data_set(tmp_path: Path, sampler_
     former = compute_recipe_hash(sampler)
     moved = table.rename(tmp_path / "moved.csv")
     values["depth"]["file"] = str(moved)
-    assert compute_recipe_hash(sampler_with(set={"frames.count": 2}, values=values, samples=1)) == former
+    assert compute_recipe_hash(sampler_with(set={"frames.count": 2}, parameters=values, samples=1)) == former
     # What lies in every sample's files counts, though no image depends on it.
-    other = sampler_with(set={"frames.count": 2, "score.interior_margin_px": 5}, values=values, samples=1)
+    other = sampler_with(set={"frames.count": 2, "score.interior_margin_px": 5}, parameters=values, samples=1)
     assert compute_recipe_hash(other) != former
 
 
 def test_words_may_change(made: Path, sampler_with: Make) -> None:
     words = {"description": "tiles before a wall", "licence": "CC-BY-4.0"}
-    assert run_dataset(sampler_with(samples=3, paired=PAIRED, **words), made).present == 6
+    assert run_dataset(sampler_with(samples=3, paired_factors=PAIRED, **words), made).present == 6
 
 
 def test_foreign_folders_are_left_alone(tmp_path: Path, sampler_with: Make) -> None:
@@ -177,7 +177,7 @@ def test_what_the_machine_does_not_have_is_refused_first(tmp_path: Path, sampler
 def test_a_sample_that_fails_is_set_aside_and_told(tmp_path: Path, sampler_with: Make) -> None:
     """The tile is behind the camera in the second sample."""
     depth = "objects.1.pose.position_mm.2"
-    sampler = sampler_with(samples=3, vary={depth: {"kind": "list", "values": [100, -50, 90]}})
+    sampler = sampler_with(samples=3, distributions={depth: {"kind": "sequence", "values": [100, -50, 90]}})
     said: list[str] = []
     outcome = run_dataset(sampler, tmp_path / "new", workers=0, retries=1, notice=said.append)
     assert (outcome.made, outcome.failed) == (2, [1])
@@ -194,7 +194,7 @@ def test_a_sample_that_fails_is_set_aside_and_told(tmp_path: Path, sampler_with:
 @nightly
 def test_a_killed_run_leaves_whole_samples_and_goes_on(made: Path, tmp_path: Path) -> None:
     recipe, folder = tmp_path / "recipe.yaml", tmp_path / "killed"
-    recipe.write_text(yaml.safe_dump({**RECIPE, "samples": 3, "paired": PAIRED}), encoding="utf-8")
+    recipe.write_text(yaml.safe_dump({**RECIPE, "samples": 3, "paired_factors": PAIRED}), encoding="utf-8")
     command = [sys.executable, "-m", "scenetruth", "dataset", "run", str(recipe), "-o", str(folder), "--workers", "2"]
     # While some samples are done, and others under way.
     run = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True)

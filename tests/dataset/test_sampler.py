@@ -18,8 +18,8 @@ CONTRAST = {"kind": "uniform", "low": 0.4, "high": 0.6}
 
 
 def test_a_sample_is_the_same_alone_and_among_others(sampler_with: Make) -> None:
-    accept = [{"kind": "depth", "object": "tile", "at_most": 105}]
-    one, other = (sampler_with(samples=30, accept=accept) for _ in range(2))
+    accept = [{"kind": "depth", "object": "tile", "max": 105}]
+    one, other = (sampler_with(samples=30, acceptance=accept) for _ in range(2))
     together = [one.draw(number) for number in range(30)]
     assert sum(found.attempts > 1 for found in together) > 2
     for number in (29, 0, 17):
@@ -28,8 +28,8 @@ def test_a_sample_is_the_same_alone_and_among_others(sampler_with: Make) -> None
 
 def test_another_field_changes_no_other_draw(sampler_with: Make) -> None:
     few = sampler_with()
-    vary = {"sensor.noise_std": {"kind": "uniform", "low": 0, "high": 0.1}, **RECIPE["vary"], MEAN: CONTRAST}
-    many = sampler_with(vary=vary, values={"unused": {"kind": "normal", "mean": 0, "std": 1}})
+    vary = {"sensor.noise_std": {"kind": "uniform", "low": 0, "high": 0.1}, **RECIPE["distributions"], MEAN: CONTRAST}
+    many = sampler_with(distributions=vary, parameters={"unused": {"kind": "normal", "mean": 0, "std": 1}})
     for number in range(len(few)):
         one, other = few.draw(number), many.draw(number)
         assert one.values[DEPTH] == other.values[DEPTH]
@@ -37,9 +37,9 @@ def test_another_field_changes_no_other_draw(sampler_with: Make) -> None:
 
 
 def test_wildcards_have_a_value_for_each_place_or_one_for_all(sampler_with: Make) -> None:
-    apart = sampler_with(vary={MEAN: CONTRAST}).draw(0)
+    apart = sampler_with(distributions={MEAN: CONTRAST}).draw(0)
     assert apart.values["objects.0.texture.mean"] != apart.values["objects.1.texture.mean"]
-    together = sampler_with(vary={MEAN: {**CONTRAST, "together": True}}).draw(0)
+    together = sampler_with(distributions={MEAN: {**CONTRAST, "together": True}}).draw(0)
     means = {item["texture"]["mean"] for item in together.plain["objects"]}
     assert means == {together.values[MEAN]}
 
@@ -47,12 +47,12 @@ def test_wildcards_have_a_value_for_each_place_or_one_for_all(sampler_with: Make
 def test_values_reach_formulas_and_other_fields(sampler_with: Make) -> None:
     vary = {
         "objects.0.pose.position_mm.2": "= z + gap",
-        **RECIPE["vary"],
+        **RECIPE["distributions"],
         "objects.0.texture.mean": CONTRAST,
-        "objects.1.texture.mean": {"kind": "same_as", "of": "objects.0.texture.mean"},
-        "frames.count": {"kind": "formula", "formula": "gap / 3", "whole": True},
+        "objects.1.texture.mean": {"kind": "linked", "of": "objects.0.texture.mean"},
+        "frames.count": {"kind": "formula", "formula": "gap / 3", "integer": True},
     }
-    found = sampler_with(vary=vary, values={"gap": {"kind": "uniform", "low": 5, "high": 9}}).draw(1)
+    found = sampler_with(distributions=vary, parameters={"gap": {"kind": "uniform", "low": 5, "high": 9}}).draw(1)
     scene = found.scene()
     assert scene.objects[0].pose.position_mm[2] == found.values[DEPTH] + found.values["gap"]
     assert scene.frames.count == round(found.values["gap"] / 3)
@@ -61,14 +61,14 @@ def test_values_reach_formulas_and_other_fields(sampler_with: Make) -> None:
 
 def test_whole_parts_of_a_scene_can_vary(sampler_with: Make) -> None:
     sensors = ["ideal", {"kind": "gaussian", "noise_std": 0.03, "bit_depth": 10}]
-    found = sampler_with(samples=12, vary={"sensor": {"kind": "choice", "values": sensors}})
+    found = sampler_with(samples=12, distributions={"sensor": {"kind": "choice", "values": sensors}})
     kinds = {str(type(found.draw(number).scene().sensor)) for number in range(12)}
     assert len(kinds) == 2
 
 
 def test_ladders_change_one_factor_and_nothing_else(sampler_with: Make) -> None:
     paired = {"sensor.noise_std": [0.02, 0.05], "lighting.drift_per_frame": [0.01]}
-    sampler = sampler_with(samples=3, paired=paired)
+    sampler = sampler_with(samples=3, paired_factors=paired)
     assert len(sampler) == 12
     for draw in range(3):
         drawn, *steps = (sampler.draw(4 * draw + step) for step in range(4))
@@ -96,11 +96,11 @@ def test_several_bases_are_drawn_by_their_weights(plain: dict[str, Any]) -> None
 
 def test_splits_have_their_shares_and_held_out_values_go_apart(sampler_with: Make) -> None:
     vary = {
-        **RECIPE["vary"],
+        **RECIPE["distributions"],
         "objects.1.texture.kind": {"kind": "choice", "values": ["noise", "plaid"], "weights": [9, 1]},
     }
     sampler = sampler_with(
-        samples=600, vary=vary, splits={"train": 8, "test": 2}, hold_out={"objects.*.texture.kind": ["plaid"]}
+        samples=600, distributions=vary, splits={"train": 8, "test": 2}, hold_out={"objects.*.texture.kind": ["plaid"]}
     )
     drawn = [sampler.attempt(number, 0) for number in range(600)]
     assert all((one.split == HELD_OUT) == (one.values["objects.1.texture.kind"] == "plaid") for one in drawn)
@@ -110,7 +110,7 @@ def test_splits_have_their_shares_and_held_out_values_go_apart(sampler_with: Mak
 
 
 def test_refused_draws_are_counted_and_explained(sampler_with: Make) -> None:
-    sampler = sampler_with(samples=16, accept=[{"kind": "depth", "object": "tile", "at_most": 100}])
+    sampler = sampler_with(samples=16, acceptance=[{"kind": "depth", "object": "tile", "max": 100}])
     trial = try_draws(sampler, 16)
     assert trial.accepted == 16
     # Half of all depths are accepted: the number of draws has mean 32 and standard deviation 5.7; four of them above.
@@ -128,39 +128,54 @@ BAD: list[tuple[dict[str, Any], list[str]]] = [
     ({"base": []}, ["base: "]),
     ({"set": {"camera.widht": 3}}, ["camera.widht: unknown key"]),
     ({"set": {"camra.width": 3}}, ["set.camra.width: there is no 'camra'; did you mean 'camera'?"]),
-    ({"vary": {"objects.7.name": "= 1"}}, ["vary.objects.7.name: 'objects' is a list of 2; '7' is not an index of it"]),
-    ({"vary": {"plants.*.name": "= 1"}}, ["vary.plants.*.name: stands for nothing"]),
-    ({"vary": {"camera.width": {"kind": "unifrm"}}}, ["vary.camera.width: is of no known kind: 'unifrm'"]),
-    ({"vary": {"camera.width": 3}}, ["vary.camera.width: "]),
-    ({"vary": {"camera.width": {"kind": "uniform", "low": 3, "high": 1}}}, ["vary.camera.width: has no values"]),
-    ({"vary": {"camera.width": "= foo"}}, ["vary.camera.width: uses what is no value: foo"]),
-    ({"values": {"a": "= b", "b": "= a"}}, ["values.a: these values need each other in a circle: a, b"]),
-    ({"values": {"z": "= 1"}}, ["names of values must be unique; used more than once: z"]),
+    (
+        {"distributions": {"objects.7.name": "= 1"}},
+        ["distributions.objects.7.name: 'objects' is a list of 2; '7' is not an index of it"],
+    ),
+    ({"distributions": {"plants.*.name": "= 1"}}, ["distributions.plants.*.name: stands for nothing"]),
+    (
+        {"distributions": {"camera.width": {"kind": "unifrm"}}},
+        ["distributions.camera.width: is of no known kind: 'unifrm'"],
+    ),
+    ({"distributions": {"camera.width": 3}}, ["distributions.camera.width: "]),
+    (
+        {"distributions": {"camera.width": {"kind": "uniform", "low": 3, "high": 1}}},
+        ["distributions.camera.width: has no values"],
+    ),
+    ({"distributions": {"camera.width": "= foo"}}, ["distributions.camera.width: uses what is no value: foo"]),
+    ({"parameters": {"a": "= b", "b": "= a"}}, ["parameters.a: these values need each other in a circle: a, b"]),
+    ({"parameters": {"z": "= 1"}}, ["names of values must be unique; used more than once: z"]),
     ({"set": {DEPTH: 3}}, [f"is both set and varied: {DEPTH}"]),
-    ({"paired": {"sensor.noise": [1]}}, ["paired.sensor.noise: unknown key"]),
-    ({"paired": {"sensor.noise_std": [0.1, -1]}}, ["paired.sensor.noise_std: input should be greater than or equal"]),
+    ({"paired_factors": {"sensor.noise": [1]}}, ["paired_factors.sensor.noise: unknown key"]),
+    (
+        {"paired_factors": {"sensor.noise_std": [0.1, -1]}},
+        ["paired_factors.sensor.noise_std: input should be greater than or equal"],
+    ),
     ({"hold_out": {"camera.width": [3]}}, ["hold_out.camera.width: is neither the path nor the name"]),
-    ({"accept": [{"kind": "depth"}]}, ["accept.0: bounds nothing"]),
-    ({"accept": [{"kind": "depth", "at_least": 3, "at_most": 1}]}, ["accept.0: can never hold"]),
+    ({"acceptance": [{"kind": "depth"}]}, ["acceptance.0: bounds nothing"]),
+    ({"acceptance": [{"kind": "depth", "min": 3, "max": 1}]}, ["acceptance.0: can never hold"]),
     (
         {
-            "vary": {
-                DEPTH: {"kind": "list", "values": [100, "far"]},
+            "distributions": {
+                DEPTH: {"kind": "sequence", "values": [100, "far"]},
                 "camera.width": {"kind": "integers", "low": 0, "high": 9},
             }
         },
-        [f"vary.{DEPTH}.values.1: ", "vary.camera.width.low: "],
+        [f"distributions.{DEPTH}.values.1: ", "distributions.camera.width.low: "],
     ),
     (
-        {"vary": {"sensor": {"kind": "choice", "values": ["ideal", {"noise_std": -1}]}}},
-        ["vary.sensor.values.1: sensor.noise_std: "],
+        {"distributions": {"sensor": {"kind": "choice", "values": ["ideal", {"noise_std": -1}]}}},
+        ["distributions.sensor.values.1: sensor.noise_std: "],
     ),
     (
-        {"accept": [{"kind": "visible_share", "object": "tile", "at_least": 1.1}], "most_draws": 7},
-        ["accept: sample 0: none of 7 draws was accepted (visible share of tile under 1.1: 7)"],
+        {"acceptance": [{"kind": "visible_share", "object": "tile", "min": 1.1}], "max_draws": 7},
+        ["acceptance: sample 0: none of 7 draws was accepted (visible share of tile under 1.1: 7)"],
     ),
-    ({"vary": {"frames.count": "= 5 - 5 * 2"}}, ["frames.count: ", "with every value in the middle of its range"]),
-    ({"vary": {"frames.count": "= 1 / 0"}}, ["vary.frames.count: '1 / 0' has no value"]),
+    (
+        {"distributions": {"frames.count": "= 5 - 5 * 2"}},
+        ["frames.count: ", "with every value in the middle of its range"],
+    ),
+    ({"distributions": {"frames.count": "= 1 / 0"}}, ["distributions.frames.count: '1 / 0' has no value"]),
 ]
 
 

@@ -17,7 +17,7 @@ PER_HOUR = 360_000.0
 
 @pytest.mark.parametrize(("name", "objective"), [("cube_depth", "depth"), ("rubber_sheet", "growth_principal_1")])
 def test_goals_load_and_can_be_followed(name: str, objective: str) -> None:
-    prepared = prepare_problem(load_design_spec(SCENES / "goals" / f"{name}.yaml"))
+    prepared = prepare_problem(load_design_spec(SCENES / "designs" / f"{name}.yaml"))
     assert prepared.task.objectives[0].quantity == objective
 
 

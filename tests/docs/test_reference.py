@@ -169,7 +169,7 @@ def test_the_schema_has_no_model_that_is_not_described() -> None:
         assert names <= set(models_of(schema))
 
 
-@pytest.mark.parametrize(("file", "model"), [("scene", Scene), ("recipe", Recipe), ("goal", DesignSpec)])
+@pytest.mark.parametrize(("file", "model"), [("scene", Scene), ("recipe", Recipe), ("design", DesignSpec)])
 def test_examples_are_valid_and_show_every_model(file: str, model: type[BaseModel]) -> None:
     source = DOCS / "reference" / "examples" / f"{file}.yaml"
     documents = list(yaml.safe_load_all(source.read_text(encoding="utf-8")))

@@ -15,7 +15,7 @@ def test_models_within_settings_are_told_in_the_schema() -> None:
     variants = Scene.model_json_schema()["$defs"]["MethodChoice"]["oneOf"]
     refined = next(each for each in variants if each["properties"]["method"]["const"] == "refined")
     assert "$defs" not in refined
-    corrections = refined["properties"]["corrections"]
+    corrections = refined["properties"]["pose_corrections"]
     model = next(each for each in corrections["anyOf"] if each["type"] == "object")
     assert {"x_px", "roll_urad"} < set(model["properties"])
     assert "yaw" in model["properties"]["x_px"]["description"]

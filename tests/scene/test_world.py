@@ -89,7 +89,7 @@ def textured_square(folder: Path) -> Path:
 def test_image_textures_stand_upright(tmp_path: Path, backend: str, source: str) -> None:
     file = textured_square(tmp_path)
     texture: dict[str, Any] = (
-        {"kind": "own"} if source == "own" else {"kind": "image", "file": str(tmp_path / "paint.png")}
+        {"kind": "embedded"} if source == "own" else {"kind": "image", "file": str(tmp_path / "paint.png")}
     )
     mesh: dict[str, Any] = {"kind": "file", "file": str(file)}
     if source == "plane":
@@ -123,7 +123,7 @@ def test_vertex_colours_are_interpolated(tmp_path: Path, backend: str) -> None:
     square.export(tmp_path / "square.ply")
     plain = with_object(
         mesh={"kind": "file", "file": str(tmp_path / "square.ply")},
-        texture={"kind": "own"},
+        texture={"kind": "embedded"},
         motion=[],
         pose={"position_mm": [0, 0, 660]},
     ).to_plain()
@@ -157,7 +157,7 @@ def test_srgb_is_decoded(tmp_path: Path) -> None:
             {"texture": {"kind": "image", "file": str(SCENES / "cube.yaml")}},
             r"texture\.file: cannot be read as an image",
         ),
-        ({"texture": {"kind": "own"}}, r"objects\.0\.texture\.kind: the mesh brings no texture image"),
+        ({"texture": {"kind": "embedded"}}, r"objects\.0\.texture\.kind: the mesh brings no texture image"),
     ],
 )
 def test_bad_textures(changes: dict[str, Any], message: str) -> None:

@@ -106,7 +106,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
 """Pages, each with modules and the names that are imported from them."""
 
 
-_FILES = {"Scene": "scene_file/scene", "DesignSpec": "goal_file"}
+_FILES = {"Scene": "scene_file/scene", "DesignSpec": "design_specification"}
 """Models that are files, and the pages that describe their fields."""
 
 

@@ -1,4 +1,4 @@
-"""The three sorts of files that are described: scenes, recipes of data sets, goals of designs."""
+"""The three sorts of files that are described: scenes, recipes of data sets, design specifications."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _recipe() -> Schema:
     return Recipe.model_json_schema()
 
 
-def _goal() -> Schema:
+def _design() -> Schema:
     from scenetruth.design.optimisation import DesignSpec
 
     return DesignSpec.model_json_schema()
@@ -79,7 +79,7 @@ DESCRIBED = {
         "scenes/*.yaml",
     ),
     "recipe": DescribedFile(_recipe, {"": "recipe"}, "scenes/datasets/*.yaml"),
-    "goal": DescribedFile(_goal, {"": "goal"}, "scenes/goals/*.yaml"),
+    "design": DescribedFile(_design, {"": "design"}, "scenes/designs/*.yaml"),
 }
 """What each sort of file is called, and where it is from."""
 

@@ -353,7 +353,7 @@ def check(scene: options.SceneFile, overrides: options.Overrides = None, limits:
 
 
 def scenes() -> None:
-    """List the scenes that are shipped, and recipes and goals: each is called by its name alone."""
+    """List the scenes that are shipped, and recipes and design specifications: each is called by its name alone."""
     from scenetruth.cli.console import print_bundled
 
     print_bundled()

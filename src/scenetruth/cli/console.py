@@ -351,17 +351,17 @@ def print_formats() -> None:
 
 
 def print_bundled() -> None:
-    """Print the scenes, recipes and goals that are shipped, how they are called, and where their files are."""
+    """Print the scenes, recipes and designs that are shipped, how they are called, and where their files are."""
     import yaml
     from rich.table import Table
 
-    from scenetruth.cli.options import GOALS, RECIPES, SCENES
+    from scenetruth.cli.options import DESIGNS, RECIPES, SCENES
     from scenetruth.errors import StoreError, visible
     from scenetruth.input_files import bundled_folder
 
     if bundled_folder() is None:
         raise StoreError("scenes", "are not there; install scenetruth again")
-    for shelf in (SCENES, RECIPES, GOALS):
+    for shelf in (SCENES, RECIPES, DESIGNS):
         table = Table(title=f"{shelf.noun}s: {shelf.call('NAME')}", title_justify="left")
         for heading in ("name", "description", "size"):
             table.add_column(heading, overflow="fold")
@@ -374,7 +374,7 @@ def print_bundled() -> None:
 
 
 def _size_in(plain: Mapping[str, Any]) -> str:
-    """Return what a scene, a recipe or a goal says of its size; empty if nothing."""
+    """Return what a scene, a recipe or a design specification says of its size; empty if nothing."""
     if "camera" in plain:
         camera, stage = plain["camera"], plain["stage"]
         across = stage.get("positions") or len(stage.get("positions_mm") or [0])
@@ -382,9 +382,9 @@ def _size_in(plain: Mapping[str, Any]) -> str:
         return f"{images} images of {camera['width']} x {camera['height']} px"
     if "samples" in plain:
         # As `Recipe.count`, of every draw itself and all steps of its ladders.
-        steps = 1 + sum(len(values) for values in (plain.get("paired") or {}).values())
+        steps = 1 + sum(len(values) for values in (plain.get("paired_factors") or {}).values())
         return f"{plain['samples'] * steps:,} scenes"
-    return f"{len(plain['free'])} to choose" if "free" in plain else ""
+    return f"{len(plain['variables'])} to choose" if "variables" in plain else ""
 
 
 def make_console() -> Console:

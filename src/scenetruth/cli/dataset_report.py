@@ -37,7 +37,7 @@ def print_recipe(sampler: Sampler, trial: DrawReport, forecast: Forecast) -> Non
         table.add_row(visible(item.key), visible(describe_distribution(item.distribution)))
     if len(sampler.varied) > _MOST_FIELDS:
         table.add_row(f"and {len(sampler.varied) - _MOST_FIELDS} more", "")
-    for path, steps in recipe.paired.items():
+    for path, steps in recipe.paired_factors.items():
         table.add_row(visible(f"ladder {path}"), visible(", ".join(map(str, steps))))
     table.add_row("draws", visible(str(trial)))
     console = Console(highlight=False, markup=False, emoji=False)

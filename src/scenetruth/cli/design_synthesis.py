@@ -12,7 +12,7 @@ import typer
 
 from scenetruth.cli import options
 from scenetruth.cli.design_analysis import budget, predict, sweep
-from scenetruth.cli.options import GOALS, SCENES, file_completer, resolve_file
+from scenetruth.cli.options import DESIGNS, SCENES, file_completer, resolve_file
 
 if TYPE_CHECKING:
     from scenetruth.design.optimisation import DesignResult
@@ -22,14 +22,14 @@ __all__ = ["optimise", "pattern", "register"]
 
 
 def optimise(
-    goal: Annotated[
+    spec: Annotated[
         Path,
         typer.Argument(
-            metavar="GOAL",
-            help="Goal file (YAML), or a name of `scenetruth scenes`.",
+            metavar="SPEC",
+            help="Design specification (YAML), or a name of `scenetruth scenes`.",
             show_default=False,
-            callback=lambda given: resolve_file(GOALS, given),
-            autocompletion=file_completer(GOALS),
+            callback=lambda given: resolve_file(DESIGNS, given),
+            autocompletion=file_completer(DESIGNS),
         ),
     ],
     output: Annotated[
@@ -49,7 +49,7 @@ def optimise(
 
     if output is None:
         raise DesignSpecError([Problem("--output", "is missing: the folder where the answer goes")])
-    wanted = load_design_spec(goal)
+    wanted = load_design_spec(spec)
     with reporting() as reporter:
         found = find_rig(
             wanted,
@@ -60,7 +60,7 @@ def optimise(
         )
     _print_front(found)
     _print_lines(*found.words())
-    names = ("index.html", "recommended.yaml", PREVIEW_FILE, "front.csv", "screened.csv", "design.json")
+    names = ("index.html", "recommended.yaml", PREVIEW_FILE, "pareto_front.csv", "evaluations.csv", "design.json")
     _print_lines(
         f"a part of what it sees, before it is rendered whole: scenetruth run {output / PREVIEW_FILE} -o preview"
     )
@@ -237,7 +237,9 @@ def pattern(
         problems.append(Problem("--mm-per-px", "is that of a photograph: give --against", mm_per_px))
     if problems:
         raise PatternError(problems)
-    claim = claim_folder("pattern.json", "pattern.pdf", "pattern.png", "scene_lines.yaml", "worth.csv", "worth.png")
+    claim = claim_folder(
+        "pattern.json", "pattern.pdf", "pattern.png", "scene_lines.yaml", "assessment.csv", "assessment.png"
+    )
     check_output(output, overwrite=overwrite, claim=claim)
     rig = _rig(scene, overrides, focal_length_px, distance_mm, light)
     given = {name: value for name, value in settings.items() if value is not None}
@@ -249,8 +251,8 @@ def pattern(
     with write_atomically(output, overwrite=overwrite, claim=claim) as folder:
         folder.mkdir()
         files = export_pattern(made, folder, page=page, margin_mm=margin_mm)
-        assessments_to_dataframe(worths).to_csv(folder / "worth.csv", index=False)
-        plot_assessments(folder / "worth.png", worths)
+        assessments_to_dataframe(worths).to_csv(folder / "assessment.csv", index=False)
+        plot_assessments(folder / "assessment.png", worths)
     for line in [*describe_pattern(made), *describe_assessments(worths)]:
         _print_line(line)
     _print_assessments(worths)
@@ -258,7 +260,7 @@ def pattern(
         _print_sizes(rig, coverage or 0.5)
     _print_line("in a scene file:")
     typer.echo(format_scene_lines(made, str((output / "pattern.png").resolve())).rstrip())
-    names = [file.name for file in files] + ["worth.csv", "worth.png"]
+    names = [file.name for file in files] + ["assessment.csv", "assessment.png"]
     shown = names if len(names) < 12 else [*names[:3], "...", *names[-6:]]
     _print_line(f"written: {', '.join(str(output / name) if name != '...' else name for name in shown)}")
 

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 __all__ = [
-    "GOALS",
+    "DESIGNS",
     "RECIPES",
     "SCENES",
     "AllowMismatch",
@@ -95,8 +95,8 @@ SCENES = BundledFiles("scene", "SCENE", "run")
 """Scenes."""
 RECIPES = BundledFiles("recipe", "RECIPE", "dataset run", "datasets", takes_folders=True)
 """Recipes of data sets; a command that takes one takes the folder of a data set too."""
-GOALS = BundledFiles("goal", "GOAL", "design optimise", "goals")
-"""Goals of a search for a rig."""
+DESIGNS = BundledFiles("design", "SPEC", "design optimise", "designs")
+"""Design specifications."""
 
 
 def resolve_file(shelf: BundledFiles, given: Path) -> Path:
@@ -116,7 +116,7 @@ def resolve_file(shelf: BundledFiles, given: Path) -> Path:
 
     Raises
     ------
-    SceneError, RecipeError, GoalError
+    SceneError, RecipeError, DesignSpecError
         If a plain name is neither a file nor shipped; with the names that are near it.
     """
     there = os.path.exists(given) if shelf.takes_folders else os.path.exists(given) and not os.path.isdir(given)
@@ -152,14 +152,14 @@ def _unknown(shelf: BundledFiles, name: str, shipped: list[str]) -> str:
 
 def _other_category(shelf: BundledFiles, name: str) -> BundledFiles | None:
     """Return where else a name is shipped, if not on a shelf itself."""
-    return next((other for other in (SCENES, RECIPES, GOALS) if other is not shelf and name in other.files()), None)
+    return next((other for other in (SCENES, RECIPES, DESIGNS) if other is not shelf and name in other.files()), None)
 
 
 def _refused(shelf: BundledFiles, message: str, given: Path) -> Exception:
     from scenetruth.errors import Problem, RecipeError, SceneError
 
     kind: type[SceneError | RecipeError] = SceneError if shelf is SCENES else RecipeError
-    if shelf is GOALS:
+    if shelf is DESIGNS:
         from scenetruth.design.optimisation.design_records import DesignSpecError
 
         kind = DesignSpecError

@@ -421,7 +421,7 @@ def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str
         texture = image_block(image)
         told = "An image, laid on the surface by the mesh's UV coordinates; its grey values are sRGB, or linear."
     own = (
-        "  # What the file brings along is seen with `texture: {kind: own, encoding: srgb}`.\n"
+        "  # What the file brings along is seen with `texture: {kind: embedded, encoding: srgb}`.\n"
         if found.has_image
         else ""
     )

@@ -122,18 +122,18 @@ class AcceptanceCriterion(FrozenModel):
     unit: ClassVar[str] = ""
     """Unit of what is measured, with a space before it, for messages."""
 
-    at_least: Finite | None = None
+    min: Finite | None = None
     """It must not be less."""
-    at_most: Finite | None = None
+    max: Finite | None = None
     """It must not be more."""
 
     @model_validator(mode="after")
     def _some_bound(self) -> Self:
-        if self.at_least is None and self.at_most is None:
-            msg = "bounds nothing: give at_least, at_most, or both"
+        if self.min is None and self.max is None:
+            msg = "bounds nothing: give min, max, or both"
             raise ValueError(msg)
-        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
-            msg = f"can never hold: at_least = {self.at_least:g} is more than at_most = {self.at_most:g}"
+        if self.min is not None and self.max is not None and self.min > self.max:
+            msg = f"can never hold: min = {self.min:g} is more than max = {self.max:g}"
             raise ValueError(msg)
         return self
 
@@ -144,10 +144,10 @@ class AcceptanceCriterion(FrozenModel):
     def refusal(self, look: GeometryPreview) -> str:
         """Return why a draw is refused, the same text for the same cause; empty if it is not."""
         for what, value in self.measured(look):
-            if self.at_least is not None and not value >= self.at_least:
-                return f"{what} under {self.at_least:g}{self.unit}"
-            if self.at_most is not None and not value <= self.at_most:
-                return f"{what} over {self.at_most:g}{self.unit}"
+            if self.min is not None and not value >= self.min:
+                return f"{what} under {self.min:g}{self.unit}"
+            if self.max is not None and not value <= self.max:
+                return f"{what} over {self.max:g}{self.unit}"
         return ""
 
 

@@ -75,7 +75,7 @@ class RandomDistribution(Distribution):
     uniforms: ClassVar[int] = 1
     """How many uniform numbers make one value."""
 
-    plan: SamplingPlan = "independent"
+    sampling: SamplingPlan = "independent"
     """Where the uniform numbers come from: each sample's own, or points that fill the space evenly over all samples
     (Sobol's sequence, a Latin hypercube)."""
 
@@ -255,7 +255,7 @@ class FormulaDistribution(DerivedDistribution):
     formula: Annotated[str, Field(max_length=1000), AfterValidator(_readable)]
     """The formula: numbers, names of values, + - * / // % **, comparisons, ``a if b else c``, and the functions of
     `scenetruth.dataset.expression`."""
-    whole: bool = False
+    integer: bool = False
     """Whether the result is rounded to a whole number."""
 
     def needs(self) -> frozenset[str]:
@@ -265,7 +265,7 @@ class FormulaDistribution(DerivedDistribution):
     def value(self, values: Mapping[str, Any]) -> Any:
         """Return the result."""
         found = Expression(self.formula).value(values)
-        return round(found) if self.whole else found
+        return round(found) if self.integer else found
 
     @property
     def is_number(self) -> bool:
@@ -371,7 +371,7 @@ class SequenceDistribution(IndexedDistribution):
     5
     """
 
-    kind: Literal["list"] = "list"
+    kind: Literal["sequence"] = "sequence"
     values: Annotated[tuple[Any, ...], Field(min_length=1)]
     """The values."""
 
@@ -512,7 +512,7 @@ class LinkedDistribution(DerivedDistribution):
     600.0
     """
 
-    kind: Literal["same_as"] = "same_as"
+    kind: Literal["linked"] = "linked"
     of: Name
     """Name or path of the other value."""
 

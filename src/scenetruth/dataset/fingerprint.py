@@ -96,11 +96,11 @@ def compute_recipe_hash(sampler: Sampler) -> str:
     # Their order is that of the dimensions of Sobol's sequence, and of the axes of grids.
     plain["order"] = [item.key for item in sampler.varied]
     plain["files"] = [content_hash(file) for _, file in collect_input_files(recipe) if file.suffix.lower() == ".csv"]
-    entries = (*plain["vary"].values(), *plain["values"].values())
+    entries = (*plain["distributions"].values(), *plain["parameters"].values())
     for entry in entries:
         # Tables count by what they hold, not by where they lie.
         entry.pop("file", None)
-    if any(entry.get("plan") == "latin_hypercube" for entry in entries):
+    if any(entry.get("sampling") == "latin_hypercube" for entry in entries):
         plain["samples"] = recipe.samples
     return digest(plain)
 

@@ -166,7 +166,7 @@ def run_dataset(
     >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> far = {"objects.0.pose.position_mm.2": {"kind": "uniform", "low": 90, "high": 110}}
-    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 2, "vary": far})
+    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 2, "distributions": far})
     >>> with TemporaryDirectory() as folder:
     ...     outcome = st.run_dataset(recipe, f"{folder}/walls", workers=0)
     ...     dataset = st.open_dataset(f"{folder}/walls")

@@ -25,7 +25,7 @@ from scenetruth.scene.yaml_reader import read_file
 __all__ = ["load_recipe", "recipe_from_plain"]
 
 _NOT_THERE = f"cannot be read: {os.strerror(errno.ENOENT)}"
-_MAPPING = "a mapping of name, base, samples, vary, ..."
+_MAPPING = "a mapping of name, base, samples, distributions, ..."
 
 
 def load_recipe(file: str | Path) -> Sampler:
@@ -63,7 +63,7 @@ def load_recipe(file: str | Path) -> Sampler:
     ...   objects: [{name: wall, mesh: {kind: plane, size_mm: [90, 90]}, texture: {kind: uniform},
     ...              pose: {position_mm: [0, 0, 100]}}]
     ... samples: 10
-    ... vary:
+    ... distributions:
     ...   objects.0.pose.position_mm.2: {kind: uniform, low: 90, high: 110}
     ... '''
     >>> with TemporaryDirectory() as folder:
@@ -110,7 +110,7 @@ def recipe_from_plain(plain: Any, source: str | Path | None = None, folder: Path
     >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}}
     >>> far = {"objects.0.pose.position_mm.2": {"kind": "integers", "low": 90, "high": 110}}
-    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 100, "vary": far})
+    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 100, "distributions": far})
     >>> len(recipe), recipe.draw(41).values == recipe.draw(41).values, recipe.draw(41).scene()
     (100, True, Scene(30 x 25 px; 2 positions x 1 frames; objects: wall))
     """
@@ -124,8 +124,8 @@ def recipe_from_plain(plain: Any, source: str | Path | None = None, folder: Path
     except ValidationError as error:
         problems = [*_problems_of(error, plain), *_missing_bases(plain, folder)]
         raise RecipeError(problems, source=source) from error
-    for where, entry in [(f"values.{key}", item) for key, item in recipe.values.items()] + [
-        (f"vary.{key}", item) for key, item in recipe.vary.items()
+    for where, entry in [(f"parameters.{key}", item) for key, item in recipe.parameters.items()] + [
+        (f"distributions.{key}", item) for key, item in recipe.distributions.items()
     ]:
         problems += [Problem(f"{where}.{one.path}", one.message, one.value) for one in entry.problems()]
     bases = [_base(recipe, number, folder, problems) for number in range(len(recipe.base))]

@@ -112,15 +112,15 @@ class Recipe(FrozenModel):
     """Seed of every draw."""
     scene_seed: Literal["per_sample", "as_in_scene"] = "per_sample"
     """Whether textures, noise and stage errors differ from sample to sample, or have the base scene's seed."""
-    values: dict[FieldPath, AnyDistribution] = Field(default_factory=dict, json_schema_extra=_also_formulas)
-    """Values that formulas use, by name; they go into no field themselves."""
-    vary: dict[FieldPath, AnyDistribution] = Field(default_factory=dict, json_schema_extra=_also_formulas)
-    """What varies: distributions by path of a field."""
-    paired: dict[FieldPath, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)
-    """Ladders: every sample again with one factor changed, value by value, all else to the bit alike."""
-    accept: tuple[AnyBound, ...] = ()
-    """What the geometry of a draw must satisfy; others are drawn again."""
-    most_draws: Annotated[int, Field(ge=1, le=100_000)] = 200
+    parameters: dict[FieldPath, AnyDistribution] = Field(default_factory=dict, json_schema_extra=_also_formulas)
+    """Parameters: distributions of values that formulas use, by name; they go into no field themselves."""
+    distributions: dict[FieldPath, AnyDistribution] = Field(default_factory=dict, json_schema_extra=_also_formulas)
+    """Distributions of the varied fields, by path."""
+    paired_factors: dict[FieldPath, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)
+    """Paired factors: every sample again with one factor changed, value by value, all else to the bit alike."""
+    acceptance: tuple[AnyBound, ...] = ()
+    """Acceptance criteria for the geometry of a draw; a rejected draw is drawn again."""
+    max_draws: Annotated[int, Field(ge=1, le=100_000)] = 200
     """Draws of one sample, after which it is given up."""
     splits: dict[Name, Positive] = Field(default_factory=dict)
     """Shares of samples by the name of their split, in any unit."""
@@ -144,13 +144,16 @@ class Recipe(FrozenModel):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        names = [*self.values, *(entry.name for entry in (*self.values.values(), *self.vary.values()) if entry.name)]
+        names = [
+            *self.parameters,
+            *(entry.name for entry in (*self.parameters.values(), *self.distributions.values()) if entry.name),
+        ]
         twice = sorted(name for name, count in Counter(names).items() if count > 1)
-        twice += sorted(set(names) & set(self.vary))
+        twice += sorted(set(names) & set(self.distributions))
         if twice:
             msg = f"names of values must be unique; used more than once: {', '.join(twice)}"
             raise ValueError(msg)
-        both = sorted(set(self.vary) & set(self.set))
+        both = sorted(set(self.distributions) & set(self.set))
         if both:
             msg = f"is both set and varied: {', '.join(both)}"
             raise ValueError(msg)
@@ -159,7 +162,7 @@ class Recipe(FrozenModel):
     @property
     def steps(self) -> int:
         """How many samples a draw makes: itself, and every step of every ladder."""
-        return 1 + sum(len(values) for values in self.paired.values())
+        return 1 + sum(len(values) for values in self.paired_factors.values())
 
     @property
     def count(self) -> int:

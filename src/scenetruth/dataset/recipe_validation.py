@@ -122,7 +122,7 @@ def range_problems(sampler: Sampler) -> list[Problem]:
             if item.places and not isinstance(item.distribution, DerivedDistribution)
             for part, value in item.distribution.trials()
         ]
-        tried += [(f"paired.{path}", places, value) for path, places, value in sampler.ladders]
+        tried += [(f"paired_factors.{path}", places, value) for path, places, value in sampler.ladders]
         told = set[tuple[str, str]]()
         for where, places, value in tried:
             for one in _problems_with(middle, places, value):
@@ -162,13 +162,13 @@ def try_draws(
     numbers = range(min(samples, sampler.recipe.samples)) if isinstance(samples, int) else samples
     count = len(numbers)
     # Without bounds a draw takes less time than handing it to a process.
-    drawings = ordered_map(_drawn, sampler, numbers, workers if sampler.recipe.accept else 0)
+    drawings = ordered_map(_drawn, sampler, numbers, workers if sampler.recipe.acceptance else 0)
     for done, (draw, found) in enumerate(zip(numbers, drawings, strict=True)):
         if progress is not None:
             progress("draw", done, count)
         if isinstance(found, RecipeError):
             problems += found.problems
-            drawn += sampler.recipe.most_draws
+            drawn += sampler.recipe.max_draws
             continue
         if isinstance(found, SceneError):
             problems += [_sample_problems(draw, one) for one in found.problems]
@@ -272,7 +272,7 @@ def draw_samples(
     workers
         Processes that look at the geometry; 0 for this one.
     """
-    wanted = count or (_BOUNDED if sampler.recipe.accept else _FREE)
+    wanted = count or (_BOUNDED if sampler.recipe.acceptance else _FREE)
     draws: list[Draw] = []
     trial = try_draws(sampler, select_numbers(sampler.recipe.samples, wanted), progress, draws.append, workers)
     return AcceptedDraws(trial, draws)

@@ -56,14 +56,14 @@ class UniformDraws:
         self._sobol: dict[str, int] = {}
         dimensions = 0
         for key, value in fields.items():
-            if value.plan == "sobol":
+            if value.sampling == "sobol":
                 self._sobol[key] = dimensions
                 dimensions += value.uniforms
 
     def of(self, key: str, field: RandomDistribution, sample: int, attempt: int) -> list[float]:
         """Return the numbers of one value of one draw of a sample, each above 0 and below 1."""
         own = generator_for(self._seed, "value", sample, attempt, key).random(field.uniforms)
-        plan: SamplingPlan = field.plan
+        plan: SamplingPlan = field.sampling
         if plan == "sobol" and attempt == 0:
             return [self._shifted(key, number, sample) for number in range(field.uniforms)]
         if plan == "latin_hypercube":
@@ -279,9 +279,9 @@ class Sampler:
 
     def _search(self, draw: int) -> Draw:
         rejected: list[str] = []
-        for attempt in range(self.recipe.most_draws):
+        for attempt in range(self.recipe.max_draws):
             found = self.attempt(draw, attempt)
-            reason = self.refusal(found) if self.recipe.accept else ""
+            reason = self.refusal(found) if self.recipe.acceptance else ""
             if not reason:
                 return replace(found, rejected=tuple(rejected))
             rejected.append(reason)
@@ -293,7 +293,7 @@ class Sampler:
         message = (
             f"sample {draw}: none of {len(rejected)} draws was accepted ({told}); widen the bounds, or what varies"
         )
-        return Problem("accept", message)
+        return Problem("acceptance", message)
 
     def refusal(self, found: Draw) -> str:
         """Return why the geometry of a draw is not accepted; an empty text if it is."""
@@ -301,7 +301,7 @@ class Sampler:
 
         try:
             look = GeometryPreview(found.scene())
-            for bound in self.recipe.accept:
+            for bound in self.recipe.acceptance:
                 if reason := bound.refusal(look):
                     return reason
         except SceneError as error:
@@ -386,10 +386,10 @@ class Sampler:
         return next(reversed(recipe.splits))
 
     def _varied(self, problems: list[Problem]) -> Iterator[VariedField]:
-        for name, distribution in self.recipe.values.items():
-            yield VariedField(name, distribution, (), name, f"values.{name}")
-        for path, distribution in self.recipe.vary.items():
-            where = f"vary.{path}"
+        for name, distribution in self.recipe.parameters.items():
+            yield VariedField(name, distribution, (), name, f"parameters.{name}")
+        for path, distribution in self.recipe.distributions.items():
+            where = f"distributions.{path}"
             places = self._places(path, where, problems)
             name = distribution.name or ""
             if not places or distribution.together or places == [path]:
@@ -401,8 +401,8 @@ class Sampler:
             yield from (VariedField(place, distribution, (place,), "", where) for place in places)
 
     def _ladders(self, problems: list[Problem]) -> Iterator[tuple[str, tuple[str, ...], Any]]:
-        for path, values in self.recipe.paired.items():
-            places = tuple(self._places(path, f"paired.{path}", problems))
+        for path, values in self.recipe.paired_factors.items():
+            places = tuple(self._places(path, f"paired_factors.{path}", problems))
             for value in values:
                 yield path, places, value
 

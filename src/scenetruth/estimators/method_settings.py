@@ -27,7 +27,7 @@ class PlaneSweepSettings(MethodSettings):
 
     disparity_px: tuple[Disparity, Disparity] | Literal["auto"] = "auto"
     """Least and largest disparity in px per step of s; ``auto`` finds the ranges in which there is anything."""
-    distinctness: Annotated[float, Field(ge=1, le=100)] = 1.3
+    uniqueness_ratio: Annotated[float, Field(ge=1, le=100)] = 1.3
     """An estimate is given where any other disparity costs this many times as much as the best: less, and texture is
     missing, drowned in noise, or repeats itself."""
 
@@ -107,28 +107,28 @@ class RefinedSettings(MethodSettings):
     """Whether velocity may change evenly over the frames, by the same in a whole window; it takes three frames.
     ``auto`` lets it where that changes disparity or velocity by more than their own noise, over fewer frames where
     these differ again; ``true``, everywhere, and tells the acceleration. Velocity is that of the estimated frame."""
-    brightness: Literal["per_image", "none"] = "per_image"
+    photometric_model: Literal["per_image", "none"] = "per_image"
     """Whether every image has a gain and an offset of its own in every window: light may change and shadows move."""
     spline: Literal["cubic", "quintic"] = "quintic"
     """Splines through the images, by which they are fetched between pixels; quintic ones err by a tenth as much."""
     noise: PhotonTransferNoise | Literal["uniform", "estimated"] = "uniform"
     """How the noise's variance depends on the grey value: ``uniform``, not at all; the photon transfer of a sensor; or
     ``estimated``, linear in the grey value, as the images' residuals tell. Noisy pixels then count less in the fit."""
-    start: Literal["plane_sweep", "structure_tensor"] = "plane_sweep"
+    initialisation: Literal["plane_sweep", "structure_tensor"] = "plane_sweep"
     """Where the fit starts: disparities and motions that are tried one by one, which need no luck; or the structure
     tensor's estimate, which takes half the time and holds for smooth scenes that move slowly."""
-    outlines: bool = True
+    discontinuity_refit: bool = True
     """Whether windows that hold more than one surface are fitted anew to the pixels of the surface in their middle."""
-    corrections: CorrectionPriors | None = None
+    pose_corrections: CorrectionPriors | None = None
     """How far images may be from where they should be; how far they are is then estimated from all points together."""
-    unfitted: Literal["plane_sweep", "nothing"] = "plane_sweep"
+    fallback: Literal["plane_sweep", "none"] = "plane_sweep"
     """What is told where no fit is: the disparity of the plane sweep that the fit started from, to a fraction of a
     pixel, without motion and standard deviations (``status`` is 3 there); or nothing."""
-    rounds: Annotated[int, Field(ge=2, le=50)] = 10
+    max_iterations: Annotated[int, Field(ge=2, le=50)] = 10
     """How often images are warped and the fit is repeated, at most."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3
     """The rounds end when nine of ten pixels move by less than this in the image where they move most."""
-    acceptance: Annotated[float, Field(gt=1, le=100)] = 1.5
+    max_residual_ratio: Annotated[float, Field(gt=1, le=100)] = 1.5
     """Estimates are given where the residual is at most this times the images' noise, or what a texture shifted by a
     quarter of a pixel would leave: beyond, one surface in one motion does not explain the images."""
 

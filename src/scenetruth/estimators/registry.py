@@ -473,16 +473,16 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
     >>> import scenetruth as st
     >>> from scenetruth.estimators import find_method
     >>> method = find_method("plane_sweep")
-    >>> settings = validate_settings(method, {"distinctness": 1.5})
-    >>> settings.distinctness, settings.disparity_px
+    >>> settings = validate_settings(method, {"uniqueness_ratio": 1.5})
+    >>> settings.uniqueness_ratio, settings.disparity_px
     (1.5, 'auto')
     >>> try:
-    ...     validate_settings(method, {"distinctness": -1, "disparity": 20})
+    ...     validate_settings(method, {"uniqueness_ratio": -1, "disparity": 20})
     ... except st.EstimateError as error:
     ...     print(error)
     2 problems with the estimate in settings of 'plane_sweep':
       - disparity: unknown setting of 'plane_sweep'; did you mean 'disparity_px'? (got 20)
-      - distinctness: input should be greater than or equal to 1 (got -1)
+      - uniqueness_ratio: input should be greater than or equal to 1 (got -1)
     """
     problems = plain_problems(fields)
     if problems:

@@ -233,8 +233,8 @@ class VertexAnimation(TimedModel):
     count from the scene file."""
     key: str | None = None
     """Name of the array in an .npz file or a zarr group; null if there is only one."""
-    what: Literal["displacements", "positions"] = "displacements"
-    """What it holds: displacements from the mesh file's positions, or positions; in the mesh's own frame."""
+    quantity: Literal["displacements", "positions"] = "displacements"
+    """Quantity in the array: displacements from the mesh file's positions, or positions; in the mesh's own frame."""
     unit_mm: Positive = 1.0
     """Length of one unit of the array in mm."""
 
@@ -248,7 +248,7 @@ class VertexAnimation(TimedModel):
             message = f"must hold numbers of shape (frames, {nodes}, 3), for the {nodes} nodes of {mesh_file.name}"
             raise SceneError([Problem("file", message, f"{states.dtype} of shape {states.shape}")])
         states = np.asarray(states if order is None else states[:, order[0]], dtype=np.float64) * self.unit_mm
-        if self.what == "displacements":
+        if self.quantity == "displacements":
             states = states + mesh.vertices_mm
         return States(self.times(len(states)), states, "file", source)
 

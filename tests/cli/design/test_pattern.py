@@ -10,7 +10,15 @@ from PIL import Image
 
 from tests.cli.calling import names, scenetruth
 
-MADE = {"pattern.pdf", "pattern.svg", "pattern.png", "pattern.json", "scene_lines.yaml", "worth.csv", "worth.png"}
+MADE = {
+    "pattern.pdf",
+    "pattern.svg",
+    "pattern.png",
+    "pattern.json",
+    "scene_lines.yaml",
+    "assessment.csv",
+    "assessment.png",
+}
 RIG = ("--focal-length-px", "2000", "--distance-mm", "400", "--size-mm", "50x40")
 
 
@@ -25,7 +33,7 @@ def test_a_pattern_is_made_and_compared(tmp_path: Path) -> None:
     assert "mine.png: " in done.stdout
     assert "times the noise of depth and motion that speckle gives" in done.stdout
     assert "texture: {kind: image" in done.stdout
-    table = pd.read_csv(out / "worth.csv")
+    table = pd.read_csv(out / "assessment.csv")
     assert set(table["pattern"]) == {"speckle", "mine.png"}
     again = scenetruth("design", "pattern", *RIG, "-o", out)
     assert again.returncode == 2

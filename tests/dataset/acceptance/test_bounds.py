@@ -41,7 +41,7 @@ def values(bound: AcceptanceCriterion, look: GeometryPreview) -> list[float]:
 )
 def test_the_visible_share_of_a_tile_that_leaves_the_image(x_mm: float, share: float) -> None:
     """The image ends at 240 / 800 x 100 mm = 30 mm; one small pixel is 3 of the tile's 160."""
-    bound = VisibleFractionCriterion(object="tile", at_least=0.5)
+    bound = VisibleFractionCriterion(object="tile", min=0.5)
     if share == 0:
         with pytest.raises(st.SceneError, match="outside every image"):
             GeometryPreview(scene_at(x_mm))
@@ -56,7 +56,7 @@ def test_what_hides_an_object_counts() -> None:
     # Half as far away as the tile, and over its left half as the camera sees it.
     cover = {"name": "cover", "mesh": {"kind": "plane", "size_mm": [20, 40]}, "texture": {"kind": "uniform"}}
     plain["objects"].append({**cover, "pose": {"position_mm": [-10, 0, 50]}})
-    (found,) = values(VisibleFractionCriterion(object="tile", at_least=0), GeometryPreview(scene_from_plain(plain)))
+    (found,) = values(VisibleFractionCriterion(object="tile", min=0), GeometryPreview(scene_from_plain(plain)))
     assert found == pytest.approx(0.5, abs=3 / TILE_PX)
 
 
@@ -70,17 +70,17 @@ def whole() -> tuple[GeometryPreview, dict[str, np.ndarray]]:
 @pytest.mark.parametrize(
     ("bound", "of_truth", "tolerance"),
     [
-        (DepthRangeCriterion(object="tile", at_most=1), lambda t: [100, 100], 1e-9),
-        (DepthRangeCriterion(object="wall", at_most=1), lambda t: [120, 120], 1e-9),
+        (DepthRangeCriterion(object="tile", max=1), lambda t: [100, 100], 1e-9),
+        (DepthRangeCriterion(object="wall", max=1), lambda t: [120, 120], 1e-9),
         (
-            ResidualDisparityCriterion(at_most=1),
+            ResidualDisparityCriterion(max=1),
             lambda t: [np.abs(t["disparity"] - np.round(t["disparity"].mean())).max()],
             0.05,
         ),
         # The fastest pixel is a corner of the tile, half a small pixel, 1.5 px, farther out: 1 % per frame of that.
-        (ImageMotionCriterion(object="tile", at_most=1), lambda t: [np.hypot(*t["flow"]).max()], 0.03),
-        (OccludedFractionCriterion(at_most=1), lambda t: [t["occluded_across_cameras"].mean()], 3 / TILE_PX),
-        (TextureWavelengthCriterion(object="tile", at_most=1), lambda t: [6 * 8, 20 * 8], 1e-9),
+        (ImageMotionCriterion(object="tile", max=1), lambda t: [np.hypot(*t["flow"]).max()], 0.03),
+        (OccludedFractionCriterion(max=1), lambda t: [t["occluded_across_cameras"].mean()], 3 / TILE_PX),
+        (TextureWavelengthCriterion(object="tile", max=1), lambda t: [6 * 8, 20 * 8], 1e-9),
     ],
     ids=lambda one: getattr(one, "kind", ""),
 )
@@ -96,6 +96,6 @@ def test_few_pixels_tell_what_all_tell(
 
 def test_a_refusal_names_the_object_and_the_bound() -> None:
     look = GeometryPreview(scene_at())
-    assert DepthRangeCriterion(object="t*", at_least=101).refusal(look) == "depth of tile under 101 mm"
-    assert DepthRangeCriterion(object="t*", at_most=110).refusal(look) == ""
-    assert DepthRangeCriterion(at_most=110).refusal(look) == "depth of wall over 110 mm"
+    assert DepthRangeCriterion(object="t*", min=101).refusal(look) == "depth of tile under 101 mm"
+    assert DepthRangeCriterion(object="t*", max=110).refusal(look) == ""
+    assert DepthRangeCriterion(max=110).refusal(look) == "depth of wall over 110 mm"

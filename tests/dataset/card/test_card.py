@@ -43,13 +43,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "citation": "Somebody, Tiles & more",
         "creators": ["Somebody", "Somebody Else"],
         "samples": 3,
-        "paired": {"sensor.noise_std": [0.05]},
+        "paired_factors": {"sensor.noise_std": [0.05]},
         "splits": {"train": 1, "test": 1},
-        "accept": [{"kind": "depth", "object": "tile", "at_most": 100}],
+        "acceptance": [{"kind": "depth", "object": "tile", "max": 100}],
     }
     plain = copy.deepcopy(RECIPE) | changes
-    plain["vary"]["objects.1.pose.rotations"] = {"kind": "rotation"}
-    plain["vary"]["objects.1.texture.mean"] = {"kind": "choice", "values": [0.5, 0.4]}
+    plain["distributions"]["objects.1.pose.rotations"] = {"kind": "rotation"}
+    plain["distributions"]["objects.1.texture.mean"] = {"kind": "choice", "values": [0.5, 0.4]}
     run_dataset(recipe_from_plain(plain), folder, workers=0)
     return folder
 

@@ -24,14 +24,14 @@ def test_grids_go_through_every_combination_once(sampler_with: Make) -> None:
         CONTRAST: {"kind": "uniform", "low": 0.4, "high": 0.5},
         ACROSS: {"kind": "grid", "low": -1, "high": 1, "count": 4},
     }
-    sampler = sampler_with(samples=12, vary=vary)
+    sampler = sampler_with(samples=12, distributions=vary)
     pairs = list(zip(values_of(sampler, DEPTH), values_of(sampler, ACROSS), strict=True))
     assert len(set(pairs)) == 12
     assert [pair[0] for pair in pairs[:4]] == [90, 100, 110, 90]
 
 
 def test_lists_begin_again(sampler_with: Make) -> None:
-    sampler = sampler_with(samples=5, vary={DEPTH: {"kind": "list", "values": [90, 110]}})
+    sampler = sampler_with(samples=5, distributions={DEPTH: {"kind": "sequence", "values": [90, 110]}})
     assert values_of(sampler, DEPTH) == [90, 110, 90, 110, 90]
 
 
@@ -40,7 +40,7 @@ def test_columns_of_a_table_stay_together(sampler_with: Make, tmp_path: Path) ->
     file.write_text("depth, across\n95, 1.5\n105, -2\n", encoding="utf-8")
     columns = {DEPTH: "depth", ACROSS: "across"}
     vary = {path: {"kind": "table", "file": str(file), "column": name} for path, name in columns.items()}
-    sampler = sampler_with(samples=3, vary=vary)
+    sampler = sampler_with(samples=3, distributions=vary)
     assert values_of(sampler, DEPTH) == [95, 105, 95]
     assert values_of(sampler, ACROSS) == [1.5, -2, 1.5]
 
@@ -61,10 +61,10 @@ def test_tables_that_cannot_be_used_are_told_before_any_draw(
     file = tmp_path / "runs.csv"
     if text is not None:
         file.write_text(text, encoding="utf-8")
-    plain["vary"] = {ACROSS: {"kind": "table", "file": "runs.csv", "column": "across"}}
+    plain["distributions"] = {ACROSS: {"kind": "table", "file": "runs.csv", "column": "across"}}
     with pytest.raises(RecipeError, match=message) as caught:
         recipe_from_plain(plain, folder=tmp_path)
-    assert caught.value.problems[0].path.startswith(f"vary.{ACROSS}.")
+    assert caught.value.problems[0].path.startswith(f"distributions.{ACROSS}.")
 
 
 @pytest.mark.parametrize("fields", [{}, {"values": []}, {"low": 1, "high": 2}, {"values": [1], "low": 1}])

@@ -57,7 +57,7 @@ def test_values_are_numbers_or_categories() -> None:
 
 
 def test_drawn_values_know_their_scale(sampler_with: Make) -> None:
-    sampler = sampler_with(vary={"sensor.noise_std": {"kind": "log_uniform", "low": 0.001, "high": 0.1}})
+    sampler = sampler_with(distributions={"sensor.noise_std": {"kind": "log_uniform", "low": 0.001, "high": 0.1}})
     (noise,) = collect_quantities(sampler, {"sensor.noise_std": [0.01, None, 0.02]})
     assert noise.log
     assert noise.numbers == (0.01, 0.02)
@@ -65,9 +65,9 @@ def test_drawn_values_know_their_scale(sampler_with: Make) -> None:
 
 def test_recipes_in_words(sampler_with: Make) -> None:
     sampler = sampler_with(
-        vary={"objects.1.pose.position_mm.2": "=2 * a"},
-        values={"a": {"kind": "choice", "values": [50, 51]}},
-        accept=[{"kind": "depth", "object": "tile", "at_most": 200}],
+        distributions={"objects.1.pose.position_mm.2": "=2 * a"},
+        parameters={"a": {"kind": "choice", "values": [50, 51]}},
+        acceptance=[{"kind": "depth", "object": "tile", "max": 200}],
         splits={"train": 3, "test": 1},
         hold_out={"a": [51]},
     )
@@ -75,7 +75,7 @@ def test_recipes_in_words(sampler_with: Make) -> None:
         "choice: values [50, 51]",
         "= 2 * a",
     ]
-    assert describe_criterion(sampler.recipe.accept[0]) == "depth of tile: at most 200 mm"
+    assert describe_criterion(sampler.recipe.acceptance[0]) == "depth of tile: at most 200 mm"
     assert describe_splits(sampler) == {
         "train": "75.0 % of what is not held out",
         "test": "25.0 % of what is not held out",

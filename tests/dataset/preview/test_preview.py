@@ -32,12 +32,12 @@ def test_page_and_pictures(sampler_with: Make, tmp_path: Path, monkeypatch: pyte
     sampler = sampler_with(
         description=HOSTILE,
         samples=9,
-        vary={
+        distributions={
             "objects.1.pose.position_mm.2": {"kind": "uniform", "low": 80, "high": 130},
             "sensor.noise_std": {"kind": "uniform", "low": 0.001, "high": 0.1},
         },
-        accept=[{"kind": "depth", "object": "tile", "at_most": 115}],
-        paired={"sensor.bit_depth": [10]},
+        acceptance=[{"kind": "depth", "object": "tile", "max": 115}],
+        paired_factors={"sensor.bit_depth": [10]},
         splits={"train": 1, "test": 1},
     )
     told: list[str] = []
@@ -62,7 +62,7 @@ def test_what_exists_stays(sampler_with: Make, tmp_path: Path) -> None:
     (tmp_path / "p" / "notes.txt").write_text("mine")
     with pytest.raises(OutputExistsError, match="--overwrite"):
         write_preview(sampler, tmp_path / "p")
-    write_preview(sampler_with(samples=1, vary={}), tmp_path / "p", overwrite=True)
+    write_preview(sampler_with(samples=1, distributions={}), tmp_path / "p", overwrite=True)
     # What is ours is replaced, what is not stays.
     assert {path.name for path in (tmp_path / "p").iterdir()} == {PAGE, "contact_sheet.png", "notes.txt"}
     (tmp_path / "other").mkdir()
@@ -72,10 +72,10 @@ def test_what_exists_stays(sampler_with: Make, tmp_path: Path) -> None:
 
 
 def test_nothing_comes_of_what_cannot_be_drawn(sampler_with: Make, tmp_path: Path) -> None:
-    never = sampler_with(accept=[{"kind": "depth", "object": "tile", "at_most": 1}], most_draws=2)
+    never = sampler_with(acceptance=[{"kind": "depth", "object": "tile", "max": 1}], max_draws=2)
     with pytest.raises(RecipeError, match="none of 2 draws was accepted"):
         write_preview(never, tmp_path / "p")
-    wrong = sampler_with(vary={"sensor.noise_std": {"kind": "uniform", "low": -2, "high": -1}})
+    wrong = sampler_with(distributions={"sensor.noise_std": {"kind": "uniform", "low": -2, "high": -1}})
     with pytest.raises(RecipeError, match=r"noise_std.*in sample 0"):
         write_preview(wrong, tmp_path / "p")
     assert list(tmp_path.iterdir()) == []

@@ -17,12 +17,12 @@ from scenetruth.dataset.samples import Partition
 from tests.dataset.conftest import RECIPE
 
 DEPTH = "objects.1.pose.position_mm.2"
-LISTED = {DEPTH: {"kind": "list", "values": [95, 100, 105, 110, 115]}}
+LISTED = {DEPTH: {"kind": "sequence", "values": [95, 100, 105, 110, 115]}}
 SPLITS = {"splits": {"train": 1, "test": 1}}
 
 
 def recipe(**changes: Any) -> Any:
-    return recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 5, "vary": LISTED, **SPLITS, **changes})
+    return recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 5, "distributions": LISTED, **SPLITS, **changes})
 
 
 @pytest.fixture(scope="module", params=["folder", "shards"])
@@ -84,8 +84,8 @@ def test_a_variable_of_all_samples_is_one_array_that_reads_when_used(
 
 
 def test_samples_of_other_shapes_do_not_stack(tmp_path: Path) -> None:
-    vary = {"camera.width": {"kind": "list", "values": [48, 40]}}
-    run_dataset(recipe(vary=vary, samples=2), tmp_path / "new", workers=0)
+    vary = {"camera.width": {"kind": "sequence", "values": [48, 40]}}
+    run_dataset(recipe(distributions=vary, samples=2), tmp_path / "new", workers=0)
     with pytest.raises(st.StoreError, match=r"sample 1 has a 'depth' of shape \(3, 36, 40\)"):
         st.open_dataset(tmp_path / "new").stack("depth").values  # noqa: B018
 

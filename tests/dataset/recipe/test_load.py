@@ -11,7 +11,7 @@ import yaml
 import scenetruth as st
 from tests.scenes import SCENES
 
-RECIPE = {"name": "varied", "samples": 3, "vary": {"frames.count": {"kind": "integers", "low": 2, "high": 5}}}
+RECIPE = {"name": "varied", "samples": 3, "distributions": {"frames.count": {"kind": "integers", "low": 2, "high": 5}}}
 
 
 def written(folder: Path, **changes: Any) -> Path:
@@ -87,14 +87,17 @@ def test_a_shipped_recipe_can_be_copied_anywhere(name: str, tmp_path: Path) -> N
         ),
         ({"set": {"a b": 1}}, "set.a b: is no path of a field: .* as objects.0.mesh.size_mm [(]got 'a b'[)]"),
         (
-            {"vary": {"seed": {"kind": "integers", "low": 1, "high": 2, "name": "a-b"}}},
-            "vary.seed.name: must consist of the letters A to Z and a to z, digits and underscores",
+            {"distributions": {"seed": {"kind": "integers", "low": 1, "high": 2, "name": "a-b"}}},
+            "distributions.seed.name: must consist of the letters A to Z and a to z, digits and underscores",
         ),
         (
-            {"vary": {"seed": {"kind": "loguniform", "low": 1, "high": 2}}},
-            "vary.seed: is of no known kind: .*; did you mean 'log_uniform'[?] [(]got",
+            {"distributions": {"seed": {"kind": "loguniform", "low": 1, "high": 2}}},
+            "distributions.seed: is of no known kind: .*; did you mean 'log_uniform'[?] [(]got",
         ),
-        ({"accept": [{"kind": "visibleshare"}]}, "accept.0: is of no known kind: .*did you mean 'visible_share'[?]"),
+        (
+            {"acceptance": [{"kind": "visibleshare"}]},
+            "acceptance.0: is of no known kind: .*did you mean 'visible_share'[?]",
+        ),
     ],
     ids=str,
 )

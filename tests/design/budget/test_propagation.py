@@ -84,7 +84,7 @@ def test_what_a_gain_explains_does_nothing_to_the_refined_method(
     sight = seen[0]
     drift = lambda s, t: ImageDisturbance(grey=0.01 * t * sight.texture)  # noqa: E731
     with_gains = select_propagation(sight, RefinedSettings())
-    without = select_propagation(sight, RefinedSettings(brightness="none"))
+    without = select_propagation(sight, RefinedSettings(photometric_model="none"))
     assert with_gains is not None
     assert without is not None
     inside = inner(sight)
@@ -114,7 +114,7 @@ def test_noise_of_the_structure_tensor_is_what_it_shows(seen: tuple[ObservationM
 
 def test_noise_of_the_refined_method_is_the_bound(seen: tuple[ObservationModel, xr.Dataset, xr.Dataset]) -> None:
     sight, recording, truth = seen
-    model = select_propagation(sight, RefinedSettings(brightness="none"))
+    model = select_propagation(sight, RefinedSettings(photometric_model="none"))
     assert model is not None
     generator = np.random.default_rng(3)
     draws = [

@@ -1,4 +1,4 @@
-"""A goal that takes seconds: a wall before three or four positions."""
+"""A design specification that takes seconds: a wall before three or four positions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from scenetruth.design.optimisation.design_records import ConstraintValue, Objective
 from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
 
-__all__ = ["Formula", "constraint", "goal", "objective", "scene", "square"]
+__all__ = ["Formula", "constraint", "objective", "scene", "spec", "square"]
 
 
 def scene() -> dict[str, Any]:
@@ -22,21 +22,21 @@ def scene() -> dict[str, Any]:
     return plain | {"render": {"backend": "raycast", "supersampling": 2}, "score": {"interior_margin_px": 0}}
 
 
-def goal(**changes: Any) -> dict[str, Any]:
-    """Return a goal that needs some dozens of predictions, and no simulation."""
+def spec(**changes: Any) -> dict[str, Any]:
+    """Return a design specification that needs some dozens of predictions, and no simulation."""
     plain: dict[str, Any] = {
         "title": "A wall",
         "scene": scene(),
         "method": "structure_tensor",
-        "free": {
+        "variables": {
             "stage.baseline_mm": {"from": 1, "to": 12, "log": True},
             "stage.positions": {"from": 2, "to": 5},
             "optics.psf": {"values": [None, {"kind": "gaussian", "sigma_px": 1.5}]},
         },
-        "constraints": [{"kind": "stage_travel", "at_most": 16}],
+        "constraints": [{"kind": "stage_travel", "max": 16}],
         "objectives": [{"quantity": "depth"}],
-        "search": {"predictions": 40, "morris": 2, "sobol": 0},
-        "confirm": {"rigs": 0},
+        "search": {"predictions": 40, "morris_trajectories": 2, "sobol": 0},
+        "confirmation": {"rigs": 0},
     }
     return plain | changes
 

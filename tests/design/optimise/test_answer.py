@@ -19,7 +19,7 @@ from scenetruth.design.optimisation.rig_context import RigContext
 from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
 from scenetruth.design.prediction import predict
 from scenetruth.scene import scene_from_plain
-from tests.design.optimise.small import goal, objective, scene
+from tests.design.optimise.small import objective, scene, spec
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_what_limits_is_told() -> None:
 
 
 def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
-    given = goal(free={"frames.frame_interval_s": [60, 120]}, light={"illuminance_lux": 500})
+    given = spec(variables={"frames.frame_interval_s": [60, 120]}, light={"illuminance_lux": 500})
     idle = Sensitivity("frames.frame_interval_s", "depth", 0.0, 0.0, 0.0, 0.0, 0.0)
     told = "\n".join(list_assumptions(design_spec_from_dict(given), facts, ("less of it",), (0.25, 0.0), (idle,)))
     for expected in (

@@ -26,7 +26,7 @@ from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
 from scenetruth.design.optimisation.specification import ConfirmationSpec
 from scenetruth.scene import scene_from_plain
-from tests.design.optimise.small import goal, scene
+from tests.design.optimise.small import scene, spec
 
 DEPTH = Objective("depth", "interior", "mm", "Depth")
 OF_WALL = Objective("depth", "object_wall", "mm", "Depth of wall")
@@ -53,7 +53,7 @@ def test_growth_of_lengths_is_measured_though_the_standard_truth_does_not_tell_i
 
 
 def test_a_rig_of_which_little_is_told_says_so() -> None:
-    prepared = prepare_problem(design_spec_from_dict(goal()))
+    prepared = prepare_problem(design_spec_from_dict(spec()))
     values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
     rig = rig_from_evaluation(7, evaluate_rig(prepared.task, values), prepared)
     assert math.isnan(rig.density("Depth"))
@@ -69,10 +69,10 @@ def test_a_rig_of_which_little_is_told_says_so() -> None:
 
 
 def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    prepared = prepare_problem(design_spec_from_dict(goal()))
+    prepared = prepare_problem(design_spec_from_dict(spec()))
     values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
     rig = rig_from_evaluation(7, evaluate_rig(prepared.task, values), prepared)
-    first = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=2, most_px=None), tmp_path, 0)
+    first = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=2, max_size_px=None), tmp_path, 0)
     told = first.rigs[7].simulated["Depth"]
     assert told.seeds == 2
     assert 0 < told.pi_low < told.value < told.pi_high
@@ -86,7 +86,7 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
         return simulate_candidate(job, number)
 
     monkeypatch.setattr("scenetruth.design.optimisation.confirmation.simulate_candidate", counted)
-    again = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=3, most_px=None), tmp_path, 0)
+    again = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=3, max_size_px=None), tmp_path, 0)
     assert numbers == [2]
     assert again.rigs[7].simulated["Depth"].seeds == 3
     figures = again.rigs[7].figures["Depth"]

@@ -44,7 +44,7 @@ def wall() -> RigContext:
 
 
 def value(kind: str, rig: RigContext, **settings: Any) -> float:
-    return KINDS[kind](kind=kind, at_most=1e9, **settings).value(rig)  # type: ignore[attr-defined, no-any-return]
+    return KINDS[kind](kind=kind, max=1e9, **settings).value(rig)  # type: ignore[attr-defined, no-any-return]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_every_kind_is_tested_and_tells_what_it_is(wall: RigContext) -> None:
     (marks,) = [one for one in test_values.pytestmark if one.args[0] == ("kind", "settings", "expected")]
     assert {kind for kind, _, _ in marks.args[1]} | elsewhere == set(KINDS)
     for kind, model in KINDS.items():
-        limit = model(kind=kind, at_least=0.0)
+        limit = model(kind=kind, min=0.0)
         assert limit.title  # type: ignore[attr-defined]
         (told,) = limit.checked(wall)  # type: ignore[attr-defined]
         assert (told.kind, told.unit, told.sense) == (kind, model.unit, "at least")  # type: ignore[attr-defined]
@@ -152,4 +152,4 @@ def test_bounds_that_bound_nothing() -> None:
     with pytest.raises(ValidationError, match="bounds nothing"):
         KINDS["images"](kind="images")
     with pytest.raises(ValidationError, match="can never hold"):
-        KINDS["images"](kind="images", at_least=3, at_most=2)
+        KINDS["images"](kind="images", min=3, max=2)

@@ -19,7 +19,7 @@ from scenetruth.design.optimisation.rig_evaluation import (
 )
 from scenetruth.design.prediction import predict
 from scenetruth.scene import scene_from_plain
-from tests.design.optimise.small import goal
+from tests.design.optimise.small import spec
 
 VALUES: dict[str, Any] = {
     "lens": "c_mount_25mm",
@@ -34,7 +34,7 @@ VALUES: dict[str, Any] = {
 def prepared() -> OptimisationProblem:
     free = {"lens": "all", "camera": "all", "stage": "all", "f_number": {"from": 1.5, "to": 22}}
     free |= {"stage.baseline_mm": {"from": 1, "to": 90}}
-    found = goal(free=free, objectives=[{"quantity": "depth"}, {"quantity": "velocity_z"}], constraints=[])
+    found = spec(variables=free, objectives=[{"quantity": "depth"}, {"quantity": "velocity_z"}], constraints=[])
     found["scene"]["frames"]["frame_interval_s"] = 60.0
     return prepare_problem(design_spec_from_dict(found))
 

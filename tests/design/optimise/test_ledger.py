@@ -14,13 +14,13 @@ from scenetruth.design.optimisation import evaluation_log as module
 from scenetruth.design.optimisation.evaluation_log import EvaluationLog
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
 from scenetruth.design.optimisation.rig_evaluation import Evaluation, EvaluationTask, evaluate_rig
-from tests.design.optimise.small import goal
+from tests.design.optimise.small import spec
 from tests.nightly import nightly
 
 
 @pytest.fixture(scope="module")
 def prepared() -> OptimisationProblem:
-    return prepare_problem(design_spec_from_dict(goal()))
+    return prepare_problem(design_spec_from_dict(spec()))
 
 
 def made(prepared: OptimisationProblem, file: Path, points: list[list[float]]) -> list[Any]:

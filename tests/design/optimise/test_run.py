@@ -1,4 +1,4 @@
-"""A design from its goal to its answer."""
+"""A design from its design specification to its answer."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.design.optimisation.report.design_report import write_design_page
 from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
 from scenetruth.errors import MachineError, OutputExistsError, StoreError
-from tests.design.optimise.small import goal
+from tests.design.optimise.small import spec
 
-SMALL = {"predictions": 120, "morris": 1, "sobol": 0}
-CONFIRMED = {"confirm": {"rigs": 1, "seeds": 2, "most_px": 48}, "search": SMALL}
-FEW = {"predictions": 16, "morris": 0, "sobol": 0}
+SMALL = {"predictions": 120, "morris_trajectories": 1, "sobol": 0}
+CONFIRMED = {"confirmation": {"rigs": 1, "seeds": 2, "max_size_px": 48}, "search": SMALL}
+FEW = {"predictions": 16, "morris_trajectories": 0, "sobol": 0}
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +34,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(folder: Path) -> DesignResult:
-    return optimise(goal(**CONFIRMED), folder, workers=0)
+    return optimise(spec(**CONFIRMED), folder, workers=0)
 
 
 def test_it_is_as_good_as_the_best_of_a_grid(found: DesignResult) -> None:
     best = found.recommended
     assert all(one.holds for one in best.constraints)
     assert best.parameters["optics.psf"] is None
-    task = prepare_problem(design_spec_from_dict(goal())).task
+    task = prepare_problem(design_spec_from_dict(spec())).task
     # The more baseline the better: with any number of positions, the best has all of the travel.
     for positions in (2, 3, 4, 5):
         values = {
@@ -67,12 +67,12 @@ def test_what_was_simulated_is_told_beside_the_prediction(found: DesignResult) -
 def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> None:
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
     assert names >= {
-        "goal.json",
+        "specification.json",
         "design.json",
         "recommended.yaml",
         "recommended_preview.yaml",
-        "front.csv",
-        "screened.csv",
+        "pareto_front.csv",
+        "evaluations.csv",
         "index.html",
     }
     scene = st.load_scene(folder / "recommended.yaml")
@@ -151,7 +151,7 @@ def test_what_was_killed_goes_on_to_the_same_end(found: DesignResult, folder: Pa
     (copy / "predictions.jsonl").write_text("".join(lines[: len(lines) // 2]) + lines[-1][:20])
     for name in ("design.json", "index.html", "recommended.yaml"):
         (copy / name).unlink()
-    again = optimise(goal(**CONFIRMED), copy, workers=0)
+    again = optimise(spec(**CONFIRMED), copy, workers=0)
     assert again.screened.equals(found.screened)
     assert replace(again.recommended, scene={}) == replace(found.recommended, scene={})
     assert yaml.safe_load((copy / "recommended.yaml").read_text()) == yaml.safe_load(
@@ -160,26 +160,26 @@ def test_what_was_killed_goes_on_to_the_same_end(found: DesignResult, folder: Pa
 
 
 def test_goals_that_cannot_be_met_say_why() -> None:
-    limits = [{"kind": "stage_travel", "at_most": 0.5}, {"kind": "images", "at_most": 40}]
+    limits = [{"kind": "stage_travel", "max": 0.5}, {"kind": "images", "max": 40}]
     with pytest.raises(DesignSpecError) as caught:
-        optimise(goal(constraints=limits, search=FEW), workers=0)
+        optimise(spec(constraints=limits, search=FEW), workers=0)
     told = str(caught.value)
     assert "constraints.0: stage travel must be at most 0.5 mm; the nearest rig has " in told
     assert "it excludes all of" in told
-    assert "free: the nearest of" in told
+    assert "variables: the nearest of" in told
     assert "constraints.1" not in told
     # Each can be met, both together cannot: fewer images need fewer positions.
-    limits = [{"kind": "stage_travel", "at_least": 20}, {"kind": "images", "at_most": 6}]
+    limits = [{"kind": "stage_travel", "min": 20}, {"kind": "images", "max": 6}]
     with pytest.raises(DesignSpecError, match="satisfy it, but none of them all the others"):
-        optimise(goal(constraints=limits, search=FEW), workers=0)
+        optimise(spec(constraints=limits, search=FEW), workers=0)
 
 
 def test_folders_of_others_are_left_alone(folder: Path, found: DesignResult, tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError, match="another scene, other constraints"):
-        optimise(goal(constraints=[]), folder, workers=0)
+        optimise(spec(constraints=[]), folder, workers=0)
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a design"):
-        optimise(goal(), tmp_path, workers=0)
+        optimise(spec(), tmp_path, workers=0)
 
 
 def test_libraries_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,4 +187,4 @@ def test_libraries_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setitem(sys.modules, "optuna", None)
     with pytest.raises(MachineError, match=r"pip install 'scenetruth\[design\]'"):
-        optimise(goal(), workers=0)
+        optimise(spec(), workers=0)

@@ -208,7 +208,7 @@ def test_effects_leave_out_what_cannot_be_made() -> None:
 
 @given(some.integers(16, 20_000), some.integers(0, 50), some.integers(0, 1024), some.integers(1, 20))
 def test_no_more_predictions_than_asked_for(total: int, morris: int, sobol: int, parameters: int) -> None:
-    shares = allocate_evaluations(SearchSpec(predictions=total, morris=morris, sobol=sobol), parameters)
+    shares = allocate_evaluations(SearchSpec(predictions=total, morris_trajectories=morris, sobol=sobol), parameters)
     used = shares.even + shares.last + shares.search
     used += shares.morris * (parameters + 1) + shares.sobol * (parameters + 2)
     assert used == total

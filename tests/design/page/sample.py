@@ -156,22 +156,22 @@ def design(folder: Path | None = None) -> DesignResult:
             False,
         ),
     )
-    goal = {
+    spec = {
         "title": "Growth of a sheet",
         "scene": "sheet.yaml",
-        "free": {
+        "variables": {
             "stage.baseline_mm": {"from": 2, "to": 30, "log": True},
             "frames.frame_interval_s": {"values": [60, 300, 900]},
             "lens": ["typical 25 mm, f/2.8"],
         },
         "constraints": [
-            {"kind": "depth_of_field", "blur_px": 0.8, "at_least": 20},
-            {"kind": "stage_travel", "at_most": 50},
+            {"kind": "depth_of_field", "blur_px": 0.8, "min": 20},
+            {"kind": "stage_travel", "max": 50},
         ],
-        "objectives": [{"quantity": "depth"}, {"quantity": "growth_rate", "within": 0.3}],
+        "objectives": [{"quantity": "depth"}, {"quantity": "growth_rate", "target": 0.3}],
     }
     return DesignResult(
-        goal,
+        spec,
         "Growth of a sheet at 1 % per hour",
         objectives,
         best,

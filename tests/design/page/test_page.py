@@ -88,7 +88,7 @@ def test_the_page_is_one_file_that_tells_all(sample: DesignResult, tmp_path: Pat
     for words in told:
         assert words in said
     assert "scenetruth run recommended.yaml -o outputs/recommended" in said
-    assert "within: 0.3" in said
+    assert "target: 0.3" in said
     identities = re.findall(r' id="([^"]*)"', outside)
     assert len(identities) == len(set(identities))
     for place in re.findall(r'href="#([^"]*)"', outside):
@@ -126,7 +126,9 @@ def test_scene_files_run(sample: DesignResult, tmp_path: Path) -> None:
     (tmp_path / file.name).write_text(file.text, encoding="utf-8")
     assert load_scene(tmp_path / file.name) == scene_from_plain(sample.recommended.scene)
     assert yaml.safe_load(file.text) == sample.recommended.scene
-    part = build_preview_file(replace(sample, goal={**sample.goal, "confirm": {"most_px": 100}}))
+    part = build_preview_file(
+        replace(sample, specification={**sample.specification, "confirmation": {"max_size_px": 100}})
+    )
     (tmp_path / part.name).write_text(part.text, encoding="utf-8")
     shown = load_scene(tmp_path / part.name)
     assert shown.camera.height < 100 < load_scene(tmp_path / file.name).camera.height
@@ -312,7 +314,9 @@ def test_tables_hold_what_was_found(sample: DesignResult) -> None:
 )
 def test_ends_of_ranges_are_told(sample: DesignResult, entry: Any, value: Any, told: tuple[str, str]) -> None:
     free = {} if entry is None else {"x": entry}
-    found = replace(sample, goal={"free": free}, recommended=replace(sample.recommended, parameters={"x": value}))
+    found = replace(
+        sample, specification={"variables": free}, recommended=replace(sample.recommended, parameters={"x": value})
+    )
     ((_, _, *rest),) = build_parameter_table(found).lines
     assert tuple(cell.text for cell in rest) == told
 
@@ -360,8 +364,8 @@ def test_what_lies_beside_is_linked(sample: DesignResult, tmp_path: Path) -> Non
 
 def test_what_is_sharp_is_what_the_goal_says() -> None:
     assert derive_blur_limit({}) == 1.0
-    assert derive_blur_limit({"constraints": [{"kind": "depth_of_field", "at_least": 20}]}) == 1.0
-    both = [{"kind": "depth_of_field", "blur_px": 2}, {"kind": "defocus_blur", "at_most": 0.5, "depths_mm": None}]
+    assert derive_blur_limit({"constraints": [{"kind": "depth_of_field", "min": 20}]}) == 1.0
+    both = [{"kind": "depth_of_field", "blur_px": 2}, {"kind": "defocus_blur", "max": 0.5, "depths_mm": None}]
     assert derive_blur_limit({"constraints": both[:1]}) == 2.0
     assert derive_blur_limit({"constraints": both}) == 0.5
-    assert derive_blur_limit({"constraints": [{"kind": "motion_blur", "at_most": 0.1}]}) == 1.0
+    assert derive_blur_limit({"constraints": [{"kind": "motion_blur", "max": 0.1}]}) == 1.0

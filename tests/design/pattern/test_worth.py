@@ -263,8 +263,8 @@ def test_the_refined_method_scatters_as_predicted(kind: str, blur: dict[str, Any
         "surface": "plane",
         "motion": "rigid",
         "acceleration": False,
-        "outlines": False,
-        "brightness": "none",
+        "discontinuity_refit": False,
+        "photometric_model": "none",
     }
     inside = {"t": 0, "y": slice(20, -20), "x": slice(24, -24)}
     found = [

@@ -70,7 +70,7 @@ def normalised(noises: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     assert maps is not None
     ideal, _ = st.simulate(st.scene_from_plain(plain | {"sensor": "ideal"}))
     settings: dict[str, Any] = {"motion": "affine", "surface": "plane", "window_sigma_px": WINDOW, "window_frames": 5}
-    settings |= {"acceleration": False, "brightness": "none"}
+    settings |= {"acceleration": False, "photometric_model": "none"}
     middle = (..., slice(10, -10), slice(56, -56))
     std = maps["principal_growth_rates_std"].values[middle]
     truth = np.array([STRAIN, -STRAIN / 2])[:, None, None]

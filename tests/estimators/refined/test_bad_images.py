@@ -24,7 +24,7 @@ PLANE = MovingPlane(seed=2, size=(90, 120), gradient=turning(4e-3, -3e-3, 5e-3))
 TRUTH = PLANE.truth()
 INSIDE = (slice(14, -14), slice(34, -34))
 OTHER = MovingPlane(seed=77, size=(90, 120)).image((0.0, 0.0), 0.0)
-SETTINGS: dict[str, Any] = {"window_sigma_px": 4, "surface": "plane", "motion": "rigid", "outlines": False}
+SETTINGS: dict[str, Any] = {"window_sigma_px": 4, "surface": "plane", "motion": "rigid", "discontinuity_refit": False}
 
 
 def black(image: Array) -> Array:
@@ -183,7 +183,7 @@ def test_motion_beyond_reach_is_unknown_and_not_wrong(
     """40 px per frame: 16 are looked for."""
     plane = MovingPlane(seed=seed, size=(90, 120), velocity_mm=velocity)
     found = estimated(
-        plane.recording(cameras, cameras, noise_std=0.01), surface="auto", motion="growing", outlines=True
+        plane.recording(cameras, cameras, noise_std=0.01), surface="auto", motion="growing", discontinuity_refit=True
     )
     scaled = scaled_errors(found, plane.truth())
     assert np.sum(np.abs(scaled) > 6) <= 0.005 * scaled.size

@@ -30,7 +30,7 @@ __all__ = ["accelerated", "fields", "images", "warped"]
 PLANE = MovingPlane(seed=2, size=(90, 120), gradient=turning(4e-3, -3e-3, 5e-3))
 TRUTH = PLANE.truth()
 INSIDE = (slice(14, -14), slice(34, -34))
-SETTINGS: dict[str, Any] = {"window_sigma_px": 4, "surface": "plane", "motion": "rigid", "outlines": False}
+SETTINGS: dict[str, Any] = {"window_sigma_px": 4, "surface": "plane", "motion": "rigid", "discontinuity_refit": False}
 
 
 def with_images(recording: xr.Dataset, values: NDArray[Any]) -> xr.Dataset:
@@ -90,7 +90,7 @@ def test_what_lies_under_a_mask_counts_for_nothing(noisy: xr.Dataset, start: str
     mask[0, 20:40, 30:60], mask[2, 50:56, 50:58], mask[4, :, 100:] = True, True, True
     rubbish = noisy["image"].values.copy()
     rubbish[np.broadcast_to(mask[:, None], rubbish.shape)] = np.random.default_rng(4).normal(0, 5, 9999).max()
-    slow = {**SETTINGS, "start": start}
+    slow = {**SETTINGS, "initialisation": start}
     both = [
         st.estimate(with_images(noisy, values).assign(exclusion_mask=(("s", "y", "x"), mask)), "refined", slow).sel(t=0)
         for values in (noisy["image"].values, rubbish)

@@ -228,7 +228,7 @@ def test_error_bars_of_the_element_are_those_of_its_errors() -> None:
         plane = MovingPlane(slopes=(0.0, 0.0), gradient=turning(*spin) + stretch, seed=seed, size=(96, 128))
         recording = plane.recording(noise_std=0.002, seed=seed)
         found = scenetruth.estimate(
-            recording, "refined", window_sigma_px=4, outlines=False, motion="affine", surface="plane"
+            recording, "refined", window_sigma_px=4, discontinuity_refit=False, motion="affine", surface="plane"
         ).sel(t=0)
         inside = found.isel(INSIDE)
         right = {
@@ -299,7 +299,7 @@ def test_a_baseline_to_the_left_changes_nothing() -> None:
     mirrored = mirrored.assign_coords(s=recording["s"], stage_x_mm=mirrored["stage_x_mm"].variable)
     mirrored = mirrored.assign_attrs(baseline_mm=-recording.attrs["baseline_mm"])
     one, other = (
-        scenetruth.estimate(each, "refined", window_sigma_px=5, surface="curved", outlines=False).isel(
+        scenetruth.estimate(each, "refined", window_sigma_px=5, surface="curved", discontinuity_refit=False).isel(
             {"t": 0, **INSIDE}
         )
         for each in (recording, mirrored)

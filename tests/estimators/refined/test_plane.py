@@ -26,7 +26,7 @@ SIGMA = 4
 
 def estimated(plane: MovingPlane, recording: xr.Dataset, **settings: Any) -> xr.Dataset:
     # Planes have no outlines: what is done there would take three times as long. One test has it done.
-    found = st.estimate(recording, "refined", **{"window_sigma_px": SIGMA, "outlines": False, **settings})
+    found = st.estimate(recording, "refined", **{"window_sigma_px": SIGMA, "discontinuity_refit": False, **settings})
     return found.sel(t=0)
 
 
@@ -40,7 +40,7 @@ def errors(found: xr.Dataset, plane: MovingPlane, name: str) -> np.ndarray:
 def test_a_plane_is_found_to_the_precision_of_interpolation(motion: str) -> None:
     """Each model is exact for its own motion of a plane, up to second order of the velocity; splines err by 1e-4 px."""
     plane = MovingPlane(gradient=GRADIENTS[motion])
-    found = estimated(plane, plane.recording(), motion=motion, outlines=motion == "growing")
+    found = estimated(plane, plane.recording(), motion=motion, discontinuity_refit=motion == "growing")
     assert (found["status"].isel(INSIDE) == 2).all()
     # 1e-4 px of disparity (8 px) is 6e-3 mm of depth; 1e-4 px per frame is 5e-5 mm of motion.
     assert np.abs(errors(found, plane, "disparity")).max() < 3e-4
@@ -59,7 +59,7 @@ def test_an_acceleration_is_found_and_is_no_depth() -> None:
     """A motion that changes evenly is exact for the model; without, depth takes most of ½ a_Z <t²> = 0.13 mm."""
     plane = MovingPlane(gradient=GRADIENTS["growing"], acceleration_mm=(0.01, -0.015, 0.04))
     recording = plane.recording()
-    found = estimated(plane, recording, acceleration=True, outlines=True)
+    found = estimated(plane, recording, acceleration=True, discontinuity_refit=True)
     assert (found["status"].isel(INSIDE) == 2).all()
     # As without acceleration; 1e-4 px at the last frame, over t²/2 = 8, is 6e-6 mm of a, and of a_Z 10 times that.
     assert np.abs(errors(found, plane, "depth")).max() < 0.02
@@ -68,7 +68,7 @@ def test_an_acceleration_is_found_and_is_no_depth() -> None:
     assert np.abs(errors(found, plane, "acceleration")[:2]).max() < 1e-4
     assert np.abs(errors(found, plane, "acceleration")[2]).max() < 1e-3
     assert np.abs(errors(found, plane, "growth_rate")).max() < 2e-4
-    steady = estimated(plane, recording, acceptance=100, acceleration=False)
+    steady = estimated(plane, recording, max_residual_ratio=100, acceleration=False)
     assert 0.07 < np.median(errors(steady, plane, "depth")) < 0.14
 
 
@@ -115,7 +115,10 @@ def test_light_that_changes_is_not_taken_for_motion() -> None:
     gain, offset = 1 + generator.uniform(-0.1, 0.1, (5, 9, 1, 1)), generator.uniform(-0.05, 0.05, (5, 9, 1, 1))
     flickering = steady.assign(image=steady["image"] * gain + offset)
     flickering["image"].attrs = steady["image"].attrs
-    found, plain = estimated(plane, flickering), estimated(plane, flickering, brightness="none", acceptance=100)
+    found, plain = (
+        estimated(plane, flickering),
+        estimated(plane, flickering, photometric_model="none", max_residual_ratio=100),
+    )
     assert np.abs(errors(found, plane, "velocity")[2]).max() < 2e-3
     assert np.abs(errors(found, plane, "depth")).max() < 0.02
     assert np.nanmax(np.abs(errors(plain, plane, "velocity")[2])) > 0.02

@@ -26,7 +26,7 @@ def off(found: np.ndarray, name: str) -> float:
 
 @pytest.mark.parametrize("cameras", [2, 3, 5])
 def test_one_frame_gives_depth_and_slopes(cameras: int) -> None:
-    found = st.estimate(PLANE.recording(cameras, 1), "refined", window_sigma_px=4, outlines=False).isel(t=0)
+    found = st.estimate(PLANE.recording(cameras, 1), "refined", window_sigma_px=4, discontinuity_refit=False).isel(t=0)
     assert off(found["depth"].values, "depth") < 0.1
     assert off(found["slope"].values, "slope") < 0.03
     assert np.isnan(found["velocity"]).all()
@@ -37,7 +37,7 @@ def test_one_frame_gives_depth_and_slopes(cameras: int) -> None:
 def test_one_camera_gives_flow(frames: int) -> None:
     """Divergence is that of the flow: U_Z and slopes both show in it."""
     recording = PLANE.recording(1, frames)
-    found = st.estimate(recording, "refined", window_sigma_px=4, outlines=False).isel(t=0)
+    found = st.estimate(recording, "refined", window_sigma_px=4, discontinuity_refit=False).isel(t=0)
     assert found["t"] == 0
     assert off(found["flow"].values, "flow") < 3e-3
     flow = TRUTH["flow"]
@@ -47,7 +47,7 @@ def test_one_camera_gives_flow(frames: int) -> None:
 
 
 def test_rows_of_cameras_are_taken_together() -> None:
-    settings = {"window_sigma_px": 4, "outlines": False}
+    settings = {"window_sigma_px": 4, "discontinuity_refit": False}
     grid = PLANE.recording(3, 3, noise_std=0.002, rows=3)
     found, row = (st.estimate(each, "refined", settings).sel(t=0) for each in (grid, grid.sel(s_y=0)))
     # With gradients that are as large along y as along x, information goes with the sum of s² + s_y²: 12 against 2.
@@ -64,7 +64,7 @@ def test_rows_of_cameras_are_taken_together() -> None:
 
 @nightly
 def test_error_bars_of_rows_of_cameras() -> None:
-    settings = {"window_sigma_px": 4, "outlines": False}
+    settings = {"window_sigma_px": 4, "discontinuity_refit": False}
     clean, generator = PLANE.recording(3, 3, rows=3), np.random.default_rng(0)
     scaled: dict[str, list[float]] = {"disparity": [], "velocity": []}
     for _ in range(20):
@@ -85,7 +85,9 @@ def test_a_column_of_cameras_is_refused() -> None:
 
 @pytest.mark.parametrize(("cameras", "frames"), [(2, 2), (2, 9), (3, 3)])
 def test_few_cameras_and_frames_give_everything(cameras: int, frames: int) -> None:
-    found = st.estimate(PLANE.recording(cameras, frames), "refined", window_sigma_px=4, outlines=False).sel(t=0)
+    found = st.estimate(PLANE.recording(cameras, frames), "refined", window_sigma_px=4, discontinuity_refit=False).sel(
+        t=0
+    )
     assert off(found["depth"].values, "depth") < 0.2
     assert off(found["velocity"].values, "velocity") < 0.1
     assert np.abs(found["velocity"].values - TRUTH["velocity"])[(slice(2), *INSIDE)].max() < 3e-3
@@ -93,8 +95,10 @@ def test_few_cameras_and_frames_give_everything(cameras: int, frames: int) -> No
 
 def test_every_frame_or_those_with_whole_windows() -> None:
     recording = PLANE.recording(2, 4)
-    whole = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, outlines=False)
-    every = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, outlines=False, frames="all")
+    whole = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, discontinuity_refit=False)
+    every = st.estimate(
+        recording, "refined", window_sigma_px=4, window_frames=3, discontinuity_refit=False, frames="all"
+    )
     assert whole["t"].values.tolist() == recording["t"].values[1:-1].tolist()
     assert every["t"].values.tolist() == recording["t"].values.tolist()
     np.testing.assert_array_equal(every["depth"].sel(t=whole["t"]), whole["depth"])
@@ -105,9 +109,11 @@ def test_every_frame_or_those_with_whole_windows() -> None:
 
 def test_colours_are_taken_together() -> None:
     """Three channels of different texture have three times the information, the same channel thrice as much."""
-    grey = st.estimate(PLANE.recording(5, 3, noise_std=0.01), "refined", window_sigma_px=4, outlines=False).sel(t=0)
+    grey = st.estimate(
+        PLANE.recording(5, 3, noise_std=0.01), "refined", window_sigma_px=4, discontinuity_refit=False
+    ).sel(t=0)
     colour = st.estimate(
-        PLANE.recording(5, 3, channels=3, noise_std=0.01), "refined", window_sigma_px=4, outlines=False
+        PLANE.recording(5, 3, channels=3, noise_std=0.01), "refined", window_sigma_px=4, discontinuity_refit=False
     ).sel(t=0)
     ratio = float(np.median((grey["depth_std"] / colour["depth_std"]).values[INSIDE]))
     assert ratio == pytest.approx(np.sqrt(3), rel=0.15)
@@ -118,9 +124,9 @@ def test_colours_are_taken_together() -> None:
 def test_a_part_of_the_image_has_the_cameras_pixels() -> None:
     """A crop knows less only where windows and other images reach beyond it."""
     recording = PLANE.recording(3, 3)
-    whole = st.estimate(recording, "refined", window_sigma_px=3, outlines=False)
+    whole = st.estimate(recording, "refined", window_sigma_px=3, discontinuity_refit=False)
     part = st.estimate(
-        recording.isel(x=slice(10, None), y=slice(6, None)), "refined", window_sigma_px=3, outlines=False
+        recording.isel(x=slice(10, None), y=slice(6, None)), "refined", window_sigma_px=3, discontinuity_refit=False
     )
     assert part["x"].values[0] == 10
     inner = {"x": slice(40, 60), "y": slice(30, 50)}
@@ -135,7 +141,7 @@ def test_every_second_pixel_has_the_cameras_units() -> None:
     plane = MovingPlane(size=(144, 192), wavelengths_px=(12.0, 40.0), gradient=turning(2e-3, -1e-3, 3e-3))
     truth = plane.truth()
     recording = plane.recording(5, 3).isel(x=slice(0, None, 2), y=slice(0, None, 2))
-    found = st.estimate(recording, "refined", window_sigma_px=4, outlines=False).sel(t=0)
+    found = st.estimate(recording, "refined", window_sigma_px=4, discontinuity_refit=False).sel(t=0)
     for name in ("disparity", "flow"):
         expected = truth[name][..., ::2, ::2]
         assert np.abs(found[name].values - expected)[(..., *INSIDE)].max() < 0.01
@@ -146,7 +152,7 @@ def test_streams_from_a_folder_to_a_folder(tmp_path: Path, cameras: int, frames:
     """Frame by frame, with the same maps in the same types."""
     recording = PLANE.recording(cameras, frames)
     st.save_store(recording, tmp_path / "recording.zarr")
-    settings: dict[str, Any] = {"window_frames": 3, "window_sigma_px": 3, "outlines": False}
+    settings: dict[str, Any] = {"window_frames": 3, "window_sigma_px": 3, "discontinuity_refit": False}
     work = prepare(st.open_store(tmp_path / "recording.zarr", "recording"), "refined", **settings)
     write_estimate(work, tmp_path / "estimate.zarr")
     streamed = st.load_store(tmp_path / "estimate.zarr", "estimate")

@@ -16,7 +16,7 @@ from tests.estimators.refined.surface import MovingPlane, turning
 from tests.nightly import nightly
 
 PLANE = MovingPlane(gradient=turning(2e-3, -1e-3, 3e-3))
-SETTINGS = RefinedSettings(window_sigma_px=4.0, surface="plane", rounds=12)
+SETTINGS = RefinedSettings(window_sigma_px=4.0, surface="plane", max_iterations=12)
 
 
 def images_of(plane: MovingPlane, cameras: int = 5, frames: int = 9) -> ImageStack:
@@ -52,7 +52,7 @@ def test_rounds_arrive_from_starts_that_are_off(off: tuple[float, ...]) -> None:
     difference = np.abs(found.fit.theta - best.fit.theta)[[0, 6, 9, 12]][inside]
     # They end when nothing moves by a thousandth of a pixel in the outermost images, 2 steps and 4 frames away.
     assert (difference.max(axis=(1, 2)) < [1e-3, 5e-5, 5e-5, 5e-3]).mean() == 1.0
-    assert found.rounds <= SETTINGS.rounds
+    assert found.rounds <= SETTINGS.max_iterations
 
 
 def test_bands_of_rows_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,7 +106,9 @@ def test_a_curved_surface_is_told_from_a_plane() -> None:
     inside = {"y": slice(14, -14), "x": slice(34, -34)}
     recording, truth = curved(2e-3, 0.01)
     found = {
-        surface: st.estimate(recording, "refined", window_sigma_px=5, surface=surface, outlines=False).isel(t=0)
+        surface: st.estimate(recording, "refined", window_sigma_px=5, surface=surface, discontinuity_refit=False).isel(
+            t=0
+        )
         for surface in ("auto", "plane", "curved")
     }
     rms = {}
@@ -118,7 +120,7 @@ def test_a_curved_surface_is_told_from_a_plane() -> None:
     assert rms["auto"] == pytest.approx(rms["curved"], rel=0.1)
     flat, _ = curved(0.0, 0.01)
     plain, either = (
-        st.estimate(flat, "refined", window_sigma_px=5, surface=surface, outlines=False)["disparity"] - 8.0
+        st.estimate(flat, "refined", window_sigma_px=5, surface=surface, discontinuity_refit=False)["disparity"] - 8.0
         for surface in ("plane", "auto")
     )
     plain, either = (each.isel({**inside, "t": 0}) for each in (plain, either))

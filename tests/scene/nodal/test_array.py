@@ -46,7 +46,7 @@ def scene_with(mesh: dict[str, Any], *deformations: dict[str, Any], frames: int 
 def world_of(folder: Path, states: Array, rest: Array = SHEET.vertices_mm, **entry: Any) -> BuiltScene:
     np.save(folder / "states.npy", states)
     mesh = {"kind": "file", "file": str(write_obj(folder / "mesh.obj", rest))}
-    nodal = {"kind": "nodal", "file": str(folder / "states.npy"), "what": "positions", **entry}
+    nodal = {"kind": "nodal", "file": str(folder / "states.npy"), "quantity": "positions", **entry}
     return build_scene(scene_with(mesh, nodal, frames=1))
 
 
@@ -207,7 +207,7 @@ def test_other_deformations_and_motions_come_after(tmp_path: Path) -> None:
     states = sampled(wave, np.arange(-4.0, 5))
     np.save(tmp_path / "states.npy", states)
     mesh = {"kind": "file", "file": str(write_obj(tmp_path / "mesh.obj", SHEET.vertices_mm))}
-    nodal = {"kind": "nodal", "file": str(tmp_path / "states.npy"), "what": "positions"}
+    nodal = {"kind": "nodal", "file": str(tmp_path / "states.npy"), "quantity": "positions"}
     hinge = {"kind": "hinge", "axis": [0, 0, 1], "angle_deg": {"kind": "linear", "start": 90, "rate_per_frame": 0}}
     found = build_scene(scene_with(mesh, nodal, hinge)).at(2).vertices_mm - (0, 0, 660)
     np.testing.assert_allclose(found, states[6][:, [1, 0, 2]] * (-1, 1, 1), atol=1e-12)
@@ -250,7 +250,7 @@ def test_nodes_that_no_face_uses_are_in_arrays_and_files_and_nowhere_else(tmp_pa
         trimesh.Trimesh(vertices, SHEET.faces + 1, process=False).export(file)
     padded[1, 0] = np.nan
     np.save(tmp_path / "states.npy", padded)
-    nodal = {"kind": "nodal", "file": str(tmp_path / "states.npy"), "what": "positions"}
+    nodal = {"kind": "nodal", "file": str(tmp_path / "states.npy"), "quantity": "positions"}
     entry = nodal if kind == "nodal" else {"kind": "meshes", "files": files}
     scene = scene_with({"kind": "file", "file": files[1]}, entry, frames=3)
     body = build_scene(scene).bodies[0]
@@ -298,7 +298,7 @@ def test_arrays_that_do_not_fit(
     np.savez(tmp_path / "moves.npz", a=np.zeros(3), b=np.zeros(3))
     np.save(tmp_path / "objects.npy", np.array([None, {}]), allow_pickle=True)
     write_obj(tmp_path / "mesh.obj", SHEET.vertices_mm)
-    nodal = {"kind": "nodal", "file": "states.npy", "what": "positions", **entry}
+    nodal = {"kind": "nodal", "file": "states.npy", "quantity": "positions", **entry}
     with pytest.raises(st.SceneError, match=message) as caught:
         build_scene(scene_with({"kind": "file", "file": "mesh.obj"}, nodal), tmp_path)
     assert [problem.path for problem in caught.value.problems] == [f"objects.0.deformation.0.{path}"]

@@ -24,13 +24,13 @@ def made(kind: str) -> SurfaceTexture:
     if kind == "ramp":
         colours = generator.integers(0, 256, (len(mesh.vertices_mm), 3), dtype=np.uint8)
         mesh = TriangleMesh(mesh.vertices_mm, mesh.faces, mesh.chart_mm, vertex_colours=colours)
-        return EmbeddedTexture(kind="own").paint(mesh, Path(), generator)[0]
+        return EmbeddedTexture(kind="embedded").paint(mesh, Path(), generator)[0]
     if kind in ("image", "bordered"):
         picture = generator.random((9, 14, 3)).astype(np.float32)
         mesh = TriangleMesh(
             mesh.vertices_mm, mesh.faces, mesh.chart_mm, uv=mesh.uv, image=picture, tiled=kind == "image"
         )
-        return EmbeddedTexture(kind="own").paint(mesh, Path(), generator)[0]
+        return EmbeddedTexture(kind="embedded").paint(mesh, Path(), generator)[0]
     entries: dict[str, Texture] = {
         "noise": NoiseTexture(kind="noise", wavelength_mm=(3.0, 9.0)),
         "plaid": PlaidTexture(kind="plaid", wavelength_mm=(4.0, 5.0)),

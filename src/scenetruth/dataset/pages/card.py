@@ -146,7 +146,7 @@ def build_card_contents(
         "bases": [str(base) for base in sampler.bases],
         "varied": tabulate_distributions(sampler),
         "ladders": tabulate_paired_factors(sampler),
-        "bounds": [describe_criterion(bound) for bound in recipe.accept],
+        "bounds": [describe_criterion(bound) for bound in recipe.acceptance],
         "draws": sum(attempts),
         "rejected": sum(attempts) - len(attempts),
         "reasons": _reasons(table),

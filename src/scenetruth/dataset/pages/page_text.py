@@ -143,7 +143,7 @@ def _at(plain: Mapping[str, Any], keys: Sequence[str]) -> Any:
 
 
 _LONGEST = 300
-_DESCRIBED_SEPARATELY = ("kind", "name", "together", "plan")
+_DESCRIBED_SEPARATELY = ("kind", "name", "together", "sampling")
 
 
 def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
@@ -161,19 +161,19 @@ def describe_distribution(distribution: Distribution) -> str:
     Examples
     --------
     >>> from scenetruth.dataset.distributions import UniformDistribution
-    >>> describe_distribution(UniformDistribution(low=2, high=4, plan="sobol"))
+    >>> describe_distribution(UniformDistribution(low=2, high=4, sampling="sobol"))
     'uniform: low 2, high 4 (sobol)'
     """
     told = distribution.model_dump(mode="json", exclude_defaults=True)
     if isinstance(distribution, FormulaDistribution):
-        return _cut(f"= {distribution.formula}" + (", rounded" if distribution.whole else ""))
+        return _cut(f"= {distribution.formula}" + (", rounded" if distribution.integer else ""))
     kind = str(getattr(distribution, "kind", "")).replace("_", " ")
     values = ", ".join(
         f"{name.replace('_', ' ')} {_value(told[name])}" for name in told if name not in _DESCRIBED_SEPARATELY
     )
     words = f"{kind}: {values}" if values else kind
-    if isinstance(distribution, RandomDistribution) and distribution.plan != "independent":
-        words += f" ({distribution.plan.replace('_', ' ')})"
+    if isinstance(distribution, RandomDistribution) and distribution.sampling != "independent":
+        words += f" ({distribution.sampling.replace('_', ' ')})"
     return _cut(words)
 
 
@@ -183,7 +183,7 @@ def describe_criterion(bound: AcceptanceCriterion) -> str:
     Examples
     --------
     >>> from scenetruth.dataset.acceptance import VisibleFractionCriterion
-    >>> describe_criterion(VisibleFractionCriterion(object="leaf-*", at_least=0.2))
+    >>> describe_criterion(VisibleFractionCriterion(object="leaf-*", min=0.2))
     'visible share of leaf-*: at least 0.2'
     """
     kind = str(getattr(bound, "kind", "")).replace("_", " ")
@@ -191,13 +191,13 @@ def describe_criterion(bound: AcceptanceCriterion) -> str:
     of = f" of {told['object']}" if told.get("object", "*") != "*" else ""
     ends = [
         f"{word} {value:g}{bound.unit}"
-        for word, value in (("at least", bound.at_least), ("at most", bound.at_most))
+        for word, value in (("at least", bound.min), ("at most", bound.max))
         if value is not None
     ]
     others = [
         f"{name.replace('_', ' ')} {_value(value)}"
         for name, value in told.items()
-        if name not in ("kind", "object", "at_least", "at_most")
+        if name not in ("kind", "object", "min", "max")
     ]
     return f"{kind}{of}: {', '.join([*ends, *others])}"
 
@@ -207,7 +207,7 @@ def tabulate_paired_factors(sampler: Sampler) -> list[tuple[str, str, str]]:
     plain = sampler.bases[0].to_plain()
     return [
         (format_title(*format_label(path, plain)), path, ", ".join(map(_value, values)))
-        for path, values in sampler.recipe.paired.items()
+        for path, values in sampler.recipe.paired_factors.items()
     ]
 
 

@@ -176,7 +176,7 @@ def load_catalogues(files: Sequence[str | Path] = ()) -> CatalogueEntries:
 
     Raises
     ------
-    GoalError
+    DesignSpecError
         With every problem of every file: fields without units, unknown fields, what is missing.
     """
     found = [_bundled()]

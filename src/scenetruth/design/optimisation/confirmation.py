@@ -127,7 +127,7 @@ class ReducedScene:
     changes: tuple[str, ...]
 
 
-def reduce_scene(scene: Scene, region: str, most_px: int | None) -> ReducedScene:
+def reduce_scene(scene: Scene, region: str, max_size_px: int | None) -> ReducedScene:
     """Return what is simulated of a scene.
 
     Parameters
@@ -136,14 +136,14 @@ def reduce_scene(scene: Scene, region: str, most_px: int | None) -> ReducedScene
         The scene of a rig.
     region
         Region around whose middle images are cut.
-    most_px
+    max_size_px
         Pixels along the longer side, where all positions see the same; images are wider by the disparity between the
         outermost positions, and lower in return. None for whole images.
     """
     look = sample_surface(scene, limited_objects(scene, Limits(), Path()), Path())
     chosen = _chosen(look, region)
     plain, changes = scene.to_plain(), list[str]()
-    cut = _cut(scene, look, chosen, most_px)
+    cut = _cut(scene, look, chosen, max_size_px)
     if cut:
         plain["camera"] |= cut
         camera = scene.camera
@@ -189,13 +189,13 @@ def _chosen(look: SurfaceSamples, region: str) -> NDArray[np.bool_]:
     return np.ones(len(look), dtype=np.bool_)
 
 
-def _cut(scene: Scene, look: SurfaceSamples, chosen: NDArray[np.bool_], most_px: int | None) -> dict[str, Any]:
+def _cut(scene: Scene, look: SurfaceSamples, chosen: NDArray[np.bool_], max_size_px: int | None) -> dict[str, Any]:
     """Return the fields of a camera that sees the middle of a region only; nothing if it sees no less."""
     camera = scene.camera
     longer = max(camera.width, camera.height)
-    if most_px is None or longer <= most_px:
+    if max_size_px is None or longer <= max_size_px:
         return {}
-    width, height = (side * most_px / longer for side in (camera.width, camera.height))
+    width, height = (side * max_size_px / longer for side in (camera.width, camera.height))
     places = scene.stage.x_mm
     # What is in the middle must be seen from all positions; as many rows are left out as columns are added.
     wide = width + camera.focal_px * float(np.ptp(places)) / float(np.median(look.depth_mm[chosen]))
@@ -407,7 +407,7 @@ def simulate_candidates(
     if not rigs:
         return ConfirmationResult({}, (), ())
     task = prepared.task
-    light = [reduce_scene(scene_from_plain(rig.scene), task.objectives[0].region, confirm.most_px) for rig in rigs]
+    light = [reduce_scene(scene_from_plain(rig.scene), task.objectives[0].region, confirm.max_size_px) for rig in rigs]
     job = ConfirmationTask(
         str((folder / "simulations").resolve()),
         tuple(one.plain for one in light),

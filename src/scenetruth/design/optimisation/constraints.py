@@ -49,18 +49,18 @@ class ConstraintSpec(FrozenModel):
     unit: ClassVar[str]
     """Unit of the number."""
 
-    at_least: Finite | None = None
+    min: Finite | None = None
     """It must not be less."""
-    at_most: Finite | None = None
+    max: Finite | None = None
     """It must not be more."""
 
     @model_validator(mode="after")
     def _some_bound(self) -> Self:
-        if self.at_least is None and self.at_most is None:
-            msg = "bounds nothing: give at_least, at_most, or both"
+        if self.min is None and self.max is None:
+            msg = "bounds nothing: give min, max, or both"
             raise ValueError(msg)
-        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
-            msg = f"can never hold: at_least = {self.at_least:g} is more than at_most = {self.at_most:g}"
+        if self.min is not None and self.max is not None and self.min > self.max:
+            msg = f"can never hold: min = {self.min:g} is more than max = {self.max:g}"
             raise ValueError(msg)
         return self
 
@@ -87,7 +87,7 @@ class ConstraintSpec(FrozenModel):
     def checked(self, facts: RigContext) -> Iterator[ConstraintValue]:
         """Give the bounds at a rig, each with what is left."""
         kind, value = str(getattr(self, "kind", "")), float(self.value(facts))
-        for sense, limit in (("at least", self.at_least), ("at most", self.at_most)):
+        for sense, limit in (("at least", self.min), ("at most", self.max)):
             if limit is not None:
                 yield evaluate_bound(kind, self.title, value, sense, limit, self.unit)
 

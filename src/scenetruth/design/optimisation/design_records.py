@@ -36,9 +36,9 @@ __all__ = [
 
 
 class DesignSpecError(RecipeError):
-    """A goal that cannot be followed or met; lists every problem with its path."""
+    """A design specification that cannot be followed or met; lists every problem with its path."""
 
-    _noun = "goal"
+    _noun = "design specification"
 
 
 Statistic = Literal["scaled_median_abs_error", "rmse", "p95_abs_error"]
@@ -192,7 +192,7 @@ class RigDesign:
     number
         Number of the prediction that found it: row of ``DesignResult.screened``.
     parameters
-        What was free: values by path, or names of entries by catalogue (``lens``, ``camera``, ``stage``).
+        Design variables: values by path, or names of entries by catalogue (``lens``, ``camera``, ``stage``).
     scene
         The scene with it, as plain values, ready to run.
     predicted
@@ -200,7 +200,7 @@ class RigDesign:
     simulated
         The same statistics of errors against the truth, by objective's title; empty if it was not simulated.
     constraints
-        Every constraint of the goal.
+        Every constraint of the design specification.
     price
         Sum of the prices of what is from catalogues; None if one is not known, or none was chosen.
     limits

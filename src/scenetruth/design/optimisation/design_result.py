@@ -137,29 +137,29 @@ def write_screening_table(table: pd.DataFrame, file: Path) -> None:
     told.to_csv(file, index=False)
 
 
-def read_screening_table(file: Path, free: Mapping[str, Any]) -> pd.DataFrame:
+def read_screening_table(file: Path, variables: Mapping[str, Any]) -> pd.DataFrame:
     """Return all predictions of a file.
 
     Parameters
     ----------
     file
         The file.
-    free
-        What is free in the goal, as plain values: which choices texts stand for.
+    variables
+        The design variables of the design specification as plain values: which choices texts stand for.
     """
     import pandas as pd
 
     table = pd.read_csv(file, dtype=str, keep_default_na=False)
     found = {}
     for name in table.columns:
-        choices = {_text(value): value for value in _choices(free.get(name))}
-        is_text = name in _TEXT_COLUMNS or (name in free and not _is_range(free[name]))
+        choices = {_text(value): value for value in _choices(variables.get(name))}
+        is_text = name in _TEXT_COLUMNS or (name in variables and not _is_range(variables[name]))
         found[name] = [choices.get(text, text) if is_text else _number(text) for text in table[name]]
     return pd.DataFrame(found)
 
 
-def _choices(free: Any) -> list[Any]:
-    values = free.get("values") if isinstance(free, Mapping) else free
+def _choices(variable: Any) -> list[Any]:
+    values = variable.get("values") if isinstance(variable, Mapping) else variable
     return list(values) if isinstance(values, list | tuple) else []
 
 
@@ -168,8 +168,8 @@ def _text(value: Any) -> str:
     return str(value) if is_plain else json.dumps(value, ensure_ascii=False)
 
 
-def _is_range(free: Any) -> bool:
-    return isinstance(free, Mapping) and free.get("from") is not None
+def _is_range(variable: Any) -> bool:
+    return isinstance(variable, Mapping) and variable.get("from") is not None
 
 
 def _number(text: str) -> float | int | bool:
@@ -291,7 +291,7 @@ def _compare_rmse(rig: RigDesign, objective: Objective) -> str:
     return f"; RMSE {rms.value:.3g}" if objective.statistic != "rmse" and rms.seeds else ""
 
 
-RESULT_FILE, SCREENING_FILE = "design.json", "screened.csv"
+RESULT_FILE, SCREENING_FILE = "design.json", "evaluations.csv"
 """Files of a folder: the answer as plain values, and all predictions."""
 _FORMAT = 3
 _PARTS: Mapping[str, Any] = {
@@ -314,8 +314,8 @@ class DesignResult:
 
     Parameters
     ----------
-    goal
-        The goal file as plain values.
+    spec
+        The design specification as plain values.
     title
         What is designed.
     objectives
@@ -356,10 +356,10 @@ class DesignResult:
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 16]}}
     >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 4}, "frames": {"count": 3}, "sensor": {"noise_std": 0.01}}
-    >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
-    >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
-    >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
-    >>> design = optimise(goal, workers=0)
+    >>> spec = {"title": "A wall", "scene": scene, "variables": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
+    >>> spec |= {"constraints": [{"kind": "stage_travel", "max": 16}], "objectives": [{"quantity": "depth"}]}
+    >>> spec |= {"search": {"predictions": 16, "morris_trajectories": 0, "sobol": 0}, "confirmation": {"rigs": 0}}
+    >>> design = optimise(spec, workers=0)
     >>> print(design.words()[1])
     Depth: scaled median absolute error, predicted 0.162 mm
     >>> for rig in design.rigs:
@@ -374,7 +374,7 @@ class DesignResult:
     [[4, True], [6, True], [8, True], [10, False]]
     """
 
-    goal: Mapping[str, Any] = field(repr=False)
+    specification: Mapping[str, Any] = field(repr=False)
     title: str
     objectives: tuple[Objective, ...]
     recommended: RigDesign
@@ -433,7 +433,7 @@ class DesignResult:
         """
         told = {name: to_plain_data(getattr(self, name)) for name in _PARTS}
         more = {"recommended": self.recommended.number, "words": list(self.words())}
-        return {"format": _FORMAT, "goal": to_plain_data(self.goal), **told, **more}
+        return {"format": _FORMAT, "specification": to_plain_data(self.specification), **told, **more}
 
     @classmethod
     def load(cls, folder: str | Path) -> DesignResult:
@@ -442,7 +442,7 @@ class DesignResult:
         Parameters
         ----------
         folder
-            The folder; ``design.json`` and ``screened.csv`` of it are read.
+            The folder; ``design.json`` and ``evaluations.csv`` of it are read.
 
         Raises
         ------
@@ -464,12 +464,12 @@ class DesignResult:
             if isinstance(plain, dict) and plain.get("format") != _FORMAT:
                 raise StoreError(file, f"is of format {plain.get('format')}, and not {_FORMAT}: {remedy}")
             parts = {name: from_plain_data(kind, plain[name]) for name, kind in _PARTS.items()}
-            goal = dict(plain["goal"])
+            specification = dict(plain["specification"])
             (best,) = (rig for rig in (*parts["front"], *parts["alternatives"]) if rig.number == plain["recommended"])
             file = place / SCREENING_FILE
-            table = read_screening_table(file, goal.get("free", {}))
+            table = read_screening_table(file, specification.get("variables", {}))
         except FileNotFoundError as error:
             raise StoreError(file, f"is missing: {remedy}") from error
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise StoreError(file, f"is damaged ({type(error).__name__}: {error}): {remedy}") from error
-        return cls(goal=goal, recommended=best, screened=table, folder=place, **parts)
+        return cls(specification=specification, recommended=best, screened=table, folder=place, **parts)

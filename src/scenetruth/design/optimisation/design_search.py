@@ -96,9 +96,9 @@ def allocate_evaluations(search: SearchSpec, parameters: int) -> EvaluationBudge
     Parameters
     ----------
     search
-        What the goal says.
+        What the design specification says.
     parameters
-        How many are free.
+        Number of design variables.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def allocate_evaluations(search: SearchSpec, parameters: int) -> EvaluationBudge
     even = _floor_power_of_two(int(_EVEN * total))
     last = int(_LAST * total)
     room = total - even - last - int(_LEAST_SEARCHED * total)
-    morris = min(search.morris, max(room, 0) // (parameters + 1))
+    morris = min(search.morris_trajectories, max(room, 0) // (parameters + 1))
     room -= morris * (parameters + 1)
     # Below eight base samples, indices say nothing.
     sobol = _floor_power_of_two(min(search.sobol, max(room, 0) // (parameters + 2)))

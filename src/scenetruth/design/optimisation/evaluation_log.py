@@ -22,7 +22,7 @@ _MOST_LOSSES = 3
 
 
 class EvaluationLog:
-    """The predictions that there are, by the values of what is free.
+    """The predictions that there are, by the values of the design variables.
 
     A file keeps them: a search that was killed finds them there, asks for the same rigs again in the same order, and so
     comes to the same end.

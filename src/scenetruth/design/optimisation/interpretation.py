@@ -62,7 +62,7 @@ def describe_limiting_factors(one: Evaluation, space: DesignSpace, objectives: t
     one
         The rig.
     space
-        What is free.
+        The design variables.
     objectives
         What is to be known.
     """
@@ -258,7 +258,7 @@ def check_rules_of_thumb(facts: RigContext) -> tuple[RuleOfThumb, ...]:
 
 
 def list_assumptions(
-    goal: DesignSpec,
+    spec: DesignSpec,
     facts: RigContext,
     changes: Sequence[str],
     left_out: tuple[float, float],
@@ -268,8 +268,8 @@ def list_assumptions(
 
     Parameters
     ----------
-    goal
-        The goal.
+    spec
+        The design specification.
     facts
         The recommended rig.
     changes
@@ -279,11 +279,11 @@ def list_assumptions(
     effects
         What parameters do.
     """
-    return tuple(_lines(goal, facts, changes, left_out, effects))
+    return tuple(_lines(spec, facts, changes, left_out, effects))
 
 
 def _lines(
-    goal: DesignSpec,
+    spec: DesignSpec,
     facts: RigContext,
     changes: Sequence[str],
     left_out: tuple[float, float],
@@ -307,15 +307,15 @@ def _lines(
                 f"what calibration leaves of distortion is not in any figure: {residual_px:.2g} px here, up to "
                 f"{off:.2g} mm of depth from place to place"
             )
-    if facts.camera is not None and goal.light is None:
+    if facts.camera is not None and spec.light is None:
         yield "there is as much light as the camera needs: a white surface fills 80 % of what the sensor can say"
-    if goal.light is not None:
-        yield f"a white surface has {goal.light.illuminance_lux:g} lux, all of it at {goal.light.wavelength_um:g} µm"
+    if spec.light is not None:
+        yield f"a white surface has {spec.light.illuminance_lux:g} lux, all of it at {spec.light.wavelength_um:g} µm"
     chosen = {"lens": facts.lens, "camera": facts.camera, "stage": facts.stage}
     typical = [name for name, one in chosen.items() if one is not None and "typical" in one.source]
     if typical:
         yield f"figures of the chosen {', '.join(typical)} are at least in part typical of the class; see the catalogue"
-    if "frames.frame_interval_s" in goal.free and _has_rates(facts.scene.to_plain()):
+    if "frames.frame_interval_s" in spec.variables and _has_rates(facts.scene.to_plain()):
         yield "motions that the scene gives per frame are the same per frame at any interval; give them per hour if not"
     yield from (f"in the simulations: {change}" for change in changes)
     for name, share in zip(("Morris", "Sobol'"), left_out, strict=True):
@@ -343,19 +343,19 @@ def _is_nonzero(value: Any) -> bool:
     return any(isinstance(one, int | float) and one != 0 for one in values)
 
 
-def refuse_infeasible(goal: DesignSpec, found: Sequence[Evaluation]) -> None:
-    """Refuse a goal that no rig meets.
+def refuse_infeasible(spec: DesignSpec, found: Sequence[Evaluation]) -> None:
+    """Refuse a design specification that no rig meets.
 
     Parameters
     ----------
-    goal
-        The goal.
+    spec
+        The design specification.
     found
         All rigs that were tried.
 
     Raises
     ------
-    GoalError
+    DesignSpecError
         If none satisfies all constraints: with those that exclude all, and the nearest rig.
     """
     if any(one.holds for one in found):
@@ -364,20 +364,20 @@ def refuse_infeasible(goal: DesignSpec, found: Sequence[Evaluation]) -> None:
     if not made:
         (problem, count), *_ = Counter(one.problem for one in found).most_common(1)
         raise DesignSpecError(
-            [Problem("free", f"none of {len(found):,} rigs can be made; {count:,} of them: {problem}")]
+            [Problem("variables", f"none of {len(found):,} rigs can be made; {count:,} of them: {problem}")]
         )
     nearest = rank_evaluations(made)[0]
-    problems = [_describe_exclusion(goal, one, made) for one in nearest.constraints if not one.holds]
+    problems = [_describe_exclusion(spec, one, made) for one in nearest.constraints if not one.holds]
     values = ", ".join(f"{name} = {format_parameter(value)}" for name, value in nearest.values.items())
     if not problems:
         problems.append(Problem("objectives", f"are told of none of {len(made):,} rigs"))
-    problems.append(Problem("free", f"the nearest of {len(found):,} rigs that were tried has {values}"))
+    problems.append(Problem("variables", f"the nearest of {len(found):,} rigs that were tried has {values}"))
     raise DesignSpecError(problems)
 
 
-def _describe_exclusion(goal: DesignSpec, one: ConstraintValue, made: Sequence[Evaluation]) -> Problem:
+def _describe_exclusion(spec: DesignSpec, one: ConstraintValue, made: Sequence[Evaluation]) -> Problem:
     """Return how a constraint excludes the nearest rig, and whether it excludes all others too."""
-    kinds = [str(getattr(limit, "kind", "")) for limit in goal.constraints]
+    kinds = [str(getattr(limit, "kind", "")) for limit in spec.constraints]
     path = f"constraints.{kinds.index(one.kind)}" if one.kind in kinds else one.kind
     same = [
         each

@@ -60,14 +60,14 @@ if TYPE_CHECKING:
 
 __all__ = ["INDEX", "optimise"]
 
-INDEX = "goal.json"
+INDEX = "specification.json"
 """What a folder of a design is known by."""
 _PREDICTIONS = "predictions.jsonl"
 _MOST_SHOWN = 24
 
 
 def optimise(
-    goal: DesignSpec | Mapping[str, Any] | str | Path,
+    specification: DesignSpec | Mapping[str, Any] | str | Path,
     folder: str | Path | None = None,
     *,
     workers: int = 2,
@@ -83,11 +83,12 @@ def optimise(
 
     Parameters
     ----------
-    goal
-        The goal, its plain values, or its file.
+    specification
+        The design specification, its plain values, or its file.
     folder
         Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
-        ``recommended_preview.yaml``, ``front.csv``, ``screened.csv``, ``design.json``. If not given, nothing is kept.
+        ``recommended_preview.yaml``, ``pareto_front.csv``, ``evaluations.csv``, ``design.json``. If not given, nothing
+        is kept.
     workers
         Processes of this machine, of one thread each; 0 does all in this one.
     progress
@@ -103,7 +104,7 @@ def optimise(
     Raises
     ------
     RecipeError
-        If the goal cannot be followed, or no rig meets its constraints; lists all that is wrong.
+        If the design specification cannot be followed, or no rig meets its constraints; lists all that is wrong.
     MachineError
         If Optuna or SALib is not installed.
     OutputExistsError
@@ -113,7 +114,7 @@ def optimise(
     --------
     predict : The precision of one scene.
     sweep : Simulations over whatever varies.
-    scenetruth.design.optimisation.load_design_spec : A goal from a file.
+    scenetruth.design.optimisation.load_design_spec : A design specification from a file.
 
     Examples
     --------
@@ -124,17 +125,17 @@ def optimise(
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 16]}}
     >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 4}, "frames": {"count": 3}, "sensor": {"noise_std": 0.01}}
-    >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
-    >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
-    >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
-    >>> best = optimise(goal, workers=0).recommended
+    >>> spec = {"title": "A wall", "scene": scene, "variables": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
+    >>> spec |= {"constraints": [{"kind": "stage_travel", "max": 16}], "objectives": [{"quantity": "depth"}]}
+    >>> spec |= {"search": {"predictions": 16, "morris_trajectories": 0, "sobol": 0}, "confirmation": {"rigs": 0}}
+    >>> best = optimise(spec, workers=0).recommended
     >>> dict(best.parameters), f"depth to {best.predicted['Depth']:.2f} mm"
     ({'stage.baseline_mm': 8}, 'depth to 0.16 mm')
     >>> [f"{one.title}: {one.value:g} {one.unit}, {one.sense} {one.limit:g}" for one in best.constraints]
     ['stage travel: 16 mm, at most 16']
     """
     require_optional_libraries()
-    known = goal if isinstance(goal, DesignSpec) else _load_specification(goal)
+    known = specification if isinstance(specification, DesignSpec) else _load_specification(specification)
     prepared = prepare_problem(known)
     say = notice or (lambda _: None)
     with ExitStack() as stack:
@@ -163,7 +164,7 @@ def _load_specification(given: Mapping[str, Any] | str | Path) -> DesignSpec:
     return design_spec_from_dict(given) if isinstance(given, Mapping) else load_design_spec(given)
 
 
-def _claim_folder(folder: Path, goal: DesignSpec, prepared: OptimisationProblem) -> None:
+def _claim_folder(folder: Path, spec: DesignSpec, prepared: OptimisationProblem) -> None:
     """Claim a folder for a design."""
     index = folder / INDEX
     key = _key(prepared)
@@ -180,7 +181,7 @@ def _claim_folder(folder: Path, goal: DesignSpec, prepared: OptimisationProblem)
         raise OutputExistsError(folder, "exists, and is no folder of a design; choose another")
     (folder / "simulations").mkdir(parents=True, exist_ok=True)
     with write_atomically(index) as aside:
-        told = {"format": 1, "key": key, "title": goal.title}
+        told = {"format": 1, "key": key, "title": spec.title}
         aside.write_text(json.dumps(told, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
@@ -207,7 +208,7 @@ _KINDS = ("lens", "camera", "stage")
 class _Run:
     """A design in the making."""
 
-    goal: DesignSpec
+    spec: DesignSpec
     prepared: OptimisationProblem
     folder: Path
     progress: Progress | None
@@ -228,7 +229,7 @@ class _Run:
         """Make all predictions."""
         from scipy.stats import qmc
 
-        space, objectives, search = self.prepared.space, self.prepared.task.objectives, self.goal.search
+        space, objectives, search = self.prepared.space, self.prepared.task.objectives, self.spec.search
         shares = allocate_evaluations(search, len(space))
         file = self.folder / _PREDICTIONS
         ledger = EvaluationLog(self.prepared.task, space, crew, file, self.progress, search.predictions)
@@ -238,7 +239,7 @@ class _Run:
                 ledger.ask(points.tolist(), "even design")
             with self.timed("search"):
                 search_with_optuna(ledger, space, objectives, shares.search, search.seed)
-                refuse_infeasible(self.goal, ledger.evaluations)
+                refuse_infeasible(self.spec, ledger.evaluations)
                 refine_locally(ledger, space, objectives, shares.last, search.seed)
             with self.timed("sensitivity"):
                 self.effects = analyse_sensitivity(ledger, space, objectives, shares.morris, shares.sobol, search.seed)
@@ -254,7 +255,7 @@ class _Run:
         front = [front[place] for place in thin_front(self._logs(front), _MOST_SHOWN, first)]
         shown = add_alternatives(self.found, task.objectives, space, front)
         rigs = [rig_from_evaluation(number, self.found[number], self.prepared) for number in shown]
-        confirm = self.goal.confirm
+        confirm = self.spec.confirmation
         chosen = [rigs[place] for place in select_distinguishable(self._logs(shown), len(front), confirm.rigs)]
         with self.timed("simulations"):
             simulated = simulate_candidates(
@@ -273,15 +274,15 @@ class _Run:
         with self.timed("ten percent"):
             sensitivities = self._sensitivities(one)
         return DesignResult(
-            goal=self.goal.model_dump(mode="json", by_alias=True),
-            title=self.goal.title,
+            specification=self.spec.model_dump(mode="json", by_alias=True),
+            title=self.spec.title,
             objectives=task.objectives,
             recommended=recommended,
             front=tuple(on_front),
             screened=self._screened(),
             sensitivities=sensitivities,
             rules=check_rules_of_thumb(facts),
-            assumptions=list_assumptions(self.goal, facts, simulated.changes, self.effects.left_out, sensitivities),
+            assumptions=list_assumptions(self.spec, facts, simulated.changes, self.effects.left_out, sensitivities),
             discrepancies=simulated.discrepancies,
             seconds=self.seconds,
             alternatives=tuple(by_number[number] for number in shown if number not in front),

@@ -48,16 +48,16 @@ _MOST_TRIED = 64
 
 @dataclass(frozen=True)
 class OptimisationProblem:
-    """A goal that can be followed.
+    """A design specification that can be followed.
 
     Parameters
     ----------
     task
         What evaluates rigs.
     space
-        What is free.
+        What is variable.
     scene
-        The base scene, with the goal's changes.
+        The base scene, with the design specification's changes.
     """
 
     task: EvaluationTask
@@ -65,87 +65,87 @@ class OptimisationProblem:
     scene: Scene
 
 
-def prepare_problem(goal: DesignSpec) -> OptimisationProblem:
+def prepare_problem(spec: DesignSpec) -> OptimisationProblem:
     """Return what is searched.
 
     Parameters
     ----------
-    goal
-        The goal.
+    spec
+        The design specification.
 
     Raises
     ------
-    GoalError
+    DesignSpecError
         With every problem: paths that lead nowhere, parameters that vary nothing, values that make no scene, names that
         no catalogue has, objectives that are not predicted.
     """
     problems: list[Problem] = []
-    entries = _entries(goal, problems)
-    scene = _scene(goal, problems)
+    entries = _entries(spec, problems)
+    scene = _scene(spec, problems)
     if scene is None or entries is None:
         raise DesignSpecError(problems)
     plain = scene.to_plain()
     places, parameters = {}, []
-    for name, free in goal.free.items():
+    for name, variable in spec.variables.items():
         if name not in NAMED_VARIABLES:
             found = _places(plain, name, problems)
             if found:
                 places[name] = found
-                parameters.append(_parameter(name, free, plain, found, problems))
+                parameters.append(_parameter(name, variable, plain, found, problems))
         else:
-            parameters.append(_named(name, free, entries, problems))
+            parameters.append(_named(name, variable, entries, problems))
     problems += _overlaps(places)
-    problems += _find_undetermined(goal, scene, entries)
+    problems += _find_undetermined(spec, scene, entries)
     known = [one for one in parameters if one is not None]
     if problems:
         raise DesignSpecError(problems)
     space = DesignSpace(tuple(known))
-    depth = _compute_depth(scene, goal)
-    base = BaseRig(plain, places, entries, goal.light, depth)
+    depth = _compute_depth(scene, spec)
+    base = BaseRig(plain, places, entries, spec.light, depth)
     problems += _find_invalid_values(base, space)
     problems += _find_ineffective(base, space)
     if problems:
         raise DesignSpecError(problems)
     prediction = _predict_middle(base, space, scene.estimate.method)
     objectives = []
-    for number, wanted in enumerate(goal.objectives):
+    for number, wanted in enumerate(spec.objectives):
         problems += _not_predicted(f"objectives.{number}", wanted, prediction, scene.estimate.method)
         units = QUANTITIES[wanted.quantity].units
-        objectives.append(Objective(wanted.quantity, wanted.region, units, "", wanted.within, wanted.statistic))
+        objectives.append(Objective(wanted.quantity, wanted.region, units, "", wanted.target, wanted.statistic))
     if problems:
         raise DesignSpecError(problems)
     task = EvaluationTask(
-        base, goal.constraints, tuple(_with_unique_title(one, objectives) for one in objectives), scene.estimate.method
+        base, spec.constraints, tuple(_with_unique_title(one, objectives) for one in objectives), scene.estimate.method
     )
     return OptimisationProblem(task, space, scene)
 
 
-def _entries(goal: DesignSpec, problems: list[Problem]) -> CatalogueEntries | None:
+def _entries(spec: DesignSpec, problems: list[Problem]) -> CatalogueEntries | None:
     try:
-        return load_catalogues(goal.catalogues)
+        return load_catalogues(spec.catalogues)
     except DesignSpecError as error:
         problems += [Problem(f"catalogues: {one.path}", one.message, one.value) for one in error.problems]
         return None
 
 
-def _scene(goal: DesignSpec, problems: list[Problem]) -> Scene | None:
-    """Return the base scene with the goal's changes and method."""
+def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
+    """Return the base scene with the design specification's changes and method."""
     try:
-        scene = load_scene(goal.scene) if isinstance(goal.scene, str) else scene_from_plain(goal.scene)
+        scene = load_scene(spec.scene) if isinstance(spec.scene, str) else scene_from_plain(spec.scene)
         plain = scene.to_plain()
-        for path, value in goal.set.items():
+        for path, value in spec.set.items():
             try:
                 for place in expand(plain, path):
                     assign(plain, place, value)
             except PathError as error:
                 problems.append(Problem(f"set.{path}", str(error), value))
-        one = parse_methods(goal.method, from_file=True)[0]
-        if "estimate" not in {path.split(".")[0] for path in goal.set}:
+        one = parse_methods(spec.method, from_file=True)[0]
+        if "estimate" not in {path.split(".")[0] for path in spec.set}:
             own = scene.estimate.settings.model_dump(mode="json") if scene.estimate.method == one.method else {}
             plain["estimate"] = {"method": one.method, **own, **one.settings}
         return scene_from_plain(plain)
     except SceneError as error:
-        told = f" ({goal.scene})" if isinstance(goal.scene, str) else ""
+        told = f" ({spec.scene})" if isinstance(spec.scene, str) else ""
         problems += [
             Problem(".".join(filter(None, ("scene", one.path))), f"{one.message}{told}", one.value)
             for one in error.problems
@@ -163,68 +163,70 @@ def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tup
     except PathError as error:
         near = difflib.get_close_matches(path, NAMED_VARIABLES, n=1)
         told = str(error).replace(", under 'set'", "")
-        problems.append(Problem(f"free.{path}", f"{told}; did you mean '{near[0]}'?" if near else told))
+        problems.append(Problem(f"variables.{path}", f"{told}; did you mean '{near[0]}'?" if near else told))
         return ()
     return found
 
 
 def _parameter(
-    name: str, free: DesignVariable, plain: Mapping[str, Any], places: tuple[str, ...], problems: list[Problem]
+    name: str, variable: DesignVariable, plain: Mapping[str, Any], places: tuple[str, ...], problems: list[Problem]
 ) -> Parameter | None:
     """Return a parameter that is a field of the scene."""
-    if free.values is not None:
-        return _choice(name, free, problems)
+    if variable.values is not None:
+        return _choice(name, variable, problems)
     try:
         there = [value_at(plain, place) for place in places]
     except PathError as error:
-        problems.append(Problem(f"free.{name}", str(error)))
+        problems.append(Problem(f"variables.{name}", str(error)))
         return None
     whole = all(isinstance(value, int) and not isinstance(value, bool) for value in there)
-    return _range(name, free, problems, whole=whole)
+    return _range(name, variable, problems, whole=whole)
 
 
-def _range(name: str, free: DesignVariable, problems: list[Problem], *, whole: bool) -> Parameter | None:
-    low, high = float(free.from_ or 0.0), float(free.to or 0.0)
+def _range(name: str, variable: DesignVariable, problems: list[Problem], *, whole: bool) -> Parameter | None:
+    low, high = float(variable.from_ or 0.0), float(variable.to or 0.0)
     if whole and math.ceil(low) >= math.floor(high):
-        problems.append(Problem(f"free.{name}", "takes whole numbers, of which there are not two", [low, high]))
+        problems.append(Problem(f"variables.{name}", "takes whole numbers, of which there are not two", [low, high]))
         return None
-    return Parameter(name, low, high, free.log, whole)
+    return Parameter(name, low, high, variable.log, whole)
 
 
-def _choice(name: str, free: DesignVariable, problems: list[Problem]) -> Parameter | None:
-    if free.values == "all" or free.values is None:
-        problems.append(Problem(f"free.{name}", f"is none of {', '.join(CATALOGUES)}: list its values", free.values))
+def _choice(name: str, variable: DesignVariable, problems: list[Problem]) -> Parameter | None:
+    if variable.values == "all" or variable.values is None:
+        problems.append(
+            Problem(f"variables.{name}", f"is none of {', '.join(CATALOGUES)}: list its values", variable.values)
+        )
         return None
-    values = list(free.values)
+    values = list(variable.values)
     if any(value in values[:number] for number, value in enumerate(values)):
-        problems.append(Problem(f"free.{name}", "has a value twice", values))
+        problems.append(Problem(f"variables.{name}", "has a value twice", values))
         return None
     if len(values) < 2:
         message = "does not vary anything: give two values or more, or set it under 'set'"
-        problems.append(Problem(f"free.{name}", message, values))
+        problems.append(Problem(f"variables.{name}", message, values))
         return None
     return Parameter(name, choices=tuple(values))
 
 
-def _named(name: str, free: DesignVariable, entries: CatalogueEntries, problems: list[Problem]) -> Parameter | None:
-    """Return a parameter that goals know by name."""
+def _named(name: str, variable: DesignVariable, entries: CatalogueEntries, problems: list[Problem]) -> Parameter | None:
+    """Return a parameter that design specifications know by name."""
     if name not in CATALOGUES:
-        if free.values is not None:
-            return _choice(name, free, problems)
-        if (free.from_ or 0.0) <= 0:
-            problems.append(Problem(f"free.{name}", "must begin above 0", free.from_))
+        if variable.values is not None:
+            return _choice(name, variable, problems)
+        if (variable.from_ or 0.0) <= 0:
+            problems.append(Problem(f"variables.{name}", "must begin above 0", variable.from_))
             return None
-        return _range(name, free, problems, whole=False)
+        return _range(name, variable, problems, whole=False)
     known = entries.of(name)
-    if free.values is None:
-        problems.append(Problem(f"free.{name}", "is chosen from a catalogue: list names of entries, or write all"))
+    if variable.values is None:
+        problems.append(Problem(f"variables.{name}", "is chosen from a catalogue: list names of entries, or write all"))
         return None
-    values = list(known) if free.values == "all" else list(free.values)
+    values = list(known) if variable.values == "all" else list(variable.values)
     for one in values:
         if one not in known:
             near = difflib.get_close_matches(str(one), list(known), n=2)
             told = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
-            problems.append(Problem(f"free.{name}", f"no catalogue has it; {told}", one))
+            problems.append(Problem(f"variables.{name}", f"no catalogue has it; {told}", one))
     if any(one not in known for one in values):
         return None
     return Parameter(name, choices=tuple(dict.fromkeys(values)))
@@ -239,7 +241,7 @@ def _overlaps(places: Mapping[str, tuple[str, ...]]) -> Iterator[Problem]:
                 for here in places[one]
                 for there in places[other]
             ):
-                yield Problem(f"free.{one}", f"sets what '{other}' sets, or a part of it: free one of them")
+                yield Problem(f"variables.{one}", f"sets what '{other}' sets, or a part of it: vary one of them")
 
 
 _CHOSEN = {
@@ -248,25 +250,27 @@ _CHOSEN = {
     "stage": ("stage.errors", "stage.time_per_position_s"),
     "exposure_s": ("shutter.exposure_time_s",),
 }
-"""Fields that are no longer the scene's where a parameter is free."""
+"""Fields that are no longer the scene's where a parameter is variable."""
 
 
-def _find_undetermined(goal: DesignSpec, scene: Scene, entries: CatalogueEntries) -> Iterator[Problem]:
+def _find_undetermined(spec: DesignSpec, scene: Scene, entries: CatalogueEntries) -> Iterator[Problem]:
     """Tell which parameters need others, or are decided by them."""
-    if "f_number" in goal.free and "lens" not in goal.free:
-        yield Problem("free.f_number", "needs a lens of the catalogue: let 'lens' be free too, if only one entry of it")
-    if "lens" in goal.free and "camera" not in goal.free and scene.camera.pixel_pitch_um is None:
-        message = (
-            "needs the size of pixels: give camera.pixel_pitch_um and focal_length_mm in the scene, or let 'camera' be"
+    if "f_number" in spec.variables and "lens" not in spec.variables:
+        yield Problem(
+            "variables.f_number", "needs a lens of the catalogue: add 'lens' to the variables, if only one entry of it"
         )
-        yield Problem("free.lens", f"{message} free too")
+    if "lens" in spec.variables and "camera" not in spec.variables and scene.camera.pixel_pitch_um is None:
+        message = (
+            "needs the size of pixels: give camera.pixel_pitch_um and focal_length_mm in the scene, or add 'camera'"
+        )
+        yield Problem("variables.lens", f"{message} to the variables")
     for name, taken in _CHOSEN.items():
-        for path in goal.free if name in goal.free else ():
+        for path in spec.variables if name in spec.variables else ():
             if any(f"{path}.".startswith(f"{one}.") for one in taken):
-                yield Problem(f"free.{path}", f"does not vary anything: '{name}' decides it; free one of them")
+                yield Problem(f"variables.{path}", f"does not vary anything: '{name}' decides it; vary one of them")
 
 
-def _compute_depth(scene: Scene, goal: DesignSpec) -> float:
+def _compute_depth(scene: Scene, spec: DesignSpec) -> float:
     """Return the depth of what is measured in the base scene, in mm."""
     try:
         quiet = scene.model_copy(
@@ -277,7 +281,7 @@ def _compute_depth(scene: Scene, goal: DesignSpec) -> float:
         raise DesignSpecError(
             [Problem(f"scene.{one.path}", one.message, one.value) for one in error.problems]
         ) from error
-    region = goal.objectives[0].region
+    region = spec.objectives[0].region
     return prediction.by_region.get(region, prediction.causes).depth_mm
 
 
@@ -299,7 +303,7 @@ def _find_invalid_values(base: BaseRig, space: DesignSpace) -> Iterator[Problem]
                     own = any(f"{problem.path}.".startswith(f"{place}.") for place in base.places[one.name])
                     if own and problem.message not in seen:
                         seen.add(problem.message)
-                        yield Problem(f"free.{one.name}", problem.message, problem.value)
+                        yield Problem(f"variables.{one.name}", problem.message, problem.value)
 
 
 def _with(base: BaseRig, space: DesignSpace, number: int, value: Any) -> dict[str, Any]:
@@ -327,7 +331,7 @@ def _find_ineffective(base: BaseRig, space: DesignSpace) -> Iterator[Problem]:
                 break
             ends.append({key: value for key, value in plain.items() if key not in _NO_EFFECT})
         if len(ends) > 1 and all(end == ends[0] for end in ends):
-            yield Problem(f"free.{one.name}", "does not vary anything: no figure depends on it; leave it out")
+            yield Problem(f"variables.{one.name}", "does not vary anything: no figure depends on it; leave it out")
 
 
 def _predict_middle(base: BaseRig, space: DesignSpace, method: str) -> Prediction:
@@ -344,7 +348,9 @@ def _predict_middle(base: BaseRig, space: DesignSpace, method: str) -> Predictio
     assert last is not None
     problems = [
         Problem(
-            one.path or "free", f"{one.message}; none of {_MOST_TRIED} rigs of this space can be predicted", one.value
+            one.path or "variables",
+            f"{one.message}; none of {_MOST_TRIED} rigs of this space can be predicted",
+            one.value,
         )
         for one in last.problems
     ]

@@ -136,7 +136,7 @@ class RigContext:
     region
         The region of the first objective.
     parameters
-        What was free, by name.
+        Design variables, by name.
     lens, camera, stage
         What was chosen from catalogues; None if nothing was.
     f_number

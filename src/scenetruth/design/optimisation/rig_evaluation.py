@@ -48,12 +48,12 @@ _DIGITS = 4
 
 @dataclass(frozen=True)
 class Parameter:
-    """One free parameter.
+    """One design variable.
 
     Parameters
     ----------
     name
-        Path of a field, or a name that goals know.
+        Path of a field, or a name that design specifications know.
     low, high
         Ends of a range.
     logarithmic
@@ -111,12 +111,12 @@ class Parameter:
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """All free parameters.
+    """All design variables.
 
     Parameters
     ----------
     parameters
-        In the order of the goal.
+        In the order of the design specification.
     """
 
     parameters: tuple[Parameter, ...]
@@ -158,7 +158,7 @@ class BaseRig:
     plain
         The base scene as plain values, with all fields.
     places
-        Paths without wildcards, by those of the goal.
+        Paths without wildcards, by those of the design specification.
     entries
         The catalogues.
     light
@@ -193,7 +193,7 @@ def build_rig(base: BaseRig, values: Mapping[str, Any]) -> BuiltRig:
     base
         What all rigs have in common.
     values
-        Of what is free, by name.
+        Of the design variables, by name.
 
     Raises
     ------
@@ -270,7 +270,7 @@ def _put_lens(
     camera = plain["camera"]
     pitch = camera["pixel_pitch_um"]
     if pitch is None:
-        message = "must be given with a lens: its focal length is in mm; or let camera be free too"
+        message = "must be given with a lens: its focal length is in mm; or add camera to the variables"
         raise SceneError([Problem("camera.pixel_pitch_um", message)])
     if depth_mm <= lens.focal_length_mm:
         message = f"the lens's focal length of {lens.focal_length_mm:g} mm leaves no image at this distance"
@@ -318,7 +318,7 @@ class EvaluationTask:
     base
         What all rigs have in common.
     limits
-        The constraints of the goal.
+        The constraints of the design specification.
     objectives
         What is to be known.
     method
@@ -338,7 +338,7 @@ class Evaluation:
     Parameters
     ----------
     values
-        Of what is free, by name.
+        Of the design variables, by name.
     predicted
         Of each objective its statistic, by title; infinite where nothing is told.
     parts
@@ -378,7 +378,7 @@ def evaluate_rig(task: EvaluationTask, values: Mapping[str, Any]) -> Evaluation:
     task
         What is designed.
     values
-        Of what is free, by name.
+        Of the design variables, by name.
     """
     nothing = {one.title: math.inf for one in task.objectives}
     try:

@@ -95,8 +95,8 @@ class ObjectiveSpec(FrozenModel):
     """Of which statistic of the errors in the region: ``scaled_median_abs_error``, 1.4826 times the median of their
     sizes, which is the standard deviation where errors are normal, and which few places that are far off do not change;
     ``rmse``, which they do; ``p95_abs_error``, below which the sizes of 95 % of them lie."""
-    within: Positive | None = None
-    """What of it is good enough, in mm, mm/frame or %/h; the smaller the better if not given."""
+    target: Positive | None = None
+    """Value that is good enough, in mm, mm/frame or %/h; the smaller the better if not given."""
 
 
 class IlluminationSpec(FrozenModel):
@@ -117,10 +117,10 @@ class SearchSpec(FrozenModel):
 
     predictions: Annotated[int, Field(ge=16, le=1_000_000)] = 2400
     """Predictions in all, at most."""
-    morris: Annotated[int, Field(ge=0, le=1000)] = 10
-    """Trajectories of Morris' method; each takes one prediction more than there are free parameters. 0 for none."""
+    morris_trajectories: Annotated[int, Field(ge=0, le=1000)] = 10
+    """Trajectories of Morris' method; each takes one prediction more than there are design variables. 0 for none."""
     sobol: Annotated[int, Field(ge=0, le=65536)] = 64
-    """Base samples of Sobol' indices, a power of two; each takes two predictions more than there are free parameters.
+    """Base samples of Sobol' indices, a power of two; each takes two predictions more than there are design variables.
     0 for none."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     """Seed of the search."""
@@ -134,7 +134,7 @@ class ConfirmationSpec(FrozenModel):
     seeds: Annotated[int, Field(ge=1, le=1000)] = 5
     """Recordings of each, with other textures, noise and errors of the stage. Few tell little: from 3, 5 and 8 seeds,
     intervals of another recording reach 5.0, 3.0 and 2.5 standard deviations to either side."""
-    most_px: Annotated[int, Field(ge=32, le=32768)] | None = 240
+    max_size_px: Annotated[int, Field(ge=32, le=32768)] | None = 240
     """Images are cut to so many pixels along their longer side, around the middle of the first objective's region; they
     are wider by the disparity between the outermost positions, and lower in return. null for whole images."""
 
@@ -157,30 +157,30 @@ FieldPath = Annotated[str, Field(pattern=_PATH_PATTERN, max_length=300)]
 
 
 class DesignSpec(FrozenModel):
-    """What is to be designed.
+    """A design specification: design variables, objectives and constraints.
 
     See Also
     --------
-    load_design_spec : A goal from a file in YAML.
-    design_spec_from_dict : A goal from plain values.
+    load_design_spec : A design specification from a file in YAML.
+    design_spec_from_dict : A design specification from plain values.
     scenetruth.design.optimisation.optimise : Finds the rig.
 
     Examples
     --------
-    >>> goal = DesignSpec(
+    >>> spec = DesignSpec(
     ...     scene="cube",
-    ...     free={"stage.baseline_mm": {"from": 1, "to": 8}, "stage.positions": {"values": [3, 5, 9]}},
-    ...     constraints=[{"kind": "stage_travel", "at_most": 25}],
+    ...     variables={"stage.baseline_mm": {"from": 1, "to": 8}, "stage.positions": {"values": [3, 5, 9]}},
+    ...     constraints=[{"kind": "stage_travel", "max": 25}],
     ...     objectives=[{"quantity": "depth"}, {"quantity": "velocity_z", "region": "object_cube"}],
     ... )
-    >>> [one.title for one in goal.constraints], [one.quantity for one in goal.objectives]
+    >>> [one.title for one in spec.constraints], [one.quantity for one in spec.objectives]
     (['stage travel'], ['depth', 'velocity_z'])
-    >>> goal.search.predictions, goal.confirm.rigs, goal.confirm.seeds
+    >>> spec.search.predictions, spec.confirmation.rigs, spec.confirmation.seeds
     (2400, 3, 5)
     """
 
     format: Literal[1] = 1
-    """Version of the format of goals."""
+    """Version of the format of design specifications."""
     title: Name = "A rig"
     """What is designed, in a few words."""
     description: Annotated[str, Field(max_length=10_000)] = ""
@@ -192,10 +192,10 @@ class DesignSpec(FrozenModel):
     """The method of estimation, with settings as in ``refined[window_sigma_px: 4]`` or in a mapping."""
     set: dict[FieldPath, Any] = Field(default_factory=dict)
     """Changes of the scene: values by path."""
-    free: dict[FieldPath, DesignVariable] = Field(min_length=1)
-    """What is free: ranges and values by path of a field. Besides, ``lens``, ``camera`` and ``stage`` are entries of
-    catalogues; ``f_number`` needs a lens; ``exposure_s`` is that of shutter and sensor; ``working_distance_mm`` moves
-    all that stands before the camera."""
+    variables: dict[FieldPath, DesignVariable] = Field(min_length=1)
+    """Design variables: ranges and values by path of a field. In addition, ``lens``, ``camera`` and ``stage`` are
+    entries of catalogues; ``f_number`` needs a lens; ``exposure_s`` is that of shutter and sensor;
+    ``working_distance_mm`` moves all that stands before the camera."""
     catalogues: tuple[InputFile, ...] = ()
     """Files with more entries of catalogues."""
     light: IlluminationSpec | None = None
@@ -206,7 +206,7 @@ class DesignSpec(FrozenModel):
     """What is to be known precisely."""
     search: SearchSpec = SearchSpec()
     """How long to search."""
-    confirm: ConfirmationSpec = ConfirmationSpec()
+    confirmation: ConfirmationSpec = ConfirmationSpec()
     """Which rigs are simulated."""
 
     @field_validator("objectives")
@@ -224,39 +224,39 @@ class DesignSpec(FrozenModel):
         return value
 
     @model_validator(mode="after")
-    def _free_or_set(self) -> Self:
-        both = sorted(set(self.free) & set(self.set))
+    def _variable_or_set(self) -> Self:
+        both = sorted(set(self.variables) & set(self.set))
         if both:
-            msg = f"is both set and free: {', '.join(both)}"
+            msg = f"is both set and a variable: {', '.join(both)}"
             raise ValueError(msg)
         return self
 
 
-_MAPPING = "a mapping of scene, free, constraints, objectives, ..."
+_MAPPING = "a mapping of scene, variables, constraints, objectives, ..."
 
 
 def load_design_spec(file: str | Path) -> DesignSpec:
-    """Load a goal file.
+    """Load a design specification.
 
     Parameters
     ----------
     file
-        The YAML file, or the name of a goal that is shipped, as ``"leaf_growth"``, if no file has it. Relative paths in
-        it count from its folder.
+        The YAML file, or the name of a design that is shipped, as ``"leaf_growth"``, if no file has it. Relative paths
+        in it count from its folder.
 
     Returns
     -------
-    Goal
+    DesignSpec
         Validated and frozen.
 
     Raises
     ------
-    GoalError
+    DesignSpecError
         If the file cannot be read, or with every problem of its form.
 
     See Also
     --------
-    design_spec_from_dict : A goal from plain values.
+    design_spec_from_dict : A design specification from plain values.
     scenetruth.design.optimisation.optimise : Finds the rig.
 
     Examples
@@ -265,31 +265,31 @@ def load_design_spec(file: str | Path) -> DesignSpec:
     >>> text = '''
     ... title: Depth of a cube
     ... scene: cube
-    ... free:
+    ... variables:
     ...   stage.baseline_mm: {from: 1, to: 8}
     ... constraints:
-    ...   - {kind: stage_travel, at_most: 25}
+    ...   - {kind: stage_travel, max: 25}
     ... objectives:
-    ...   - {quantity: depth, within: 0.05}
+    ...   - {quantity: depth, target: 0.05}
     ... '''
     >>> with TemporaryDirectory() as folder:
-    ...     _ = Path(folder, "goal.yaml").write_text(text)
-    ...     goal = load_design_spec(f"{folder}/goal.yaml")
-    >>> goal.title, goal.objectives[0].within, list(goal.free)
+    ...     _ = Path(folder, "spec.yaml").write_text(text)
+    ...     spec = load_design_spec(f"{folder}/spec.yaml")
+    >>> spec.title, spec.objectives[0].target, list(spec.variables)
     ('Depth of a cube', 0.05, ['stage.baseline_mm'])
 
-    A goal that is shipped:
+    A design specification that is shipped:
 
     >>> load_design_spec("cube_depth").title
     'Depth and motion of the noise cube'
     """
-    file = bundled_file(file, within="goals") or file
-    plain, folder = read_file(file, "a goal", DesignSpecError)
+    file = bundled_file(file, within="designs") or file
+    plain, folder = read_file(file, "a design specification", DesignSpecError)
     return design_spec_from_dict(plain, source=file, folder=folder)
 
 
 def design_spec_from_dict(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> DesignSpec:
-    """Validate a goal given as plain values.
+    """Validate a design specification given as plain values.
 
     Parameters
     ----------
@@ -302,28 +302,28 @@ def design_spec_from_dict(plain: Any, source: str | Path | None = None, folder: 
 
     Returns
     -------
-    Goal
+    DesignSpec
         Validated and frozen.
 
     Raises
     ------
-    GoalError
+    DesignSpecError
         With every problem and its path.
 
     See Also
     --------
-    load_design_spec : A goal from a file in YAML.
+    load_design_spec : A design specification from a file in YAML.
     scenetruth.design.optimisation.optimise : Finds the rig.
 
     Examples
     --------
     >>> from scenetruth.errors import RecipeError
     >>> try:
-    ...     design_spec_from_dict({"scene": "cube.yaml", "free": {"stage.baseline_mm": {"from": 5, "to": 2}}})
+    ...     design_spec_from_dict({"scene": "cube.yaml", "variables": {"stage.baseline_mm": {"from": 5, "to": 2}}})
     ... except RecipeError as error:
     ...     print(error)
-    2 problems with the goal:
-      - free.stage.baseline_mm: has no values: from 5 is not below to 2 (got {'from': 5, 'to': 2})
+    2 problems with the design specification:
+      - variables.stage.baseline_mm: has no values: from 5 is not below to 2 (got {'from': 5, 'to': 2})
       - objectives: is missing
     """
     if not isinstance(plain, Mapping):
@@ -332,24 +332,24 @@ def design_spec_from_dict(plain: Any, source: str | Path | None = None, folder: 
     if problems:
         raise DesignSpecError(problems, source=source)
     try:
-        goal = DesignSpec.model_validate(dict(plain), context=validation_context(folder))
+        spec = DesignSpec.model_validate(dict(plain), context=validation_context(folder))
     except ValidationError as error:
         raise DesignSpecError(_list_problems(error, plain), source=source) from error
-    problems = [*_find_contradictions(goal)]
+    problems = [*_find_contradictions(spec)]
     if problems:
         raise DesignSpecError(problems, source=source)
-    return goal
+    return spec
 
 
-def _find_contradictions(goal: DesignSpec) -> Sequence[Problem]:
+def _find_contradictions(spec: DesignSpec) -> Sequence[Problem]:
     """Return which bounds of one thing leave nothing between them."""
     found = []
     bounds: dict[str, tuple[int, float | None, float | None]] = {}
-    for number, one in enumerate(goal.constraints):
-        key = one.model_dump_json(exclude={"at_least", "at_most"})
+    for number, one in enumerate(spec.constraints):
+        key = one.model_dump_json(exclude={"min", "max"})
         _, low, high = bounds.get(key, (number, None, None))
-        low = one.at_least if low is None or (one.at_least or low) > low else low
-        high = one.at_most if high is None or (one.at_most or high) < high else high
+        low = one.min if low is None or (one.min or low) > low else low
+        high = one.max if high is None or (one.max or high) < high else high
         earlier = bounds.get(key)
         bounds[key] = (number, low, high)
         if low is not None and high is not None and low > high:
@@ -372,7 +372,7 @@ def _list_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Pro
         elif entry["type"] == "union_tag_invalid":
             message = f"is of no known kind: '{entry['ctx']['tag']}' is none of {entry['ctx']['expected_tags']}"
         elif entry["type"] == "union_tag_not_found":
-            message = "needs a kind, such as {kind: stage_travel, at_most: 50}"
+            message = "needs a kind, such as {kind: stage_travel, max: 50}"
         value = None if entry["type"] == "missing" or not inside else entry.get("input")
         found.setdefault((path, message), Problem(path, message[:1].lower() + message[1:], value))
     return list(found.values())

@@ -171,7 +171,7 @@ def bound_window_from_method(contestant: MethodSpec) -> BoundWindow:
         float(sigma) if isinstance(sigma, int | float) else _SIGMA_PX,
         cast(Surface, _read_choice(settings, "surface", get_args(Surface), "constant", "plane")),
         cast(Motion, _read_choice(settings, "motion", get_args(Motion), "translation", "growing")),
-        "per_image" if getattr(settings, "brightness", None) == "per_image" else "fixed",
+        "per_image" if getattr(settings, "photometric_model", None) == "per_image" else "fixed",
     )
 
 

@@ -368,10 +368,10 @@ class _SobolRange:
         assert factor.ends is not None
         low, high = factor.ends
         if factor.logarithmic:
-            return cls(LogUniformDistribution(low=low, high=high, plan="sobol"), whole)
+            return cls(LogUniformDistribution(low=low, high=high, sampling="sobol"), whole)
         if whole:
-            return cls(IntegersDistribution(low=math.ceil(low), high=math.floor(high), plan="sobol"), whole)
-        return cls(UniformDistribution(low=low, high=high, plan="sobol"), whole)
+            return cls(IntegersDistribution(low=math.ceil(low), high=math.floor(high), sampling="sobol"), whole)
+        return cls(UniformDistribution(low=low, high=high, sampling="sobol"), whole)
 
     def value(self, uniforms: Sequence[float]) -> float | int:
         found = self.between.value(uniforms)

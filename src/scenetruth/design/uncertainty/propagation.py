@@ -107,7 +107,7 @@ class RefinedPropagation:
         half = settings.window_frames // 2
         recording = sight.recording.isel(t=[n for n, t in enumerate(sight.t) if abs(t) <= half])
         self._frames = [int(t) for t in recording["t"].values]
-        self._gains = settings.brightness == "per_image"
+        self._gains = settings.photometric_model == "per_image"
         surface: Surface = "constant" if settings.surface == "constant" else "plane"
         motion: Motion = "growing" if settings.motion == "auto" else settings.motion
         self._model = WindowUnknowns(surface, motion, moving=len(self._frames) > 1, brightness=0)

@@ -32,7 +32,7 @@ class _Refined(StreamingMethod):
 
     def requirements(self, recording: xr.Dataset, settings: RefinedSettings) -> list[Problem]:
         sizes = recording["image"].sizes
-        if settings.start == "structure_tensor":
+        if settings.initialisation == "structure_tensor":
             from scenetruth.estimators.method_settings import StructureTensorSettings
             from scenetruth.estimators.structure_tensor.filters import axis_problems
 
@@ -55,7 +55,9 @@ class _Refined(StreamingMethod):
             message = "cameras in one column show no disparity along x, where the fit starts: 2 positions are needed"
             problems.append(Problem("stage.positions", message, 1))
         if sizes["s"] > 1 and not np.isclose(places, 0.0, atol=1e-9).any():
-            message = "needs a camera at 0, where estimates are given; or start: structure_tensor, which needs none"
+            message = (
+                "needs a camera at 0, where estimates are given; or initialisation: structure_tensor, which needs none"
+            )
             problems.append(Problem("stage_x_mm", message, places.tolist()))
         return problems
 

@@ -203,6 +203,6 @@ def estimate_disparities(
     tell("sweep", 0, frames)
     for frame in range(frames):
         images = reader.frames(frame, frame + 1)[:, :, 0].astype(np.float32, copy=False)
-        found = sweep_disparity(images, positions, baseline_mm, ranges, settings.distinctness)
+        found = sweep_disparity(images, positions, baseline_mm, ranges, settings.uniqueness_ratio)
         tell("sweep", frame + 1, frames)
         yield np.where(found.known, found.disparity * step_px, np.nan), found.ambiguous

@@ -344,7 +344,7 @@ def refit_discontinuities(
     where = around(_unexplained(refined.seen, noise) | find_discontinuities(images, whole), reach) | refined.uneven
     if not where.any() or not np.isfinite(noise):
         return refined, DiscontinuityContext(where, np.zeros_like(where))
-    steady = ~where if settings.brightness == "per_image" else None
+    steady = ~where if settings.photometric_model == "per_image" else None
     selection = HypothesisSelection(images.few(), whole, where, noise, steady)
     selection.offer(_small_windows(images, start, where, settings))
     for distance in sorted({round(1.6 * sigma), round(sigma), round(sigma / 2), 2, 1} - {0}, reverse=True):
@@ -354,13 +354,13 @@ def refit_discontinuities(
     found, motion = _refit_motion_models(images, found, where, refined.motion, noise, settings)
     fit, seen, shares = found.fit, found.seen, found.shares
     # Whole windows suffice where they find the same: their noise is the least.
-    fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.acceptance * noise)
+    fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.max_residual_ratio * noise)
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
     final = chosen_fit(where, fit, refined.fit)
     own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
     sound = (
         where
-        & explained(seen.square, seen.gradient, settings.acceptance * noise)
+        & explained(seen.square, seen.gradient, settings.max_residual_ratio * noise)
         & (shares[0] > _LEAST_SHARE)
         & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
     )
@@ -392,7 +392,7 @@ def _small_windows(images: ImageStack, start: Map, where: Mask, settings: Refine
     """Fit small windows with one velocity each, frames in stages."""
     model = _plain(images, settings)
     model = model._replace(gradient=0) if model.surface > 0 else model
-    sigma, gains = max(_LEAST_SIGMA_PX, _SMALL * settings.window_sigma_px), settings.brightness == "per_image"
+    sigma, gains = max(_LEAST_SIGMA_PX, _SMALL * settings.window_sigma_px), settings.photometric_model == "per_image"
     state = initial_parameters(start, accelerated=settings.accelerated)
     steady = model._replace(accelerated=False)
     stages = [(images.within(reach), steady) for reach in STAGES if reach < images.longest]
@@ -445,13 +445,13 @@ def _refit_motion_models(
 
     sigma = _final_sigma(settings.window_sigma_px)
     tried = [near[motion] for motion in richer]
-    fit, which = choose_motion_model(found.fit, trials(), tried, sigma, settings.acceptance * noise)
+    fit, which = choose_motion_model(found.fit, trials(), tried, sigma, settings.max_residual_ratio * noise)
     return _Refit(fit, seen, shares), encode_motion_models(which, richer)
 
 
 def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: RefinedSettings) -> _Refit:
     sigma, finer = (max(_LEAST_SIGMA_PX, share * settings.window_sigma_px) for share in (_FINAL, _SMALL))
-    gains = settings.brightness == "per_image"
+    gains = settings.photometric_model == "per_image"
     shares = np.full((2, *images.shape), np.nan)
     seen, model = PixelEvidence.blank(images.shape), _plain(images, settings)
     reach = 3 * (window_weights(sigma).shape[2] // 2)

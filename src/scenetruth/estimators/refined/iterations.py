@@ -102,14 +102,18 @@ def refine(
     told
         Called with the number of rounds that are done.
     """
-    models, sigma, gains = select_models(images, settings), settings.window_sigma_px, settings.brightness == "per_image"
+    models, sigma, gains = (
+        select_models(images, settings),
+        settings.window_sigma_px,
+        settings.photometric_model == "per_image",
+    )
     plain = models[0]._replace(gradient=0) if models[0].surface > 0 else models[0]
     steady = plain._replace(accelerated=False)
-    cameras = None if settings.corrections is None else PoseCorrections(settings.corrections, images)
+    cameras = None if settings.pose_corrections is None else PoseCorrections(settings.pose_corrections, images)
     span = float(np.abs(images.times).max())
     stages = [(reach, steady) for reach in STAGES if reach < span]
     state = initial_parameters(start, accelerated=settings.accelerated)
-    done, left = 0, settings.rounds - _FULL_ITERATIONS
+    done, left = 0, settings.max_iterations - _FULL_ITERATIONS
     left_out: frozenset[tuple[int, int]] = frozenset()
     settled = cameras is None
     for reach, model in [*stages, (span, plain), *[(span, models[0])] * left]:
@@ -176,7 +180,7 @@ def fit_surface(
     chosen
         Which one it is; where none is fitted, `NO_MODEL`.
     """
-    sigma, gains = settings.window_sigma_px, settings.brightness == "per_image"
+    sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
     every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
     fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every)
@@ -214,7 +218,7 @@ def fit_final(
     """
     seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True)
     small = _FINER * settings.window_sigma_px
-    gains = settings.brightness == "per_image"
+    gains = settings.photometric_model == "per_image"
     final = partial(fit_round, images, state, models, settings.window_sigma_px, gains=gains, chosen=chosen)
     fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, finer), seen=seen)
     return FinalIteration(fit, seen, differ(fit, finer, small, motion=True))

@@ -48,7 +48,7 @@ def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Datas
     x, y = (recording[name].values if name in recording.coords else None for name in ("x", "y"))
     maps = {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in types.items()}
     cameras: dict[str, Any] = {}
-    if settings.corrections is not None:
+    if settings.pose_corrections is not None:
         for name, components in CORRECTIONS.items():
             maps[name] = blank_map(np.float64, (*components, *_cameras(recording), len(places)))
         names = ("s", "stage_x_mm", *(("stage_y_mm",) if "s_y" in recording["image"].dims else ()))
@@ -108,13 +108,13 @@ def fill_estimate(
     placed = np.stack([np.tile(across_mm, len(below_mm)), np.repeat(below_mm, len(across_mm))], axis=-1) / baseline_mm
     placed = placed if cameras > 1 else np.zeros((1, 2))
     rig = CameraLayout(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
-    if settings.corrections is not None:
-        settings = settings.model_copy(update={"corrections": settings.corrections.in_columns(grid.step_px)})
+    if settings.pose_corrections is not None:
+        settings = settings.model_copy(update={"pose_corrections": settings.pose_corrections.in_columns(grid.step_px)})
     splines, times = Splines(reader, settings.spline_order), recording["t"].values.astype(np.float64)
     needed = _needed(reader.shape[2], settings)
     rounds, curved, noted = [], [], ExclusionReport(recording)
     for number, frames in enumerate(needed):
-        told = None if progress is None else _later(progress, number, len(needed), settings.rounds)
+        told = None if progress is None else _later(progress, number, len(needed), settings.max_iterations)
         if told is not None:
             told(0)
         taken = times[frames.first : frames.last] - times[frames.output]
@@ -136,7 +136,7 @@ def fill_estimate(
             reason = describe_missing_contrast(images)
             if reason:
                 raise EstimateError([Problem("image", reason)])
-            if settings.start == "plane_sweep":
+            if settings.initialisation == "plane_sweep":
                 start = initialise_robustly(reader, frames, images, rig, settings.window_sigma_px)
             else:
                 part = reader.part(frames.first, frames.last)
@@ -149,7 +149,7 @@ def fill_estimate(
             nothing = make_invalid_maps(cameras, len(taken), settings, images.shape)
             for name, values in _state_defects(nothing, recording, reader, images, frames.output).items():
                 put(name, {"t": number}, values)
-            if settings.corrections is not None:
+            if settings.pose_corrections is not None:
                 for name, components in CORRECTIONS.items():
                     put(name, {"t": number}, np.full((*components, *_cameras(recording)), np.nan))
             rounds.append(0)
@@ -159,7 +159,7 @@ def fill_estimate(
         found = refit_motion_models(found, settings)
         images, beside = found.images, empty_discontinuity_context(found.images.shape)
         noted.leave_out(frames.first, images.left_out)
-        if settings.outlines:
+        if settings.discontinuity_refit:
             found, beside = refit_discontinuities(images, start.fields, found, settings, told)
         maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm)
         for name, values in _state_defects(maps, recording, reader, images, frames.output).items():
@@ -170,7 +170,7 @@ def fill_estimate(
         rounds.append(found.rounds)
         curved.append(round(float(found.curved.mean()), 4))
         if told is not None:
-            told(settings.rounds)
+            told(settings.max_iterations)
     return {
         "iterations": rounds,
         "curved_fraction": curved,

@@ -216,7 +216,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
             fit = last.fit._replace(variance=np.where(settled, last.fit.variance, np.nan))
             yield MotionModelTrial(fit, motion.images is images, take)
 
-    noise = settings.acceptance * estimate_noise(np.sqrt(refined.fit.residual[0]))
+    noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
     fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise)
     return replace(
         refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)
@@ -259,7 +259,7 @@ def _find_promising_pixels(
 def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map) -> tuple[Fit, Map]:
     """Fit a motion at every other row and column; return the parameters of all pixels, too."""
     models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
-    sigma, gains = motion.settings.window_sigma_px, motion.settings.brightness == "per_image"
+    sigma, gains = motion.settings.window_sigma_px, motion.settings.photometric_model == "per_image"
     fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains, coarse=True)
     curved = refined.curved.astype(np.int8)
     # A plane first: what looks like curvature may be motion. What is left over is noise only once both are known.

@@ -166,8 +166,8 @@ def compute_maps(
             variance[[0, 3, 4, 5]] += refined.cameras.effect(images, finite).variance
         std = np.sqrt(variance)
         shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
-        limit = np.maximum(settings.acceptance * usual, shifted)
-        most = np.maximum(settings.acceptance * fine_contrast(images, settings.window_sigma_px), shifted)
+        limit = np.maximum(settings.max_residual_ratio * usual, shifted)
+        most = np.maximum(settings.max_residual_ratio * fine_contrast(images, settings.window_sigma_px), shifted)
         known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count, images.spline)
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
         reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
@@ -199,7 +199,7 @@ def compute_maps(
                 found |= {"acceleration": told * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm, images.spline)
     rough = np.zeros_like(known)
-    if settings.unfitted == "plane_sweep" and cameras > 1:
+    if settings.fallback == "plane_sweep" and cameras > 1:
         # Of what stands at infinity, there is no depth.
         rough = start.known & ~known & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX)
         rough &= _own_texture(images, usual)

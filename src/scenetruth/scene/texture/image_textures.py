@@ -182,7 +182,7 @@ _RAMP = 256
 class EmbeddedTexture(TextureModel):
     """The texture image or the vertex colours that a mesh file brings along."""
 
-    kind: Literal["own"]
+    kind: Literal["embedded"]
     """``own``."""
     encoding: Literal["linear", "srgb"] = "linear"
     """Meaning of the grey values: proportional to radiance, or sRGB encoded."""
@@ -208,7 +208,7 @@ class EmbeddedTexture(TextureModel):
 
     def _nothing(self) -> SceneError:
         return SceneError(
-            [Problem("kind", "the mesh brings no texture image and no vertex colours; give it a texture", "own")]
+            [Problem("kind", "the mesh brings no texture image and no vertex colours; give it a texture", "embedded")]
         )
 
 

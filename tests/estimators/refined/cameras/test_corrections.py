@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 CAMERAS, FRAMES, NOISE = 5, 5, 0.01
 PLANE = MovingPlane(size=(80, 112))
 PRIORS = {"x_px": 0.3, "y_px": 0.3, "roll_urad": 1000.0, "scale_ppm": 300.0, "repeatability_px": 0.03}
-SETTINGS = {"window_sigma_px": 4.0, "window_frames": FRAMES, "surface": "plane", "outlines": False}
+SETTINGS = {"window_sigma_px": 4.0, "window_frames": FRAMES, "surface": "plane", "discontinuity_refit": False}
 
 
 def moved(seed: int) -> Array:
@@ -33,7 +33,7 @@ def errors(seed: int, *, corrected: bool = True) -> dict[str, Array]:
     """Return errors over stated standard deviations, and those of disparity alone."""
     off = moved(seed)
     recording = PLANE.recording(CAMERAS, FRAMES, noise_std=NOISE, seed=seed, moved=off)
-    found = st.estimate(recording, "refined", SETTINGS | ({"corrections": PRIORS} if corrected else {})).sel(t=0)
+    found = st.estimate(recording, "refined", SETTINGS | ({"pose_corrections": PRIORS} if corrected else {})).sel(t=0)
     truth = PLANE.truth()
     inner = found["status"].values == 2
     inner[:16], inner[-16:], inner[:, :24], inner[:, -24:] = False, False, False, False

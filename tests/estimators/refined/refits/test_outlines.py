@@ -57,7 +57,7 @@ def estimates() -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     """Of the wall with texture, the same by whole windows only, and of the wall without."""
     textured, plain = recordings()
     cases = ((textured, True), (textured, False), (plain, True))
-    found = [st.estimate(each, "refined", window_frames=5, outlines=outlines) for each, outlines in cases]
+    found = [st.estimate(each, "refined", window_frames=5, discontinuity_refit=outlines) for each, outlines in cases]
     one, two, three = (each.isel(t=0, y=ROWS) for each in found)
     return one, two, three
 

@@ -28,7 +28,7 @@ SCATTER = 0.3
 
 
 def estimated(recording: xr.Dataset, **settings: Any) -> xr.Dataset:
-    return st.estimate(recording, method="refined", window_sigma_px=SIGMA_PX, outlines=False, **settings)
+    return st.estimate(recording, method="refined", window_sigma_px=SIGMA_PX, discontinuity_refit=False, **settings)
 
 
 def inner(found: xr.Dataset) -> xr.Dataset:
@@ -110,7 +110,7 @@ def test_fewer_frames_are_used_where_all_do_not_agree() -> None:
     assert np.mean(motion_of(found) == MOTION_ACCELERATED_IN_PART) > 0.9
     assert inner(found)["image_count"].values.max() <= 25
     assert np.sqrt(np.mean(scaled(found, *exact) ** 2)) < 1.0 + SCATTER
-    over_all = estimated(recording, acceleration=True, acceptance=100)
+    over_all = estimated(recording, acceleration=True, max_residual_ratio=100)
     assert np.sqrt(np.nanmean(scaled(over_all, *exact)[0] ** 2)) > 2.5
 
 

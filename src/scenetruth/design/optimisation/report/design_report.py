@@ -225,7 +225,7 @@ def _listed(parts: Sequence[str]) -> str:
 
 PAGE = "index.html"
 _BLUR_PX = 1.0
-"""Blur that counts as sharp where the goal says nothing."""
+"""Blur that counts as sharp where the design specification says nothing."""
 
 
 def write_design_page(design: DesignResult, folder: str | Path) -> Path:
@@ -263,16 +263,18 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [4, 16]}}
     >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 4}, "frames": {"count": 3}, "sensor": {"noise_std": 0.01}}
-    >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
-    >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
-    >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
-    >>> design = optimise(goal, workers=0)
+    >>> spec = {"title": "A wall", "scene": scene, "variables": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
+    >>> spec |= {"constraints": [{"kind": "stage_travel", "max": 16}], "objectives": [{"quantity": "depth"}]}
+    >>> spec |= {"search": {"predictions": 16, "morris_trajectories": 0, "sobol": 0}, "confirmation": {"rigs": 0}}
+    >>> design = optimise(spec, workers=0)
     >>> with TemporaryDirectory() as folder:
     ...     page = write_design_page(design, folder)
     ...     page.name, design.title in page.read_text(encoding="utf-8")
     ('index.html', True)
     """
-    view = compute_side_view(design.recommended.scene, derive_blur_limit(design.goal), design.objectives[0].region)
+    view = compute_side_view(
+        design.recommended.scene, derive_blur_limit(design.specification), design.objectives[0].region
+    )
     on_front, on_parameters = build_front_charts(design), build_sensitivity_charts(design)
     charts = {chart.name: {"data": chart.data, "layout": chart.layout} for chart in (*on_front, *on_parameters)}
     tightest = find_tightest(design.recommended)
@@ -304,7 +306,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
         discrepancies=build_discrepancy_table(design),
         orders=build_rank_consistency_table(design),
         order_words=list(describe_rank_consistency(design.objectives, design.orders)),
-        goal=format_yaml(design.goal),
+        specification=format_yaml(design.specification),
         links=find_links(folder),
         number=format_number,
         length=format_length,
@@ -315,24 +317,24 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
     return path
 
 
-def derive_blur_limit(goal: Mapping[str, Any]) -> float:
-    """Return the diameter in px of the blur disc that a goal lets pass as sharp; 1 px if it says nothing.
+def derive_blur_limit(spec: Mapping[str, Any]) -> float:
+    """Return the diameter in px of the blur disc that a specification lets pass as sharp; 1 px if it says nothing.
 
     Parameters
     ----------
-    goal
-        The goal as plain values.
+    spec
+        The design specification as plain values.
     """
     limits = []
-    for one in goal.get("constraints") or ():
+    for one in spec.get("constraints") or ():
         if one.get("kind") == "depth_of_field":
             limits.append(float(one.get("blur_px") or _BLUR_PX))
-        elif one.get("kind") == "defocus_blur" and one.get("at_most"):
-            limits.append(float(one["at_most"]))
+        elif one.get("kind") == "defocus_blur" and one.get("max"):
+            limits.append(float(one["max"]))
     return min(limits, default=_BLUR_PX)
 
 
-FRONT_FILE, RIG_FILE = "front.csv", "recommended.yaml"
+FRONT_FILE, RIG_FILE = "pareto_front.csv", "recommended.yaml"
 
 
 def write_design_files(design: DesignResult, folder: Path) -> None:

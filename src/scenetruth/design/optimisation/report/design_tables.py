@@ -50,16 +50,16 @@ _AT_THE_END = 0.01
 
 
 def build_parameter_table(design: DesignResult) -> HtmlTable:
-    """Return what was free at the recommended rig, with the range it was chosen from."""
-    free = design.goal.get("free", {})
+    """Return the design variables of the recommended rig, with the range each was chosen from."""
+    variables = design.specification.get("variables", {})
     lines = []
     for path, value in design.recommended.parameters.items():
-        entry = free.get(path) if isinstance(free, Mapping) else None
+        entry = variables.get(path) if isinstance(variables, Mapping) else None
         chosen, at_end = _range(entry, value)
         lines.append(
             [HtmlCell(path), HtmlCell(format_value(value), _sort_key(value)), HtmlCell(chosen), HtmlCell(at_end)]
         )
-    caption = "What was free, what it was chosen from, and whether that range ends here"
+    caption = "Design variables, the range of each, and whether the value is at an end of it"
     return HtmlTable("parameters", caption, ["parameter", "value", "chosen from", "end of the range"], lines)
 
 

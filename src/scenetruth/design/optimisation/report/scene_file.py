@@ -27,15 +27,15 @@ def build_preview(design: DesignResult) -> ReducedScene:
     Parameters
     ----------
     design
-        The design. Images are cut as its goal says, to the usual size where that leaves them whole.
+        The design. Images are cut as its design specification says, to the usual size where that leaves them whole.
 
     Raises
     ------
     SceneError
         If the scene of the recommended rig cannot be made.
     """
-    most_px = (design.goal.get("confirm") or {}).get("most_px") or ConfirmationSpec().most_px
-    return reduce_scene(scene_from_plain(design.recommended.scene), design.objectives[0].region, most_px)
+    max_size_px = (design.specification.get("confirmation") or {}).get("max_size_px") or ConfirmationSpec().max_size_px
+    return reduce_scene(scene_from_plain(design.recommended.scene), design.objectives[0].region, max_size_px)
 
 
 @dataclass(frozen=True)

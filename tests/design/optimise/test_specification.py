@@ -1,4 +1,4 @@
-"""Goals that are wrong: everything is told at once, before any work."""
+"""Design specifications that are wrong: everything is told at once, before any work."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.input_files import bundled_files
 from scenetruth.scoring import QUANTITIES
-from tests.design.optimise.small import goal
+from tests.design.optimise.small import spec
 from tests.nightly import nightly
 
-GOALS = Path(__file__).parents[3] / "scenes" / "goals"
+DESIGNS = Path(__file__).parents[3] / "scenes" / "designs"
 
 
 def refused(**changes: Any) -> str:
     with pytest.raises(DesignSpecError) as caught:
-        prepare_problem(design_spec_from_dict(goal(**changes)))
+        prepare_problem(design_spec_from_dict(spec(**changes)))
     return str(caught.value)
 
 
 def test_all_that_is_wrong_with_its_form_is_told() -> None:
     told = refused(
-        free={"stage.baseline_mm": {"from": 5, "to": 2}, "stage.positions": {"from": 3}, "lens": {}},
-        constraints=[{"kind": "stage_travle", "at_most": 3}, {"at_most": 3}, {"kind": "images"}],
+        variables={"stage.baseline_mm": {"from": 5, "to": 2}, "stage.positions": {"from": 3}, "lens": {}},
+        constraints=[{"kind": "stage_travle", "max": 3}, {"max": 3}, {"kind": "images"}],
         objectives=[{"quantity": "depht"}],
         serach={},
     )
     for expected in (
-        "8 problems with the goal",
-        "free.stage.baseline_mm: has no values: from 5 is not below to 2",
-        "free.stage.positions: has no to",
-        "free.lens: must be a range",
+        "8 problems with the design specification",
+        "variables.stage.baseline_mm: has no values: from 5 is not below to 2",
+        "variables.stage.positions: has no to",
+        "variables.lens: must be a range",
         "constraints.0: is of no known kind",
         "constraints.1: needs a kind",
         "constraints.2: bounds nothing",
@@ -47,34 +47,34 @@ def test_all_that_is_wrong_with_its_form_is_told() -> None:
 
 
 def test_a_shipped_scene_goes_by_its_name(tmp_path: Path) -> None:
-    file = tmp_path / "goal.yaml"
-    file.write_text(yaml.safe_dump({**goal(), "scene": "cube"}), encoding="utf-8")
+    file = tmp_path / "spec.yaml"
+    file.write_text(yaml.safe_dump({**spec(), "scene": "cube"}), encoding="utf-8")
     assert load_design_spec(file).scene == str(bundled_files(".")["cube"])
 
 
 def test_a_shipped_goal_goes_by_its_name() -> None:
-    assert load_design_spec("leaf_growth") == load_design_spec(bundled_files("goals")["leaf_growth"])
+    assert load_design_spec("leaf_growth") == load_design_spec(bundled_files("designs")["leaf_growth"])
 
 
 def test_constraints_that_contradict_each_other() -> None:
     limits = [
-        {"kind": "images", "at_least": 20},
-        {"kind": "stage_travel", "at_most": 3},
-        {"kind": "images", "at_most": 9},
+        {"kind": "images", "min": 20},
+        {"kind": "stage_travel", "max": 3},
+        {"kind": "images", "max": 9},
     ]
     told = refused(constraints=limits)
     assert "constraints.2: contradicts constraints.0: images would have to be at least 20 and at most 9 images" in told
     # Widths and heights are different things.
     limits = [
-        {"kind": "field_of_view", "axis": "x", "at_least": 60},
-        {"kind": "field_of_view", "axis": "y", "at_most": 50},
+        {"kind": "field_of_view", "axis": "x", "min": 60},
+        {"kind": "field_of_view", "axis": "y", "max": 50},
     ]
-    design_spec_from_dict(goal(constraints=limits))
+    design_spec_from_dict(spec(constraints=limits))
 
 
 def test_parameters_that_do_not_exist_or_vary_nothing() -> None:
     told = refused(
-        free={
+        variables={
             "stage.baselin_mm.x": {"from": 1, "to": 2},
             "working_distance": {"from": 400, "to": 600},
             "optics.psf": {"values": [None]},
@@ -84,37 +84,39 @@ def test_parameters_that_do_not_exist_or_vary_nothing() -> None:
         }
     )
     for expected in (
-        "free.stage.baselin_mm.x: there is no 'stage.baselin_mm'; did you mean 'stage.baseline_mm'?",
-        "free.working_distance: there is no 'working_distance'; did you mean 'working_distance_mm'?",
-        "free.optics.psf: does not vary anything: give two values or more",
-        "free.stage: no catalogue has it; did you mean air_bearing",
-        "free.camera.width: takes whole numbers, of which there are not two",
-        "free.f_number: needs a lens of the catalogue",
+        "variables.stage.baselin_mm.x: there is no 'stage.baselin_mm'; did you mean 'stage.baseline_mm'?",
+        "variables.working_distance: there is no 'working_distance'; did you mean 'working_distance_mm'?",
+        "variables.optics.psf: does not vary anything: give two values or more",
+        "variables.stage: no catalogue has it; did you mean air_bearing",
+        "variables.camera.width: takes whole numbers, of which there are not two",
+        "variables.f_number: needs a lens of the catalogue",
     ):
         assert expected in told
 
 
 def test_values_that_no_scene_takes_or_no_figure_feels() -> None:
     told = refused(
-        free={
+        variables={
             "stage.baseline_mm": {"from": 1, "to": 9},
             "sensor.noise_std": {"from": -0.1, "to": 0.1},
             "storage.form": ["folder", "zip"],
         }
     )
-    assert "free.sensor.noise_std: input should be greater than or equal to 0 (got -0.1)" in told
-    assert "free.storage.form: does not vary anything: no figure depends on it" in told
+    assert "variables.sensor.noise_std: input should be greater than or equal to 0 (got -0.1)" in told
+    assert "variables.storage.form: does not vary anything: no figure depends on it" in told
 
 
 def test_parameters_that_others_decide() -> None:
-    told = refused(free={"camera": "all", "camera.width": {"from": 32, "to": 64}, "stage": {"values": ["air_bearing"]}})
-    assert "free.camera.width: does not vary anything: 'camera' decides it" in told
     told = refused(
-        free={"objects.*.pose.position_mm.2": {"from": 4, "to": 9}, "objects.0.pose": {"values": [{}, None]}}
+        variables={"camera": "all", "camera.width": {"from": 32, "to": 64}, "stage": {"values": ["air_bearing"]}}
     )
-    assert "free.objects.0.pose: sets what 'objects.*.pose.position_mm.2' sets" in told
-    told = refused(free={"lens": "all"})
-    assert "free.lens: needs the size of pixels" in told
+    assert "variables.camera.width: does not vary anything: 'camera' decides it" in told
+    told = refused(
+        variables={"objects.*.pose.position_mm.2": {"from": 4, "to": 9}, "objects.0.pose": {"values": [{}, None]}}
+    )
+    assert "variables.objects.0.pose: sets what 'objects.*.pose.position_mm.2' sets" in told
+    told = refused(variables={"lens": "all"})
+    assert "variables.lens: needs the size of pixels" in told
 
 
 def test_objectives_that_are_not_told() -> None:
@@ -146,7 +148,7 @@ def test_what_is_scored_but_not_predicted_is_refused_with_what_is(quantity: str)
 
 
 def test_scenes_and_methods_that_are_wrong() -> None:
-    told = refused(scene={**goal()["scene"], "widht": 3}, catalogues=["none.yaml"])
+    told = refused(scene={**spec()["scene"], "widht": 3}, catalogues=["none.yaml"])
     assert "scene.widht: unknown key" in told
     assert "catalogues: none.yaml" in told
     assert "method" in refused(method="refind")
@@ -154,17 +156,17 @@ def test_scenes_and_methods_that_are_wrong() -> None:
     assert "method.method: is code" in refused(method="os:system")
     assert "method.method: is code" in refused(method={"method": "os:system"})
     assert "set.stage.a.b: there is no 'stage.a'" in refused(set={"stage.a.b": 3})
-    assert "both set and free: stage.positions" in refused(set={"stage.positions": 3})
+    assert "both set and a variable: stage.positions" in refused(set={"stage.positions": 3})
 
 
 def test_titles_tell_objectives_apart() -> None:
     wanted = [{"quantity": "depth"}, {"quantity": "depth", "region": "object_wall"}, {"quantity": "velocity_z"}]
-    task = prepare_problem(design_spec_from_dict(goal(objectives=wanted))).task
+    task = prepare_problem(design_spec_from_dict(spec(objectives=wanted))).task
     assert [one.title for one in task.objectives] == ["Depth, interior", "Depth of wall", "Velocity in Z, interior"]
-    task = prepare_problem(design_spec_from_dict(goal())).task
+    task = prepare_problem(design_spec_from_dict(spec())).task
     assert [one.title for one in task.objectives] == ["Depth"]
     wanted = [{"quantity": "depth"}, {"quantity": "depth", "statistic": "rmse"}, {"quantity": "velocity_z"}]
-    task = prepare_problem(design_spec_from_dict(goal(objectives=wanted))).task
+    task = prepare_problem(design_spec_from_dict(spec(objectives=wanted))).task
     assert [one.title for one in task.objectives] == [
         "Depth, scaled median absolute error",
         "Depth, RMSE",
@@ -173,14 +175,14 @@ def test_titles_tell_objectives_apart() -> None:
 
 
 @nightly
-@pytest.mark.parametrize("file", sorted(GOALS.glob("*.yaml")), ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", sorted(DESIGNS.glob("*.yaml")), ids=lambda file: file.stem)
 def test_goals_that_ship_can_be_followed(file: Path) -> None:
     prepared = prepare_problem(load_design_spec(file))
     assert len(prepared.space) >= 3
 
 
 def test_paths_count_from_the_goals_folder(tmp_path: Path) -> None:
-    (tmp_path / "wall.yaml").write_text(yaml.safe_dump(goal()["scene"]))
-    file = tmp_path / "goal.yaml"
-    file.write_text(yaml.safe_dump(goal(scene="wall.yaml")))
+    (tmp_path / "wall.yaml").write_text(yaml.safe_dump(spec()["scene"]))
+    file = tmp_path / "spec.yaml"
+    file.write_text(yaml.safe_dump(spec(scene="wall.yaml")))
     assert prepare_problem(load_design_spec(file)).scene.objects[0].name == "wall"
