@@ -136,7 +136,7 @@ def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
     assert set(table["label"]) == {"plaid"}
     assert "growth_rate" not in set(table["quantity"])
     page = (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
-    assert "--suite full --case gallery --value VALUE" in page
+    assert "--suite full --case gallery --level VALUE" in page
     with pytest.raises(RecipeError, match="must be one of cube, "):
         compare(nearest, "full", cases=["gallery"], values=["ball"])
 
@@ -221,7 +221,7 @@ def test_likely_slips_are_told(tmp_path: Path) -> None:
     words = ["--case", "phase_of_flow", "--level", "0", "--level", "0.25", "--workers", "1", "-o", str(tmp_path / "c")]
     for _ in range(2):
         done = scenetruth("compare", slipping, right, *words)
-        (told,) = [line for line in done.stderr.splitlines() if "slip:" in line]
+        (told,) = [line for line in done.stderr.splitlines() if "convention error:" in line]
         assert told.startswith(f"possible convention error: {slipping}: depth is in metres: ")
         assert told.endswith(" (at 2 of 2 scenes)")
     assert "<h3>Likely slips</h3>" in (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
