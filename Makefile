@@ -32,7 +32,7 @@ lint: setup
 
 # Compiling keeps one processor busy, checking types another.
 test: setup
-	@$(PYTHON_BIN)/scenetruth warm-up >/dev/null 2>&1 & $(MAKE) --no-print-directory lint || { kill $$!; exit 1; }; wait
+	@$(PYTHON_BIN)/scenetruth precompile >/dev/null 2>&1 & $(MAKE) --no-print-directory lint || { kill $$!; exit 1; }; wait
 	$(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 accuracy: setup

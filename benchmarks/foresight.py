@@ -48,7 +48,7 @@ CASES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
         (),
     ),
     "cube, rolling shutter": ("cube", (*_size(160, 120, 1254), "frames.count=1", "shutter.readout_time_s=0.1"), ()),
-    "cube, ideal too, rays": ("cube", ("frames.count=3", RAYS), ("--ideal",)),
+    "cube, ideal too, rays": ("cube", ("frames.count=3", RAYS), ("--save-radiance",)),
     "plane": ("plane", ("frames.count=3",), ()),
     "star": ("star", ("frames.count=3",), ()),
     "relief": ("relief", ("frames.count=3",), ()),
@@ -61,7 +61,7 @@ CASES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "rosette 4x": ("rosette", (*_size(1280, 960, 5800), "frames.count=2"), ()),
     "rosette, 20 leaves": ("rosette", ("frames.count=3", "plants.0.leaves=20"), ()),
     "rosette, unlit": ("rosette", ("frames.count=3", "lighting={}"), ()),
-    "rosette, all": ("rosette", ("frames.count=3",), ("--truth", "all", "--truth-content", "complete")),
+    "rosette, all": ("rosette", ("frames.count=3",), ("--truth-views", "all", "--truth-content", "complete")),
 }
 """Scene, changes and options of each."""
 UNPAINTED = {
@@ -100,8 +100,9 @@ def foreseen(name: str, changes: Sequence[str], options: Sequence[str]) -> Stage
     views = scene.stage.positions * scene.stage.rows if "all" in options else 1
     parts, problems = list_object_workloads(scene)
     assert not problems
+    ideal = "--save-radiance" in options
     demand = compute_workload(
-        scene, parts, views=views, complete="complete" in options, save_radiance="--ideal" in options
+        scene, parts, views=views, complete="complete" in options, save_radiance=ideal
     )
     return estimate_cost(demand, ["render"]).stages["render"]
 

@@ -85,7 +85,7 @@ def main() -> None:
     with_all = found.summary().to_string(float_format=lambda number: f"{number:.2g}")
     print(f"{with_all}\n{time.perf_counter() - started:.0f} s; {given.output / 'index.html'}")
     for failure in found.failures:
-        print(f"nothing told: {failure}", file=sys.stderr)
+        print(f"no estimate: {failure}", file=sys.stderr)
 
 
 def _environments(folder: Path) -> set[str]:

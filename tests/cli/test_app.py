@@ -26,7 +26,7 @@ STORES = {"recording.zarr", "truth.zarr"}
 RESULTS = {"scene.yaml", *STORES, "estimate.zarr", "score.json", "score.csv", "report.html", "figures"}
 
 
-PICTURES = ("--figures", "image", "--figures", "depth")
+PICTURES = ("--figure", "image", "--figure", "depth")
 """Those that most tests draw."""
 FEW = ("--set", "frames.count=2")
 """What suffices where the number of images does not matter."""
@@ -45,7 +45,7 @@ def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def finished(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "one"
     # That all pictures are drawn if none are chosen says `tests.cli.test_methods`.
-    done = in_own_process("run", scene_file, "-o", folder, "--images", "png", "--truth", "all", *PICTURES)
+    done = in_own_process("run", scene_file, "-o", folder, "--save-images", "png", "--truth-views", "all", *PICTURES)
     assert done.returncode == 0, done.stderr
     assert "Depth" in done.stdout
     assert f"page: {(folder / 'report.html').as_uri()}" in done.stdout
@@ -115,20 +115,23 @@ def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Pa
     for names_of in ({"image.png", "image.pdf"}, {"image.png"}):
         # What was drawn as vectors is ours too, and may be replaced.
         form = "pdf" if "image.pdf" in names_of else "png"
-        done = scenetruth("report", folder, "--overwrite", "--figures-format", form, *PICTURES[:2])
+        done = scenetruth("report", folder, "--overwrite", "--figure-format", form, *PICTURES[:2])
         assert done.returncode == 0, done.stderr
         assert names(folder / "figures") == names_of
 
 
 def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Path) -> None:
-    done = scenetruth("estimate", finished, "--overwrite", "--set", "estimate.window_sigma_px=4")
+    done = scenetruth("estimate", finished, "--overwrite", "--setting", "window_sigma_px=4")
     assert done.returncode == 0, done.stderr
     assert json.loads(st.load_store(finished / "estimate.zarr").attrs["settings"])["window_sigma_px"] == 4
     assert "score.json, score.csv, report.html, figures" in done.stderr
-    assert "belong to the former estimate" in done.stderr
-    done = scenetruth("estimate", finished, "--overwrite", "--set", "camera.width=4")
+    assert "are out of date" in done.stderr
+    done = scenetruth("estimate", finished, "--overwrite", "--setting", "width")
     assert done.returncode == 2
-    assert "only fields of 'estimate' can be changed after rendering" in done.stderr
+    assert "--setting: must be NAME=VALUE" in done.stderr
+    done = scenetruth("score", finished, "--overwrite", "--set", "camera.width=4")
+    assert done.returncode == 2
+    assert "only fields of 'score' can be changed after rendering" in done.stderr
     done = scenetruth("score", finished, "--overwrite", "--set", "score.interior_margin_px=5")
     assert done.returncode == 0, done.stderr
     assert json.loads((finished / "score.json").read_text())["metadata"]["margin_px"] == 5
@@ -155,7 +158,7 @@ def test_an_existing_output_is_refused_without_overwrite(finished: Path, scene_f
 def test_recordings_from_elsewhere_can_be_estimated(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (5, 9, 40, 48), dtype=np.uint8)
     st.save_store(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
-    done = scenetruth("estimate", tmp_path, "--set", "estimate.working_point_px=0")
+    done = scenetruth("estimate", tmp_path, "--setting", "working_point_px=0")
     assert done.returncode == 0, done.stderr
     assert st.load_store(tmp_path / "estimate.zarr").attrs["working_point_px"] == 0
 
@@ -168,15 +171,15 @@ def test_truth_of_all_cameras_is_scored_at_the_reference(finished: Path) -> None
 def test_truth_is_taken_from_real_poses_or_from_planned_ones(scene_file: Path, tmp_path: Path) -> None:
     stage = ("--set", "stage.errors.preset=screw_stage", "--set", "stage.time_per_position_s=0.1", *FEW)
     truths = {}
-    for poses in ("real", "nominal"):
+    for poses, name in (("actual", "real"), ("nominal", "nominal")):
         done = scenetruth("render", scene_file, "-o", tmp_path / poses, "--truth-poses", poses, *stage)
         assert done.returncode == 0, done.stderr
         truths[poses] = st.load_store(tmp_path / poses / "truth.zarr", "truth")
-        assert truths[poses].attrs["truth_poses"] == poses
-    difference = truths["real"]["depth"] - truths["nominal"]["depth"]
+        assert truths[poses].attrs["truth_poses"] == name
+    difference = truths["actual"]["depth"] - truths["nominal"]["depth"]
     # 5 µm of straightness, 100 µrad on 45° faces at 700 mm.
     assert 1e-4 < float(abs(difference).median()) < 0.5
-    assert truths["nominal"]["image_time_s"].equals(truths["real"]["image_time_s"])
+    assert truths["nominal"]["image_time_s"].equals(truths["actual"]["image_time_s"])
 
 
 def test_check_tells_what_the_stage_does(scene_file: Path) -> None:
@@ -250,7 +253,7 @@ def test_ctrl_c_during_a_render_leaves_nothing_behind(scene_file: Path, tmp_path
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
-    assert "error: interrupted; nothing half-written was kept" in errors
+    assert "error: interrupted; incomplete results were removed" in errors
     assert "Traceback" not in errors
     assert names(tmp_path) == set()
 

@@ -34,7 +34,7 @@ MOST_S = 6
 @pytest.mark.parametrize("size", [*by_night([]), ["camera.width=8000", "camera.height=8000", "frames.count=10000"]])
 def test_check_is_small_and_loads_no_compiled_code(size: list[str]) -> None:
     words = [word for text in (*size, "stage.positions=5") for word in ("--set", text)]
-    allowed = ["--limits", "pixels=64e6", "--limits", "memory_gb=1e4", "--limits", "disk_gb=1e6"]
+    allowed = ["--limit", "pixels=64e6", "--limit", "memory_gb=1e4", "--limit", "disk_gb=1e6"]
     done = subprocess.run(
         [sys.executable, "-c", ALONE, str(SCENES / "rosette.yaml"), *words, *allowed],
         capture_output=True,
@@ -58,15 +58,15 @@ def test_check_tells_what_is_foreseen_and_what_there_is() -> None:
 @pytest.mark.parametrize("command", ["check", "render", "run"])
 def test_bounds_are_kept_by_every_command_and_limits_allow_more(command: str, tmp_path: Path) -> None:
     output = [] if command == "check" else ["-o", str(tmp_path / "out")]
-    few = ["--set", "frames.count=3", "--limits", "frames=2"]
+    few = ["--set", "frames.count=3", "--limit", "frames=2"]
     done = scenetruth(command, SCENES / "plaid.yaml", *output, *few)
     assert done.returncode == 2
-    assert "frames.count: makes 3 frames, more than 2; make it less, or allow it: --limits frames=3" in done.stderr
+    assert "frames.count: makes 3 frames, more than 2; make it less, or allow it: --limit frames=3" in done.stderr
     assert "plaid.yaml" in done.stderr
-    done = scenetruth(command, SCENES / "plaid.yaml", *output, "--limits", "memory_gb=0.01")
+    done = scenetruth(command, SCENES / "plaid.yaml", *output, "--limit", "memory_gb=0.01")
     assert done.returncode == 2
     assert "GB are foreseen" in done.stderr
-    done = scenetruth(command, SCENES / "plaid.yaml", *output, "--limits", "frame=2")
+    done = scenetruth(command, SCENES / "plaid.yaml", *output, "--limit", "frame=2")
     assert done.returncode == 2
     assert "must read name=value" in done.stderr
     assert list(tmp_path.iterdir()) == []
@@ -78,5 +78,5 @@ def test_a_picture_of_gigabytes_is_refused_by_its_header(tmp_path: Path) -> None
     done = scenetruth("check", SCENES / "plaid.yaml", "--set", picture)
     assert done.returncode == 2
     assert "texture.file: makes 144,000,000 pixels, more than 64,000,000" in done.stderr
-    done = scenetruth("check", SCENES / "plaid.yaml", "--set", picture, "--limits", "image_pixels=144e6")
+    done = scenetruth("check", SCENES / "plaid.yaml", "--set", picture, "--limit", "image_pixels=144e6")
     assert done.returncode == 0, done.stderr

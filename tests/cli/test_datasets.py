@@ -12,14 +12,14 @@ import yaml
 from typer.testing import CliRunner
 
 from scenetruth.cli.app import app
-from scenetruth.errors import MismatchError, RecipeError, StoreError
+from scenetruth.errors import ExportError, MismatchError, RecipeError, StoreError
 from tests.dataset.conftest import RECIPE
 
 DEPTH = "objects.1.pose.position_mm.2"
 
 
-def call(*words: object, code: int = 0) -> str:
-    result = CliRunner().invoke(app, ["dataset", *map(str, words)])
+def call(*words: object, code: int = 0, group: tuple[str, ...] = ("dataset",)) -> str:
+    result = CliRunner().invoke(app, [*group, *map(str, words)])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     assert result.exit_code == code
@@ -36,7 +36,7 @@ def written(folder: Path, **changes: Any) -> Path:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     output = call("run", written(folder), "-o", folder / "tiles")
-    assert "2 samples made, 0 were there" in output
+    assert "(2 samples; 0 existing samples were reused)" in output
     return folder / "tiles"
 
 
@@ -60,9 +60,11 @@ def test_check_shows_all_of_a_path_however_narrow_the_terminal(columns: str, mon
 
 
 def test_run_goes_on_and_status_and_verify_tell_how_far(made: Path) -> None:
-    assert "0 samples made, 2 were there" in call("run", made, "-o", made)
-    assert "2 of 2 samples are there, 0 failed" in call("status", made)
-    assert "whole" in call("verify", made, "--again", 1)
+    assert "(0 samples; 2 existing samples were reused)" in call("run", made, "-o", made)
+    assert "2 of 2 samples exist, 0 failed" in call("status", made)
+    assert json.loads(call("status", made, "--json")) == {"samples": 2, "finished": 2, "failed": {}}
+    assert f"verified: {made}" in call("verify", made, "--regenerate", 1, group=())
+    assert json.loads(call("verify", made, "--json", "--quiet", group=())) == [{"path": str(made), "problem": ""}]
 
 
 def test_a_sample_alone_is_that_of_the_data_set(made: Path, tmp_path: Path) -> None:
@@ -99,7 +101,7 @@ def test_other_folders_are_no_data_sets(tmp_path: Path) -> None:
 
 
 def test_the_schema_describes_every_kind() -> None:
-    schema = json.loads(call("schema"))
+    schema = json.loads(call("schema", "recipe", group=()))
     assert {"UniformDistribution", "ChoiceDistribution", "TableDistribution", "VisibleFractionCriterion"} <= set(
         schema["$defs"]
     )
@@ -108,10 +110,35 @@ def test_the_schema_describes_every_kind() -> None:
 
 
 def test_a_card_from_before_is_told_of(tmp_path: Path) -> None:
-    assert "its card" not in call("run", written(tmp_path, samples=1), "-o", tmp_path / "tiles")
+    assert "out of date" not in call("run", written(tmp_path, samples=1), "-o", tmp_path / "tiles")
     call("card", tmp_path / "tiles")
     output = call("run", written(tmp_path, samples=2), "-o", tmp_path / "tiles", "--extend")
-    told = "its card tells of it as it was before: scenetruth dataset card"
+    told = "the data-set card is out of date; run `scenetruth dataset card"
     assert told in output
     call("card", tmp_path / "tiles", "--overwrite")
     assert told not in call("run", written(tmp_path, samples=2), "-o", tmp_path / "tiles")
+
+
+def test_fields_of_a_recipe_are_replaced(tmp_path: Path) -> None:
+    recipe = written(tmp_path)
+    assert "one sample" in call("check", recipe, "--set", "samples=3")
+    changes = ("--set", f"vary.{DEPTH}.low=95", "--set", "seed=7")
+    call("sample", recipe, 0, "-o", tmp_path / "one", *changes)
+    call("sample", recipe, 0, "-o", tmp_path / "two", "--set", f"vary.{DEPTH}.low=95", "--seed", 7)
+    call("sample", recipe, 0, "-o", tmp_path / "three")
+    scenes = [(tmp_path / name / "scene.yaml").read_text() for name in ("one", "two", "three")]
+    assert scenes[0] == scenes[1] != scenes[2]
+
+
+def test_an_export_of_a_data_set_uses_overwrite_and_row(made: Path, tmp_path: Path) -> None:
+    words = ("export", made, "--format", "pfm", "-o", tmp_path / "out")
+    assert "(2 samples; 0 existing samples were reused)" in call(*words, group=())
+    assert "(0 samples; 2 existing samples were reused)" in call(*words, group=())
+    changed = next((tmp_path / "out" / "00000000").rglob("*.pfm"))
+    content = changed.read_bytes()
+    changed.write_bytes(b"")
+    assert "(2 samples; 0 existing samples were reused)" in call(*words, "--overwrite", group=())
+    assert changed.read_bytes() == content
+    # These samples have no grid of cameras.
+    with pytest.raises(ExportError, match=r"s_y|row"):
+        call(*words, "--overwrite", "--row", 0, group=())

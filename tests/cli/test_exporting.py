@@ -27,24 +27,31 @@ def test_an_estimate_is_exported(run: Path) -> None:
     method = ("--method", "structure_tensor")
     done = scenetruth("export", run, "--format", "flo", "-o", out, *method, "--flow", "instantaneous")
     assert done.returncode == 0, done.stderr
-    assert done.stdout == f"written: {out} (3 files)\n"
+    assert done.stdout == f"wrote {out} (3 files)\n"
     assert "note: flow is instantaneous" in done.stderr
     assert names(out) == {"export.json", "flow", "images"}
-    again = scenetruth("export", run, "--format", "pfm", "-o", out, *method, "--set", "image_bits=16", "--left", "0")
+    again = scenetruth("export", run, "--format", "pfm", "-o", out, *method, "--option", "image_bits=16", "--left", "0")
     assert again.returncode == 2
     assert "exists already" in again.stderr
-    again = scenetruth("export", run, "--format", "pfm", "-o", out, *method, "--set", "image_bits=16", "--overwrite")
+    again = scenetruth("export", run, "--format", "pfm", "-o", out, *method, "--option", "image_bits=16", "--overwrite")
     assert again.returncode == 0, again.stderr
     assert names(out) == {"export.json", "t+0", "t+1"}
     assert json.loads((out / "export.json").read_text())["options"]["image_bits"] == 16
 
 
-def test_bad_input_is_told_at_once(run: Path) -> None:
-    done = scenetruth("export", run, "--set", "left", "--set", "row=1", "--set", "every=[")
+def test_every_input_error_is_listed(run: Path) -> None:
+    for missing in ("--format", "--output"):
+        given = {"--format": "flo", "--output": str(run.parent / "out")}
+        del given[missing]
+        done = scenetruth("export", run, *(word for pair in given.items() for word in pair))
+        assert done.returncode == 2
+        assert missing in done.stderr
+    words = ("--option", "left", "--option", "row=1", "--option", "every=[")
+    done = scenetruth("export", run, "--format", "flo", "-o", run.parent / "out", *words)
     assert done.returncode == 2
-    for told in ("--format: is missing", "--output: is missing", "NAME=VALUE", "row is no option", "in YAML"):
-        assert told in done.stderr
-    done = scenetruth("export", run, "--format", "flo", "-o", run.parent / "out", "--set", "lft=1")
+    for problem in ("NAME=VALUE", "row is not an option", "in YAML"):
+        assert problem in done.stderr
+    done = scenetruth("export", run, "--format", "flo", "-o", run.parent / "out", "--option", "lft=1")
     assert done.returncode == 2
     assert "lft: is no option" in done.stderr
     done = scenetruth("export", run, "--format", "png", "-o", run.parent / "out")
@@ -52,7 +59,7 @@ def test_bad_input_is_told_at_once(run: Path) -> None:
 
 
 def test_formats_are_listed() -> None:
-    done = scenetruth("export", "--list")
+    done = scenetruth("list", "formats")
     assert done.returncode == 0
     for name in st.export_formats():
         assert name in done.stdout

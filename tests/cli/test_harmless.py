@@ -74,7 +74,7 @@ def test_folders_without_a_run(command: str, folder: str, tmp_path: Path, monkey
 def test_outputs_without_a_name(output: str) -> None:
     done = scenetruth("run", SCENES / "cube.yaml", "-o", output, "--overwrite")
     assert done.returncode == 2
-    assert "must name a folder to make" in " ".join(done.stderr.split())
+    assert "must name a directory to create" in " ".join(done.stderr.split())
 
 
 @pytest.mark.parametrize(

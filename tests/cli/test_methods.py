@@ -30,7 +30,7 @@ def write_scene(file: Path, **changes: object) -> Path:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("runs")
     scene = write_scene(place / "scene.yaml")
-    both = ("--method", "structure_tensor", "--method", "opencv_flow", "--figures", "image", "--figures", "flow")
+    both = ("--method", "structure_tensor", "--method", "opencv_flow", "--figure", "image", "--figure", "flow")
     done = scenetruth("run", scene, "-o", place / "x", *both)
     assert done.returncode == 0, done.stderr
     assert "structure_tensor, region interior" in done.stdout
@@ -45,7 +45,7 @@ def test_run_puts_methods_side_by_side(folder: Path) -> None:
 
 def test_one_other_method_is_the_scenes_own_from_then_on(tmp_path: Path) -> None:
     scene = write_scene(tmp_path / "scene.yaml")
-    overrides = ("--set", "estimate.flow_window_px=15")
+    overrides = ("--setting", "flow_window_px=15")
     done = scenetruth("run", scene, "-o", tmp_path / "x", "--method", "opencv_flow", *overrides)
     assert done.returncode == 0, done.stderr
     assert "estimate.zarr" in names(tmp_path / "x")
@@ -84,7 +84,7 @@ def test_parts_of_different_runs_are_refused_unless_allowed(folder: Path, tmp_pa
 def test_real_images_are_estimated_and_reported(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 255, (3, 3, 48, 64), dtype=np.uint8)
     st.save_store(st.make_recording(images, 700.0, 5.0), tmp_path / "recording.zarr")
-    for command in (("estimate", "--set", "estimate.working_point_px=0"), ("report", "--figures", "image")):
+    for command in (("estimate", "--setting", "working_point_px=0"), ("report", "--figure", "image")):
         done = scenetruth(command[0], tmp_path, *command[1:])
         assert done.returncode == 0, done.stderr
     assert "no truth" in (tmp_path / "report.html").read_text().lower()
@@ -94,7 +94,7 @@ def test_real_images_are_estimated_and_reported(tmp_path: Path) -> None:
 
 
 def test_methods_are_listed() -> None:
-    done = scenetruth("methods")
+    done = scenetruth("list", "methods")
     assert done.returncode == 0, done.stderr
     for name in ("structure_tensor", "opencv_stereo", "opencv_flow", "opencv_scene_flow"):
         assert name in done.stdout
@@ -103,7 +103,7 @@ def test_methods_are_listed() -> None:
 
 def test_methods_whose_package_is_missing_are_marked_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
-    done = scenetruth("methods")
+    done = scenetruth("list", "methods")
     assert done.returncode == 0, done.stderr
     # The column of what they need, whose lines are folded.
     told = " ".join(" ".join(line.split("│")[3] for line in done.stdout.splitlines() if line.count("│") == 5).split())
@@ -160,7 +160,7 @@ def test_code_is_named_by_the_call_alone(tmp_path: Path, monkeypatch: pytest.Mon
     )
     monkeypatch.chdir(tmp_path)
     scene = write_scene(tmp_path / "scene.yaml")
-    given = ("--method", "far:away", "--set", "estimate.depth_mm=70")
+    given = ("--method", "far:away", "--setting", "depth_mm=70")
     done = scenetruth("run", scene, "-o", "x", *given, "--no-report")
     assert done.returncode == 0, done.stderr
     assert {"estimate.far-away.zarr", "score.far-away.json"} < names(tmp_path / "x")

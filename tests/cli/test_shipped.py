@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.resources
+import json
 from pathlib import Path
 
 import pytest
@@ -59,52 +60,56 @@ def test_a_name_stands_for_a_file_unless_there_is_one(shelf: BundledFiles, name:
     [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cubs"), (DESIGNS, DesignSpecError, "cube_dept")],
 )
 def test_unknown_names_are_told_with_those_near_them(shelf: BundledFiles, error: type[Exception], near: str) -> None:
-    with pytest.raises(error, match=rf"no {shelf.noun} of this name is shipped; did you mean '.*`scenetruth scenes`"):
+    with pytest.raises(
+        error, match=rf"no bundled {shelf.noun} of this name; did you mean .*`scenetruth list {shelf.noun}s`"
+    ):
         resolve_file(shelf, Path(near))
-    with pytest.raises(error, match=r"is shipped; `scenetruth scenes` lists all \(got 'qqqq'\)"):
+    with pytest.raises(error, match=r"of this name; `scenetruth list \w+` lists all \(got 'qqqq'\)"):
         resolve_file(shelf, Path("qqqq"))
 
 
 @pytest.mark.parametrize(
     ("shelf", "error", "name", "told"),
     [
-        (SCENES, st.SceneError, "leaves", "'leaves' is a recipe, called by `scenetruth dataset run leaves -o FOLDER`"),
+        (SCENES, st.SceneError, "leaves", "'leaves' is a bundled recipe: `scenetruth dataset run leaves -o DIR`"),
         (
             SCENES,
             st.SceneError,
             "leaf_growth",
-            "is a design, called by `scenetruth design optimise leaf_growth -o FOLDER`",
+            "is a bundled design: `scenetruth design optimise leaf_growth -o DIR`",
         ),
         (
             RECIPES,
             st.RecipeError,
             "cube",
-            "'cube' is a scene, called by `scenetruth run cube -o FOLDER`; or did you mean",
+            "'cube' is a bundled scene: `scenetruth run cube -o DIR`; did you mean",
         ),
-        (RECIPES, st.RecipeError, "sheet_motion", "is a design, called by `scenetruth design optimise sheet_motion"),
+        (RECIPES, st.RecipeError, "sheet_motion", "is a bundled design: `scenetruth design optimise sheet_motion"),
         (
             DESIGNS,
             DesignSpecError,
             "windy_leaf",
-            "'windy_leaf' is a scene, called by `scenetruth run windy_leaf -o FOLDER`",
+            "'windy_leaf' is a bundled scene: `scenetruth run windy_leaf -o DIR`",
         ),
-        (DESIGNS, DesignSpecError, "leaves", "'leaves' is a recipe, called by `scenetruth dataset run leaves"),
+        (DESIGNS, DesignSpecError, "leaves", "'leaves' is a bundled recipe: `scenetruth dataset run leaves"),
     ],
 )
 def test_what_is_shipped_as_something_else_is_told_with_its_command(
     shelf: BundledFiles, error: type[Exception], name: str, told: str
 ) -> None:
-    with pytest.raises(error, match=rf"no {shelf.noun} of this name: .*`scenetruth scenes` lists all") as caught:
+    with pytest.raises(
+        error, match=rf"no bundled {shelf.noun} of this name; .*`scenetruth list {shelf.noun}s` lists all"
+    ) as caught:
         resolve_file(shelf, Path(name))
     assert told in str(caught.value)
-    with pytest.raises(error, match=rf"no such file; a \w+ of this name is shipped: scenetruth .* {name} -o FOLDER"):
+    with pytest.raises(error, match=rf"no such file; '{name}' is a bundled \w+: scenetruth .* {name} -o DIR"):
         resolve_file(shelf, Path(f"{name}.yaml"))
 
 
 def test_paths_to_nothing_are_left_to_who_reads_them_unless_their_name_is_shipped() -> None:
     assert resolve_file(SCENES, Path("no/such.yaml")) == Path("no/such.yaml")
     assert resolve_file(SCENES, Path("no/cube")) == Path("no/cube")
-    with pytest.raises(st.SceneError, match="called without folder and suffix: cube"):
+    with pytest.raises(st.SceneError, match="use the bundled scene by name: cube"):
         resolve_file(SCENES, Path("scenes/cube.yaml"))
 
 
@@ -124,21 +129,24 @@ def test_commands_take_names(tmp_path: Path) -> None:
     ):
         done = scenetruth(*command)
         assert done.returncode == 2, command
-        assert "of this name is shipped" in done.stderr
+        assert "of this name" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
 def test_all_of_them_are_listed() -> None:
-    done = scenetruth("scenes")
-    assert done.returncode == 0, done.stderr
     for shelf in (SCENES, RECIPES, DESIGNS):
+        done = scenetruth("list", f"{shelf.noun}s")
+        assert done.returncode == 0, done.stderr
         for name in shelf.files():
             assert f" {name} " in done.stdout
+        rows = json.loads(scenetruth("list", f"{shelf.noun}s", "--json").stdout)
+        assert {row["name"]: row["file"] for row in rows} == {k: str(v) for k, v in shelf.files().items()}
+    done = scenetruth("list", "scenes")
     for words in ("Scharr & Küsters 2002", "45 images of 64 x 64 px", str(bundled_folder())):
         assert words in done.stdout
 
 
 def test_recipes_say_how_many_scenes_they_make() -> None:
-    listed = scenetruth("scenes").stdout
+    listed = scenetruth("list", "recipes").stdout
     for name in RECIPES.files():
         assert f" {st.load_recipe(name).recipe.count:,} scenes " in listed

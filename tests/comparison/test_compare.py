@@ -100,7 +100,7 @@ def f(recording):
 def test_a_method_that_is_mended_is_measured_again(tmp_path: Path) -> None:
     beside = tmp_path / "beside.py"
     (tmp_path / "mine.py").write_text(MINE)
-    words = ["compare", "mine:f", "--case", "disparity", "--value", "1.3", "--workers", "0", "-o", "c"]
+    words = ["compare", "mine:f", "--case", "disparity", "--level", "1.3", "--workers", "1", "-o", "c"]
 
     def bias() -> tuple[subprocess.CompletedProcess[str], list[float]]:
         called = [sys.executable, "-m", "scenetruth", *words]
@@ -136,7 +136,7 @@ def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
     assert set(table["label"]) == {"plaid"}
     assert "growth_rate" not in set(table["quantity"])
     page = (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
-    assert "--suite full --case gallery --value VALUE" in page
+    assert "--suite full --case gallery --level VALUE" in page
     with pytest.raises(RecipeError, match="must be one of cube, "):
         compare(nearest, "full", cases=["gallery"], values=["ball"])
 
@@ -185,13 +185,13 @@ def test_methods_are_spelled_with_settings_and_labels() -> None:
 
 def test_the_command(tmp_path: Path) -> None:
     done = scenetruth(
-        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise_std", "--value", "0.005", "--workers", "0"
+        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise_std", "--level", "0.005", "--workers", "1"
     )
     assert done.returncode == 0, done.stderr
     assert "Noise floor" in done.stdout
     assert st.BenchmarkResult is not None
     assert scenetruth("compare").returncode == 2
-    assert "contrast" in scenetruth("compare", "--list").stdout
+    assert "contrast" in scenetruth("list", "cases").stdout
 
 
 def leaving(recording: xr.Dataset) -> dict[str, Any]:
@@ -200,11 +200,11 @@ def leaving(recording: xr.Dataset) -> dict[str, Any]:
 
 def test_what_failed_is_told_line_by_line_and_where(tmp_path: Path) -> None:
     mine = f"{__name__}:failing", f"{__name__}:leaving"
-    words = ["--case", "phase_of_flow", "--value", "0", "--workers", "0", "-o", str(tmp_path / "c")]
+    words = ["--case", "phase_of_flow", "--level", "0", "--workers", "1", "-o", str(tmp_path / "c")]
     done = scenetruth("compare", *mine, *words)
     assert done.returncode == 1
-    first, *rest = [line for line in done.stderr.splitlines() if "method" in line or "nothing told" in line]
-    assert first == f"nothing told: phase_of_flow at 0: {mine[0]}: 1 problem with the estimate:"
+    first, *rest = [line for line in done.stderr.splitlines() if "method" in line or "no estimate" in line]
+    assert first == f"no estimate: phase_of_flow at 0: {mine[0]}: 1 problem with the estimate:"
     assert rest[0].startswith(f"      - method '{mine[0]}': failed: ZeroDivisionError: no idea (")
     assert rest[0].endswith(" in failing)")
     assert "failed: it called sys.exit(3) (" in rest[2]
@@ -218,11 +218,11 @@ def in_metres(recording: xr.Dataset) -> dict[str, Any]:
 
 def test_likely_slips_are_told(tmp_path: Path) -> None:
     slipping, right = f"{__name__}:in_metres", f"{__name__}:nearest"
-    words = ["--case", "phase_of_flow", "--value", "0", "--value", "0.25", "--workers", "0", "-o", str(tmp_path / "c")]
+    words = ["--case", "phase_of_flow", "--level", "0", "--level", "0.25", "--workers", "1", "-o", str(tmp_path / "c")]
     for _ in range(2):
         done = scenetruth("compare", slipping, right, *words)
-        (told,) = [line for line in done.stderr.splitlines() if "slip:" in line]
-        assert told.startswith(f"likely slip: {slipping}: depth is in metres: ")
+        (told,) = [line for line in done.stderr.splitlines() if "convention error:" in line]
+        assert told.startswith(f"possible convention error: {slipping}: depth is in metres: ")
         assert told.endswith(" (at 2 of 2 scenes)")
     assert "<h3>Likely slips</h3>" in (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
 
@@ -254,7 +254,7 @@ def test_programs_are_compared_by_the_command(tmp_path: Path) -> None:
         "np.save(sys.argv[2] + '/flow.npy', np.zeros((2, len(told['t']), told['height_px'], told['width_px'])))\n"
     )
     words = f"zero={sys.executable} {program} {{recording}} {{output}}"
-    place = ["--case", "phase_of_flow", "--value", "0", "--workers", "0"]
+    place = ["--case", "phase_of_flow", "--level", "0", "--workers", "1"]
     done = scenetruth("compare", "--command", words, "-o", tmp_path / "c", *place)
     assert done.returncode == 0, done.stderr
     assert "zero" in done.stdout

@@ -99,7 +99,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(comparison: BenchmarkResult,
     # Nothing is fetched: addresses of plotly's own code are in its script alone.
     outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r'(src|href)="(?!#)', outside)
-    assert "scenetruth compare mine 'theirs[a: 1]' --case noise --value VALUE -o again" in outside.replace("&#39;", "'")
+    assert "scenetruth compare mine 'theirs[a: 1]' --case noise --level VALUE -o again" in outside.replace("&#39;", "'")
     assert all(math.isfinite(value) for value in charts["noise-disparity-noise_std"]["data"][0]["y"])
 
 

@@ -109,7 +109,7 @@ def test_everything_that_is_missing_is_told_at_once(tmp_path: Path) -> None:
     assert set(told) == {"flow_next", "displacement_next", "left"}
     assert "--truth-content complete" in told["flow_next"]
     assert "flow='instantaneous'" in told["flow_next"]
-    assert "--truth all" in told["left"]
+    assert "--truth-views all" in told["left"]
     assert not list(tmp_path.iterdir())
 
 

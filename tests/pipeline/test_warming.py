@@ -1,4 +1,4 @@
-"""After the warm-up nothing is left to compile, and a first run compiles on two processors."""
+"""After the precompile nothing is left to compile, and a first run compiles on two processors."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def test_what_comes_after_is_compiled_already() -> None:
 
 def test_the_command_says_when_all_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "precompile", lambda progress, beside: [])
-    done = scenetruth("warm-up")
+    done = scenetruth("precompile")
     assert done.returncode == 0
-    assert "everything is compiled" in done.stdout
+    assert "compilation finished" in done.stdout
 
 
 @pytest.mark.filterwarnings("ignore::scenetruth.SceneWarning")

@@ -71,7 +71,7 @@ def test_every_bound_is_told_with_its_place_and_can_be_allowed_as_it_says(name: 
     (problem,) = caught.value.problems
     assert problem.path == path
     assert value in problem.message
-    words = re.search(rf"--limits ({name}=\d+)$", problem.message)
+    words = re.search(rf"--limit ({name}=\d+)$", problem.message)
     assert words is not None
     refuse_beyond_limits(beyond, limits_from([words[1]]))
 

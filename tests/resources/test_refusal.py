@@ -32,7 +32,7 @@ def test_all_that_is_too_much_is_told_at_once() -> None:
     with pytest.raises(st.MachineError) as caught:
         refuse_resources(FORECAST, small, Limits(hours=2))
     text = str(caught.value)
-    for words in ("about 6 GB are foreseen, and there are 5:", "--limits memory_gb=6.3", "2.5 hours", "hours=2.6"):
+    for words in ("about 6 GB are foreseen, and there are 5:", "--limit memory_gb=6.3", "2.5 hours", "hours=2.6"):
         assert words in text
 
 
@@ -54,6 +54,6 @@ def test_a_run_is_refused_before_it_leaves_anything(tmp_path: Path) -> None:
     for limits, what in ((Limits(memory_gb=0.1), "memory of render"), (Limits(hours=1e-6), "time")):
         with pytest.raises(st.MachineError, match=what):
             st.run_scene(cube(), tmp_path / "run", stages=("render",), limits=limits)
-    with pytest.raises(st.SceneError, match="--limits frames="):
+    with pytest.raises(st.SceneError, match="--limit frames="):
         st.run_scene(cube(), tmp_path / "run", limits=Limits(frames=3))
     assert list(tmp_path.iterdir()) == []

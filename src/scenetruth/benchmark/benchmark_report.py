@@ -187,7 +187,7 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     ]
     chosen = ["--suite", suite] if suite != SUITES[0] else []
     named = [word for one in words for word in one]
-    again = ["scenetruth", "compare", *named, *chosen, "--case", case.kind, "--value", "VALUE", "-o", "again"]
+    again = ["scenetruth", "compare", *named, *chosen, "--case", case.kind, "--level", "VALUE", "-o", "again"]
     concluded = [
         (row.method, row.statistic.replace("_", " "), _number(row.value), row.unit)
         for row in rows

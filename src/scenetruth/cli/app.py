@@ -13,6 +13,8 @@ __all__ = ["app", "run_app"]
 app = typer.Typer(
     name="scenetruth",
     help="Rendered scenes with exact ground truth for measuring depth and 3D motion from a camera on a linear stage.",
+    # The option -h is that of all commands: they take these settings over.
+    context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -32,8 +33,8 @@ _NOT_IN_CHECK = ("Slope", "Optical flow", _GROWTH)
 _MOST_PRECISE = "refined"
 
 
-def print_check(scene: Scene, file: Path, limits: Limits) -> None:
-    """Validate a scene and print what will be made from it, and what that takes; nothing large is made for it."""
+def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = False) -> None:
+    """Validate a scene and print the size of its results and the resources they need, as tables or as JSON."""
     from scenetruth.pipeline import STAGES, compute_method_workload, run_problems
     from scenetruth.resources import compute_workload, estimate_cost, inspect_machine, limited_objects, machine_problems
     from scenetruth.resources.limits import find_unit_errors
@@ -48,17 +49,21 @@ def print_check(scene: Scene, file: Path, limits: Limits) -> None:
         raise SceneError(error.problems, source=file) from error
     demand = replace(compute_workload(scene, parts), effort=compute_method_workload([scene.estimate]))
     forecast, machine = estimate_cost(demand, STAGES), inspect_machine(Path())
-    _print_table(scene, file, report, {part.item.name: part.size.faces for part in parts})
-    _print_forecast(forecast, machine)
+    if not as_json:
+        _print_table(scene, file, report, {part.item.name: part.size.faces for part in parts})
+        _print_forecast(forecast, machine)
     problems = machine_problems(forecast, machine, limits)
     if problems:
         raise MachineError(problems)
-    messages = [*find_unit_errors(scene), *report.warnings, *_print_precision(scene, parts)]
+    messages = [*find_unit_errors(scene), *report.warnings, *_print_precision(scene, parts, shown=not as_json)]
     if without := without_interior(glimpse, scene.score.interior_margin_px):
         messages.append(_interior_warning(without, scene.score.interior_margin_px))
     if glimpse.left_out:
         messages.append(f"objects: {_listed(glimpse.left_out)} not looked at, because that takes long; a run will")
     messages += [f"cannot be estimated: {problem}" for problem in run_problems(scene, [scene.estimate])]
+    if as_json:
+        print(json.dumps(_to_dict(file, report, forecast, messages), indent=2))
+        return
     for message in messages:
         print_warning(message)
     print(
@@ -66,7 +71,7 @@ def print_check(scene: Scene, file: Path, limits: Limits) -> None:
     )
 
 
-def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload]) -> list[str]:
+def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload], *, shown: bool) -> list[str]:
     """Print how precisely depth, motion and growth can be known, and return what that warns of."""
     from scenetruth.cli.design_analysis import precision_rows
     from scenetruth.design.prediction.method_models import all_method_models
@@ -79,7 +84,8 @@ def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload]) -> list[str]
         growing = found if found.method == _MOST_PRECISE else predict_quickly(scene, parts, _MOST_PRECISE)
     except SceneError as error:
         # A scene without noise, or without anything that is quickly looked at, may still be made.
-        print(f"precision is not predicted: {'; '.join(map(str, error.problems))}", file=sys.stdout)
+        if shown:
+            print(f"precision is not predicted: {'; '.join(map(str, error.problems))}", file=sys.stdout)
         return []
     table = Table(title=f"predicted precision per pixel, {found.method}", title_justify="left")
     for heading in ("", "precision", "there is", "ratio"):
@@ -92,9 +98,9 @@ def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload]) -> list[str]
             rows += [(f"{row[0]}, {growing.method}", *row[1:]) for row in grown]
         for title, precision, there, ratio in rows:
             table.add_row(*map(visible, (f"'{name}': {title}", precision, there, ratio)))
-    if table.row_count:
+    if table.row_count and shown:
         _console().print(table)
-    for note in found.notes:
+    for note in found.notes if shown else ():
         print(f"note: {visible(note)}", file=sys.stdout)
     messages = recommend(scene, found, parts, painting=False)
     if growing is not found:
@@ -115,6 +121,27 @@ def _grows(found: Prediction, region: str) -> bool:
     if "growth_rate" not in found.quantities or region not in found.regions:
         return False
     return (found.figure("growth_rate", region).signal or 0.0) > _NO_GROWTH
+
+
+def _to_dict(file: Path, report: SceneReport, forecast: Forecast, warnings: Sequence[str]) -> dict[str, object]:
+    """Return the content of the tables for `--json`."""
+    return {
+        "scene": str(file),
+        "valid": True,
+        "warnings": list(warnings),
+        "images": report.image_count,
+        "recording_bytes": report.recording_bytes,
+        "truth_bytes": report.truth_bytes,
+        "stages": {
+            name: {
+                "memory_bytes": stage.memory_bytes,
+                "disk_bytes": stage.disk_bytes,
+                "disk_at_most_bytes": stage.disk_at_most_bytes,
+                "run_time_s": stage.seconds,
+            }
+            for name, stage in forecast.stages.items()
+        },
+    }
 
 
 def _interior_warning(names: Sequence[str], margin_px: float) -> str:

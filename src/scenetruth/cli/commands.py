@@ -6,13 +6,16 @@ import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from scenetruth.cli import options
+from scenetruth.cli.messages import Verbosity, echo, print_note, print_wrote, verbosity
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from scenetruth.cli.console import ProgressReporter
     from scenetruth.estimators import MethodChoice
     from scenetruth.pipeline import FigureWorker, PipelineRunner, RunResult
@@ -23,7 +26,7 @@ __all__ = ["register_export", "register_info", "register_runs"]
 def register_runs(app: typer.Typer) -> None:
     """Add the commands to the command line."""
     for command in (run, render, estimate, score, report, verify):
-        app.command()(command)
+        options.add_command(app, command)
 
 
 def run(
@@ -31,39 +34,48 @@ def run(
     output: options.Output,
     *,
     overrides: options.Overrides = None,
+    seed: options.SceneSeed = None,
     limits: options.Limits = None,
     methods: options.Methods = None,
+    settings: options.Settings = None,
     overwrite: options.Overwrite = False,
-    images: options.Images = None,
-    truth: options.Truth = options.TruthViews.reference,
-    truth_poses: options.Poses = options.TruthPoses.real,
-    truth_content: options.Content = options.TruthContent.standard,
-    ideal: options.Ideal = False,
+    allow_mismatch: options.AllowMismatch = False,
+    save_images: options.SaveImages = None,
+    save_radiance: options.SaveRadiance = False,
+    truth_views: options.TruthViews = options.TruthViewsChoice.reference,
+    truth_poses: options.TruthPoses = options.TruthPosesChoice.actual,
+    truth_content: options.TruthContent = options.TruthContentChoice.standard,
     report: options.Report = True,
     figures: options.Figures = None,
-    figures_format: options.FiguresFormat = options.FigureForm.png,
+    figure_formats: options.FigureFormats = options.FigureFormat.png,
 ) -> None:
-    """Render a scene, estimate, score and report, in one go."""
+    """Render a scene, estimate, score and report."""
     results = _run(
         scene,
-        overrides,
+        _with_seed(overrides, seed),
         output,
         limits,
         stages=("render", "estimate", "score", "report")[: 4 if report else 3],
         methods=methods or (),
-        truth_views=truth.value,
-        truth_poses=truth_poses.value,
+        settings=settings or (),
+        truth_views=truth_views.value,
+        truth_poses=_TRUTH_POSES[truth_poses.value],
         truth_content=truth_content.value,
-        save_radiance=ideal,
-        images=images,
+        save_radiance=save_radiance,
+        images=save_images,
         overwrite=overwrite,
+        check=not allow_mismatch,
         figures=figures or None,
-        figures_also=_beside_png(figures_format),
+        figures_also=_beside_png(figure_formats),
         helpers=options.helpers() if report else 0,
     )
     _print_results(results)
-    _echo(f"written: {output}")
+    print_wrote(output)
     _raise_failures(results)
+
+
+_TRUTH_POSES = {"actual": "real", "nominal": "nominal"}
+"""Names of the command line and those of `run_scene`."""
 
 
 def render(
@@ -71,49 +83,55 @@ def render(
     output: options.Output,
     *,
     overrides: options.Overrides = None,
+    seed: options.SceneSeed = None,
     limits: options.Limits = None,
     overwrite: options.Overwrite = False,
-    images: options.Images = None,
-    truth: options.Truth = options.TruthViews.reference,
-    truth_poses: options.Poses = options.TruthPoses.real,
-    truth_content: options.Content = options.TruthContent.standard,
-    ideal: options.Ideal = False,
+    save_images: options.SaveImages = None,
+    save_radiance: options.SaveRadiance = False,
+    truth_views: options.TruthViews = options.TruthViewsChoice.reference,
+    truth_poses: options.TruthPoses = options.TruthPosesChoice.actual,
+    truth_content: options.TruthContent = options.TruthContentChoice.standard,
 ) -> None:
-    """Render a scene: a recording and its truth."""
+    """Render the recording and the ground truth of a scene."""
     results = _run(
         scene,
-        overrides,
+        _with_seed(overrides, seed),
         output,
         limits,
         stages=("render",),
-        truth_views=truth.value,
-        truth_poses=truth_poses.value,
+        truth_views=truth_views.value,
+        truth_poses=_TRUTH_POSES[truth_poses.value],
         truth_content=truth_content.value,
-        save_radiance=ideal,
-        images=images,
+        save_radiance=save_radiance,
+        images=save_images,
         overwrite=overwrite,
     )
-    _echo(f"written: {results.folder.recording}, {results.folder.truth}")
+    print_wrote((results.folder.recording, results.folder.truth))
+
+
+def _with_seed(overrides: list[str] | None, seed: int | None) -> list[str]:
+    return [*(overrides or ()), *(() if seed is None else (f"seed={seed}",))]
 
 
 def estimate(
-    folder: options.Folder,
-    overrides: options.Overrides = None,
+    run: options.RunPath,
+    settings: options.Settings = None,
     methods: options.Methods = None,
     overwrite: options.Overwrite = False,
     limits: options.Limits = None,
     *,
     command: options.Command = None,
-    name: options.CommandName = "command",
-    command_images: options.CommandImages = options.SharedForm.png,
-    timeout_s: options.TimeoutS = 600.0,
-    memory_mb: options.MemoryMb = None,
-    reads_masks: options.ReadsMasks = False,
-    keep_in: options.KeepIn = None,
+    command_name: options.CommandName = "command",
+    command_images: options.CommandImages = options.ExchangeFormat.png,
+    command_timeout_s: options.CommandTimeoutS = 600.0,
+    command_memory_mb: options.CommandMemoryMb = None,
+    command_uses_mask: options.CommandUsesMask = False,
+    command_keep: options.CommandKeep = None,
 ) -> None:
-    """Estimate depth and motion from FOLDER/recording.zarr."""
+    """Estimate depth and motion from the recording of a run directory."""
     from scenetruth.cli.console import reporting
 
+    options.read_settings(settings)
     with ExitStack() as open_:
         names: list[str | None] = [*(methods or ())]
         if command is not None:
@@ -122,19 +140,19 @@ def estimate(
 
             made = CommandMethod(
                 command,
-                name,
+                command_name,
                 images=command_images.value,
-                timeout_s=timeout_s,
-                memory_mb=memory_mb,
-                keep_in=keep_in,
-                needs=Needs(exclusion_mask=reads_masks),
+                timeout_s=command_timeout_s,
+                memory_mb=command_memory_mb,
+                keep_in=command_keep,
+                needs=Needs(exclusion_mask=command_uses_mask),
             )
             open_.enter_context(offered(made))
-            names.append(name)
+            names.append(command_name)
         names = names or [None]
         reporter = open_.enter_context(reporting())
-        runner = open_.enter_context(_runner(folder, overwrite, False, limits, reporter))
-        choices = [runner.choice(each, overrides or ()) for each in names]
+        runner = open_.enter_context(_runner(run, overwrite, False, limits, reporter))
+        choices = [runner.choice(each, _estimate_fields(settings)) for each in names]
         for choice in choices:
             with runner.keeping_failures(choice.method):
                 runner.estimate(choice)
@@ -142,91 +160,127 @@ def estimate(
         files = runner.folder.of(choice.method)
         if choice.method in runner.failures:
             continue
-        _echo(f"written: {files.estimate}")
+        print_wrote(files.estimate)
         stale = [path.name for path in files.after_estimate if path.exists()]
         if stale:
-            remedy = "repeat `scenetruth score` and `scenetruth report` with --overwrite"
-            _echo(f"warning: {', '.join(stale)} in {folder} belong to the former estimate; {remedy}", err=True)
+            fix = "run `scenetruth score` and `scenetruth report` with --overwrite"
+            echo(
+                f"warning: {run}: {', '.join(stale)} are out of date, they are of the previous estimate; {fix}",
+                err=True,
+            )
     _raise_failures(runner.results())
 
 
+def _estimate_fields(settings: Sequence[str] | None) -> list[str]:
+    """Return settings NAME=VALUE as fields of the scene's section `estimate`."""
+    return [f"estimate.{setting}" for setting in settings or ()]
+
+
 def score(
-    folder: options.Folder,
+    run: options.RunPath,
     overrides: options.Overrides = None,
-    methods: options.Methods = None,
+    methods: options.EstimatedMethods = None,
+    region: options.Region = "interior",
     overwrite: options.Overwrite = False,
     allow_mismatch: options.AllowMismatch = False,
     limits: options.Limits = None,
+    *,
+    as_json: options.Json = False,
 ) -> None:
-    """Score every estimate in FOLDER against FOLDER/truth.zarr."""
+    """Score every estimate of a run directory against the ground truth."""
     from scenetruth.cli.console import reporting
 
-    with reporting() as reporter, _runner(folder, overwrite, allow_mismatch, limits, reporter) as runner:
+    with reporting() as reporter, _runner(run, overwrite, allow_mismatch, limits, reporter) as runner:
         names = methods or runner.folder.estimated()
         settings = runner.score_settings(overrides or ())
         for method in names:
             with runner.keeping_failures(method):
                 runner.score(method, settings)
     results = runner.results()
-    _print_scores(results)
-    for method in results.scores:
-        files = runner.folder.of(method)
-        _echo(f"written: {files.score_json}, {files.score_csv}")
+    if as_json:
+        typer.echo(
+            json.dumps({name: json.loads(scored.to_json()) for name, scored in results.scores.items()}, indent=2)
+        )
+    else:
+        _print_scores(results, region)
+        for method in results.scores:
+            files = runner.folder.of(method)
+            print_wrote((files.score_json, files.score_csv))
     _raise_failures(results)
 
 
 def report(
-    folder: options.Folder,
-    methods: options.Methods = None,
+    run: options.RunPath,
+    methods: options.EstimatedMethods = None,
     figures: options.Figures = None,
-    figures_format: options.FiguresFormat = options.FigureForm.png,
+    figure_formats: options.FigureFormats = options.FigureFormat.png,
     overwrite: options.Overwrite = False,
     allow_mismatch: options.AllowMismatch = False,
     limits: options.Limits = None,
 ) -> None:
-    """Draw the pictures and the report of every estimate in FOLDER; without a truth, those that need none."""
+    """Write figures and a report of every estimate of a run directory."""
     from scenetruth.cli.console import reporting
     from scenetruth.pipeline import open_figure_worker
 
     with (
         reporting() as reporter,
         open_figure_worker(options.helpers()) as helper,
-        _runner(folder, overwrite, allow_mismatch, limits, reporter, helper) as runner,
+        _runner(run, overwrite, allow_mismatch, limits, reporter, helper) as runner,
     ):
         names = methods or runner.folder.estimated()
         for method in names:
             with runner.keeping_failures(method):
-                runner.report(method, figures or None, _beside_png(figures_format))
+                runner.report(method, figures or None, _beside_png(figure_formats))
     for method in names:
         if method not in runner.failures:
-            _echo(f"written: {runner.folder.of(method).report}")
+            print_wrote(runner.folder.of(method).report)
     _raise_failures(runner.results())
 
 
-def verify(folder: options.Results) -> None:
-    """Check that the results in FOLDER are as they were written, to the last byte of their data."""
+def verify(
+    path: options.ResultPath,
+    *,
+    regenerate: options.Regenerate = 0,
+    seed: options.Seed = 0,
+    as_json: options.Json = False,
+) -> None:
+    """Check every file of a run, a store or a data set against its checksum."""
     from scenetruth.cli.console import reporting
     from scenetruth.errors import StoreError
-    from scenetruth.pipeline import verify_run
 
-    with reporting() as reporter:
-        verdicts = verify_run(folder, progress=reporter)
-    for verdict in verdicts:
-        _echo(f"{verdict.path}: {verdict.problem or 'whole'}", err=bool(verdict.problem))
-    damaged = {verdict.path for verdict in verdicts if verdict.problem}
-    if damaged:
-        raise StoreError(folder, f"{len(damaged)} of its results cannot be trusted; make them again")
+    if not _is_dataset(path):
+        from scenetruth.pipeline import verify_run
+
+        if regenerate:
+            raise StoreError(path, "is not a data set; --regenerate applies to data sets only")
+        with reporting() as reporter:
+            results = [(str(each.path), each.problem) for each in verify_run(path, progress=reporter)]
+    else:
+        from scenetruth.dataset.generation import verify_dataset
+
+        with reporting() as reporter:
+            failures = verify_dataset(path, again=regenerate, seed=seed, progress=reporter)
+        results = [(f"sample {each.number}", each.problem) for each in failures] or [(str(path), "")]
+    if as_json:
+        typer.echo(json.dumps([{"path": name, "problem": problem} for name, problem in results], indent=2))
+    else:
+        for name, problem in results[:_MOST_LISTED]:
+            echo(f"{name}: {problem}" if problem else f"verified: {name}", err=bool(problem))
+    failed = {name for name, problem in results if problem}
+    if failed:
+        more = f", {_MOST_LISTED} are listed" if len(results) > _MOST_LISTED and not as_json else ""
+        raise StoreError(path, f"verification failed for {len(failed):,} of its results{more}; generate them again")
 
 
-def _echo(text: str, *, err: bool = False) -> None:
-    """Print a line; names of files may hold what a terminal obeys."""
-    from scenetruth.errors import visible
-
-    typer.echo(visible(text), err=err)
+_MOST_LISTED = 20
 
 
-def _beside_png(form: options.FigureForm) -> tuple[str, ...]:
-    return () if form is options.FigureForm.png else (form.value,)
+def _is_dataset(path: Path) -> bool:
+    return (path / "dataset.json").exists()
+
+
+def _beside_png(form: options.FigureFormat) -> tuple[str, ...]:
+    return () if form is options.FigureFormat.png else (form.value,)
 
 
 def _run(
@@ -235,16 +289,20 @@ def _run(
     output: Path,
     limits: list[str] | None,
     *,
-    images: options.ImageForm | None,
+    images: options.ImageFormat | None,
     methods: Sequence[str] = (),
+    settings: Sequence[str] = (),
     helpers: int = 0,
     **wanted: Any,
 ) -> RunResult:
     """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_scene`."""
     from scenetruth.cli.console import reporting
-    from scenetruth.errors import SceneError
+    from scenetruth.errors import EstimateError, Problem, SceneError
     from scenetruth.pipeline import open_figure_worker
 
+    options.read_settings(settings)
+    if settings and len(methods) > 1:
+        raise EstimateError([Problem("--setting", "is ambiguous with several methods; give --method once", settings)])
     form: Literal["png", "tiff"] | None = None if images is None else images.value
     with reporting() as reporter, open_figure_worker(helpers) as helper:
         # Libraries take seconds to load when they are read from disk for the first time: both processes do so at once.
@@ -252,9 +310,9 @@ def _run(
         from scenetruth.resources.limits import limits_from
         from scenetruth.scene import load_scene
 
-        changes = list(overrides or ())
+        changes = [*(overrides or ()), *_estimate_fields(settings)]
         chosen: list[str | MethodChoice] = list(methods)
-        # --set estimate.FIELD means a field of the one method that is given.
+        # A field of the section `estimate` is a setting of the method that is given.
         if len(methods) == 1 and ":" in methods[0]:
             fields = [change for change in changes if change.startswith("estimate.")]
             changes = [change for change in changes if change not in fields]
@@ -303,11 +361,11 @@ def _runner(
     return PipelineRunner(RunDirectory(folder), overwrite, not allow_mismatch, reporter, reporter.say, helper, allowed)
 
 
-def _print_scores(results: RunResult) -> None:
+def _print_scores(results: RunResult, region: str) -> None:
     from scenetruth.cli.console import print_score
 
     for method, scored in results.scores.items():
-        print_score(scored, method if len(results.scores) > 1 else "")
+        print_score(scored, method if len(results.scores) > 1 else "", region)
 
 
 def _print_results(results: RunResult) -> None:
@@ -320,7 +378,7 @@ def _print_results(results: RunResult) -> None:
         print_main_figures(scored, method)
         page = results.folder.of(method).report
         if page.is_file():
-            _echo(f"page: {page.absolute().as_uri()}")
+            echo(f"page: {page.absolute().as_uri()}")
 
 
 def _raise_failures(results: RunResult) -> None:
@@ -339,167 +397,135 @@ _EXIT_UNFIT = 2
 
 def register_info(app: typer.Typer) -> None:
     """Add the commands to the command line."""
-    for command in (check, scenes, schema, methods, warm_up, doctor):
-        app.command()(command)
+    options.add_command(app, check)
+    options.add_command(app, list_, "list")
+    for command in (schema, precompile, doctor):
+        options.add_command(app, command)
 
 
-def check(scene: options.SceneFile, overrides: options.Overrides = None, limits: options.Limits = None) -> None:
-    """Validate a scene and print what will be made from it."""
+def check(
+    scene: options.SceneFile,
+    overrides: options.Overrides = None,
+    limits: options.Limits = None,
+    *,
+    as_json: options.Json = False,
+) -> None:
+    """Validate a scene, and predict the size of its results and the resources they need."""
     from scenetruth.cli.check_report import print_check
     from scenetruth.resources.limits import limits_from
     from scenetruth.scene import load_scene
 
-    print_check(load_scene(scene, overrides or ()), scene, limits_from(limits or ()))
+    print_check(load_scene(scene, overrides or ()), scene, limits_from(limits or ()), as_json=as_json)
 
 
-def scenes() -> None:
-    """List the scenes that are shipped, and recipes and design specifications: each is called by its name alone."""
-    from scenetruth.cli.console import print_bundled
+def list_(kind: options.Listed, *, as_json: options.Json = False) -> None:
+    """List bundled files, methods, export formats or benchmark cases."""
+    from scenetruth.cli import listings
 
-    print_bundled()
-
-
-def schema() -> None:
-    """Print the JSON Schema of scene files."""
-    from scenetruth.scene import Scene
-
-    typer.echo(json.dumps(Scene.model_json_schema(), indent=2))
+    rows = listings.collect(kind.value)
+    if as_json:
+        typer.echo(json.dumps(rows, indent=2))
+    else:
+        listings.print_rows(kind.value, rows)
 
 
-def methods() -> None:
-    """List the methods of estimation, ours and those of plug-ins, and what keeps one from being used here."""
-    from scenetruth.cli.console import print_methods
+def schema(kind: options.SchemaOf = options.SchemaKind.scene) -> None:
+    """Print the JSON Schema of scenes, recipes or design specifications."""
+    model: type[BaseModel]
+    if kind is options.SchemaKind.scene:
+        from scenetruth.scene import Scene as model
+    elif kind is options.SchemaKind.recipe:
+        from scenetruth.dataset.recipe_model import Recipe as model
+    else:
+        from scenetruth.design.optimisation import DesignSpec as model
+    typer.echo(json.dumps(model.model_json_schema(), indent=2))
 
-    print_methods()
 
-
-def warm_up() -> None:
-    """Compile now what is compiled at first use: a minute or two once, seconds from then on."""
+def precompile() -> None:
+    """Precompile the numerical kernels (1 to 2 min, once per machine)."""
     from scenetruth import pipeline
     from scenetruth.cli.console import reporting
 
     with reporting() as report, pipeline.open_figure_worker(options.helpers()) as helper:
         pipeline.precompile(report, None if helper is None else helper.compile_method)
-    typer.echo("everything is compiled")
+    if verbosity() is not Verbosity.quiet:
+        typer.echo("compilation finished")
 
 
-def doctor(
-    as_json: Annotated[
-        bool, typer.Option("--json", help="As JSON, to be sent along with the report of a fault.")
-    ] = False,
-) -> None:
-    """Say what works on this machine and what does not, each with a remedy; exit code 2 if scenes cannot be run."""
-    from scenetruth.cli import diagnostics as room
+def doctor(*, as_json: options.Json = False) -> None:
+    """Check the installation and list every problem with its fix."""
+    from scenetruth.cli import diagnostics
 
-    findings = room.run_checks()
+    checks = diagnostics.run_checks()
     if as_json:
-        typer.echo(room.checks_to_json(findings))
+        typer.echo(diagnostics.checks_to_json(checks))
     else:
-        room.print_checks(findings)
-    if not room.is_fit(findings):
+        diagnostics.print_checks(checks)
+    if not diagnostics.is_fit(checks):
         raise typer.Exit(_EXIT_UNFIT)
 
 
 def register_export(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command()(export)
+    options.add_command(app, export)
 
 
 def export(
-    folder: Annotated[
-        Path | None, typer.Argument(metavar="FOLDER", help="Folder of a run, or of a data set.", show_default=False)
-    ] = None,
-    format: Annotated[
-        str | None,
-        typer.Option("--format", metavar="NAME", help="A format; --list tells all.", show_default=False),
-    ] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder to make.", show_default=False)] = None,
+    path: options.ExportSource,
+    format: options.Format,
+    output: options.Output,
     *,
-    left: Annotated[
-        int | None, typer.Option("--left", metavar="S", help="Left camera of a pair.", show_default=False)
-    ] = None,
-    flow: Annotated[
-        str | None,
-        typer.Option(
-            "--flow",
-            metavar="KIND",
-            help="finite: where points are in the next image; instantaneous: dx/dt.",
-            show_default=False,
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="An option of the format; may be repeated.", show_default=False
-        ),
-    ] = None,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            "--method", metavar="NAME", help="Export this method's estimate, not the truth.", show_default=False
-        ),
-    ] = None,
-    row: Annotated[int | None, typer.Option("--row", metavar="N", help="Row of a grid.", show_default=False)] = None,
+    left: options.Left = None,
+    flow: options.Flow = None,
+    format_options: options.FormatOptions = None,
+    method: options.ExportedMethod = None,
+    row: options.Row = None,
     overwrite: options.Overwrite = False,
-    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes, for the samples of a data set.")] = 1,
-    listed: Annotated[bool, typer.Option("--list", help="List the formats with their options, and end.")] = False,
+    workers: options.Workers = 1,
 ) -> None:
-    """Write the recording and truth (or an estimate) of a run, or of every sample of a data set, in another format."""
-    from scenetruth.errors import ExportError, Problem, visible
+    """Export a run, or every sample of a data set, in another format."""
     from scenetruth.pipeline import export_run
 
-    if listed:
-        from scenetruth.cli.console import print_formats
-
-        print_formats()
+    chosen = _read_format_options(format_options, {"left": left, "flow": flow})
+    wanted: dict[str, Any] = {"method": method, "row": row, "overwrite": overwrite, **chosen}
+    if _is_dataset(path):
+        _export_samples(path, output, format, workers=workers, **wanted)
         return
-    missing = {"FOLDER": folder, "--format": format, "--output": output}
-    problems = [
-        Problem(name, "is missing; see `scenetruth export --help`") for name, value in missing.items() if not value
-    ]
-    chosen: dict[str, Any] = {name: value for name, value in (("left", left), ("flow", flow)) if value is not None}
-    problems += _read_settings(settings or (), chosen)
-    if problems or folder is None or format is None or output is None:
-        raise ExportError(problems)
-    if (folder / "dataset.json").exists():
-        _export_samples(folder, output, format, workers=workers, method=method, **chosen)
-        return
-    done = export_run(folder, output, format, method=method, row=row, overwrite=overwrite, **chosen)
+    done = export_run(path, output, format, **wanted)
     for note in done.notes:
-        typer.echo(visible(f"note: {note}"), err=True)
-    typer.echo(visible(f"written: {output} ({len(done.files)} files)"))
+        print_note(note)
+    print_wrote(output, f"{len(done.files)} files")
 
 
-def _export_samples(folder: Path, output: Path, format: str, **wanted: Any) -> None:
+def _export_samples(dataset: Path, output: Path, format: str, **wanted: Any) -> None:
     from scenetruth.cli.console import reporting
     from scenetruth.dataset.dataset_export import export_dataset
 
     with reporting() as reporter:
-        found = export_dataset(folder, output, format, progress=reporter, notice=reporter.say, **wanted)
-    typer.echo(f"written: {output} ({found.done:,} samples, {found.present:,} were there)")
-    if found.failed:
+        result = export_dataset(dataset, output, format, progress=reporter, notice=reporter.say, **wanted)
+    print_wrote(output, f"{result.done:,} samples; {result.present:,} existing samples were reused")
+    if result.failed:
         raise typer.Exit(1)
 
 
-def _read_settings(given: list[str] | tuple[str, ...], chosen: dict[str, Any]) -> list[Any]:
-    """Put settings NAME=VALUE among what is chosen; return what is wrong with them."""
-    import yaml
+_OF_EXPORT = ("format", "method", "row", "overwrite", "folder", "out", "kind", "output", "path", "workers")
 
-    from scenetruth.errors import Problem
 
-    reserved = ("format", "method", "row", "overwrite", "folder", "out", "kind")
-    problems = []
-    for text in given:
-        name, sign, value = text.partition("=")
-        if not sign or not name.isidentifier():
-            problems.append(Problem("--set", "must be NAME=VALUE", text))
-        elif name in reserved:
-            problems.append(Problem("--set", f"{name} is no option of a format; see `scenetruth export --help`", text))
-        elif name in chosen:
-            problems.append(Problem("--set", f"{name} is given twice", text))
-        else:
-            try:
-                chosen[name] = yaml.safe_load(value)
-            except yaml.YAMLError:
-                problems.append(Problem("--set", "must have a value in YAML", text))
-    return problems
+def _read_format_options(given: Sequence[str] | None, named: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of the format: those of --option, and those with a name on the command line."""
+    from scenetruth.errors import ExportError, Problem
+
+    values, problems = options.parse_assignments("--option", given)
+    problems += [
+        Problem("--option", f"{name} is not an option of a format; see `scenetruth export --help`", values[name])
+        for name in values
+        if name in _OF_EXPORT
+    ]
+    for name, value in named.items():
+        if value is not None and name in values:
+            problems.append(Problem("--option", f"{name} is given twice", values[name]))
+        elif value is not None:
+            values[name] = value
+    if problems:
+        raise ExportError(problems)
+    return values

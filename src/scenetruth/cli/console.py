@@ -1,4 +1,4 @@
-"""Output on the terminal: progress, warnings, errors and interruption; tables of methods, formats, files and scores."""
+"""Output on the terminal: progress, warnings, errors and interruption; tables of scores."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
@@ -26,21 +26,18 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from scenetruth.cli.messages import Verbosity, verbosity
 from scenetruth.compilation import announced_compilation, check_environment
 from scenetruth.errors import EstimateWarning, ScenetruthError, SceneWarning, visible
 
 if TYPE_CHECKING:
-    from scenetruth.estimators import Estimator
     from scenetruth.scoring import Score
 
 __all__ = [
     "ProgressReporter",
     "guard",
     "make_console",
-    "print_bundled",
-    "print_formats",
     "print_main_figures",
-    "print_methods",
     "print_score",
     "print_warning",
     "reporting",
@@ -108,8 +105,8 @@ class ProgressReporter:
         """Show that a kernel is being compiled, and how many have been before it."""
         if before == 0:
             self.say(
-                "compiling for this machine, which takes a minute or two once; later runs read it from disk "
-                "(`scenetruth warm-up` does it beforehand)"
+                "compiling for this machine, which takes 1 to 2 min once; later runs read the result from disk "
+                "(`scenetruth precompile` does it in advance)"
             )
         self._show(_COMPILE, before + 1, None)
         self._state = f"{_COMPILE}: {before + 1} kernels so far"
@@ -131,6 +128,8 @@ class ProgressReporter:
     def finish(self) -> None:
         """Leave no bar behind that runs on."""
         self.end_start()
+        if verbosity() is Verbosity.verbose:
+            self._print_run_times()
         if _COMPILE in self._tasks:
             task = self._tasks[_COMPILE]
             self.progress.update(task, total=self.progress.tasks[self.progress.task_ids.index(task)].completed)
@@ -140,10 +139,20 @@ class ProgressReporter:
             self.progress.live.stop()
             self.progress.disable = True
 
+    def _print_run_times(self) -> None:
+        """Print the run time of each stage that reported progress, and of all."""
+        for task in self.progress.tasks:
+            if task.elapsed is not None:
+                self.say(f"{task.description}: {task.completed:,.0f} in {task.elapsed:.2f} s")
+        self.say(f"run time: {time.monotonic() - self._begun_s:.2f} s")
+
 
 @contextmanager
 def reporting() -> Iterator[ProgressReporter]:
-    """Show progress bars on standard error while the block runs; where that is no terminal, a line now and then."""
+    """Show progress bars on standard error while the block runs; where that is no terminal, a line now and then.
+
+    With --quiet nothing is shown.
+    """
     columns = (
         TextColumn("{task.description:>10}"),
         BarColumn(),
@@ -151,7 +160,8 @@ def reporting() -> Iterator[ProgressReporter]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    quiet = verbosity() is Verbosity.quiet
+    with Progress(*columns, console=Console(stderr=True, quiet=quiet)) as progress:
         reporter = ProgressReporter(progress)
         reporter.begin_start()
         with _no_silence(reporter):
@@ -208,7 +218,7 @@ def guard(run: Callable[[], None]) -> None:
         # Compiled code may turn the interrupt that reaches it into an error of its own.
         if _interrupted:
             _print_error(
-                "interrupted; nothing half-written was kept, only finished results; the command can be repeated"
+                "interrupted; incomplete results were removed, finished results remain; run the same command to resume"
             )
             sys.exit(_EXIT_INTERRUPTED)
         told = _error_message(error)
@@ -294,99 +304,6 @@ def print_warning(text: str) -> None:
     _print_plainly(f"warning: {text}", "yellow")
 
 
-def print_methods() -> None:
-    """Print all methods that are installed: what they give, what they need, who brings them, what is wrong."""
-    from rich.table import Table
-
-    from scenetruth.errors import EstimateError, visible
-    from scenetruth.estimators import find_method, method_entries
-
-    table = Table(title="methods of estimation", title_justify="left")
-    for heading in ("name", "gives", "needs", "from"):
-        table.add_column(heading, overflow="fold")
-    for entry in method_entries():
-        try:
-            if entry.problem:
-                raise ValueError(entry.problem)
-            method = find_method(entry.name)
-        except (EstimateError, ValueError) as error:
-            problems = getattr(error, "problems", ())
-            told = "; ".join(problem.message for problem in problems) or str(error)
-            table.add_row(*map(visible, (entry.name, "–", f"cannot be used: {told}", entry.origin)))
-            continue
-        gives = ", ".join(sorted(method.gives)) or "shows in its estimates"
-        needs = "; ".join([str(method.needs), *_cannot_be_used(method)])
-        table.add_row(*map(visible, (entry.name, gives, needs, entry.origin)))
-    make_console().print(table)
-
-
-def _cannot_be_used(method: Estimator) -> list[str]:
-    """Return what a method lacks whatever the recording: it is asked of one that has all that it needs."""
-    import numpy as np
-
-    from scenetruth.schema import make_recording
-
-    needs = method.needs
-    try:
-        images = np.zeros((max(needs.cameras, 3), max(needs.frames, 3), 64, 64), dtype=np.uint8)
-        problems = method.requirements(make_recording(images, 100.0, 5.0), method.settings())
-    except Exception:  # of settings that must be given, or a plug-in at fault, its estimates will tell
-        return []
-    return [f"cannot be used: {problem.message}" for problem in problems if problem.path == "method"]
-
-
-def print_formats() -> None:
-    """Print all formats of export: what they write, their options with defaults, which package they need."""
-    from rich.table import Table
-
-    from scenetruth.exporters import load_formats
-
-    table = Table(title="formats of export", title_justify="left")
-    for heading in ("name", "writes", "options", "needs"):
-        table.add_column(heading, overflow="fold")
-    for kind, model in load_formats().items():
-        fields = [f"{name}={field.default}" for name, field in model.model_fields.items() if name != "kind"]
-        table.add_row(kind, model.summary, ", ".join(fields) or "–", ", ".join(model.packages) or "–")
-    make_console().print(table)
-
-
-def print_bundled() -> None:
-    """Print the scenes, recipes and designs that are shipped, how they are called, and where their files are."""
-    import yaml
-    from rich.table import Table
-
-    from scenetruth.cli.options import DESIGNS, RECIPES, SCENES
-    from scenetruth.errors import StoreError, visible
-    from scenetruth.input_files import bundled_folder
-
-    if bundled_folder() is None:
-        raise StoreError("scenes", "are not there; install scenetruth again")
-    for shelf in (SCENES, RECIPES, DESIGNS):
-        table = Table(title=f"{shelf.noun}s: {shelf.call('NAME')}", title_justify="left")
-        for heading in ("name", "description", "size"):
-            table.add_column(heading, overflow="fold")
-        for name, file in shelf.files().items():
-            plain = yaml.load(file.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-            described = " ".join(str(plain.get("description") or plain.get("title", "")).split())
-            table.add_row(*map(visible, (name, described, _size_in(plain))))
-        make_console().print(table)
-    print(f"files to copy: {visible(str(bundled_folder()))}", "what a scene takes: scenetruth check NAME", sep="\n")
-
-
-def _size_in(plain: Mapping[str, Any]) -> str:
-    """Return what a scene, a recipe or a design specification says of its size; empty if nothing."""
-    if "camera" in plain:
-        camera, stage = plain["camera"], plain["stage"]
-        across = stage.get("positions") or len(stage.get("positions_mm") or [0])
-        images = across * stage.get("rows", 1) * plain["frames"]["count"]
-        return f"{images} images of {camera['width']} x {camera['height']} px"
-    if "samples" in plain:
-        # As `Recipe.count`, of every draw itself and all steps of its ladders.
-        steps = 1 + sum(len(values) for values in (plain.get("paired_factors") or {}).values())
-        return f"{plain['samples'] * steps:,} scenes"
-    return f"{len(plain['variables'])} to choose" if "variables" in plain else ""
-
-
 def make_console() -> Console:
     """Return a console on standard output; brackets are no markup.
 
@@ -400,11 +317,17 @@ def make_console() -> Console:
     return Console(width=120, markup=False, emoji=False, highlight=False)
 
 
-def print_score(scored: Score, method: str = "") -> None:
-    """Print the figures of merit of an estimate: the interior, then the RMSE of all regions."""
+def print_score(scored: Score, method: str = "", region: str = "interior") -> None:
+    """Print the statistics of an estimate: those of a region, then the RMSE of all regions.
+
+    Raises
+    ------
+    ScoreError
+        If the score has no such region.
+    """
     from rich.table import Table
 
-    from scenetruth.errors import visible
+    from scenetruth.errors import Problem, ScoreError, visible
     from scenetruth.scoring import get_units
     from scenetruth.scoring.score_result import select_summary_quantities
 
@@ -418,14 +341,16 @@ def print_score(scored: Score, method: str = "") -> None:
         "coverage_2_std": "in 2\nstd",
         "density": "density",
     }
-    title = visible(f"{method}, region interior" if method else "region interior")
+    if region not in scored.regions:
+        raise ScoreError([Problem("--region", f"must be one of {', '.join(scored.regions)}", region)])
+    title = visible(f"{method}, region {region}" if method else f"region {region}")
     table = Table(title=title, title_justify="left")
     table.add_column("quantity", overflow="fold")
     table.add_column("unit")
     for name in headings.values():
         table.add_column(name, justify="right")
     for quantity in select_summary_quantities(scored.regions, grows=scored.grows):
-        cells = [scored.regions["interior"][quantity].get(name) for name in headings]
+        cells = [scored.regions[region][quantity].get(name) for name in headings]
         table.add_row(quantity, get_units(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
     make_console().print(table)
     _print_regions(scored)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from scenetruth.cli import options
-from scenetruth.cli.options import RECIPES, file_completer, method_names, resolve_file
+from scenetruth.cli.messages import echo, print_wrote
 
 if TYPE_CHECKING:
     from scenetruth.dataset.sampler import Sampler
@@ -19,57 +20,25 @@ __all__ = ["register"]
 
 _EXIT_SOME_FAILED = 1
 
-RecipeFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="RECIPE",
-        help="Recipe of a data set (YAML), or a name of `scenetruth scenes`.",
-        show_default=False,
-        callback=lambda given: resolve_file(RECIPES, given),
-        autocompletion=file_completer(RECIPES),
-    ),
-]
-DatasetPath = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a data set.", show_default=False)]
-Workers = Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes of this machine.")]
-Threads = Annotated[int, typer.Option("--threads", min=1, max=1024, help="Threads of each process.")]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers are taken: tcp://HOST:8786, or its file."
-    ),
-]
-PartOf = Annotated[
-    str, typer.Option("--part", metavar="N/PARTS", help="Part to make, where several machines share the folder.")
-]
-Retries = Annotated[
-    int, typer.Option("--retries", min=0, max=100, help="How often a sample that failed is tried again.")
-]
-Recycle = Annotated[
-    int, typer.Option("--recycle", min=1, help="Samples after which a process of this machine is started anew.")
-]
-Extend = Annotated[bool, typer.Option("--extend", help="Let a data set get more samples than it had.")]
-
-app = typer.Typer(
-    name="dataset", help="Make data sets of many scenes from a recipe, and look after them.", no_args_is_help=True
-)
+app = typer.Typer(name="dataset", help="Generate and evaluate data sets of many scenes.", no_args_is_help=True)
 
 
 def register(parent: typer.Typer) -> None:
     """Add the commands to the command line."""
-    for command in (check, preview, run, sample, status, verify, estimate, schema, card):
-        app.command()(command)
+    for command in (check, preview, run, sample, status, estimate, card):
+        options.add_command(app, command)
     parent.add_typer(app)
 
 
-def check(recipe: RecipeFile, limits: options.Limits = None) -> None:
-    """Validate a recipe, try some draws, and print what the data set will take."""
+def check(recipe: options.RecipeFile, overrides: options.Overrides = None, limits: options.Limits = None) -> None:
+    """Validate a recipe, test 100 draws, and predict the resources of the data set."""
     from scenetruth.cli.dataset_report import print_recipe
     from scenetruth.compilation import thread_count
     from scenetruth.dataset.generation import estimate_sample_cost
     from scenetruth.dataset.recipe_validation import refuse_recipe, try_draws
     from scenetruth.resources.limits import limits_from
 
-    sampler = _load(recipe)
+    sampler = _load(recipe, overrides)
     with _naming(recipe):
         refuse_recipe(sampler)
         trial = try_draws(sampler, _TRIAL_DRAWS, workers=thread_count())
@@ -81,54 +50,47 @@ _TRIAL_DRAWS = 100
 
 
 def preview(
-    recipe: RecipeFile,
+    recipe: options.RecipeFile,
     output: options.Output,
     *,
-    draws: Annotated[
-        int | None,
-        typer.Option(
-            "--draws",
-            min=1,
-            max=100_000,
-            help="How many samples are drawn; 500 if not given, or 48 where the geometry of each is looked at.",
-            show_default=False,
-        ),
-    ] = None,
+    overrides: options.Overrides = None,
+    samples: options.Samples = None,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Show what a recipe draws, before anything is made: values, rejected draws, thumbnails."""
+    """Preview the samples of a recipe without rendering them."""
     from scenetruth.cli.console import reporting
     from scenetruth.compilation import thread_count
     from scenetruth.dataset.pages.preview_page import write_preview
 
-    sampler = _load(recipe)
+    sampler = _load(recipe, overrides)
     with _naming(recipe), reporting() as reporter:
         page = write_preview(
-            sampler, output, draws=draws, overwrite=overwrite, workers=thread_count(), progress=reporter
+            sampler, output, draws=samples, overwrite=overwrite, workers=thread_count(), progress=reporter
         )
-    _echo(f"written: {page}")
+    print_wrote(page)
 
 
 def run(
-    recipe: RecipeFile,
+    recipe: options.RecipeFile,
     output: options.Output,
     *,
-    workers: Workers = 1,
-    threads: Threads = 1,
-    scheduler: Scheduler = None,
-    part: PartOf = "1/1",
-    retries: Retries = 1,
-    recycle: Recycle = 500,
-    extend: Extend = False,
+    overrides: options.Overrides = None,
+    workers: options.Workers = 1,
+    threads: options.Threads = 1,
+    scheduler: options.Scheduler = None,
+    partition: options.PartOf = "1/1",
+    retries: options.Retries = 1,
+    max_tasks_per_worker: options.MaxTasksPerWorker = 500,
+    extend: options.Extend = False,
     limits: options.Limits = None,
 ) -> None:
-    """Make a data set, or what is missing of it; it can be interrupted, and run again."""
+    """Generate a data set. If interrupted, run the same command again to resume."""
     from scenetruth.cli.console import reporting
     from scenetruth.dataset.generation import run_dataset
     from scenetruth.dataset.samples import Partition
     from scenetruth.resources.limits import limits_from
 
-    sampler = _load(recipe)
+    sampler = _load(recipe, overrides)
     with _naming(recipe), reporting() as reporter:
         outcome = run_dataset(
             sampler,
@@ -136,113 +98,82 @@ def run(
             workers=workers,
             threads=threads,
             scheduler=scheduler,
-            part=Partition.read(part),
+            part=Partition.read(partition),
             retries=retries,
-            recycle=recycle,
+            recycle=max_tasks_per_worker,
             extend=extend,
             limits=limits_from(limits or ()),
             progress=reporter,
             notice=reporter.say,
         )
-    _echo(f"written: {output}: {outcome.made:,} samples made, {outcome.present:,} were there")
+    print_wrote(output, f"{outcome.made:,} samples; {outcome.present:,} existing samples were reused")
     if outcome.made and outcome.folder.card.exists():
-        _echo(f"its card tells of it as it was before: scenetruth dataset card {output} --overwrite", err=True)
+        echo(f"warning: the data-set card is out of date; run `scenetruth dataset card {output} --overwrite`", err=True)
     if outcome.failed:
-        _echo(
-            f"{len(outcome.failed):,} samples failed; see {outcome.folder.failed}, and run again to try them", err=True
-        )
+        reasons = outcome.folder.failed
+        echo(f"{len(outcome.failed):,} samples failed; see {reasons}; run the same command to retry them", err=True)
         raise typer.Exit(_EXIT_SOME_FAILED)
 
 
 def sample(
-    recipe: RecipeFile,
-    number: Annotated[int, typer.Argument(metavar="NUMBER", min=0, help="Number of the sample.", show_default=False)],
+    recipe: options.RecipeFile,
+    number: options.SampleNumber,
     output: options.Output,
+    *,
+    overrides: options.Overrides = None,
+    seed: options.SceneSeed = None,
 ) -> None:
-    """Make a single sample of a recipe, the same as in its data set."""
+    """Generate a single sample of a recipe, identical to that of the data set."""
     from scenetruth.dataset.fingerprint import compute_fingerprint
     from scenetruth.dataset.samples import make_sample
     from scenetruth.errors import Problem, RecipeError
 
-    sampler = _load(recipe)
+    sampler = _load(recipe, [*(overrides or ()), *(() if seed is None else (f"seed={seed}",))])
     if number >= len(sampler):
         message = f"there are {len(sampler):,} samples, numbered from 0"
         raise RecipeError([Problem("NUMBER", message, number)], source=recipe)
     with _naming(recipe):
         row = make_sample(sampler, compute_fingerprint(sampler), number, output)
-    _echo(f"written: {output} (recording {row['recording_hash']})")
+    print_wrote(output, f"recording {row['recording_hash']}")
 
 
-def status(folder: DatasetPath) -> None:
-    """Tell how far a data set is."""
+def status(dataset: options.DatasetPath, *, as_json: options.Json = False) -> None:
+    """Print how many samples of a data set exist and which failed."""
     from scenetruth.dataset.generation import read_status
 
-    found = read_status(folder)
-    _echo(f"{found.done:,} of {found.count:,} samples are there, {len(found.failed):,} failed")
+    found = read_status(dataset)
+    if as_json:
+        failed = {str(number): message for number, message in found.failed.items()}
+        typer.echo(json.dumps({"samples": found.count, "finished": found.done, "failed": failed}, indent=2))
+        return
+    echo(f"{found.done:,} of {found.count:,} samples exist, {len(found.failed):,} failed")
     for number, message in list(found.failed.items())[:_MAX_LISTED]:
-        _echo(f"  sample {number}: {' '.join(message.split())}")
+        echo(f"  sample {number}: {' '.join(message.split())}")
     if len(found.failed) > _MAX_LISTED:
-        _echo(f"  and {len(found.failed) - _MAX_LISTED:,} more, in {folder}/failed")
+        echo(f"  and {len(found.failed) - _MAX_LISTED:,} more, in {dataset}/failed")
 
 
 _MAX_LISTED = 20
 
 
-def verify(
-    folder: DatasetPath,
-    again: Annotated[
-        int, typer.Option("--again", min=0, help="How many samples, drawn at random, are made again.")
-    ] = 3,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of that draw.")] = 0,
-) -> None:
-    """Hash every file of a data set, and make a few samples again, to the same bytes."""
-    from scenetruth.cli.console import reporting
-    from scenetruth.dataset.generation import verify_dataset
-    from scenetruth.errors import StoreError
-
-    with reporting() as reporter:
-        found = verify_dataset(folder, again=again, seed=seed, progress=reporter)
-    for damage in found[:_MAX_LISTED]:
-        _echo(f"sample {damage.number}: {damage.problem}", err=True)
-    if found:
-        more = f", of which {_MAX_LISTED} are told" if len(found) > _MAX_LISTED else ""
-        raise StoreError(folder, f"{len(found):,} things are wrong{more}")
-    _echo(f"{folder}: whole")
-
-
 def estimate(
-    folder: DatasetPath,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            "--method",
-            metavar="NAME",
-            help="A method of estimation; the scene's if not given.",
-            autocompletion=method_names,
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="A setting of the method; may be repeated.", show_default=False
-        ),
-    ] = None,
+    dataset: options.DatasetPath,
+    method: options.Method = None,
+    settings: options.Settings = None,
     *,
-    workers: Workers = 1,
-    threads: Threads = 1,
-    scheduler: Scheduler = None,
-    retries: Retries = 0,
+    workers: options.Workers = 1,
+    threads: options.Threads = 1,
+    scheduler: options.Scheduler = None,
+    retries: options.Retries = 0,
 ) -> None:
-    """Estimate and score every sample by a method; scores land in the catalogue."""
+    """Estimate and score every sample of a data set; the scores are columns of the catalogue."""
     from scenetruth.cli.console import reporting
     from scenetruth.dataset.dataset_estimation import estimate_dataset
-    from scenetruth.scene.scene_loader import apply_overrides
 
-    chosen: dict[str, object] = {}
-    apply_overrides(chosen, settings or ())
+    chosen = options.read_settings(settings)
     with reporting() as reporter:
         found = estimate_dataset(
-            folder,
+            dataset,
             method,
             chosen,
             workers=workers,
@@ -252,47 +183,47 @@ def estimate(
             progress=reporter,
             notice=reporter.say,
         )
-    _echo(f"{found.done:,} samples estimated and scored, {found.present:,} were before")
+    print_wrote(dataset, f"{found.done:,} scores; {found.present:,} existing scores were reused")
     if found.failed:
-        _echo(f"{len(found.failed):,} samples failed", err=True)
+        echo(f"{len(found.failed):,} samples failed", err=True)
         raise typer.Exit(_EXIT_SOME_FAILED)
 
 
-def schema() -> None:
-    """Print the JSON Schema of recipes."""
-    import json
-
-    from scenetruth.dataset.recipe_model import Recipe
-
-    typer.echo(json.dumps(Recipe.model_json_schema(), indent=2))
-
-
 def card(
-    folder: DatasetPath,
+    dataset: options.DatasetPath,
     *,
-    published: Annotated[
-        str, typer.Option("--published", metavar="DATE", help="Day of its publication, as 2026-11-23.")
-    ] = "",
-    version: Annotated[str, typer.Option("--version", metavar="VERSION", help="Version of the data set.")] = "1.0.0",
-    url: Annotated[str, typer.Option("--url", metavar="URL", help="Where it is to be found.")] = "",
+    date: options.CardDate = "",
+    version: options.CardVersion = "1.0.0",
+    url: options.CardUrl = "",
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Describe a data set: card.html and card.md for people, croissant.json for machines."""
+    """Write the data-set card: card.html, card.md and croissant.json."""
     from scenetruth.cli.console import reporting
     from scenetruth.dataset.pages.card import write_card
     from scenetruth.dataset.pages.croissant import Publication
 
     with reporting() as reporter:
-        page = write_card(folder, Publication(version, published, url), overwrite=overwrite, progress=reporter)
-    _echo(f"written: {page}")
+        page = write_card(dataset, Publication(version, date, url), overwrite=overwrite, progress=reporter)
+    print_wrote(page)
 
 
-def _load(recipe: Path) -> Sampler:
-    """Load a recipe; the folder of a data set stands for the one in it."""
+def _load(recipe: Path, overrides: Sequence[str] | None = None) -> Sampler:
+    """Load a recipe with changed fields; the directory of a data set stands for the recipe in it."""
     from scenetruth.dataset.layout import DatasetFolder
-    from scenetruth.dataset.recipe_loader import load_recipe
+    from scenetruth.dataset.recipe_loader import load_recipe, recipe_from_plain
+    from scenetruth.errors import RecipeError, SceneError
+    from scenetruth.scene.scene_loader import apply_overrides
+    from scenetruth.scene.yaml_reader import read_file
 
-    return load_recipe(DatasetFolder(recipe).recipe if recipe.is_dir() else recipe)
+    file = DatasetFolder(recipe).recipe if recipe.is_dir() else recipe
+    if not overrides:
+        return load_recipe(file)
+    plain, folder = read_file(file, "a recipe", RecipeError)
+    try:
+        apply_overrides(plain, overrides)
+    except SceneError as error:
+        raise RecipeError(error.problems, source=file) from error
+    return recipe_from_plain(plain, source=file, folder=folder)
 
 
 @contextmanager
@@ -304,9 +235,3 @@ def _naming(recipe: Path) -> Iterator[None]:
         yield
     except (RecipeError, SceneError) as error:
         raise RecipeError(error.problems, source=error.source or recipe) from error
-
-
-def _echo(text: str, *, err: bool = False) -> None:
-    from scenetruth.errors import visible
-
-    typer.echo(visible(text), err=err)

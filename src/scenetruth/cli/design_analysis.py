@@ -2,67 +2,39 @@
 
 from __future__ import annotations
 
-import sys
-from enum import StrEnum
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from scenetruth.cli import options
-from scenetruth.cli.options import SCENES, file_completer, resolve_file
+from scenetruth.cli.messages import print_message, print_wrote
 
 if TYPE_CHECKING:
     from scenetruth.design.prediction import Prediction
     from scenetruth.design.sweeps import Sweep
     from scenetruth.design.uncertainty import Budget
+    from scenetruth.scene import Scene
 
 __all__ = ["budget", "precision_rows", "predict", "sweep"]
 
 
-class CalibrationPreset(StrEnum):
-    """How well the calibration is known."""
-
-    typical = "typical"
-    perfect = "perfect"
-
-
 def budget(
     scene: options.SceneFile,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder of the budget; goes on where it was.", show_default=False),
-    ] = None,
+    output: options.OptionalOutput = None,
     *,
     overrides: options.Overrides = None,
-    method: Annotated[
-        str | None,
-        typer.Option("--method", metavar="NAME", help="Method of estimation; the scene's if not given."),
-    ] = None,
-    calibration: Annotated[
-        CalibrationPreset,
-        typer.Option("--calibration", help="How well focal length, principal point and baseline are known."),
-    ] = CalibrationPreset.typical,
-    focal_length_percent: Annotated[
-        float | None, typer.Option("--focal-length-percent", help="Standard deviation of the focal length, in %.")
-    ] = None,
-    principal_point_px: Annotated[
-        float | None, typer.Option("--principal-point-px", help="Of the principal point, along x and y, in px.")
-    ] = None,
-    baseline_percent: Annotated[
-        float | None, typer.Option("--baseline-percent", help="Of the scale of the stage's positions, in %.")
-    ] = None,
-    draws: Annotated[int, typer.Option("--draws", min=1, max=1000, help="Seeds that are simulated.")] = 4,
-    confirm: Annotated[
-        float,
-        typer.Option("--confirm", min=0, max=1, help="Share of the sum of squares that is simulated; 1 for all."),
-    ] = 0.9,
-    region: Annotated[
-        str, typer.Option("--region", help="Where figures are told for: interior, all, object_NAME.")
-    ] = "interior",
-    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
+    method: options.Method = None,
+    settings: options.Settings = None,
+    calibration: options.Calibration = options.CalibrationPreset.typical,
+    focal_length_percent: options.FocalLengthPercent = None,
+    principal_point_px: options.PrincipalPointPx = None,
+    baseline_percent: options.BaselinePercent = None,
+    seeds: options.SeedCount = 4,
+    simulated_share: options.SimulatedShare = 0.9,
+    region: options.Region = "interior",
+    workers: options.Workers = 1,
 ) -> None:
-    """Tell which error of depth, motion and growth comes from where, and what helps most."""
+    """Compute the uncertainty budget of a scene: sources, contributions, mitigations."""
     from scenetruth.cli.console import reporting
     from scenetruth.design.uncertainty import budget as make_budget
     from scenetruth.design.uncertainty.source import resolve_calibration
@@ -76,29 +48,36 @@ def budget(
     }
     given = {name: value for name, value in told.items() if value is not None}
     known = resolve_calibration({**resolve_calibration(calibration.value).model_dump(), **given})
-    loaded = load_scene(scene, overrides or ())
+    loaded, chosen = load_scene(scene, overrides or ()), options.read_settings(settings)
     with reporting() as reporter:
         found = make_budget(
             loaded,
             output,
-            method=method,
+            method={**_method_of(loaded, method), **chosen} if chosen else method,
             calibration=known,
-            draws=draws,
-            confirm=confirm,
+            draws=seeds,
+            confirm=simulated_share,
             region=region,
-            workers=workers,
+            workers=options.process_count(workers),
             progress=reporter,
-            notice=lambda line: print(line, file=sys.stderr),
+            notice=print_message,
         )
     if region not in found.regions:
         problem = Problem("--region", f"must be one of {', '.join(found.regions)}", region)
-        raise RecipeError([problem], source="an error budget")
+        raise RecipeError([problem], source="an uncertainty budget")
     _print_budget(found, region)
     if output is not None:
         names = ("index.html", "waterfall.png", "budget.csv")
-        typer.echo(f"written: {', '.join(str(output / name) for name in names)}")
+        print_wrote(output / name for name in names)
     if found.failures:
         raise typer.Exit(1)
+
+
+def _method_of(scene: Scene, method: str | None) -> dict[str, Any]:
+    """Return a method, with the settings of the scene if it is the method of the scene."""
+    if method is not None and method != scene.estimate.method:
+        return {"method": method}
+    return {"method": scene.estimate.method, **scene.estimate.settings.model_dump()}
 
 
 def _print_budget(found: Budget, region: str) -> None:
@@ -128,81 +107,81 @@ def _print_budget(found: Budget, region: str) -> None:
         typer.echo(visible(line))
 
 
-class PredictionModel(StrEnum):
-    """How much is computed."""
-
-    envelope = "envelope"
-    bound = "bound"
-
-
-class WindowMotion(StrEnum):
-    """What is unknown of how velocity changes in a window."""
-
-    translation = "translation"
-    rigid = "rigid"
-    growing = "growing"
-    affine = "affine"
-
-
 def predict(
     scene: options.SceneFile,
     *,
     overrides: options.Overrides = None,
-    level: Annotated[
-        PredictionModel,
-        typer.Option("--level", help="From the texture's spectrum, or from a rendered image, with maps."),
-    ] = PredictionModel.envelope,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            "--method",
-            metavar="NAME",
-            help="Method whose noise is predicted: refined, structure_tensor. The scene's if not given.",
-            show_default=False,
-        ),
-    ] = None,
-    window_sigma_px: Annotated[
-        float | None,
-        typer.Option("--window-sigma-px", help="Of its window; the method's if not given.", show_default=False),
-    ] = None,
-    motion: Annotated[
-        WindowMotion | None,
-        typer.Option("--motion", help="What it does not know of motion; its own if not given.", show_default=False),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder to make for the table, and the maps.", show_default=False),
-    ] = None,
+    model: options.Model = options.PredictionModel.analytic,
+    method: options.Method = None,
+    settings: options.Settings = None,
+    region: options.Region = "interior",
+    output: options.OptionalOutput = None,
     overwrite: options.Overwrite = False,
     limits: options.Limits = None,
 ) -> None:
-    """Predict how precisely depth, slopes, motion and growth can be known: no noise is drawn."""
+    """Predict the standard uncertainty of depth, slope, motion and growth, without simulation."""
     from scenetruth.cli.console import reporting
     from scenetruth.design.prediction import predict as predicted
     from scenetruth.design.prediction import recommend
     from scenetruth.design.prediction.method_models import all_method_models
+    from scenetruth.errors import Problem, SceneError
     from scenetruth.resources.limits import limits_from
     from scenetruth.scene import load_scene
 
+    window = _prediction_settings(settings)
     loaded, allowed = load_scene(scene, overrides or ()), limits_from(limits or ())
     own = loaded.estimate.method if loaded.estimate.method in all_method_models() else "refined"
     with reporting():
         found = predicted(
             loaded,
-            level=level.value,
+            level=_LEVELS[model.value],
             method=method or own,
-            window_sigma_px=window_sigma_px,
-            motion=None if motion is None else motion.value,
             limits=allowed,
+            **window,
         )
-    _print_prediction(found)
+    if region not in found.regions:
+        problem = Problem("--region", f"must be one of {', '.join(found.regions)}", region)
+        raise SceneError([problem], source=scene)
+    _print_prediction(found, region)
     for line in recommend(loaded, found):
         typer.echo(f"warning: {line}")
     if output is not None:
         from scenetruth.design.prediction.prediction_result import write_prediction
 
         names = write_prediction(found, output, overwrite=overwrite)
-        typer.echo(f"written: {', '.join(str(output / name) for name in names)}")
+        print_wrote(output / name for name in names)
+
+
+_LEVELS: dict[str, Literal["envelope", "bound"]] = {"analytic": "envelope", "maps": "bound"}
+"""Names of the command line and those of `predict`."""
+_MOTIONS = ("translation", "rigid", "growing", "affine")
+
+
+def _prediction_settings(given: list[str] | None) -> dict[str, Any]:
+    """Return the settings of a method that change a prediction.
+
+    Raises
+    ------
+    EstimateError
+        With every setting that is spelled wrongly, or does not change a prediction.
+    """
+    from scenetruth.errors import EstimateError, Problem
+
+    settings = options.read_settings(given)
+    allowed = ("window_sigma_px", "motion")
+    problems = [
+        Problem(f"--setting {name}", f"does not change a prediction; use {' or '.join(allowed)}", value)
+        for name, value in settings.items()
+        if name not in allowed
+    ]
+    window, motion = settings.get("window_sigma_px", 1.0), settings.get("motion", "rigid")
+    if isinstance(window, bool) or not isinstance(window, int | float):
+        problems.append(Problem("--setting window_sigma_px", "must be a number of px", window))
+    if motion not in _MOTIONS:
+        problems.append(Problem("--setting motion", f"must be one of {', '.join(_MOTIONS)}", motion))
+    if problems:
+        raise EstimateError(problems)
+    return settings
 
 
 def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, str, str]]:
@@ -225,7 +204,7 @@ def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, 
 _LEFT_OUT = ("disparity", "velocity_epe", "normal")
 
 
-def _print_prediction(prediction: Prediction) -> None:
+def _print_prediction(prediction: Prediction, region: str) -> None:
     from rich.table import Table
 
     from scenetruth.cli.console import make_console
@@ -233,18 +212,13 @@ def _print_prediction(prediction: Prediction) -> None:
 
     causes = prediction.causes
     of = "least standard deviation" if prediction.method == "refined" else "standard deviation"
-    for region in prediction.regions:
-        if region == "interior" and len(prediction.regions) == _WITH_ONE_OBJECT:
-            continue
-        table = Table(
-            title=visible(f"{region}: {of} per pixel, {prediction.method}", lines=False), title_justify="left"
-        )
-        table.add_column("quantity")
-        for heading in ("precision", "there is", "ratio"):
-            table.add_column(heading, justify="right")
-        for row in precision_rows(prediction, region):
-            table.add_row(*map(visible, row))
-        make_console().print(table)
+    table = Table(title=visible(f"{region}: {of} per pixel, {prediction.method}", lines=False), title_justify="left")
+    table.add_column("quantity")
+    for heading in ("precision", "there is", "ratio"):
+        table.add_column(heading, justify="right")
+    for row in precision_rows(prediction, region):
+        table.add_row(*map(visible, row))
+    make_console().print(table)
     rows = {
         "noise of a grey value": f"{100 * causes.noise_std:.3g} % of full scale, and "
         f"{100 * causes.pattern_std:.2g} % that stay with the pixels",
@@ -267,105 +241,70 @@ def _print_prediction(prediction: Prediction) -> None:
         typer.echo(f"note: {visible(note)}")
 
 
-_WITH_ONE_OBJECT = 3
-
-
 def sweep(
-    scenes: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="SCENE...",
-            help="Scene files (YAML), or names of `scenetruth scenes`.",
-            show_default=False,
-            callback=lambda given: [resolve_file(SCENES, one) for one in given],
-            autocompletion=file_completer(SCENES),
-        ),
-    ],
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--vary",
-            metavar="PATH=VALUES",
-            help="A field and its values: 1,2,5; 1..10:4, four of them; 1..10:4log; 1..10 and 1..10:log with --sobol. "
-            "May be repeated: all combinations are made.",
-            show_default=False,
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder of the sweep; goes on where it was.", show_default=False),
-    ] = None,
+    scenes: options.SceneFiles,
+    vary: options.Vary = None,
     *,
-    methods: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--method",
-            metavar="NAME",
-            help="Methods: NAME, MODULE:FUNCTION, NAME\\[setting: value, ...], LABEL=NAME\\[...]; may be repeated. "
-            "Each scene's own if not given.",
-            show_default=False,
-        ),
-    ] = None,
-    seeds: Annotated[
-        str, typer.Option("--seeds", metavar="NUMBER", help="How many seeds each point has; or a list, as 1,2,3.")
-    ] = "3",
-    sobol: Annotated[
-        int, typer.Option("--sobol", min=0, metavar="NUMBER", help="Points that fill the ranges without a number.")
-    ] = 0,
+    output: options.Output,
+    methods: options.LabelledMethods = None,
+    settings: options.Settings = None,
+    seeds: options.Seeds = "3",
+    sobol_points: options.SobolPoints = 0,
     overrides: options.Overrides = None,
-    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
+    region: options.Region = "interior",
+    workers: options.Workers = 1,
     limits: options.Limits = None,
 ) -> None:
-    """Simulate, estimate and score scenes over whatever varies; with plots, error bars and the bound of noise."""
+    """Simulate, estimate and score scenes over the levels of one or more factors."""
     from scenetruth.cli.console import reporting
     from scenetruth.design.sweeps import sweep as make_sweep
     from scenetruth.design.sweeps.factors import split_assignments
     from scenetruth.design.sweeps.sweep_plan import SweepError
-    from scenetruth.errors import Problem
     from scenetruth.resources.limits import limits_from
 
     varied, problems = split_assignments(vary or ())
-    if output is None:
-        problems.append(Problem("--output", "is missing: the folder where results go"))
-    counted: int | list[int] = 0
-    try:
-        numbers = [int(one) for one in seeds.split(",")]
-        counted = numbers if "," in seeds else numbers[0]
-    except ValueError:
-        problems.append(Problem("--seeds", "must be a number of seeds, or a list of them as 1,2,3", seeds))
-    if problems or output is None:
+    counted = options.parse_seeds(seeds, problems)
+    if problems:
         raise SweepError(problems)
+    changes = list(overrides or ())
+    if not methods:
+        options.read_settings(settings)
+        changes += [f"estimate.{setting}" for setting in settings or ()]
     with reporting() as reporter:
         found = make_sweep(
             scenes,
             varied,
-            methods or None,
+            options.with_settings(methods or (), settings) or None,
             output,
             seeds=counted,
-            sobol=sobol,
-            overrides=overrides or (),
-            workers=workers,
+            sobol=sobol_points,
+            overrides=changes,
+            workers=options.process_count(workers),
             limits=limits_from(limits or ()),
             progress=reporter,
-            notice=lambda line: print(line, file=sys.stderr),
+            notice=print_message,
         )
-    _print_best(found)
-    typer.echo(f"written: {', '.join(str(output / name) for name in ('index.html', 'results.parquet', 'results.csv'))}")
-    typer.echo(f"pictures: {output / 'plots'}")
+    _print_best(found, region)
+    print_wrote(output / name for name in ("index.html", "results.parquet", "results.csv", "plots"))
     if found.failures:
         raise typer.Exit(1)
 
 
-def _print_best(found: Sweep) -> None:
+def _print_best(found: Sweep, region: str) -> None:
     from rich.table import Table
 
     from scenetruth.cli.console import make_console
     from scenetruth.design.sweeps.factors import format_level
     from scenetruth.design.sweeps.plot_model import choose_main_region, list_plotted_quantities
-    from scenetruth.errors import visible
+    from scenetruth.design.sweeps.sweep_plan import SweepError
+    from scenetruth.errors import Problem, visible
     from scenetruth.scoring.quantities import get_title
 
-    region = choose_main_region(found)
+    regions = {row.region for row in found.rows}
+    if region not in regions and region == "interior":
+        region = choose_main_region(found)
+    elif region not in regions:
+        raise SweepError([Problem("--region", f"must be one of {', '.join(sorted(regions))}", region)])
     table = Table(title=f"least RMSE of each quantity, region {region}", title_justify="left")
     for heading in ("quantity", "RMSE", "95 %", "unit", "at", "method"):
         table.add_column(heading, overflow="fold")

@@ -2,69 +2,67 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from scenetruth.cli import options
 from scenetruth.cli.design_analysis import budget, predict, sweep
-from scenetruth.cli.options import DESIGNS, SCENES, file_completer, resolve_file
+from scenetruth.cli.messages import print_message, print_wrote
 
 if TYPE_CHECKING:
-    from scenetruth.design.optimisation import DesignResult
+    from scenetruth.design.optimisation import DesignResult, DesignSpec
     from scenetruth.design.patterns import PatternAssessment, PatternRig
 
 __all__ = ["optimise", "pattern", "register"]
 
 
 def optimise(
-    spec: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SPEC",
-            help="Design specification (YAML), or a name of `scenetruth scenes`.",
-            show_default=False,
-            callback=lambda given: resolve_file(DESIGNS, given),
-            autocompletion=file_completer(DESIGNS),
-        ),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder of the answer; goes on where it was.", show_default=False),
-    ] = None,
+    specification: options.DesignFile,
     *,
-    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
+    output: options.Output,
+    overrides: options.Overrides = None,
+    workers: options.Workers = 1,
 ) -> None:
-    """Find the rig that measures best within constraints, by thousands of predictions; simulate the best."""
+    """Optimise a camera rig by predicted uncertainty, and simulate the best candidates."""
     from scenetruth.cli.console import reporting
-    from scenetruth.design.optimisation import load_design_spec
     from scenetruth.design.optimisation import optimise as find_rig
-    from scenetruth.design.optimisation.design_records import DesignSpecError
     from scenetruth.design.optimisation.report.scene_file import PREVIEW_FILE
-    from scenetruth.errors import Problem
 
-    if output is None:
-        raise DesignSpecError([Problem("--output", "is missing: the folder where the answer goes")])
-    wanted = load_design_spec(spec)
+    wanted = _load_specification(specification, overrides)
     with reporting() as reporter:
         found = find_rig(
             wanted,
             output,
-            workers=workers,
+            workers=options.process_count(workers),
             progress=reporter,
-            notice=lambda line: print(line, file=sys.stderr),
+            notice=print_message,
         )
     _print_front(found)
     _print_lines(*found.words())
     names = ("index.html", "recommended.yaml", PREVIEW_FILE, "pareto_front.csv", "evaluations.csv", "design.json")
-    _print_lines(
-        f"a part of what it sees, before it is rendered whole: scenetruth run {output / PREVIEW_FILE} -o preview"
-    )
-    _print_lines(f"written: {', '.join(str(output / name) for name in names)}")
+    _print_lines(f"preview of a part of its images: scenetruth run {output / PREVIEW_FILE} -o preview")
+    print_wrote(output / name for name in names)
+
+
+def _load_specification(file: Path, overrides: Sequence[str] | None) -> DesignSpec:
+    """Load a design specification with changed fields."""
+    from scenetruth.design.optimisation import design_spec_from_dict, load_design_spec
+    from scenetruth.design.optimisation.design_records import DesignSpecError
+    from scenetruth.errors import SceneError
+    from scenetruth.scene.scene_loader import apply_overrides
+    from scenetruth.scene.yaml_reader import read_file
+
+    if not overrides:
+        return load_design_spec(file)
+    plain, folder = read_file(file, "a design specification", DesignSpecError)
+    try:
+        apply_overrides(plain, overrides)
+    except SceneError as error:
+        raise DesignSpecError(error.problems, source=file) from error
+    return design_spec_from_dict(plain, source=file, folder=folder)
 
 
 def _print_lines(*lines: str) -> None:
@@ -99,114 +97,33 @@ def _print_front(found: DesignResult) -> None:
     make_console().print(table)
 
 
-class PatternType(StrEnum):
-    """Kinds of patterns."""
-
-    speckle = "speckle"
-    noise = "noise"
-    grey_noise = "grey_noise"
-
-
-class Encoding(StrEnum):
-    """What grey values of a photograph mean."""
-
-    srgb = "srgb"
-    linear = "linear"
-
-
 def pattern(
-    scene: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="SCENE",
-            help="Scene file (YAML) that tells the rig, or a name of `scenetruth scenes`.",
-            show_default=False,
-            callback=lambda given: None if given is None else resolve_file(SCENES, given),
-            autocompletion=file_completer(SCENES),
-        ),
-    ] = None,
+    scene: options.OptionalSceneFile = None,
     *,
     output: options.Output,
     overrides: options.Overrides = None,
-    focal_length_px: Annotated[
-        float | None, typer.Option("--focal-length-px", help="Of a rig without a scene.", show_default=False)
-    ] = None,
-    distance_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--distance-mm", help="Of the surface; the scene's median depth if not given.", show_default=False
-        ),
-    ] = None,
-    light: Annotated[float, typer.Option("--light", help="Radiance of a perfectly white surface.")] = 1.0,
-    kind: Annotated[
-        PatternType, typer.Option("--kind", help="Random dots, noise in ink and paper, or noise in shades of grey.")
-    ] = PatternType.speckle,
-    size_mm: Annotated[
-        str | None,
-        typer.Option(
-            "--size-mm", metavar="WxH", help="Of the sheet; 1.1 fields of view if not given.", show_default=False
-        ),
-    ] = None,
-    dot_px: Annotated[
-        float | None,
-        typer.Option("--dot-px", help="Diameter of dots on the sensor; 4 if not given.", show_default=False),
-    ] = None,
-    dot_mm: Annotated[
-        float | None, typer.Option("--dot-mm", help="The same on the surface.", show_default=False)
-    ] = None,
-    coverage: Annotated[
-        float | None, typer.Option("--coverage", help="Share under ink; 0.5 if not given.", show_default=False)
-    ] = None,
-    spacing: Annotated[
-        float | None,
-        typer.Option(
-            "--spacing",
-            help="Least distance of dots' centres in diameters: 1 (if not given) for no overlap, 0 for anywhere.",
-            show_default=False,
-        ),
-    ] = None,
-    wavelength_px: Annotated[
-        str | None,
-        typer.Option(
-            "--wavelength-px",
-            metavar="SHORT,LONG",
-            help="Band of noise on the sensor; 5,20 if not given.",
-            show_default=False,
-        ),
-    ] = None,
-    wavelength_mm: Annotated[
-        str | None,
-        typer.Option("--wavelength-mm", metavar="SHORT,LONG", help="The same on the surface.", show_default=False),
-    ] = None,
-    contrast: Annotated[
-        float | None,
-        typer.Option("--contrast", help="Of shades of grey: standard deviation over their range.", show_default=False),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of what is irregular.")] = 0,
-    page: Annotated[str, typer.Option("--page", help="A5 to A0, letter, or WIDTHxHEIGHT in mm.")] = "A4",
-    margin_mm: Annotated[float, typer.Option("--margin-mm", help="What the printer leaves white.")] = 10.0,
-    against: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--against",
-            metavar="IMAGE",
-            help="Photograph of a pattern to compare with; may be repeated.",
-            show_default=False,
-        ),
-    ] = None,
-    mm_per_px: Annotated[
-        float | None,
-        typer.Option(
-            "--mm-per-px",
-            help="Size of the photographs' pixels on the surface; if not given, the rig's own camera took them.",
-            show_default=False,
-        ),
-    ] = None,
-    encoding: Annotated[Encoding, typer.Option("--encoding", help="Of the photographs.")] = Encoding.srgb,
-    window_sigma_px: Annotated[float, typer.Option("--window-sigma-px", help="Window of the estimator.")] = 6.0,
+    focal_length_px: options.FocalLengthPx = None,
+    distance_mm: options.SurfaceDistanceMm = None,
+    light: options.Light = 1.0,
+    type: options.PatternTypeOption = options.PatternType.speckle,
+    size_mm: options.SizeMm = None,
+    dot_px: options.DotPx = None,
+    dot_mm: options.DotMm = None,
+    coverage: options.Coverage = None,
+    spacing: options.Spacing = None,
+    wavelength_px: options.WavelengthPx = None,
+    wavelength_mm: options.WavelengthMm = None,
+    contrast: options.Contrast = None,
+    seed: options.Seed = 0,
+    page: options.Page = "A4",
+    margin_mm: options.MarginMm = 10.0,
+    reference_images: options.ReferenceImages = None,
+    mm_per_px: options.MmPerPx = None,
+    encoding: options.PhotographEncoding = options.Encoding.srgb,
+    window_sigma_px: options.WindowSigmaPx = 6.0,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Make a pattern to print at true scale for a rig, and tell what it is worth, beside photographs of others."""
+    """Generate a pattern to print at true scale for a rig, and assess it."""
     from scenetruth.design.patterns import assess_pattern, generate_pattern
     from scenetruth.design.patterns.assessment import (
         assessments_to_dataframe,
@@ -232,9 +149,9 @@ def pattern(
     }
     size = _numbers(problems, "size_mm", size_mm, "x")
     if overrides and scene is None:
-        problems.append(Problem("--set", "changes a scene, and there is none: give SCENE", overrides))
-    if mm_per_px is not None and not against:
-        problems.append(Problem("--mm-per-px", "is that of a photograph: give --against", mm_per_px))
+        problems.append(Problem("--set", "changes a scene; give SCENE", overrides))
+    if mm_per_px is not None and not reference_images:
+        problems.append(Problem("--mm-per-px", "applies to a photograph; give --reference-image", mm_per_px))
     if problems:
         raise PatternError(problems)
     claim = claim_folder(
@@ -243,11 +160,11 @@ def pattern(
     check_output(output, overwrite=overwrite, claim=claim)
     rig = _rig(scene, overrides, focal_length_px, distance_mm, light)
     given = {name: value for name, value in settings.items() if value is not None}
-    made = generate_pattern(rig, kind.value, size_mm=size, seed=seed, **given)
+    made = generate_pattern(rig, type.value, size_mm=size, seed=seed, **given)
     lay_out_pages(made, page, margin_mm)
     worths = [assess_pattern(made, window_sigma_px=window_sigma_px)]
     taken: dict[str, Any] = {"mm_per_px": mm_per_px, "encoding": encoding.value, "window_sigma_px": window_sigma_px}
-    worths += [assess_pattern(file, rig, **taken) for file in against or ()]
+    worths += [assess_pattern(file, rig, **taken) for file in reference_images or ()]
     with write_atomically(output, overwrite=overwrite, claim=claim) as folder:
         folder.mkdir()
         files = export_pattern(made, folder, page=page, margin_mm=margin_mm)
@@ -256,13 +173,13 @@ def pattern(
     for line in [*describe_pattern(made), *describe_assessments(worths)]:
         _print_line(line)
     _print_assessments(worths)
-    if kind is PatternType.speckle:
+    if type is options.PatternType.speckle:
         _print_sizes(rig, coverage or 0.5)
     _print_line("in a scene file:")
     typer.echo(format_scene_lines(made, str((output / "pattern.png").resolve())).rstrip())
     names = [file.name for file in files] + ["assessment.csv", "assessment.png"]
     shown = names if len(names) < 12 else [*names[:3], "...", *names[-6:]]
-    _print_line(f"written: {', '.join(str(output / name) if name != '...' else name for name in shown)}")
+    print_wrote(output / name if name != "..." else name for name in shown)
 
 
 def _print_line(text: str) -> None:
@@ -352,9 +269,9 @@ def _print_sizes(rig: PatternRig, coverage: float) -> None:
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
     group = typer.Typer(
-        help="Design an experiment: what precision is possible, what limits it, and which rig does better.",
+        help="Predict, budget and optimise the uncertainty of an experiment.",
         no_args_is_help=True,
     )
-    for command in (budget, optimise, pattern, predict, sweep):
-        group.command()(command)
+    for command in (predict, budget, sweep, optimise, pattern):
+        options.add_command(group, command)
     app.add_typer(group, name="design")

@@ -187,7 +187,7 @@ def _compiled() -> DoctorCheck:
             "caches", "compiled code", "broken", f"{told}; cannot be written", "set NUMBA_CACHE_DIR elsewhere"
         )
     if not current:
-        return DoctorCheck("caches", "compiled code", "missing", told, "scenetruth warm-up, a minute or two once")
+        return DoctorCheck("caches", "compiled code", "missing", told, "run `scenetruth precompile` (1 to 2 min, once)")
     return DoctorCheck("caches", "compiled code", "ok", told)
 
 

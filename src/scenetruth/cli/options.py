@@ -2,54 +2,159 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+
+if TYPE_CHECKING:
+    from scenetruth.errors import Problem
 
 __all__ = [
     "DESIGNS",
     "RECIPES",
     "SCENES",
     "AllowMismatch",
+    "BaselinePercent",
+    "BenchmarkMethods",
     "BundledFiles",
+    "Calibration",
+    "CalibrationPreset",
+    "CardDate",
+    "CardUrl",
+    "CardVersion",
+    "Cases",
     "Command",
     "CommandImages",
+    "CommandKeep",
+    "CommandMemoryMb",
     "CommandName",
-    "Content",
-    "FigureForm",
+    "CommandTimeoutS",
+    "CommandUsesMask",
+    "Contrast",
+    "Coverage",
+    "DatasetPath",
+    "DesignFile",
+    "Divergence",
+    "DivergenceOption",
+    "DotMm",
+    "DotPx",
+    "Encoding",
+    "EstimatedMethods",
+    "ExchangeFormat",
+    "ExportSource",
+    "ExportedMethod",
+    "Extend",
+    "ExternalResults",
+    "FigureFormat",
+    "FigureFormats",
     "Figures",
-    "FiguresFormat",
-    "Folder",
-    "Ideal",
-    "ImageForm",
-    "Images",
-    "KeepIn",
+    "Flow",
+    "FocalLengthPercent",
+    "FocalLengthPx",
+    "Format",
+    "FormatOptions",
+    "ImageFormat",
+    "Json",
+    "LabelledCommands",
+    "LabelledMethods",
+    "Left",
+    "Levels",
+    "Light",
     "Limits",
-    "MemoryMb",
+    "ListKind",
+    "Listed",
+    "MarginMm",
+    "MaxTasksPerWorker",
+    "Mesh",
+    "MeshDistanceMm",
+    "Method",
     "Methods",
+    "MmPerPx",
+    "Model",
+    "OpenGLPlatform",
+    "OptionalOutput",
+    "OptionalSceneFile",
     "Output",
     "Overrides",
     "Overwrite",
-    "Poses",
-    "ReadsMasks",
+    "Page",
+    "PartOf",
+    "PatternType",
+    "PatternTypeOption",
+    "PhotographEncoding",
+    "Platform",
+    "PredictionModel",
+    "PrincipalPointPx",
+    "Quiet",
+    "RecipeFile",
+    "ReferenceImages",
+    "Regenerate",
+    "Region",
     "Report",
-    "Results",
+    "ResultPath",
+    "Retries",
+    "Row",
+    "RunPath",
+    "Runs",
+    "SampleNumber",
+    "Samples",
+    "SaveImages",
+    "SaveRadiance",
     "SceneFile",
-    "SharedForm",
-    "TimeoutS",
-    "Truth",
+    "SceneFiles",
+    "SceneSeed",
+    "Scheduler",
+    "SchemaFile",
+    "SchemaKind",
+    "SchemaOf",
+    "Seed",
+    "SeedCount",
+    "Seeds",
+    "SensorPresets",
+    "Settings",
+    "SimulatedShare",
+    "SizeMm",
+    "SobolPoints",
+    "Spacing",
+    "Suite",
+    "SuiteName",
+    "SurfaceDistanceMm",
+    "TemplateFile",
+    "TemplateType",
+    "Texture",
+    "Threads",
     "TruthContent",
+    "TruthContentChoice",
     "TruthPoses",
+    "TruthPosesChoice",
     "TruthViews",
+    "TruthViewsChoice",
+    "Type",
+    "UnitMm",
+    "Vary",
+    "Verbose",
+    "WavelengthMm",
+    "WavelengthPx",
+    "WindowSigmaPx",
+    "Workers",
+    "WriteRecordings",
+    "add_command",
     "file_completer",
     "helpers",
     "method_names",
+    "parse_assignments",
+    "parse_seeds",
+    "process_count",
+    "read_settings",
     "resolve_file",
+    "with_settings",
 ]
 
 
@@ -88,7 +193,7 @@ class BundledFiles:
 
     def call(self, name: str) -> str:
         """Return the command for one of them."""
-        return f"scenetruth {self.command} {name} -o FOLDER"
+        return f"scenetruth {self.command} {name} -o DIR"
 
 
 SCENES = BundledFiles("scene", "SCENE", "run")
@@ -119,35 +224,32 @@ def resolve_file(shelf: BundledFiles, given: Path) -> Path:
     SceneError, RecipeError, DesignSpecError
         If a plain name is neither a file nor shipped; with the names that are near it.
     """
-    there = os.path.exists(given) if shelf.takes_folders else os.path.exists(given) and not os.path.isdir(given)
-    if there or not given.name:
+    exists = os.path.exists(given) if shelf.takes_folders else os.path.exists(given) and not os.path.isdir(given)
+    if exists or not given.name:
         return given
-    shipped = shelf.files()
+    bundled = shelf.files()
     if given.suffix not in _SUFFIXES and str(given) == given.name:
-        if given.name in shipped:
-            return shipped[given.name]
+        if given.name in bundled:
+            return bundled[given.name]
         if not os.path.isdir(given):
-            raise _refused(shelf, _unknown(shelf, given.name, list(shipped)), given)
-    elif given.suffix in _SUFFIXES and given.stem in shipped:
-        message = f"no such file; a {shelf.noun} of this name is shipped, and called without folder and suffix: "
-        message += given.stem
-        raise _refused(shelf, message, given)
+            raise _refused(shelf, _unknown(shelf, given.name, list(bundled)), given)
+    elif given.suffix in _SUFFIXES and given.stem in bundled:
+        raise _refused(shelf, f"no such file; use the bundled {shelf.noun} by name: {given.stem}", given)
     elif given.suffix in _SUFFIXES and (other := _other_category(shelf, given.stem)) is not None:
-        message = f"no such file; a {other.noun} of this name is shipped: {other.call(given.stem)}"
+        message = f"no such file; '{given.stem}' is a bundled {other.noun}: {other.call(given.stem)}"
         raise _refused(shelf, message, given)
     return given
 
 
-def _unknown(shelf: BundledFiles, name: str, shipped: list[str]) -> str:
+def _unknown(shelf: BundledFiles, name: str, bundled: list[str]) -> str:
     from difflib import get_close_matches
 
-    near = [f"'{one}'" for one in get_close_matches(name.lower(), shipped, n=3)]
+    message = f"no such file, and no bundled {shelf.noun} of this name"
     if (other := _other_category(shelf, name)) is not None:
-        question = f"; or did you mean the {shelf.noun} {' or '.join(near)}?" if near else ";"
-        told = f"'{name}' is a {other.noun}, called by `{other.call(name)}`"
-        return f"no such file, and no {shelf.noun} of this name: {told}{question} `scenetruth scenes` lists all"
-    question = f"; did you mean {' or '.join(near)}?" if near else ";"
-    return f"no such file, and no {shelf.noun} of this name is shipped{question} `scenetruth scenes` lists all"
+        message += f"; '{name}' is a bundled {other.noun}: `{other.call(name)}`"
+    near = [f"'{match}'" for match in get_close_matches(name.lower(), bundled, n=3)]
+    question = f"; did you mean the {shelf.noun} {' or '.join(near)}?" if near else ";"
+    return f"{message}{question} `scenetruth list {shelf.noun}s` lists all"
 
 
 def _other_category(shelf: BundledFiles, name: str) -> BundledFiles | None:
@@ -171,7 +273,7 @@ _ENTRY_POINTS = "scenetruth.estimators"
 
 
 def method_names(incomplete: str) -> list[str]:
-    """Return the installed methods whose names begin so, as `scenetruth methods` lists them; none is loaded."""
+    """Return the installed methods whose names begin so, as `scenetruth list methods` lists them; none is loaded."""
     import pkgutil
     from importlib import metadata
 
@@ -207,151 +309,660 @@ def helpers() -> int:
     return int(len(os.sched_getaffinity(0)) > 1) if hasattr(os, "sched_getaffinity") else int((os.cpu_count() or 1) > 1)
 
 
-class FigureForm(StrEnum):
+class FigureFormat(StrEnum):
     """File formats of the figures of a report."""
 
     png = "png"
     pdf = "pdf"
 
 
-class ImageForm(StrEnum):
+class ImageFormat(StrEnum):
     """File formats of images."""
 
     png = "png"
     tiff = "tiff"
 
 
-class SharedForm(StrEnum):
-    """Forms of the images that commands are given."""
+class ExchangeFormat(StrEnum):
+    """File formats of the images for an external command."""
 
     png = "png"
     tiff = "tiff"
     npy = "npy"
 
 
-class TruthViews(StrEnum):
-    """Cameras that a truth is made for."""
+class TruthViewsChoice(StrEnum):
+    """Cameras of a ground truth."""
 
     reference = "reference"
     all = "all"
 
 
-class TruthPoses(StrEnum):
-    """Poses and times that a truth is made for."""
+class TruthPosesChoice(StrEnum):
+    """Poses and times of a ground truth."""
 
-    real = "real"
+    actual = "actual"
     nominal = "nominal"
 
 
-class TruthContent(StrEnum):
-    """Maps that a truth holds."""
+class TruthContentChoice(StrEnum):
+    """Maps of a ground truth."""
 
     standard = "standard"
     complete = "complete"
 
 
-SceneFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="SCENE",
-        help="Scene file (YAML), or a name of `scenetruth scenes`.",
-        show_default=False,
-        callback=lambda given: resolve_file(SCENES, given),
-        autocompletion=file_completer(SCENES),
-    ),
-]
-Results = Annotated[
-    Path, typer.Argument(metavar="FOLDER", help="Folder of a run, or a store in it.", show_default=False)
-]
-Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with the stores of a run.", show_default=False)]
+class SuiteName(StrEnum):
+    """Benchmark suites."""
+
+    core = "core"
+    full = "full"
 
 
-def _with_a_name(path: Path) -> Path:
-    if path.name in ("", ".."):
-        msg = "must name a folder to make; '.', '..' and '/' are there already"
+class CalibrationPreset(StrEnum):
+    """Presets of the calibration uncertainty."""
+
+    typical = "typical"
+    perfect = "perfect"
+
+
+class PredictionModel(StrEnum):
+    """Models of a prediction."""
+
+    analytic = "analytic"
+    maps = "maps"
+
+
+class PatternType(StrEnum):
+    """Types of printed patterns."""
+
+    speckle = "speckle"
+    noise = "noise"
+    grey_noise = "grey_noise"
+
+
+class Encoding(StrEnum):
+    """Grey-value encodings of a photograph."""
+
+    srgb = "srgb"
+    linear = "linear"
+
+
+class OpenGLPlatform(StrEnum):
+    """OpenGL platforms of pyrender."""
+
+    auto = "auto"
+    osmesa = "osmesa"
+    egl = "egl"
+
+
+class Divergence(StrEnum):
+    """Forms of the divergence term."""
+
+    paper = "paper"
+    consistent = "consistent"
+
+
+class TemplateType(StrEnum):
+    """Scene templates."""
+
+    cube = "cube"
+    leaf = "leaf"
+    mesh = "mesh"
+
+
+class ListKind(StrEnum):
+    """What `scenetruth list` lists."""
+
+    scenes = "scenes"
+    recipes = "recipes"
+    designs = "designs"
+    methods = "methods"
+    formats = "formats"
+    cases = "cases"
+
+
+class SchemaKind(StrEnum):
+    """File types with a JSON Schema."""
+
+    scene = "scene"
+    recipe = "recipe"
+    design = "design"
+
+
+def _name_required(path: Path | None) -> Path | None:
+    if path is not None and path.name in ("", ".."):
+        msg = "must name a directory to create; '.', '..' and '/' exist already"
         raise typer.BadParameter(msg)
     return path
 
 
-Output = Annotated[
-    Path, typer.Option("--output", "-o", help="Folder to make.", show_default=False, callback=_with_a_name)
+def _flag(*names: str, help: str) -> Any:
+    return typer.Option(*names, help=help, show_default=False)
+
+
+def _option(*names: str, help: str, **more: Any) -> Any:
+    """Return an option without a default that could be shown."""
+    return typer.Option(*names, help=help, show_default=False, **more)
+
+
+def _repeatable(name: str, metavar: str, help: str, **more: Any) -> Any:
+    return typer.Option(name, metavar=metavar, help=f"{help} Repeatable.", show_default=False, **more)
+
+
+def _file(category: BundledFiles, help: str) -> Any:
+    return typer.Argument(
+        metavar=category.metavar,
+        help=help,
+        show_default=False,
+        callback=lambda given: None if given is None else resolve_file(category, given),
+        autocompletion=file_completer(category),
+    )
+
+
+# Arguments.
+SceneFile = Annotated[Path, _file(SCENES, "Scene file (YAML), or a bundled scene (`scenetruth list scenes`).")]
+OptionalSceneFile = Annotated[
+    Path | None, _file(SCENES, "Scene file (YAML) that defines the rig, or a bundled scene (`scenetruth list scenes`).")
 ]
+SceneFiles = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="SCENE...",
+        help="Scene files (YAML), or bundled scenes (`scenetruth list scenes`).",
+        show_default=False,
+        callback=lambda given: [resolve_file(SCENES, path) for path in given],
+        autocompletion=file_completer(SCENES),
+    ),
+]
+RecipeFile = Annotated[
+    Path, _file(RECIPES, "Recipe (YAML), a bundled recipe (`scenetruth list recipes`), or a data-set directory.")
+]
+DesignFile = Annotated[
+    Path, _file(DESIGNS, "Design specification (YAML), or a bundled design (`scenetruth list designs`).")
+]
+RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", show_default=False)]
+ResultPath = Annotated[
+    Path, typer.Argument(metavar="PATH", help="Run directory, store, or data-set directory.", show_default=False)
+]
+ExportSource = Annotated[
+    Path, typer.Argument(metavar="PATH", help="Run directory, or data-set directory.", show_default=False)
+]
+DatasetPath = Annotated[Path, typer.Argument(metavar="DATASET", help="Data-set directory.", show_default=False)]
+SampleNumber = Annotated[
+    int, typer.Argument(metavar="NUMBER", min=0, help="Number of the sample, from 0.", show_default=False)
+]
+BenchmarkMethods = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="METHOD...",
+        help="Methods: NAME, MODULE:FUNCTION, NAME\\[setting: value, ...], LABEL=NAME\\[...].",
+        show_default=False,
+    ),
+]
+TemplateFile = Annotated[Path, typer.Argument(metavar="FILE", help="Scene file (YAML) to write.")]
+Listed = Annotated[ListKind, typer.Argument(metavar="KIND", help=f"One of {', '.join(ListKind)}.", show_default=False)]
+SchemaOf = Annotated[SchemaKind, typer.Argument(metavar="[KIND]", help=f"One of {', '.join(SchemaKind)}.")]
+
+# Options of several commands.
+Output = Annotated[Path, _option("--output", "-o", metavar="DIR", help="Output directory.", callback=_name_required)]
+OptionalOutput = Annotated[
+    Path | None,
+    _option(
+        "--output",
+        "-o",
+        metavar="DIR",
+        help="Output directory; nothing is written without it.",
+        callback=_name_required,
+    ),
+]
+Overwrite = Annotated[bool, _flag("--overwrite", help="Replacement of existing results.")]
+AllowMismatch = Annotated[bool, _flag("--allow-mismatch", help="Acceptance of parts of different runs.")]
 Overrides = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set", metavar="PATH=VALUE", help="Override a field of the scene; may be repeated.", show_default=False
-    ),
+    _repeatable("--set", "PATH=VALUE", "Field of the scene, recipe or specification, with a value in YAML."),
+]
+Settings = Annotated[
+    list[str] | None, _repeatable("--setting", "NAME=VALUE", "Setting of the method, with a value in YAML.")
+]
+FormatOptions = Annotated[
+    list[str] | None,
+    _repeatable("--option", "NAME=VALUE", "Option of the format (`scenetruth list formats`), with a value in YAML."),
 ]
 Limits = Annotated[
     list[str] | None,
-    typer.Option(
-        "--limits",
-        metavar="NAME=VALUE",
-        help="Allow a scene more, or less, than it may ask for by default: frames, images, pixels, samples, vertices, "
-        "objects, leaves, texels, image_pixels; memory_gb, disk_gb, hours. May be repeated.",
-        show_default=False,
+    _repeatable(
+        "--limit",
+        "NAME=VALUE",
+        "Resource limit instead of its default: frames, images, pixels, samples, vertices, objects, leaves, texels, "
+        "image_pixels, memory_gb, disk_gb, hours.",
     ),
 ]
 Methods = Annotated[
     list[str] | None,
-    typer.Option(
+    _repeatable(
         "--method",
-        metavar="NAME",
-        help="A method of estimation (see `scenetruth methods`), or module:function; may be repeated. The scene's if "
-        "not given.",
-        show_default=False,
+        "NAME",
+        "Method (`scenetruth list methods`), or MODULE:FUNCTION; the method of the scene if not given.",
         autocompletion=method_names,
     ),
 ]
-Command = Annotated[
-    str | None,
-    typer.Option(
-        "--command",
-        metavar="WORDS",
-        help="A program as a method: 'python mine.py {recording} {output}'; see docs/own_programs.md.",
-        show_default=False,
+EstimatedMethods = Annotated[
+    list[str] | None,
+    _repeatable("--method", "NAME", "Method with an estimate; all if not given.", autocompletion=method_names),
+]
+LabelledMethods = Annotated[
+    list[str] | None,
+    _repeatable(
+        "--method",
+        "NAME",
+        "Method: NAME, MODULE:FUNCTION, NAME\\[setting: value, ...], LABEL=NAME\\[...]; the method of each scene if "
+        "not given.",
+        autocompletion=method_names,
     ),
 ]
-CommandName = Annotated[str, typer.Option("--name", metavar="NAME", help="What the command's method is called.")]
-CommandImages = Annotated[SharedForm, typer.Option("--command-images", help="How the command is given images.")]
-TimeoutS = Annotated[float, typer.Option("--timeout-s", help="How long the command may run, in s.")]
-MemoryMb = Annotated[
-    float | None,
-    typer.Option("--memory-mb", help="How much resident memory the command may have, in MB.", show_default=False),
+Method = Annotated[
+    str | None,
+    _option(
+        "--method",
+        metavar="NAME",
+        help="Method (`scenetruth list methods`); the method of the scene if not given.",
+        autocompletion=method_names,
+    ),
 ]
-ReadsMasks = Annotated[
-    bool, typer.Option("--reads-masks", help="The command leaves out the pixels that masks mark.", show_default=False)
+ExportedMethod = Annotated[
+    str | None,
+    _option(
+        "--method",
+        metavar="NAME",
+        help="Method whose estimate is exported; the ground truth if not given.",
+        autocompletion=method_names,
+    ),
 ]
-KeepIn = Annotated[
-    Path | None,
-    typer.Option("--keep-in", metavar="FOLDER", help="Keep what the command reads and writes.", show_default=False),
+Workers = Annotated[int, typer.Option("--workers", metavar="N", min=1, max=1024, help="Number of worker processes.")]
+Threads = Annotated[int, typer.Option("--threads", metavar="N", min=1, max=1024, help="Threads of a worker process.")]
+Scheduler = Annotated[
+    str | None,
+    _option("--scheduler", metavar="ADDRESS", help="Dask scheduler, for example tcp://HOST:8786, or its file."),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results that exist.")]
-AllowMismatch = Annotated[bool, typer.Option("--allow-mismatch", help="Take parts of different runs together.")]
-Images = Annotated[
-    ImageForm | None,
-    typer.Option("--images", help="Write the images as 16-bit PNG or float TIFF too.", show_default=False),
+Retries = Annotated[
+    int, typer.Option("--retries", metavar="N", min=0, max=100, help="Number of repetitions of a failed sample.")
 ]
-Truth = Annotated[TruthViews, typer.Option("--truth", help="Truth of the reference camera or of all cameras.")]
-Poses = Annotated[
-    TruthPoses,
-    typer.Option("--truth-poses", help="Truth from where the camera stood, or from where it should have stood."),
+SceneSeed = Annotated[
+    int | None,
+    _option("--seed", metavar="N", min=0, help="Seed of the scene or recipe; the value of the file if not given."),
 ]
-Content = Annotated[
-    TruthContent,
-    typer.Option("--truth-content", help="What estimates are scored against, or everything known of the surface."),
+Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of the random numbers.")]
+Seeds = Annotated[
+    str, typer.Option("--seeds", metavar="N|LIST", help="Number of seeds, or a list of seeds, for example 1,2,3.")
 ]
-Report = Annotated[bool, typer.Option("--report/--no-report", help="Draw the pictures and the report.")]
-FiguresFormat = Annotated[
-    FigureForm, typer.Option("--figures-format", help="pdf: the figures as vectors too, beside PNG.")
+SeedCount = Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=1000, help="Number of simulated seeds.")]
+Region = Annotated[
+    str, typer.Option("--region", metavar="NAME", help="Region: interior, all, object_NAME, or another of the result.")
 ]
+Json = Annotated[bool, _flag("--json", help="Machine-readable output (JSON).")]
+Quiet = Annotated[bool, _flag("--quiet", "-q", help="Results, warnings and errors only.")]
+Verbose = Annotated[bool, _flag("--verbose", "-v", help="Additional messages, with run times in s.")]
+
+# Options of run, render, estimate and report.
+SaveImages = Annotated[
+    ImageFormat | None, _option("--save-images", help="Additional image files: 16-bit PNG, or TIFF of floats.")
+]
+SaveRadiance = Annotated[bool, _flag("--save-radiance", help="Additional linear images before the sensor.")]
+TruthViews = Annotated[TruthViewsChoice, typer.Option("--truth-views", help="Cameras of the ground truth.")]
+TruthPoses = Annotated[
+    TruthPosesChoice, typer.Option("--truth-poses", help="Camera poses and times of the ground truth.")
+]
+TruthContent = Annotated[
+    TruthContentChoice, typer.Option("--truth-content", help="Maps of the ground truth: those that are scored, or all.")
+]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Figures and report.")]
 Figures = Annotated[
     list[str] | None,
-    typer.Option(
-        "--figures",
-        metavar="NAME",
-        help="A figure of the report, such as depth or velocity_z; may be repeated; all if not given.",
-        show_default=False,
+    _repeatable("--figure", "NAME", "Figure of the report, for example depth or velocity_z; all if not given."),
+]
+FigureFormats = Annotated[
+    FigureFormat, typer.Option("--figure-format", help="File format of figures; pdf is written in addition to png.")
+]
+Command = Annotated[
+    str | None,
+    _option(
+        "--command",
+        metavar="WORDS",
+        help="External program as a method: 'python mine.py {recording} {output}'.",
     ),
 ]
-Ideal = Annotated[bool, typer.Option("--ideal", help="Keep the linear images before the sensor too.")]
+LabelledCommands = Annotated[
+    list[str] | None,
+    _repeatable(
+        "--command", "LABEL=WORDS", "External program as a method: 'mine=python mine.py {recording} {output}'."
+    ),
+]
+CommandName = Annotated[
+    str, typer.Option("--command-name", metavar="NAME", help="Method name of the external program.")
+]
+CommandImages = Annotated[
+    ExchangeFormat, typer.Option("--command-images", help="Image format for the external program.")
+]
+CommandTimeoutS = Annotated[
+    float, typer.Option("--command-timeout-s", metavar="S", help="Time limit of the external program, in s.")
+]
+CommandMemoryMb = Annotated[
+    float | None,
+    _option("--command-memory-mb", metavar="MB", help="Limit of the resident memory of the external program, in MB."),
+]
+CommandUsesMask = Annotated[
+    bool, _flag("--command-uses-mask", help="Declaration that the external program uses exclusion masks.")
+]
+CommandKeep = Annotated[
+    Path | None,
+    _option("--command-keep", metavar="DIR", help="Directory for the input and output files of the external program."),
+]
+
+# Options of export and verify.
+Format = Annotated[str, _option("--format", metavar="NAME", help="Export format (`scenetruth list formats`).")]
+Left = Annotated[int | None, _option("--left", metavar="S", help="Left camera of a stereo pair, by its index s.")]
+Flow = Annotated[
+    str | None,
+    _option(
+        "--flow",
+        metavar="TYPE",
+        help="Motion: finite is the displacement to the next image, instantaneous the image velocity.",
+    ),
+]
+Row = Annotated[int | None, _option("--row", metavar="N", help="Row of a camera grid, by its index s_y.")]
+Regenerate = Annotated[
+    int,
+    typer.Option(
+        "--regenerate", metavar="N", min=0, help="Number of data-set samples that are generated again and compared."
+    ),
+]
+
+# Options of init.
+Type = Annotated[
+    TemplateType | None, _option("--type", help="Scene template; mesh with --mesh, otherwise cube if not given.")
+]
+Mesh = Annotated[Path | None, _option("--mesh", metavar="FILE", help="Mesh file: OBJ, PLY, GLB, STL, OFF.")]
+Texture = Annotated[
+    Path | None, _option("--texture", metavar="FILE", help="Image file on the cube, or on a mesh with UV coordinates.")
+]
+UnitMm = Annotated[
+    float | None, typer.Option("--unit-mm", metavar="MM", help="Length unit of the mesh, in mm.", show_default="1.0")
+]
+MeshDistanceMm = Annotated[
+    float | None,
+    _option(
+        "--distance-mm",
+        metavar="MM",
+        help="Distance of the nearest mesh point, in mm; ten times the size of the mesh if not given.",
+    ),
+]
+SchemaFile = Annotated[
+    Path | None,
+    _option(
+        "--schema",
+        metavar="FILE",
+        help="JSON Schema for editors, from `scenetruth schema > FILE`; scene.schema.json in the same directory if not "
+        "given.",
+    ),
+]
+
+# Options of data sets.
+Samples = Annotated[
+    int | None,
+    _option(
+        "--samples",
+        metavar="N",
+        min=1,
+        max=100_000,
+        help="Number of samples; 500 if not given, or 48 if the geometry of each is evaluated.",
+    ),
+]
+PartOf = Annotated[
+    str,
+    typer.Option("--partition", metavar="N/PARTS", help="Partition, where several machines share the directory."),
+]
+MaxTasksPerWorker = Annotated[
+    int,
+    typer.Option(
+        "--max-tasks-per-worker", metavar="N", min=1, help="Number of samples after which a worker process restarts."
+    ),
+]
+Extend = Annotated[bool, _flag("--extend", help="Permission for more samples than an existing data set has.")]
+CardDate = Annotated[str, _option("--date", metavar="DATE", help="Date of publication, for example 2026-11-23.")]
+CardVersion = Annotated[str, typer.Option("--version", metavar="VERSION", help="Version of the data set.")]
+CardUrl = Annotated[str, _option("--url", metavar="URL", help="Address of the published data set.")]
+
+# Options of compare.
+Suite = Annotated[SuiteName, typer.Option("--suite", help="Suite: core is short, full has all levels.")]
+Cases = Annotated[list[str] | None, _repeatable("--case", "NAME", "Benchmark case; all of the suite if not given.")]
+Levels = Annotated[
+    list[str] | None,
+    _repeatable("--level", "VALUE", "Level of a single case, a number or a label; all if not given."),
+]
+ExternalResults = Annotated[
+    list[str] | None,
+    _repeatable("--results", "LABEL=DIR", "Directory of external results for the recordings of --write-recordings."),
+]
+WriteRecordings = Annotated[
+    bool, _flag("--write-recordings", help="Recordings of the suite in the output directory, without any estimation.")
+]
+
+# Options of design.
+Calibration = Annotated[CalibrationPreset, typer.Option("--calibration", help="Preset of the calibration uncertainty.")]
+FocalLengthPercent = Annotated[
+    float | None,
+    _option("--focal-length-percent", metavar="PERCENT", help="Standard uncertainty of the focal length, in %."),
+]
+PrincipalPointPx = Annotated[
+    float | None,
+    _option("--principal-point-px", metavar="PX", help="Standard uncertainty of the principal point per axis, in px."),
+]
+BaselinePercent = Annotated[
+    float | None,
+    _option("--baseline-percent", metavar="PERCENT", help="Standard uncertainty of the stage scale, in %."),
+]
+SimulatedShare = Annotated[
+    float,
+    typer.Option(
+        "--simulated-share",
+        metavar="SHARE",
+        min=0,
+        max=1,
+        help="Share of the sum of squares that is confirmed by simulation; 1 for all sources.",
+    ),
+]
+Model = Annotated[
+    PredictionModel,
+    typer.Option("--model", help="Model: analytic uses the texture spectrum, maps uses a rendered image."),
+]
+Vary = Annotated[
+    list[str] | None,
+    _repeatable(
+        "--vary",
+        "PATH=VALUES",
+        "Factor and its levels: 1,2,5; 1..10:4 for four levels; 1..10:4log; 1..10 or 1..10:log with --sobol-points.",
+    ),
+]
+SobolPoints = Annotated[
+    int, typer.Option("--sobol-points", metavar="N", min=0, help="Number of design points of a Sobol sequence.")
+]
+FocalLengthPx = Annotated[
+    float | None, _option("--focal-length-px", metavar="PX", help="Focal length of a rig without a scene, in px.")
+]
+SurfaceDistanceMm = Annotated[
+    float | None,
+    _option(
+        "--distance-mm",
+        metavar="MM",
+        help="Distance of the surface, in mm; the median depth of the scene if not given.",
+    ),
+]
+Light = Annotated[float, typer.Option("--light", metavar="VALUE", help="Radiance of a white surface, 1 is full scale.")]
+PatternTypeOption = Annotated[PatternType, typer.Option("--type", help="Type of the pattern.")]
+SizeMm = Annotated[
+    str | None, _option("--size-mm", metavar="WxH", help="Size of the sheet, in mm; 1.1 fields of view if not given.")
+]
+DotPx = Annotated[
+    float | None, _option("--dot-px", metavar="PX", help="Dot diameter on the sensor, in px; 4 if not given.")
+]
+DotMm = Annotated[float | None, _option("--dot-mm", metavar="MM", help="Dot diameter on the surface, in mm.")]
+Coverage = Annotated[
+    float | None, _option("--coverage", metavar="SHARE", help="Fraction of the area with ink; 0.5 if not given.")
+]
+Spacing = Annotated[
+    float | None,
+    _option(
+        "--spacing",
+        metavar="VALUE",
+        help="Minimum distance of dot centres, in diameters; 1 (no overlap) if not given.",
+    ),
+]
+WavelengthPx = Annotated[
+    str | None,
+    _option("--wavelength-px", metavar="MIN,MAX", help="Wavelength band on the sensor, in px; 5,20 if not given."),
+]
+WavelengthMm = Annotated[
+    str | None, _option("--wavelength-mm", metavar="MIN,MAX", help="Wavelength band on the surface, in mm.")
+]
+Contrast = Annotated[
+    float | None,
+    _option("--contrast", metavar="VALUE", help="Contrast of grey noise: standard deviation over range."),
+]
+Page = Annotated[str, typer.Option("--page", metavar="SIZE", help="Page: A5 to A0, letter, or WIDTHxHEIGHT in mm.")]
+MarginMm = Annotated[float, typer.Option("--margin-mm", metavar="MM", help="Unprinted margin of the page, in mm.")]
+ReferenceImages = Annotated[
+    list[Path] | None, _repeatable("--reference-image", "IMAGE", "Photograph of a pattern for comparison.")
+]
+MmPerPx = Annotated[
+    float | None,
+    _option(
+        "--mm-per-px",
+        metavar="MM",
+        help="Pixel size of the photographs on the surface, in mm; that of the camera of the rig if not given.",
+    ),
+]
+PhotographEncoding = Annotated[Encoding, typer.Option("--encoding", help="Grey-value encoding of the photographs.")]
+WindowSigmaPx = Annotated[
+    float,
+    typer.Option("--window-sigma-px", metavar="PX", help="Standard deviation of the analysis window, in px."),
+]
+
+# Options of validation studies.
+DivergenceOption = Annotated[
+    Divergence, typer.Option("--divergence", help="Divergence term of the structure-tensor method.")
+]
+Runs = Annotated[
+    int | None,
+    _option("--runs", metavar="N", min=1, help="Simulations per point; 8 without and 60 with noise if not given."),
+]
+SensorPresets = Annotated[list[str] | None, _repeatable("--preset", "NAME", "Sensor preset; all if not given.")]
+Platform = Annotated[OpenGLPlatform, typer.Option("--platform", help="OpenGL platform of pyrender.")]
+
+
+def add_command(app: typer.Typer, function: Callable[..., None], name: str | None = None) -> None:
+    """Add a command with the options that every command has: --quiet and --verbose.
+
+    Parameters
+    ----------
+    app
+        The command line, or a group of commands.
+    function
+        The command.
+    name
+        Its name; that of the function if not given.
+    """
+    hints = get_type_hints(function, include_extras=True)
+    given = inspect.signature(function)
+    parameters = [each.replace(annotation=hints[each.name]) for each in given.parameters.values()]
+    added = {"quiet": Quiet, "verbose": Verbose}
+    parameters += [
+        inspect.Parameter(each, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
+        for each, annotation in added.items()
+    ]
+
+    @functools.wraps(function)
+    def command(*args: Any, quiet: bool, verbose: bool, **kwargs: Any) -> None:
+        from scenetruth.cli.messages import set_verbosity
+
+        set_verbosity(quiet=quiet, verbose=verbose)
+        function(*args, **kwargs)
+
+    command.__signature__ = given.replace(parameters=parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {**hints, **added}
+    app.command(name)(command)
+
+
+def parse_assignments(option: str, given: Iterable[str] | None) -> tuple[dict[str, Any], list[Problem]]:
+    """Return the values of an option NAME=VALUE, each read as YAML, and every assignment that is spelled wrongly."""
+    import yaml
+
+    from scenetruth.errors import Problem
+
+    values: dict[str, Any] = {}
+    problems = []
+    for text in given or ():
+        name, sign, value = text.partition("=")
+        if not sign or not name.isidentifier():
+            problems.append(Problem(option, "must be NAME=VALUE", text))
+        elif name in values:
+            problems.append(Problem(option, f"{name} is given twice", text))
+        else:
+            try:
+                values[name] = yaml.safe_load(value)
+            except yaml.YAMLError:
+                problems.append(Problem(option, "must have a value in YAML", text))
+    return values, problems
+
+
+def read_settings(given: Iterable[str] | None) -> dict[str, Any]:
+    """Return the settings of a method that the option --setting gives.
+
+    Raises
+    ------
+    EstimateError
+        With every setting that is spelled wrongly.
+    """
+    from scenetruth.errors import EstimateError
+
+    settings, problems = parse_assignments("--setting", given)
+    if problems:
+        raise EstimateError(problems)
+    return settings
+
+
+def with_settings(methods: Iterable[str], settings: Iterable[str] | None) -> list[Any]:
+    """Return methods of the form NAME or LABEL=NAME[...], each with further settings NAME=VALUE.
+
+    Raises
+    ------
+    EstimateError
+        With every setting or method that is spelled wrongly.
+    """
+    from scenetruth.benchmark.method_specs import parse_methods
+
+    given, added = list(methods), read_settings(settings)
+    if not added or not given:
+        return [*given]
+    return [
+        # A label that is made of the name and the settings is made again.
+        {"label": "" if spec.label == spec.spelled else spec.label, "method": spec.method, **spec.settings, **added}
+        for spec in parse_methods(given)
+    ]
+
+
+def process_count(workers: int) -> int:
+    """Return the number of further processes: none for a single worker, which is this process."""
+    return workers if workers > 1 else 0
+
+
+def parse_seeds(given: str, problems: list[Problem]) -> int | list[int]:
+    """Return a number of seeds, or a list of seeds that are separated by commas; add a problem if it is neither."""
+    from scenetruth.errors import Problem
+
+    try:
+        numbers = [int(text) for text in given.split(",")]
+    except ValueError:
+        problems.append(Problem("--seeds", "must be a number of seeds, or a list of them as 1,2,3", given))
+        return 0
+    return numbers if "," in given else numbers[0]

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from textwrap import indent
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
+from scenetruth.cli import options
+from scenetruth.cli.messages import print_wrote
+from scenetruth.cli.options import TemplateType
 from scenetruth.errors import visible
 
 if TYPE_CHECKING:
@@ -73,7 +75,7 @@ _TEXT = """\
 # {summary}
 #
 # Lengths are in mm, times in s, images in px. X points to the right, Y down, Z away from the camera, which looks along
-# +Z from the origin. All fields with their defaults: scenetruth schema. Scenes to copy from: scenetruth scenes.
+# +Z from the origin. All fields with their defaults: scenetruth schema. Scenes to copy from: scenetruth list scenes.
 #
 # What to change first:
 {first}
@@ -118,7 +120,7 @@ render:
   backend: auto
   supersampling: 4
 
-# How depth and motion are estimated from the images: any of `scenetruth methods`, with its settings.
+# How depth and motion are estimated from the images: any of `scenetruth list methods`, with its settings.
 estimate:
 {estimate}
 
@@ -480,61 +482,26 @@ _NO_UV = (
 )
 
 
-class TemplateType(StrEnum):
-    """Scenes to start from."""
-
-    cube = "cube"
-    leaf = "leaf"
-    mesh = "mesh"
-
-
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command()(init)
+    options.add_command(app, init)
 
 
 def init(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Scene file to write (YAML).")] = Path("scene.yaml"),
-    kind: Annotated[
-        TemplateType | None,
-        typer.Option("--kind", help="What it shows: cube if not given, mesh with --mesh.", show_default=False),
-    ] = None,
-    mesh: Annotated[
-        Path | None,
-        typer.Option("--mesh", metavar="FILE", help="Mesh that it shows: OBJ, PLY, GLB, STL, OFF.", show_default=False),
-    ] = None,
-    texture: Annotated[
-        Path | None,
-        typer.Option("--texture", metavar="FILE", help="Image on the cube, or on a mesh with UVs.", show_default=False),
-    ] = None,
+    file: options.TemplateFile = Path("scene.yaml"),
+    type: options.Type = None,
+    mesh: options.Mesh = None,
+    texture: options.Texture = None,
     *,
-    unit_mm: Annotated[
-        float | None, typer.Option("--unit-mm", help="Length of the mesh's unit in mm.", show_default="1.0")
-    ] = None,
-    distance_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--distance-mm",
-            help="Distance of the mesh's nearest point in mm; ten times its size if not given.",
-            show_default=False,
-        ),
-    ] = None,
-    schema: Annotated[
-        Path | None,
-        typer.Option(
-            "--schema",
-            metavar="FILE",
-            help="Schema that editors check it by, made with `scenetruth schema > FILE`; scene.schema.json beside it "
-            "if there is one.",
-            show_default=False,
-        ),
-    ] = None,
+    unit_mm: options.UnitMm = None,
+    distance_mm: options.MeshDistanceMm = None,
+    schema: options.SchemaFile = None,
 ) -> None:
-    """Write a scene to start from, with a sentence on every block and what to change first."""
+    """Write a commented scene file as a template."""
     from scenetruth.cli.console import print_warning
     from scenetruth.errors import Problem, SceneError, visible
 
-    chosen = kind or (TemplateType.mesh if mesh is not None else TemplateType.cube)
+    chosen = type or (TemplateType.mesh if mesh is not None else TemplateType.cube)
     problems = _problems(file, chosen, mesh, texture, unit_mm, distance_mm, schema)
     found: PlacedMesh | None = None
     if (
@@ -561,7 +528,7 @@ def init(
         typer.echo(visible(f"mesh: {found.words}"))
         if max(found.size_mm) < _SMALL_MM and unit_mm is None:
             print_warning(f"the mesh is less than {_SMALL_MM:g} mm wide; if its unit is metres: --unit-mm 1000")
-    typer.echo(visible(f"written: {file}; what will be made of it: scenetruth check {file}"))
+    print_wrote(file, f"next: scenetruth check {file}")
 
 
 def _problems(
@@ -586,13 +553,13 @@ def _problems(
     if kind is TemplateType.mesh and mesh is None:
         found.append(Problem("--mesh", "is missing: the mesh file that the scene shows"))
     if kind is not TemplateType.mesh and mesh is not None:
-        found.append(Problem("--mesh", f"goes with --kind mesh, not with --kind {kind.value}", str(mesh)))
+        found.append(Problem("--mesh", f"goes with --type mesh, not with --type {kind.value}", str(mesh)))
     if texture is not None:
         found += _texture_problems(kind, texture)
     for name, value in (("--unit-mm", unit_mm), ("--distance-mm", distance_mm)):
         if value is not None and kind is not TemplateType.mesh:
             message = (
-                f"belongs to a mesh; --kind {kind.value} has a size and a place of its own: leave it out, and change"
+                f"belongs to a mesh; --type {kind.value} has a size and a place of its own: leave it out, and change"
             )
             found.append(Problem(name, f"{message} objects in the file that is written", value))
         elif value is not None and not 0 < value < float("inf"):

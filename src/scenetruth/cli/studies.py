@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from enum import StrEnum
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from scenetruth.cli import options
+from scenetruth.cli.messages import print_message, print_wrote
 
 if TYPE_CHECKING:
     from scenetruth.benchmark import BenchmarkResult
@@ -19,113 +17,60 @@ if TYPE_CHECKING:
 __all__ = ["register_compare", "register_validation"]
 
 
-class SuiteName(StrEnum):
-    """Suites of the comparison."""
-
-    core = "core"
-    full = "full"
-
-
 def register_compare(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command()(compare)
+    options.add_command(app, compare)
 
 
 def compare(
-    methods: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="METHOD...",
-            help="Methods: NAME, MODULE:FUNCTION, NAME\\[setting: value, ...], LABEL=NAME\\[...].",
-            show_default=False,
-        ),
-    ] = None,
-    suite: Annotated[SuiteName, typer.Option("--suite", help="For every day, or all of it.")] = SuiteName.core,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder of the comparison; goes on where it was.", show_default=False),
-    ] = None,
+    methods: options.BenchmarkMethods = None,
+    suite: options.Suite = options.SuiteName.core,
     *,
-    case: Annotated[
-        list[str] | None,
-        typer.Option("--case", metavar="NAME", help="Only this case; may be repeated.", show_default=False),
-    ] = None,
-    value: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--value",
-            metavar="VALUE",
-            help="Only this value of one case, a number or a label; may be repeated.",
-            show_default=False,
-        ),
-    ] = None,
-    command: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--command",
-            metavar="LABEL=WORDS",
-            help="A program as a method: 'mine=python mine.py {recording} {output}'; may be repeated.",
-            show_default=False,
-        ),
-    ] = None,
-    timeout_s: options.TimeoutS = 600.0,
-    memory_mb: options.MemoryMb = None,
-    results: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--results",
-            metavar="LABEL=FOLDER",
-            help="Results that were made elsewhere, of what --recordings has written; may be repeated.",
-            show_default=False,
-        ),
-    ] = None,
-    recordings: Annotated[
-        Path | None,
-        typer.Option("--recordings", metavar="FOLDER", help="Write all recordings here, and end.", show_default=False),
-    ] = None,
-    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
-    listed: Annotated[bool, typer.Option("--list", help="List the cases, and end.")] = False,
+    output: options.Output,
+    cases: options.Cases = None,
+    levels: options.Levels = None,
+    settings: options.Settings = None,
+    command: options.LabelledCommands = None,
+    command_timeout_s: options.CommandTimeoutS = 600.0,
+    command_memory_mb: options.CommandMemoryMb = None,
+    external_results: options.ExternalResults = None,
+    write_recordings: options.WriteRecordings = False,
+    workers: options.Workers = 1,
 ) -> None:
-    """Compare methods over the metrology suite: noise, bias, limits, resolution, with the bound that noise sets."""
+    """Run methods on the benchmark suite and report error statistics with their lower bounds."""
     from scenetruth.benchmark import compare as compare_methods
     from scenetruth.cli.console import reporting
     from scenetruth.errors import EstimateError, Problem
     from scenetruth.estimators.external import CommandMethod, ResultsFolder
 
-    if listed:
-        _print_cases()
-        return
-    if recordings is not None:
-        from scenetruth.benchmark.suite import write_recordings
+    if write_recordings:
+        from scenetruth.benchmark import suite as suites
 
         with reporting() as reporter:
-            written = write_recordings(
-                recordings, suite.value, cases=case or None, values=value or None, progress=reporter
+            written = suites.write_recordings(
+                output, suite.value, cases=cases or None, values=levels or None, progress=reporter
             )
-        typer.echo(f"written: {len(written)} recordings in {recordings}")
+        print_wrote(output, f"{len(written)} recordings")
         return
-    chosen: list[Any] = [*(methods or ())]
+    chosen: list[Any] = options.with_settings(methods or (), settings)
     for label, words in _labelled("--command", command):
-        chosen.append(CommandMethod(words, label, timeout_s=timeout_s, memory_mb=memory_mb))
-    chosen += [ResultsFolder(folder, label) for label, folder in _labelled("--results", results)]
-    problems = [] if chosen else [Problem("METHOD", "is missing; `scenetruth methods` lists what is installed")]
-    problems += [] if output else [Problem("--output", "is missing: the folder where results go")]
-    if problems or not output:
-        raise EstimateError(problems)
+        chosen.append(CommandMethod(words, label, timeout_s=command_timeout_s, memory_mb=command_memory_mb))
+    chosen += [ResultsFolder(folder, label) for label, folder in _labelled("--results", external_results)]
+    if not chosen:
+        raise EstimateError([Problem("METHOD", "is missing; `scenetruth list methods` lists the installed methods")])
     with reporting() as reporter:
         found = compare_methods(
             chosen,
             suite.value,
             output,
-            cases=case or None,
-            values=value or None,
-            workers=workers,
+            cases=cases or None,
+            values=levels or None,
+            workers=options.process_count(workers),
             progress=reporter,
-            notice=lambda line: print(line, file=sys.stderr),
+            notice=print_message,
         )
     _print_summary(found)
-    made = ("index.html", "results.parquet", "results.csv", "summary.csv")
-    typer.echo(f"written: {', '.join(str(output / name) for name in made)}")
+    print_wrote(output / name for name in ("index.html", "results.parquet", "results.csv", "summary.csv"))
     if found.failures:
         raise typer.Exit(1)
 
@@ -143,16 +88,6 @@ def _labelled(option: str, given: Sequence[str] | None) -> list[tuple[str, str]]
     if problems:
         raise EstimateError(problems)
     return [(label.strip(), rest.strip()) for label, _, rest in pairs]
-
-
-def _print_cases() -> None:
-    from scenetruth.benchmark.cases.case import all_cases
-
-    for case in all_cases().values():
-        suite = "core" if case.core else "full"
-        values = ", ".join(map(case.label_of, case.values(suite))) or case.lacks()
-        alone = "" if case.core else "; suite full alone"
-        typer.echo(f"{case.kind}: {case.question} ({case.varied}: {values}{alone})")
 
 
 _BESIDE = 3
@@ -178,46 +113,28 @@ def _print_summary(found: BenchmarkResult) -> None:
             table.add_row(escape(str(name)), *("–" if one != one else f"{one:.2g}" for one in numbers))
         Console().print(table)
     for line in found.slips:
-        typer.echo(f"likely slip: {visible(line, lines=False)}", err=True)
+        typer.echo(f"possible convention error: {visible(line, lines=False)}", err=True)
     for line in found.failures:
-        # Whatever a method says stands below, and cannot be taken for a line of ours.
-        typer.echo("nothing told: " + visible(line).replace("\n", "\n    "), err=True)
-
-
-class OpenGLPlatform(StrEnum):
-    """OpenGL platforms of pyrender."""
-
-    auto = "auto"
-    osmesa = "osmesa"
-    egl = "egl"
-
-
-class Divergence(StrEnum):
-    """Forms of the divergence term."""
-
-    paper = "paper"
-    consistent = "consistent"
+        # Lines of a method are indented, so that they differ from messages of the command.
+        typer.echo("no estimate: " + visible(line).replace("\n", "\n    "), err=True)
 
 
 def register_validation(app: typer.Typer) -> None:
     """Add the commands to the command line."""
-    experiments = typer.Typer(
-        help="Answer a question about the method by many virtual measurements.", no_args_is_help=True
-    )
-    for command in (figure2, emva, fidelity):
-        experiments.command()(command)
-    app.add_typer(experiments, name="experiment")
+    group = typer.Typer(help="Validate the simulator and the structure-tensor method.", no_args_is_help=True)
+    options.add_command(group, paper_figure2, "paper-figure2")
+    options.add_command(group, emva1288)
+    options.add_command(group, rendering)
+    app.add_typer(group, name="validation")
 
 
-def figure2(
+def paper_figure2(
     output: options.Output,
-    divergence: Annotated[Divergence, typer.Option(help="Setting of the estimator.")] = Divergence.paper,
-    runs: Annotated[
-        int | None, typer.Option(min=1, help="Measurements for each point; 8 without, 60 with noise if not given.")
-    ] = None,
+    divergence: options.DivergenceOption = options.Divergence.paper,
+    runs: options.Runs = None,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Draw the paper's figure 2: errors of U_X, U_Z and Z over their size."""
+    """Reproduce figure 2 of the paper: errors of U_X, U_Z and Z over their true values."""
     from scenetruth.cli.console import reporting
     from scenetruth.output import claim_folder, write_atomically
     from scenetruth.validation_studies import run_figure2
@@ -227,18 +144,13 @@ def figure2(
         reporting() as report,
     ):
         run_figure2(folder, divergence=divergence.value, runs=runs, progress=report)
-    typer.echo(f"written: {output / 'figure2.csv'}, {output / 'figure2.png'}")
+    print_wrote((output / "figure2.csv", output / "figure2.png"))
 
 
-def emva(
-    output: options.Output,
-    preset: Annotated[
-        list[str] | None,
-        typer.Option("--preset", metavar="NAME", help="A sensor preset; may be repeated; all if not given."),
-    ] = None,
-    overwrite: options.Overwrite = False,
+def emva1288(
+    output: options.Output, presets: options.SensorPresets = None, overwrite: options.Overwrite = False
 ) -> None:
-    """Measure sensor presets as EMVA 1288 does: gain, noise, fixed patterns, saturation, linearity."""
+    """Measure the sensor presets by EMVA 1288: gain, noise, saturation, linearity."""
     from scenetruth.cli.console import reporting
     from scenetruth.output import claim_folder, write_atomically
     from scenetruth.validation_studies import run_emva
@@ -247,18 +159,18 @@ def emva(
         write_atomically(output, overwrite=overwrite, claim=claim_folder("emva.csv", "emva_levels.csv")) as folder,
         reporting() as report,
     ):
-        results = run_emva(folder, preset or (), progress=report)
+        results = run_emva(folder, presets or (), progress=report)
     for one in results:
         typer.echo(f"{one.sensor:16} {one.quantity:22} {one.told:10.5g} {one.measured:10.5g} {100 * one.error:+8.3f} %")
-    typer.echo(f"written: {output / 'emva.csv'}, {output / 'emva_levels.csv'} and a picture of each sensor")
+    print_wrote((output / "emva.csv", output / "emva_levels.csv"), "and a figure of each sensor")
 
 
-def fidelity(
+def rendering(
     output: options.Output,
-    platform: Annotated[OpenGLPlatform, typer.Option(help="OpenGL platform of pyrender.")] = OpenGLPlatform.auto,
+    platform: options.Platform = options.OpenGLPlatform.auto,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Measure how true the renderers are to the exact pixel integral, at sub-pixel shifts."""
+    """Compare the renderers with the exact pixel integral at sub-pixel shifts."""
     from scenetruth.cli.console import reporting
     from scenetruth.output import claim_folder, write_atomically
     from scenetruth.validation_studies import run_fidelity
@@ -270,9 +182,9 @@ def fidelity(
         results, reason = run_fidelity(folder, platform=platform.value, progress=report)
     _print_fidelity(results)
     if reason:
-        typer.echo(f"left out: {reason}")
+        typer.echo(f"not measured: {reason}")
     names = ("fidelity.csv", "fidelity.json", "fidelity.png", "fidelity_maps.png")
-    typer.echo("written: " + ", ".join(str(output / name) for name in names))
+    print_wrote(output / name for name in names)
 
 
 def _print_fidelity(results: Sequence[RenderingAccuracy]) -> None:

@@ -29,6 +29,8 @@ def export_dataset(
     *,
     numbers: Sequence[int] | None = None,
     method: str | None = None,
+    row: int | None = None,
+    overwrite: bool = False,
     workers: int = 1,
     threads: int = 1,
     progress: Progress | None = None,
@@ -37,7 +39,8 @@ def export_dataset(
 ) -> ParallelResult:
     """Write every sample of a data set in a format of others, each into a folder of its own: ``OUT/00000417``.
 
-    Samples that are there already stay as they are, so that what was interrupted can be repeated.
+    Existing samples are reused, so that an interrupted export resumes when it is repeated; with ``overwrite`` every
+    sample is exported again.
 
     Parameters
     ----------
@@ -51,6 +54,10 @@ def export_dataset(
         Numbers of the samples; all that are there if not given.
     method
         Write the estimates of this method; the truth if not given.
+    row
+        Of a grid of cameras, the row ``s_y``.
+    overwrite
+        Whether earlier exports of samples are replaced.
     workers, threads
         As of `run_dataset`.
     progress
@@ -79,9 +86,10 @@ def export_dataset(
     identity, sampler = read_fingerprint(places), open_sampler(places)
     there = SampleStore.of(places, sampler, identity).present(range(identity.count))
     wanted = sorted(there if numbers is None else there.intersection(numbers))
-    missing = [number for number in wanted if not (target / f"{number:08d}").exists()]
+    missing = [number for number in wanted if overwrite or not (target / f"{number:08d}").exists()]
     per_shard = sampler.recipe.samples_per_shard
-    arguments = (str(places.path.resolve()), str(target.resolve()), format, method, per_shard, json.dumps(options))
+    text = json.dumps({"row": row, "overwrite": overwrite, **options})
+    arguments = (str(places.path.resolve()), str(target.resolve()), format, method, per_shard, text)
     tried = _refuse_all(missing, arguments)
     found = for_each(
         [number for number in missing if number not in tried],

@@ -178,7 +178,7 @@ def _no_such_scene(given: str) -> str:
         return f"{_NOT_THERE}{remedy}"
     near = [f"'{name}'" for name in difflib.get_close_matches(path.name.lower(), shipped, n=3)]
     question = f"; did you mean {' or '.join(near)}?" if near else ";"
-    return f"no such file, and no scene of this name is shipped{question} `scenetruth scenes` lists all"
+    return f"no such file, and no scene of this name is shipped{question} `scenetruth list scenes` lists all"
 
 
 def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:

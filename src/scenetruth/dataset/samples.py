@@ -384,7 +384,7 @@ class Partition:
         first, separator, second = text.partition("/")
         if separator and first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second) <= 1_000_000:
             return Partition(int(first), int(second))
-        raise RecipeError([Problem("--part", "must read NUMBER/PARTS, as 3/10", text)])
+        raise RecipeError([Problem("--partition", "must read NUMBER/PARTS, as 3/10", text)])
 
     def numbers(self, count: int, together: int = 1) -> range:
         """Return the numbers of the samples of this part, of so many in all, of which some stay together."""

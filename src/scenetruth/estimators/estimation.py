@@ -143,7 +143,7 @@ def estimate(
     recording
         Images with their intrinsics, from `scenetruth.simulate`, `scenetruth.make_recording` or a store.
     method
-        Name of an installed method (``scenetruth methods`` lists them; ``"structure_tensor"`` is the paper's),
+        Name of an installed method (``scenetruth list methods`` lists them; ``"structure_tensor"`` is the paper's),
         ``"module:function"``, or a function or method itself.
     settings
         Settings of the method: its model, or a mapping. What is not given has the method's default, whatever the scene

@@ -353,7 +353,7 @@ class MethodChoice(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: str
-    """Name of the method: see `scenetruth methods`."""
+    """Name of the method: see `scenetruth list methods`."""
     settings: FrozenModel
     """Its settings."""
 

@@ -285,7 +285,7 @@ class Sintel(FlowOptions, PictureOptions):
         """Give what is missing."""
         yield from super().problems(source)
         if self.camera not in source.views:
-            remedy = "; render with `--truth all` for the others" if len(source.views) == 1 else ""
+            remedy = "; render with `--truth-views all` for the others" if len(source.views) == 1 else ""
             yield Problem("camera", f"must be a position with maps, one of {source.views}{remedy}", self.camera)
         if "depth" not in source.maps and "disparity" not in source.maps:
             yield Problem("depth", "is missing; take the format flo for flow alone")

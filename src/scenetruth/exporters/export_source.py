@@ -157,7 +157,8 @@ class ExportSource:
     def pair(self, left: int) -> CameraPair | Problem:
         """Return a camera and its neighbour to the right, or what is wrong with it."""
         if left not in self.views:
-            remedy = "" if not self.is_truth or len(self.views) > 1 else "; render with `--truth all` for the others"
+            alone = self.is_truth and len(self.views) <= 1
+            remedy = "; render with `--truth-views all` for the others" if alone else ""
             return Problem("left", f"must be a position with maps, one of {self.views}{remedy}", left)
         place = dict(zip(self.cameras, self.recording["stage_x_mm"].values.tolist(), strict=True))
         apart = {s: place[s] - place[left] for s in (left - 1, left + 1) if s in place}
@@ -166,7 +167,7 @@ class ExportSource:
                 return CameraPair(left, right, float(apart_mm))
         others = [s for s in self.cameras if any(place[n] > place[s] for n in (s - 1, s + 1) if n in place)]
         fit = [s for s in others if s in self.views]
-        remedy = f"give one of {fit}" if fit else "render with two cameras or more, or with `--truth all`"
+        remedy = f"give one of {fit}" if fit else "render with two cameras or more, or with `--truth-views all`"
         return Problem("left", f"has no neighbour to its right: pairs are of two cameras side by side; {remedy}", left)
 
 

@@ -265,7 +265,7 @@ def _fit_problems(source: ExportSource) -> Iterator[Problem]:
             "s_y", "must be one row of cameras; choose it: --row N, recording.sel(s_y=N), truth.sel(s_y=N)", rows
         )
     elif source.is_truth and source.views == [0] and int(recording.coords.get("s_y", 0)) != 0:
-        remedy = "make the truth of all cameras (`--truth all`)"
+        remedy = "make the truth of all cameras (`--truth-views all`)"
         yield Problem(
             "s_y", f"is that of other cameras than the truth's, which is of row 0; {remedy}", int(recording["s_y"])
         )

@@ -101,7 +101,7 @@ def precompile(
 
     def tell(what: str) -> None:
         if progress is not None:
-            progress("warm-up", len(done), steps)
+            progress("precompile", len(done), steps)
         done.append(what)
 
     with warnings.catch_warnings():
@@ -118,7 +118,7 @@ def precompile(
                 with suppress(EstimateError):
                     score(estimate(recording, method), truth, margin_px=2)
     if progress is not None:
-        progress("warm-up", steps, steps)
+        progress("precompile", steps, steps)
     return done
 
 

@@ -323,7 +323,7 @@ class PipelineRunner:
                 aside.write_text(text, encoding="utf-8")
         self.scores[method] = scored
         for slip in detect_convention_mismatches(estimated, truth):
-            self._say(f"likely slip in the estimate of '{method}': {slip.message}")
+            self._say(f"possible convention error in the estimate of '{method}': {slip.message}")
         unseen = _unseen_growth(scored, method)
         if unseen:
             self._say(unseen)

@@ -94,21 +94,21 @@ def machine_problems(forecast: Forecast, machine: Machine, limits: Limits) -> li
             forecast.memory_bytes / _GB,
             _most(limits.memory_gb, machine.memory_bytes),
             "GB",
-            "make images, meshes or textures smaller, or insist: --limits memory_gb",
+            "make images, meshes or textures smaller, or insist: --limit memory_gb",
         ),
         _problem(
             "disk, with room for maps that pack badly",
             forecast.disk_wanted_bytes / _GB,
             _most(limits.disk_gb, machine.disk_bytes),
             "GB",
-            "make images smaller or fewer, store the truth as float32 (storage.truth), or insist: --limits disk_gb",
+            "make images smaller or fewer, store the truth as float32 (storage.truth), or insist: --limit disk_gb",
         ),
         _problem(
             "time",
             forecast.seconds / _HOUR_S,
             limits.hours,
             "hours",
-            "make images smaller or fewer, or allow more: --limits hours",
+            "make images smaller or fewer, or allow more: --limit hours",
         ),
     ]
     return [problem for problem in found if problem is not None]

@@ -102,9 +102,9 @@ def limits_from(words: Iterable[str]) -> Limits:
         name = name.strip()
         if not separator or name not in names:
             message = f"must read name=value, as frames=20000; the names are {', '.join(names)}"
-            problems.append(Problem("--limits", message, word))
+            problems.append(Problem("--limit", message, word))
         elif not _NUMBER.fullmatch(text.strip()) or float(text) <= 0:
-            problems.append(Problem(f"--limits {name}", "must be a positive number", text))
+            problems.append(Problem(f"--limit {name}", "must be a positive number", text))
         else:
             changes[name] = float(text)
     if problems:
@@ -136,7 +136,7 @@ def too_much(name: str, values: Sequence[tuple[str, float]], limits: Limits, wha
         One for each value beyond the bound.
     """
     most = getattr(limits, name)
-    remedy = "make it less, or allow it: --limits"
+    remedy = "make it less, or allow it: --limit"
     return [
         Problem(path, f"makes {value:,.0f} {what}, more than {most:,.0f}; {remedy} {name}={_up(value)}")
         for path, value in values

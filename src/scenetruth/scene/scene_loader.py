@@ -189,6 +189,7 @@ _INDEX = re.compile(r"-?[0-9]{1,9}", re.ASCII)
 
 
 def _assign(target: Any, keys: list[str], value: Any) -> str | None:
+    keys = _joined_keys(target, keys)
     for depth, key in enumerate(keys):
         last = depth == len(keys) - 1
         if isinstance(target, list):
@@ -208,6 +209,18 @@ def _assign(target: Any, keys: list[str], value: Any) -> str | None:
         else:
             return f"'{'.'.join(keys[:depth])}' is {_brief(target)} and has no fields"
     return None
+
+
+def _joined_keys(target: Any, keys: list[str]) -> list[str]:
+    """Return keys with those joined that are a single key of a mapping: of recipes and designs, some hold dots."""
+    joined: list[str] = []
+    while keys:
+        whole = [".".join(keys[:count]) for count in range(len(keys), 0, -1)] if isinstance(target, dict) else []
+        key = next((each for each in whole if each in target), keys[0])
+        joined.append(key)
+        keys = keys[key.count(".") + 1 :]
+        target = target.get(key) if isinstance(target, dict) else None
+    return joined
 
 
 def _brief(value: Any) -> str:

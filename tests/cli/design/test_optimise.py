@@ -15,7 +15,7 @@ FEW = {"predictions": 20, "morris_trajectories": 1, "sobol": 0}
 def test_a_rig_is_found_and_told(tmp_path: Path) -> None:
     file, out = tmp_path / "spec.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(spec(search=FEW)))
-    words: list[str | Path] = ["design", "optimise", file, "--workers", "0", "-o", out]
+    words: list[str | Path] = ["design", "optimise", file, "--workers", "1", "-o", out]
     done = scenetruth(*words)
     assert done.returncode == 0, done.stderr
     assert "A wall: the best rigs" in done.stdout
@@ -33,5 +33,5 @@ def test_what_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     assert done.stderr.startswith("error: 2 problems with the design specification")
     done = scenetruth("design", "optimise", file)
     assert done.returncode == 2
-    assert "--output: is missing" in done.stderr
+    assert "--output" in done.stderr
     assert not (tmp_path / "out").exists()

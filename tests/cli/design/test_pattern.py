@@ -26,7 +26,7 @@ def test_a_pattern_is_made_and_compared(tmp_path: Path) -> None:
     photograph = np.random.default_rng(3).random((80, 80))
     Image.fromarray(np.uint8(255 * photograph)).save(tmp_path / "mine.png")
     out = tmp_path / "out"
-    done = scenetruth("design", "pattern", *RIG, "--dot-px", "5", "--against", tmp_path / "mine.png", "-o", out)
+    done = scenetruth("design", "pattern", *RIG, "--dot-px", "5", "--reference-image", tmp_path / "mine.png", "-o", out)
     assert done.returncode == 0, done.stderr
     assert names(out) == MADE
     assert "dots of 1.000 mm (5.00 px)" in done.stdout
@@ -59,8 +59,8 @@ def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
     assert "wavelength_px: must be two numbers" in done.stderr
     assert "size_mm: must be two numbers" in done.stderr
     assert "--set: changes a scene" in done.stderr
-    assert "--mm-per-px: is that of a photograph" in done.stderr
-    done = scenetruth("design", "pattern", *RIG, "--kind", "noise", "--spacing", "1", "--page", "B7", "-o", out)
+    assert "--mm-per-px: applies to a photograph" in done.stderr
+    done = scenetruth("design", "pattern", *RIG, "--type", "noise", "--spacing", "1", "--page", "B7", "-o", out)
     assert done.returncode == 2
     assert "spacing: is no setting here" in done.stderr
     assert not out.exists()

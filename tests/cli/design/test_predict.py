@@ -20,7 +20,7 @@ def file_of(folder: Path, **changes: object) -> Path:
 def test_the_table_has_what_there_is_beside_what_can_be_known(tmp_path: Path) -> None:
     output = tmp_path / "out"
     done = scenetruth(
-        "design", "predict", file_of(tmp_path), "--method", "refined", "--level", "bound", "-o", str(output)
+        "design", "predict", file_of(tmp_path), "--method", "refined", "--model", "maps", "-o", str(output)
     )
     assert done.returncode == 0, done.stderr
     for words in ("Depth", "Velocity in Z", "precision", "ratio", "noise of a grey value", "5 positions, 5 frames"):
@@ -31,7 +31,9 @@ def test_the_table_has_what_there_is_beside_what_can_be_known(tmp_path: Path) ->
 
 
 def test_what_is_wrong_ends_it_with_a_message(tmp_path: Path) -> None:
-    done = scenetruth("design", "predict", file_of(tmp_path), "--method", "opencv_flow", "--window-sigma-px", "0")
+    done = scenetruth(
+        "design", "predict", file_of(tmp_path), "--method", "opencv_flow", "--setting", "window_sigma_px=0"
+    )
     assert done.returncode == 2
     assert "method: theory knows the precision of refined, structure_tensor only" in done.stderr
     assert "window_sigma_px" in done.stderr

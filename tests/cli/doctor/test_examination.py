@@ -105,7 +105,7 @@ def test_caches_are_told_with_what_is_in_them(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setenv("SCENETRUTH_CACHE", str(textures))
     empty = check_caches()
     assert states(empty) == {"compiled code": "missing", "textures": "ok"}
-    assert "warm-up" in empty[0].remedy
+    assert "precompile" in empty[0].remedy
     for folder in (code, textures):
         folder.mkdir(parents=True)
     (code / f"kernels.first-1.{tag}.nbi").touch()

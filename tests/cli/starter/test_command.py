@@ -43,7 +43,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_what_is_written_passes_check_without_a_warning(kind: str, here: Path) -> None:
     # An off-axis mesh of a size of its own.
     mesh = ("--mesh", write_mesh(here / "body.off", (300, -20, 1000))) if kind == "mesh" else ()
-    done = scenetruth("init", "mine.yaml", "--kind", kind, *mesh)
+    done = scenetruth("init", "mine.yaml", "--type", kind, *mesh)
     assert done.returncode == 0, done.stderr
     assert "scenetruth check mine.yaml" in done.stdout
     done = scenetruth("check", "mine.yaml")
@@ -162,9 +162,9 @@ def test_images_are_laid_on_meshes_with_texture_coordinates_alone(here: Path) ->
 @pytest.mark.parametrize("kind", ["cube", "leaf"])
 @pytest.mark.parametrize("option", ["--distance-mm", "--unit-mm"])
 def test_options_of_meshes_are_refused_without_one(kind: str, option: str, here: Path) -> None:
-    done = scenetruth("init", "--kind", kind, option, "1")
+    done = scenetruth("init", "--type", kind, option, "1")
     assert done.returncode == 2
-    assert f"{option}: belongs to a mesh; --kind {kind} has" in done.stderr
+    assert f"{option}: belongs to a mesh; --type {kind} has" in done.stderr
     assert list(here.iterdir()) == []
 
 
@@ -202,12 +202,12 @@ def test_all_that_is_wrong_is_told_together(here: Path) -> None:
         "--schema",
         "no.json",
     )
-    done = scenetruth("init", "no/scene.txt", "--kind", "leaf", *options)
+    done = scenetruth("init", "no/scene.txt", "--type", "leaf", *options)
     assert done.returncode == 2
     for words in ("FILE: must end in .yaml", "--mesh: goes with", "--texture: a leaf", "--unit-mm", "--distance-mm"):
         assert words in done.stderr
     assert "make it: scenetruth schema > no.json" in done.stderr
-    done = scenetruth("init", "no/scene.yaml", "--kind", "mesh")
+    done = scenetruth("init", "no/scene.yaml", "--type", "mesh")
     assert "its folder does not exist" in done.stderr
     assert "--mesh: is missing" in done.stderr
     done = scenetruth("init", "--mesh", "nothing.obj", "--texture", "nothing.png")

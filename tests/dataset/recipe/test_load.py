@@ -54,9 +54,9 @@ def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
     [
         (
             "leav",
-            "base.0: no such file, and no scene of this name is shipped; did you mean 'leaf'[?] `scenetruth scenes`",
+            "base.0: no such file, and no scene of this name is shipped; did you mean 'leaf'[?] `scenetruth list",
         ),
-        ("qqqq", "is shipped; `scenetruth scenes` lists all"),
+        ("qqqq", "is shipped; `scenetruth list scenes` lists all"),
         ("../leaf.yaml", "base.0: cannot be read: No such file.*called without folder and suffix: leaf"),
         ("../qqqq.yaml", r"base.0: cannot be read: No such file or directory \(got"),
     ],

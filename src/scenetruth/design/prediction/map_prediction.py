@@ -98,7 +98,8 @@ def _signals(truth: xr.Dataset, setup: MethodSetup) -> dict[str, Array]:
     found |= {f"velocity_{axis}": truth["velocity"].values[k] for k, axis in enumerate("xyz")}
     found["velocity_epe"] = np.linalg.norm(truth["velocity"].values, axis=0)
     if "principal_growth_rates" in truth:
-        found |= dict(zip(("growth_principal_1", "growth_principal_2"), truth["principal_growth_rates"].values, strict=True))
+        rates = truth["principal_growth_rates"].values
+        found |= dict(zip(("growth_principal_1", "growth_principal_2"), rates, strict=True))
     return {**found, "growth_rate": truth["growth_rate"].values}
 
 

@@ -315,5 +315,5 @@ def _command(
     for override in overrides:
         words += ["--set", override]
     words += ["--seeds", str(seeds) if isinstance(seeds, int) else ",".join(map(str, seeds))]
-    words += ["--sobol", str(sobol)] if sobol else []
+    words += ["--sobol-points", str(sobol)] if sobol else []
     return shlex.join([*words, "-o", "again"])
