@@ -19,7 +19,7 @@ def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     file, out = tmp_path / "wall.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(scene()))
     words: list[str | Path] = ["design", "sweep", file, "--vary", "stage.baseline_mm=1..2:2"]
-    words += ["--method", f"near={NEAREST}", "--seeds", "7,8", "--set", "camera.width=48", "--workers", "0", "-o", out]
+    words += ["--method", f"near={NEAREST}", "--seeds", "7,8", "--set", "camera.width=48", "--workers", "1", "-o", out]
     done = scenetruth(*words)
     assert done.returncode == 0, done.stderr
     assert "2 points with 2 seeds: 4 simulations, 4 of them to be made" in done.stderr
