@@ -26,7 +26,7 @@ def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
         "acceptance": [{"kind": "depth", "object": "tile", "max": 100}],
     }
     recipe = recipe_from_plain(plain)
-    run_dataset(recipe, folder / "tiles", workers=0)
+    run_dataset(recipe, folder / "tiles", workers=1)
     return {"preview": write_preview(recipe, folder / "preview"), "card": write_card(folder / "tiles")}
 
 

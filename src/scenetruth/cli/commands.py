@@ -482,6 +482,7 @@ def export(
     row: options.Row = None,
     overwrite: options.Overwrite = False,
     workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Export a run, or every sample of a data set, in another format."""
     from scenetruth.pipeline import export_run
@@ -489,7 +490,7 @@ def export(
     chosen = _read_format_options(format_options, {"left": left, "flow": flow})
     wanted: dict[str, Any] = {"method": method, "row": row, "overwrite": overwrite, **chosen}
     if _is_dataset(path):
-        _export_samples(path, output, format, workers=workers, **wanted)
+        _export_samples(path, output, format, workers=workers, scheduler=scheduler, **wanted)
         return
     done = export_run(path, output, format, **wanted)
     for note in done.notes:

@@ -56,16 +56,23 @@ def preview(
     overrides: options.Overrides = None,
     samples: options.Samples = None,
     overwrite: options.Overwrite = False,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Preview the samples of a recipe without rendering them."""
     from scenetruth.cli.console import reporting
-    from scenetruth.compilation import thread_count
     from scenetruth.dataset.pages.preview_page import write_preview
 
     sampler = _load(recipe, overrides)
     with _naming(recipe), reporting() as reporter:
         page = write_preview(
-            sampler, output, draws=samples, overwrite=overwrite, workers=thread_count(), progress=reporter
+            sampler,
+            output,
+            draws=samples,
+            overwrite=overwrite,
+            workers=workers,
+            scheduler=scheduler,
+            progress=reporter,
         )
     print_wrote(page)
 

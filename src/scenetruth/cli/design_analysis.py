@@ -33,6 +33,7 @@ def budget(
     simulated_share: options.SimulatedShare = 0.9,
     region: options.Region = "interior",
     workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Compute the uncertainty budget of a scene: sources, contributions, mitigations."""
     from scenetruth.cli.console import reporting
@@ -58,7 +59,8 @@ def budget(
             draws=seeds,
             confirm=simulated_share,
             region=region,
-            workers=options.process_count(workers),
+            workers=workers,
+            scheduler=scheduler,
             progress=reporter,
             notice=print_message,
         )
@@ -253,6 +255,7 @@ def sweep(
     overrides: options.Overrides = None,
     region: options.Region = "interior",
     workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
     limits: options.Limits = None,
 ) -> None:
     """Simulate, estimate and score scenes over the levels of one or more factors."""
@@ -279,7 +282,8 @@ def sweep(
             seeds=counted,
             sobol=sobol_points,
             overrides=changes,
-            workers=options.process_count(workers),
+            workers=workers,
+            scheduler=scheduler,
             limits=limits_from(limits or ()),
             progress=reporter,
             notice=print_message,

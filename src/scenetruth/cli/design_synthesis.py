@@ -25,6 +25,7 @@ def optimise(
     output: options.Output,
     overrides: options.Overrides = None,
     workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Optimise a camera rig by predicted uncertainty, and simulate the best candidates."""
     from scenetruth.cli.console import reporting
@@ -36,7 +37,8 @@ def optimise(
         found = find_rig(
             wanted,
             output,
-            workers=options.process_count(workers),
+            workers=workers,
+            scheduler=scheduler,
             progress=reporter,
             notice=print_message,
         )

@@ -151,7 +151,6 @@ __all__ = [
     "method_names",
     "parse_assignments",
     "parse_seeds",
-    "process_count",
     "read_settings",
     "resolve_file",
     "with_settings",
@@ -579,7 +578,25 @@ ExportedMethod = Annotated[
         autocompletion=method_names,
     ),
 ]
-Workers = Annotated[int, typer.Option("--workers", metavar="N", min=1, max=1024, help="Number of worker processes.")]
+
+
+def _check_workers(given: int) -> int:
+    if given == 0:
+        raise typer.BadParameter("must be 1 or more, or -1 for all processors (got 0)")
+    return given
+
+
+Workers = Annotated[
+    int,
+    typer.Option(
+        "--workers",
+        metavar="N",
+        min=-1,
+        max=1024,
+        callback=_check_workers,
+        help="Number of worker processes; 1 starts none, -1 uses all processors.",
+    ),
+]
 Threads = Annotated[int, typer.Option("--threads", metavar="N", min=1, max=1024, help="Threads of a worker process.")]
 Scheduler = Annotated[
     str | None,
@@ -949,11 +966,6 @@ def with_settings(methods: Iterable[str], settings: Iterable[str] | None) -> lis
         {"label": "" if spec.label == spec.spelled else spec.label, "method": spec.method, **spec.settings, **added}
         for spec in parse_methods(given)
     ]
-
-
-def process_count(workers: int) -> int:
-    """Return the number of further processes: none for a single worker, which is this process."""
-    return workers if workers > 1 else 0
 
 
 def parse_seeds(given: str, problems: list[Problem]) -> int | list[int]:

@@ -36,6 +36,7 @@ def compare(
     external_results: options.ExternalResults = None,
     write_recordings: options.WriteRecordings = False,
     workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Run methods on the benchmark suite and report error statistics with their lower bounds."""
     from scenetruth.benchmark import compare as compare_methods
@@ -65,7 +66,8 @@ def compare(
             output,
             cases=cases or None,
             values=levels or None,
-            workers=options.process_count(workers),
+            workers=workers,
+            scheduler=scheduler,
             progress=reporter,
             notice=print_message,
         )

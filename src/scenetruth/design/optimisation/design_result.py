@@ -359,7 +359,7 @@ class DesignResult:
     >>> spec = {"title": "A wall", "scene": scene, "variables": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
     >>> spec |= {"constraints": [{"kind": "stage_travel", "max": 16}], "objectives": [{"quantity": "depth"}]}
     >>> spec |= {"search": {"predictions": 16, "morris_trajectories": 0, "sobol": 0}, "confirmation": {"rigs": 0}}
-    >>> design = optimise(spec, workers=0)
+    >>> design = optimise(spec)
     >>> print(design.words()[1])
     Depth: scaled median absolute error, predicted 0.162 mm
     >>> for rig in design.rigs:

@@ -266,7 +266,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
     >>> spec = {"title": "A wall", "scene": scene, "variables": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
     >>> spec |= {"constraints": [{"kind": "stage_travel", "max": 16}], "objectives": [{"quantity": "depth"}]}
     >>> spec |= {"search": {"predictions": 16, "morris_trajectories": 0, "sobol": 0}, "confirmation": {"rigs": 0}}
-    >>> design = optimise(spec, workers=0)
+    >>> design = optimise(spec)
     >>> with TemporaryDirectory() as folder:
     ...     page = write_design_page(design, folder)
     ...     page.name, design.title in page.read_text(encoding="utf-8")
