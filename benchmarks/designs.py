@@ -35,7 +35,7 @@ from scenetruth.design.optimisation.rig_context import RigContext
 from scenetruth.design.optimisation.rig_evaluation import build_rig
 from scenetruth.design.prediction import Prediction, PredictionInputs
 from scenetruth.errors import SceneError
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 
 GOALS = ("leaf_growth", "cube_depth", "sheet_motion")
 FOLDER = Path(__file__).parents[1] / "scenes" / "goals"
@@ -68,7 +68,7 @@ def _may_hold(prepared: OptimisationProblem, values: Mapping[str, Any]) -> bool:
     base = prepared.task.base
     try:
         built = build_rig(base, values)
-        scene = scene_from_plain(built.plain)
+        scene = Scene.from_dict(built.plain)
     except SceneError:
         return False
     depth = float(values.get("working_distance_mm", base.depth_mm))
@@ -112,7 +112,7 @@ def order_kept(design: DesignResult) -> None:
 def other_seeds(design: DesignResult, count: int, most_px: int | None, folder: Path) -> None:
     """Print how many recordings with other seeds lie in the intervals of the recommended rig."""
     rig = design.recommended
-    light = reduce_scene(scene_from_plain(rig.scene), design.objectives[0].region, most_px)
+    light = reduce_scene(Scene.from_dict(rig.scene), design.objectives[0].region, most_px)
     first = int(rig.scene["seed"]) + 1000
     seeds = tuple(range(first, first + count))
     versions = tuple(sorted(collect_versions().items()))

@@ -24,6 +24,6 @@ def test_wrong_arguments_are_named_together(
         call(cube(), truth_views="al", truth_poses=None, truth_content=2, progress=3)
     names = [problem.path for problem in caught.value.problems]
     assert sorted(names) == ["progress", "truth_content", "truth_poses", "truth_views"]
-    with pytest.raises(st.SceneError, match=r"scene: must be a Scene; load_scene and .* \(got 'dict'\)"):
-        call({"camera": {}})
+    with pytest.raises(st.SceneError, match=r"scene: must be a scene, its values, .* \(got 'int'\)"):
+        call(3)
     assert list(tmp_path.iterdir()) == []

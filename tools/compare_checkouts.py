@@ -24,7 +24,7 @@ import scenetruth as st
 
 file, target, content, *overrides = Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:]
 warnings.simplefilter("ignore")
-scene = st.load_scene(file, overrides)
+scene = st.load_scene(file, overrides=overrides)
 
 def digests(dataset):
     found = {}

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from scenetruth.camera import two_point_correction
     from scenetruth.dataset.generation import run_dataset
     from scenetruth.dataset.reading import open_dataset
-    from scenetruth.dataset.recipe_loader import load_recipe, recipe_from_plain
+    from scenetruth.dataset.recipe_loader import Recipe, load_recipe
     from scenetruth.design.optimisation import DesignResult
     from scenetruth.design.prediction import Prediction, predict
     from scenetruth.design.sweeps import Sweep, sweep
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from scenetruth.exporters import export_data, export_formats
     from scenetruth.pipeline import RunDirectory, export_run, run_scene, verify_run
     from scenetruth.resources import Limits
-    from scenetruth.scene import Scene, load_scene, scene_from_plain
+    from scenetruth.scene import Scene, load_scene
     from scenetruth.schema import make_estimate, make_recording
     from scenetruth.scoring import Score, compute_growth_rate, score, write_report
     from scenetruth.simulation import simulate
@@ -64,6 +64,7 @@ __all__ = [
     "OutputExistsError",
     "Prediction",
     "Problem",
+    "Recipe",
     "RecipeError",
     "RecordingError",
     "RenderError",
@@ -91,11 +92,9 @@ __all__ = [
     "open_dataset",
     "open_store",
     "predict",
-    "recipe_from_plain",
     "run_dataset",
     "run_scene",
     "save_store",
-    "scene_from_plain",
     "score",
     "simulate",
     "sweep",
@@ -117,11 +116,10 @@ _HOMES = {
     "compare": "benchmark",
     "load_recipe": "dataset.recipe_loader",
     "open_dataset": "dataset.reading",
-    "recipe_from_plain": "dataset.recipe_loader",
+    "Recipe": "dataset.recipe_loader",
     "run_dataset": "dataset.generation",
     "Scene": "scene",
     "load_scene": "scene",
-    "scene_from_plain": "scene",
     "simulate": "simulation",
     "make_estimate": "schema",
     "make_recording": "schema",

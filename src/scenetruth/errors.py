@@ -179,18 +179,18 @@ class SceneError(_ProblemListError):
     See Also
     --------
     Problem : One of its ``problems``.
-    scenetruth.load_scene, scenetruth.scene_from_plain : Raise it.
+    scenetruth.load_scene, scenetruth.Scene.from_dict : Raise it.
 
     Examples
     --------
     All that is wrong is told at once, each with the path of its field:
 
     >>> import scenetruth as st
-    >>> plain = st.load_scene("plane").to_plain()
+    >>> plain = st.load_scene("plane").to_dict()
     >>> plain["camera"]["width"] = -3
     >>> plain["stage"]["baseline_mm"] = "wide"
     >>> try:
-    ...     st.scene_from_plain(plain)
+    ...     st.Scene.from_dict(plain)
     ... except st.SceneError as error:
     ...     for problem in error.problems:
     ...         print(f"{problem.path}: {problem.value!r}")
@@ -206,13 +206,13 @@ class RecipeError(_ProblemListError):
 
     See Also
     --------
-    scenetruth.load_recipe, scenetruth.recipe_from_plain : Raise it.
+    scenetruth.load_recipe, scenetruth.Recipe.from_dict : Raise it.
 
     Examples
     --------
     >>> import scenetruth as st
     >>> try:
-    ...     st.recipe_from_plain({"base": "cube", "samples": 0})
+    ...     st.Recipe.from_dict({"base": "cube", "samples": 0}).sampler()
     ... except st.RecipeError as error:
     ...     print([problem.path for problem in error.problems])
     ['name', 'samples']
@@ -283,7 +283,7 @@ class ScoreError(_ProblemListError):
     >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
     >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 1, "baseline_mm": 5}, "frames": {"count": 1}}
-    >>> truth = st.make_truth(st.scene_from_plain(plain))
+    >>> truth = st.make_truth(st.Scene.from_dict(plain))
     >>> recording = st.make_recording(np.zeros((1, 1, 30, 40)), focal_length_px=61, baseline_mm=5)
     >>> try:
     ...     st.score(st.make_estimate(depth=truth.depth, like=recording), truth, recording)

@@ -13,7 +13,7 @@ from scenetruth.benchmark.cases import scenes
 from scenetruth.benchmark.cases.case import SUITES, Case, all_cases, select_cases
 from scenetruth.benchmark.suite import select_available_cases
 from scenetruth.errors import RecipeError
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scoring import QUANTITIES
 from scenetruth.scoring.regions import visible_throughout
 from scenetruth.simulation import simulate
@@ -23,7 +23,7 @@ CASES = list(all_cases().values())
 
 
 def truth_of(case: Case, value: float) -> xr.Dataset:
-    whole = simulate(scene_from_plain(case.scene(value)))[1]
+    whole = simulate(Scene.from_dict(case.scene(value)))[1]
     return whole.sel(t=0).assign(seen_throughout=(("y", "x"), visible_throughout(whole)))
 
 
@@ -38,7 +38,7 @@ def test_every_case_says_what_it_is(case: Case) -> None:
     for suite in SUITES:
         assert case.values(suite) == tuple(sorted(case.values(suite)))
         for value in case.values(suite):
-            scene_from_plain(case.scene(value))
+            Scene.from_dict(case.scene(value))
 
 
 @nightly

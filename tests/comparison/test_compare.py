@@ -16,11 +16,11 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.benchmark import compare
 from scenetruth.benchmark.cases.case import BenchmarkRecord
-from scenetruth.benchmark.method_specs import parse_methods
 from scenetruth.benchmark.suite import write_recordings
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
 from scenetruth.estimators import Needs, find_method
 from scenetruth.estimators.external import ResultsFolder
+from scenetruth.estimators.method_specs import MethodSpec, parse_method, parse_methods
 from tests.cli.calling import scenetruth
 from tests.nightly import nightly
 
@@ -153,7 +153,7 @@ def test_processes_find_the_same(tmp_path: Path) -> None:
 
 def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
     with pytest.raises(EstimateError) as error:
-        compare(["no_such", "refined[window_sigma: 4]", "structure_tensor", "structure_tensor"])
+        compare(parse_methods(["no_such", "refined[window_sigma: 4]", "structure_tensor", "structure_tensor"]))
     assert "no_such" in str(error.value)
     assert "window_sigma_px" in str(error.value)
     assert "twice" in str(error.value)
@@ -176,11 +176,8 @@ def test_methods_are_spelled_with_settings_and_labels() -> None:
     found = parse_methods(["refined[window_sigma_px: 4, motion: rigid]", "fine=structure_tensor[window_sigma_px: 3]"])
     assert [one.label for one in found] == ["refined[motion: rigid, window_sigma_px: 4]", "fine"]
     assert found[0].settings == {"window_sigma_px": 4, "motion": "rigid"}
-    assert parse_methods(found[1].spelled)[0] == found[1]
-    assert (
-        parse_methods({"method": "refined", "label": "mine", "motion": "rigid"})[0].spelled
-        == "mine=refined[motion: rigid]"
-    )
+    assert parse_method(found[1].spelled) == found[1]
+    assert MethodSpec("refined", {"motion": "rigid"}, "mine").spelled == "mine=refined[motion: rigid]"
 
 
 def test_the_command(tmp_path: Path) -> None:

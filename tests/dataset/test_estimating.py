@@ -11,7 +11,7 @@ import pytest
 import scenetruth as st
 from scenetruth.dataset.dataset_estimation import estimate_dataset
 from scenetruth.dataset.generation import run_dataset, verify_dataset
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import EstimateError
 from tests.dataset.conftest import RECIPE, SCENE
 
@@ -22,7 +22,7 @@ FIVE_FRAMES = {**copy.deepcopy(SCENE), "frames": {"count": 5}}
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
     plain = {**copy.deepcopy(RECIPE), "base": FIVE_FRAMES, "samples": 2, "layout": request.param}
-    run_dataset(recipe_from_plain(plain), folder, workers=0)
+    run_dataset(Recipe.from_dict(plain), folder, workers=0)
     return folder
 
 

@@ -9,7 +9,7 @@ import pytest
 import scenetruth as st
 from scenetruth.dataset.dataset_export import export_dataset
 from scenetruth.dataset.generation import run_dataset
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import ExportError, Problem, StoreError
 from scenetruth.pipeline import export_run
 from tests.dataset.conftest import RECIPE
@@ -19,7 +19,7 @@ from tests.dataset.conftest import RECIPE
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
     plain = {**copy.deepcopy(RECIPE), "samples": 3, "layout": request.param, "samples_per_shard": 2}
-    run_dataset(recipe_from_plain(plain), folder, workers=0)
+    run_dataset(Recipe.from_dict(plain), folder, workers=0)
     return folder
 
 

@@ -36,7 +36,7 @@ def scene(**changes: Any) -> Scene:
         "render": {"backend": "raycast", "supersampling": 4},
         "seed": 3,
     }
-    return st.scene_from_plain(plain | changes)
+    return st.Scene.from_dict(plain | changes)
 
 
 @pytest.fixture(scope="session")

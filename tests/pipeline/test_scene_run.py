@@ -160,7 +160,7 @@ def test_a_score_of_another_estimate_is_not_reported(finished: Path, tmp_path: P
     shutil.copytree(finished, tmp_path / "x")
     (tmp_path / "x" / "report.html").unlink()
     changed = scene.model_copy(
-        update={"estimate": st.scene_from_plain(scene.to_plain() | {"estimate": {"window_sigma_px": 4.0}}).estimate}
+        update={"estimate": st.Scene.from_dict(scene.to_dict() | {"estimate": {"window_sigma_px": 4.0}}).estimate}
     )
     run_scene(changed, tmp_path / "x", stages=("estimate",), overwrite=True)
     results = run_scene(changed, tmp_path / "x", stages=("report",), overwrite=True)

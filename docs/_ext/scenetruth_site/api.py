@@ -12,7 +12,7 @@ from pydantic import BaseModel
 __all__ = ["API", "api_in_markdown", "documented_names"]
 
 API: dict[str, dict[str, tuple[str, ...]]] = {
-    "scenes": {"scenetruth": ("load_scene", "scene_from_plain", "Scene", "Limits")},
+    "scenes": {"scenetruth": ("load_scene", "Scene", "Limits")},
     "simulation": {
         "scenetruth": (
             "simulate",
@@ -53,18 +53,17 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         "scenetruth": ("compare", "BenchmarkResult"),
         "scenetruth.bound": ("cramer_rao_bound", "closed_form_bound", "ClosedFormBound", "texture_gradient"),
     },
-    "datasets": {"scenetruth": ("load_recipe", "recipe_from_plain", "run_dataset", "open_dataset")},
+    "datasets": {"scenetruth": ("load_recipe", "Recipe", "run_dataset", "open_dataset")},
     "design": {
         "scenetruth": ("predict", "Prediction", "sweep", "Sweep", "Budget", "DesignResult"),
         "scenetruth.design.prediction": ("PredictedValue", "PredictionInputs", "recommend"),
         "scenetruth.design.uncertainty": ("budget", "Calibration"),
-        "scenetruth.design.optimisation": ("optimise", "load_design_spec", "design_spec_from_dict", "DesignSpec"),
+        "scenetruth.design.optimisation": ("optimise", "load_design_spec", "DesignSpec"),
         "scenetruth.design.optimisation.report.design_report": ("write_design_page",),
         "scenetruth.design.patterns": (
             "generate_pattern",
             "export_pattern",
             "assess_pattern",
-            "pattern_rig_from_scene",
             "Pattern",
             "PatternRig",
             "PatternAssessment",

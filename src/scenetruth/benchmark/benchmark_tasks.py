@@ -11,14 +11,14 @@ from typing import Any
 
 from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, all_cases
 from scenetruth.benchmark.design_point import DesignPoint, PointResult, measure, write_error_maps
-from scenetruth.benchmark.method_specs import MethodSpec
 from scenetruth.dataset.samples import SampleResult
 from scenetruth.errors import SceneError, StoreError
+from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.input_files import collect_input_files
 from scenetruth.output import is_full_disk, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.provenance import content_hash
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.schema import digest
 
 __all__ = [
@@ -119,7 +119,7 @@ def compute_point_key(job: BenchmarkTask, number: int) -> str:
 def _hash_files(scene: Mapping[str, Any]) -> list[str]:
     """Return hashes of what the files hold that a scene names: their paths stay when they change."""
     try:
-        return [content_hash(file) for _, file in collect_input_files(scene_from_plain(scene))]
+        return [content_hash(file) for _, file in collect_input_files(Scene.from_dict(scene))]
     except SceneError:
         # Whoever makes the scene says what is wrong with it.
         return []
@@ -133,7 +133,7 @@ def measure_point(job: BenchmarkTask, number: int) -> SampleResult:
         found = measure(all_cases()[point.case], point, job.contestants)
         plain = {
             "key": compute_point_key(job, number),
-            "rows": [row.to_plain() for row in found.rows],
+            "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,
             "settled": found.settled,
             "slips": {label: told for label, told in found.slips.items() if told},

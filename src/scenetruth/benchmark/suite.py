@@ -17,15 +17,15 @@ from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, list_design_poin
 from scenetruth.benchmark.cases.case import SUITES, BenchmarkRecord, Case, all_cases, select_cases
 from scenetruth.benchmark.design_point import add_noise, ignore_scene_warnings, read_error_maps
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
-from scenetruth.benchmark.method_specs import MethodLike, MethodSpec, parse_methods
 from scenetruth.dataset.scheduler import for_each
 from scenetruth.dataset.worker_setup import collect_versions
 from scenetruth.errors import EstimateError, OutputExistsError, Problem, RecipeError
 from scenetruth.estimators.external import recording_key, write_recording
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.output import lock_output, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.simulation import simulate
 
 __all__ = ["INDEX", "compare", "select_available_cases", "write_recordings"]
@@ -55,8 +55,8 @@ def compare(
     Parameters
     ----------
     methods
-        One or several: names, ``"module:function"``, methods or functions; with settings in brackets,
-        ``"refined[window_sigma_px: 4]"``, and labels before them, ``"fine=refined[window_sigma_px: 4]"``.
+        One or several: names, ``"module:function"``, methods or functions, or `scenetruth.estimators.MethodSpec` with
+        settings and a label.
     suite
         ``"core"``, for every day, or ``"full"``, with more values and more noises.
     folder
@@ -99,7 +99,7 @@ def compare(
     >>> bool(row.low < row.number < row.high), row.unit
     (True, 'px/frame')
     """
-    contestants = parse_methods(methods)
+    contestants = read_methods(methods)
     chosen = select_available_cases(suite, cases, values, notice)
     if workers:
         _refuse_what_cannot_travel(contestants)
@@ -314,7 +314,7 @@ def write_recordings(
         case = all_cases()[point.case]
         noise_std = case.noise_std(point.values[0])
         with ignore_scene_warnings():
-            ideal = simulate(scene_from_plain(case.scene(point.values[0])))[0]
+            ideal = simulate(Scene.from_dict(case.scene(point.values[0])))[0]
         for seed in range(point.seeds if noise_std else 1):
             recording = add_noise(ideal, noise_std, case.kind, seed)
             place = Path(folder) / recording_key(recording)

@@ -213,7 +213,7 @@ def cramer_rao_bound(
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
     >>> plain = {"camera": {"width": 60, "height": 50, "focal_length_px": 60}, "objects": [wall], "sensor": "ideal"}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 3}, "render": {"backend": "raycast"}}
-    >>> recording, truth = st.simulate(st.scene_from_plain(plain))
+    >>> recording, truth = st.simulate(st.Scene.from_dict(plain))
     >>> bound = cramer_rao_bound(truth, recording, noise_std=0.01)
     >>> at = bound.sel(t=0).isel(y=25, x=30)
     >>> at.depth_std.round(2).item(), at.velocity_std.values.round(3).tolist(), at.images_used.item()

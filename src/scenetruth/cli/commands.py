@@ -14,7 +14,7 @@ from scenetruth.cli import options
 
 if TYPE_CHECKING:
     from scenetruth.cli.console import ProgressReporter
-    from scenetruth.estimators import MethodChoice
+    from scenetruth.estimators import MethodLike, MethodSpec
     from scenetruth.pipeline import FigureWorker, PipelineRunner, RunResult
 
 __all__ = ["register_export", "register_info", "register_runs"]
@@ -253,7 +253,7 @@ def _run(
         from scenetruth.scene import load_scene
 
         changes = list(overrides or ())
-        chosen: list[str | MethodChoice] = list(methods)
+        chosen: list[MethodLike] = list(dict.fromkeys(methods))
         # --set estimate.FIELD means a field of the one method that is given.
         if len(methods) == 1 and ":" in methods[0]:
             fields = [change for change in changes if change.startswith("estimate.")]
@@ -261,7 +261,7 @@ def _run(
             chosen = [_with_settings(methods[0], fields)]
         elif len(methods) == 1 and methods[0] != load_scene(file).estimate.method:
             changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
-        loaded, allowed = load_scene(file, changes), limits_from(limits or ())
+        loaded, allowed = load_scene(file, overrides=changes), limits_from(limits or ())
         try:
             return run_scene(
                 loaded,
@@ -278,14 +278,15 @@ def _run(
             raise SceneError(error.problems, source=file) from error
 
 
-def _with_settings(method: str, fields: Sequence[str]) -> MethodChoice:
-    """Return a choice of code, which no scene may name."""
-    from scenetruth.estimators import choose
+def _with_settings(method: str, fields: Sequence[str]) -> MethodSpec:
+    """Return code, which no scene may name, with its settings."""
+    from scenetruth.estimators import MethodSpec
     from scenetruth.scene.scene_loader import apply_overrides
 
     alone: dict[str, Any] = {"estimate": {"method": method}}
     apply_overrides(alone, fields)
-    return choose(alone["estimate"])
+    settings = alone["estimate"]
+    return MethodSpec(settings.pop("method"), settings)
 
 
 def _runner(
@@ -349,7 +350,7 @@ def check(scene: options.SceneFile, overrides: options.Overrides = None, limits:
     from scenetruth.resources.limits import limits_from
     from scenetruth.scene import load_scene
 
-    print_check(load_scene(scene, overrides or ()), scene, limits_from(limits or ()))
+    print_check(load_scene(scene, overrides=overrides or ()), scene, limits_from(limits or ()))
 
 
 def scenes() -> None:

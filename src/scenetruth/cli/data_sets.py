@@ -131,7 +131,7 @@ def run(
     sampler = _load(recipe)
     with _naming(recipe), reporting() as reporter:
         outcome = run_dataset(
-            sampler,
+            sampler.recipe,
             output,
             workers=workers,
             threads=threads,
@@ -262,7 +262,7 @@ def schema() -> None:
     """Print the JSON Schema of recipes."""
     import json
 
-    from scenetruth.dataset.recipe_model import Recipe
+    from scenetruth.dataset.recipe_loader import Recipe
 
     typer.echo(json.dumps(Recipe.model_json_schema(), indent=2))
 
@@ -292,7 +292,7 @@ def _load(recipe: Path) -> Sampler:
     from scenetruth.dataset.layout import DatasetFolder
     from scenetruth.dataset.recipe_loader import load_recipe
 
-    return load_recipe(DatasetFolder(recipe).recipe if recipe.is_dir() else recipe)
+    return load_recipe(DatasetFolder(recipe).recipe if recipe.is_dir() else recipe).sampler()
 
 
 @contextmanager

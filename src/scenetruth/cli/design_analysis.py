@@ -76,7 +76,7 @@ def budget(
     }
     given = {name: value for name, value in told.items() if value is not None}
     known = resolve_calibration({**resolve_calibration(calibration.value).model_dump(), **given})
-    loaded = load_scene(scene, overrides or ())
+    loaded = load_scene(scene, overrides=overrides or ())
     with reporting() as reporter:
         found = make_budget(
             loaded,
@@ -184,7 +184,7 @@ def predict(
     from scenetruth.resources.limits import limits_from
     from scenetruth.scene import load_scene
 
-    loaded, allowed = load_scene(scene, overrides or ()), limits_from(limits or ())
+    loaded, allowed = load_scene(scene, overrides=overrides or ()), limits_from(limits or ())
     own = loaded.estimate.method if loaded.estimate.method in all_method_models() else "refined"
     with reporting():
         found = predicted(
@@ -322,6 +322,7 @@ def sweep(
     from scenetruth.design.sweeps.factors import split_assignments
     from scenetruth.design.sweeps.sweep_plan import SweepError
     from scenetruth.errors import Problem
+    from scenetruth.estimators.method_specs import parse_methods
     from scenetruth.resources.limits import limits_from
 
     varied, problems = split_assignments(vary or ())
@@ -339,7 +340,7 @@ def sweep(
         found = make_sweep(
             scenes,
             varied,
-            methods or None,
+            parse_methods(methods) if methods else None,
             output,
             seeds=counted,
             sobol=sobol,

@@ -289,12 +289,12 @@ def _rig(
     distance_mm: float | None,
     light: float,
 ) -> PatternRig:
-    from scenetruth.design.patterns import pattern_rig_from_scene
+    from scenetruth.design.patterns import PatternRig
     from scenetruth.scene import load_scene
 
     changes = {} if focal_length_px is None else {"focal_length_px": focal_length_px}
-    scene = None if file is None else load_scene(file, overrides or ())
-    return pattern_rig_from_scene(scene, distance_mm=distance_mm, light=light, **changes)
+    scene = None if file is None else load_scene(file, overrides=overrides or ())
+    return PatternRig.from_scene(scene, distance_mm=distance_mm, light=light, **changes)
 
 
 _ROWS = {

@@ -91,6 +91,7 @@ def compare(
     from scenetruth.cli.console import reporting
     from scenetruth.errors import EstimateError, Problem
     from scenetruth.estimators.external import CommandMethod, ResultsFolder
+    from scenetruth.estimators.method_specs import parse_methods
 
     if listed:
         _print_cases()
@@ -114,7 +115,7 @@ def compare(
         raise EstimateError(problems)
     with reporting() as reporter:
         found = compare_methods(
-            chosen,
+            parse_methods(chosen),
             suite.value,
             output,
             cases=case or None,

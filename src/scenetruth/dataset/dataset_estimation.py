@@ -16,6 +16,7 @@ from scenetruth.dataset.scheduler import ParallelResult, for_each
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators import MethodChoice, choose
 from scenetruth.estimators.code_fingerprint import compute_code_fingerprint
+from scenetruth.estimators.method_specs import MethodSpec, read_method
 from scenetruth.output import write_atomically
 from scenetruth.pipeline import PipelineRunner, RunDirectory, run_problems
 from scenetruth.progress import Progress
@@ -27,7 +28,7 @@ __all__ = ["estimate_dataset", "try_estimate"]
 
 def estimate_dataset(
     folder: str | Path,
-    method: str | None = None,
+    method: str | MethodSpec | None = None,
     settings: Mapping[str, Any] | None = None,
     *,
     numbers: Sequence[int] | None = None,
@@ -50,7 +51,7 @@ def estimate_dataset(
     folder
         The data set.
     method
-        The method; that of the first base scene if not given.
+        The name of the method, or `scenetruth.estimators.MethodSpec`; that of the first base scene if not given.
     settings
         Its settings; those of the scene, or its defaults, where not given.
     numbers
@@ -77,7 +78,7 @@ def estimate_dataset(
     places = DatasetFolder(folder)
     identity, sampler = read_fingerprint(places), open_sampler(places)
     own = sampler.bases[0].estimate
-    chosen = own if method in (None, own.method) and not settings else _choice(own, method, settings or {})
+    chosen = _choice(own, method, settings or {})
     problems = run_problems(sampler.bases[0], [chosen])
     if problems:
         raise EstimateError(problems)
@@ -106,10 +107,12 @@ def estimate_dataset(
     return found
 
 
-def _choice(own: MethodChoice, method: str | None, settings: Mapping[str, Any]) -> MethodChoice:
-    name = method or own.method
-    known = own.settings.model_dump(mode="json") if name == own.method else {}
-    return choose({"method": name, **known, **settings})
+def _choice(own: MethodChoice, method: str | MethodSpec | None, settings: Mapping[str, Any]) -> MethodChoice:
+    spec = read_method(own.method if method is None else method)
+    if not isinstance(spec.method, str):
+        message = "must be named: every sample may be estimated by another process"
+        raise EstimateError([Problem("method", message, spec.label)])
+    return MethodSpec(spec.method, {**spec.settings, **settings}).choice(own)
 
 
 def _remove_scores_of_other_code(

@@ -14,6 +14,7 @@ from scenetruth.dataset.catalogue import FILES, CatalogueWriter, list_catalogued
 from scenetruth.dataset.executors import create_executor
 from scenetruth.dataset.fingerprint import DatasetFingerprint, begin_dataset, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import SAMPLE, DatasetFolder, claim_sample, compute_shard_number, extract_sample
+from scenetruth.dataset.recipe_loader import RecipeLike, load_recipe
 from scenetruth.dataset.recipe_validation import refuse_recipe
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import Partition, SampleResult, SampleStore, build_sample_scene, make_sample, try_sample
@@ -91,7 +92,7 @@ class DatasetStatus:
 
 
 def run_dataset(
-    sampler: Sampler | None,
+    recipe: RecipeLike | None,
     folder: str | Path,
     *,
     workers: int = 1,
@@ -111,8 +112,9 @@ def run_dataset(
 
     Parameters
     ----------
-    sampler
-        The recipe with its base scenes, as `load_recipe` makes it; None to go on with the one in the folder.
+    recipe
+        The recipe, its values, its file, or the name of one that is shipped; None to continue with the one in the
+        folder.
     folder
         The data set.
     workers
@@ -166,7 +168,7 @@ def run_dataset(
     >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> far = {"objects.0.pose.position_mm.2": {"kind": "uniform", "low": 90, "high": 110}}
-    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 2, "vary": far})
+    >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 2, "vary": far})
     >>> with TemporaryDirectory() as folder:
     ...     outcome = st.run_dataset(recipe, f"{folder}/walls", workers=0)
     ...     dataset = st.open_dataset(f"{folder}/walls")
@@ -175,10 +177,11 @@ def run_dataset(
     """
     places, whole = DatasetFolder(folder), part or Partition()
     say = notice or (lambda _: None)
-    if sampler is None:
+    if recipe is None:
         sampler = open_sampler(places)
         identity = read_fingerprint(places)
     else:
+        sampler = load_recipe(recipe).sampler()
         refuse_recipe(sampler)
         identity = begin_dataset(places, sampler, extend=extend)
     forecast = estimate_sample_cost(sampler, identity, limits or Limits(), places.path)

@@ -325,7 +325,7 @@ def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | Non
     >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> far = {"objects.0.pose.position_mm.2": {"kind": "list", "values": [90, 100, 110]}}
-    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 3, "vary": far})
+    >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 3, "vary": far})
     >>> with TemporaryDirectory() as folder:
     ...     _ = st.run_dataset(recipe, f"{folder}/walls", workers=0)
     ...     near = st.open_dataset(f"{folder}/walls").select("depth_max_mm < 105")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from scenetruth.compilation import announced_compilation
 from scenetruth.errors import Problem, SceneError
 from scenetruth.estimators import MethodChoice
+from scenetruth.estimators.method_specs import MethodLike, offered_methods, read_methods
 from scenetruth.pipeline.figure_worker import FigureWorker, open_figure_worker
 from scenetruth.pipeline.preflight import compute_method_workload, method_choices, run_problems
 from scenetruth.pipeline.run_directory import RunDirectory
@@ -25,7 +26,7 @@ from scenetruth.resources import (
     limited_objects,
     refuse_resources,
 )
-from scenetruth.scene import Scene
+from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 from scenetruth.schema import digest
 
 if TYPE_CHECKING:
@@ -39,11 +40,12 @@ STAGES: tuple[RunStage, ...] = ("render", "estimate", "score", "report")
 
 
 def run_scene(
-    scene: Scene,
+    scene: SceneLike,
     folder: str | Path,
     *,
     stages: Sequence[RunStage] = STAGES,
-    methods: Sequence[str | MethodChoice] = (),
+    methods: MethodLike | Sequence[MethodLike] | None = None,
+    overrides: Overrides = (),
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
@@ -66,14 +68,16 @@ def run_scene(
     Parameters
     ----------
     scene
-        The scene; paths in it are absolute, as `load_scene` makes them.
+        The scene, its values, its file, or the name of one that is shipped.
     folder
         Where the results go.
     stages
         Which stages; without ``"render"``, the recording and the truth of an earlier run are taken from the folder.
     methods
-        Names of methods of estimation, or methods with their settings; what the scene says if not given. The scene's
-        own method has the scene's settings, others have their defaults.
+        Methods of estimation: names, functions, or `scenetruth.estimators.MethodSpec` with settings; the scene's if
+        not given. The scene's own method has the scene's settings, others have their defaults.
+    overrides
+        Changes of the scene, as of `load_scene`.
     truth_views, truth_poses, truth_content, ideal
         As of `simulate`.
     images
@@ -127,7 +131,7 @@ def run_scene(
     >>> plain = {"camera": {"width": 60, "height": 50, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> with TemporaryDirectory() as folder:
-    ...     results = run_scene(st.scene_from_plain(plain), f"{folder}/wall", stages=("render", "estimate", "score"))
+    ...     results = run_scene(st.Scene.from_dict(plain), f"{folder}/wall", stages=("render", "estimate", "score"))
     ...     print(*sorted(path.name for path in results.folder.path.iterdir()))
     estimate.zarr recording.zarr scene.yaml score.csv score.json truth.zarr
     >>> error = results.scores["structure_tensor"].regions["interior"]["depth"]
@@ -137,11 +141,13 @@ def run_scene(
     from scenetruth.truth import TruthOptions, refuse_arguments
 
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
+    scene = load_scene(scene, overrides=overrides)
     _refuse_unknown_figures(figures)
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:
         raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
-    choices = method_choices(scene, methods)
+    specs = read_methods(methods) if methods else []
+    choices = method_choices(scene, specs)
     # A scene names no code: module:function stays beside its own method.
     if scene.estimate.method not in [choice.method for choice in choices] and ":" not in choices[0].method:
         scene = scene.model_copy(update={"estimate": choices[0]})
@@ -168,6 +174,7 @@ def run_scene(
         drawn = [None if figures is None else sorted(figures), sorted(figures_also)]
         asked = digest([own_release(), scene.model_dump(mode="json"), scene_hash(scene), of_methods, rest, drawn])
     with (
+        offered_methods(specs),
         open_figure_worker(helpers if "report" in stages else 0) as helper,
         _compiling_in_parallel(helper, scene, choices if {"render", "estimate"} <= set(stages) else ()),
         PipelineRunner(

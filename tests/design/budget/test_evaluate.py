@@ -149,7 +149,7 @@ def test_little_is_simulated_where_little_matters(scene: st.Scene) -> None:
 
 def test_runs_are_what_simulations_of_their_scenes_are() -> None:
     scene = laboratory({"optics.defocus": None, "shutter": {"readout_time_s": 1.0}})
-    job = BudgetTask("", json.dumps(scene.to_plain()), "structure_tensor", "{}", Calibration(), (), ())
+    job = BudgetTask("", json.dumps(scene.to_dict()), "structure_tensor", "{}", Calibration(), (), ())
     kinds = ("noise", "quantisation", "fixed_pattern", "stage_yaw")
     recording, truth = simulate_run(job, SimulationRun(kinds, 5, 0))
     with ignore_scene_warnings():

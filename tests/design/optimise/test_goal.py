@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.design.optimisation import design_spec_from_dict, load_design_spec
+from scenetruth.design.optimisation import DesignSpec, load_design_spec
 from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.input_files import bundled_files
@@ -21,7 +21,7 @@ GOALS = Path(__file__).parents[3] / "scenes" / "goals"
 
 def refused(**changes: Any) -> str:
     with pytest.raises(DesignSpecError) as caught:
-        prepare_problem(design_spec_from_dict(goal(**changes)))
+        prepare_problem(DesignSpec.from_dict(goal(**changes)))
     return str(caught.value)
 
 
@@ -69,7 +69,7 @@ def test_constraints_that_contradict_each_other() -> None:
         {"kind": "field_of_view", "axis": "x", "at_least": 60},
         {"kind": "field_of_view", "axis": "y", "at_most": 50},
     ]
-    design_spec_from_dict(goal(constraints=limits))
+    DesignSpec.from_dict(goal(constraints=limits))
 
 
 def test_parameters_that_do_not_exist_or_vary_nothing() -> None:
@@ -159,12 +159,12 @@ def test_scenes_and_methods_that_are_wrong() -> None:
 
 def test_titles_tell_objectives_apart() -> None:
     wanted = [{"quantity": "depth"}, {"quantity": "depth", "region": "object_wall"}, {"quantity": "velocity_z"}]
-    task = prepare_problem(design_spec_from_dict(goal(objectives=wanted))).task
+    task = prepare_problem(DesignSpec.from_dict(goal(objectives=wanted))).task
     assert [one.title for one in task.objectives] == ["Depth, interior", "Depth of wall", "Velocity in Z, interior"]
-    task = prepare_problem(design_spec_from_dict(goal())).task
+    task = prepare_problem(DesignSpec.from_dict(goal())).task
     assert [one.title for one in task.objectives] == ["Depth"]
     wanted = [{"quantity": "depth"}, {"quantity": "depth", "statistic": "rms"}, {"quantity": "velocity_z"}]
-    task = prepare_problem(design_spec_from_dict(goal(objectives=wanted))).task
+    task = prepare_problem(DesignSpec.from_dict(goal(objectives=wanted))).task
     assert [one.title for one in task.objectives] == ["Depth, typical error", "Depth, rms error", "Velocity in Z"]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from scenetruth.dataset.executors import create_executor
-from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation import DesignSpec
 from scenetruth.design.optimisation import evaluation_log as module
 from scenetruth.design.optimisation.evaluation_log import EvaluationLog
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
@@ -20,7 +20,7 @@ from tests.nightly import nightly
 
 @pytest.fixture(scope="module")
 def prepared() -> OptimisationProblem:
-    return prepare_problem(design_spec_from_dict(goal()))
+    return prepare_problem(DesignSpec.from_dict(goal()))
 
 
 def made(prepared: OptimisationProblem, file: Path, points: list[list[float]]) -> list[Any]:

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 import scenetruth as st
-from scenetruth.design.optimisation import DesignResult, design_spec_from_dict, optimise
+from scenetruth.design.optimisation import DesignResult, DesignSpec, optimise
 from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.design.optimisation.report.design_report import write_design_page
@@ -41,7 +41,7 @@ def test_it_is_as_good_as_the_best_of_a_grid(found: DesignResult) -> None:
     best = found.recommended
     assert all(one.holds for one in best.constraints)
     assert best.parameters["optics.psf"] is None
-    task = prepare_problem(design_spec_from_dict(goal())).task
+    task = prepare_problem(DesignSpec.from_dict(goal())).task
     # The more baseline the better: with any number of positions, the best has all of the travel.
     for positions in (2, 3, 4, 5):
         values = {
@@ -76,7 +76,7 @@ def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> Non
         "index.html",
     }
     scene = st.load_scene(folder / "recommended.yaml")
-    assert scene == st.scene_from_plain(dict(found.recommended.scene))
+    assert scene == st.Scene.from_dict(dict(found.recommended.scene))
     assert scene.stage.baseline_mm == found.recommended.parameters["stage.baseline_mm"]
     part = st.load_scene(folder / "recommended_preview.yaml")
     # As simulations had it: 48 px and the disparity, of 64.
@@ -97,7 +97,7 @@ def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> Non
 def test_a_design_is_loaded_as_it_was(found: DesignResult, folder: Path) -> None:
     again = DesignResult.load(folder)
     # The time of the page itself is not in what was written before it.
-    assert {**again.to_plain(), "seconds": {}} == {**found.to_plain(), "seconds": {}}
+    assert {**again.to_dict(), "seconds": {}} == {**found.to_dict(), "seconds": {}}
     for name in ("title", "objectives", "rules", "assumptions", "discrepancies", "orders", "folder"):
         assert getattr(again, name) == getattr(found, name)
     assert again.recommended == found.recommended
@@ -112,7 +112,7 @@ def test_a_design_is_loaded_as_it_was(found: DesignResult, folder: Path) -> None
 def test_folders_that_hold_no_design_are_refused(found: DesignResult, folder: Path, tmp_path: Path) -> None:
     with pytest.raises(StoreError, match=r"design\.json: is missing"):
         DesignResult.load(tmp_path)
-    plain = found.to_plain()
+    plain = found.to_dict()
     for name, told, message in (
         ("older", {**plain, "format": 1}, "is of format 1, and not 2"),
         ("cut", {"format": 2}, "is damaged \\(KeyError"),

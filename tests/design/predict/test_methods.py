@@ -75,7 +75,7 @@ def test_noise_that_stays_does_not_average_over_frames() -> None:
 def scatter() -> tuple[dict[str, float], dict[str, Prediction]]:
     """Scatter of the structure tensor's estimates, and what is predicted."""
     plain = wall(frames={"count": 9})
-    ideal, _ = st.simulate(st.scene_from_plain(plain | {"sensor": "ideal"}))
+    ideal, _ = st.simulate(st.Scene.from_dict(plain | {"sensor": "ideal"}))
     settings: dict[str, Any] = {"window_sigma_px": 4.0, "window_taps_px": 17}
     found = [st.estimate(add_noise(ideal, 0.01, "x", k), "structure_tensor", settings).sel(t=0) for k in range(NOISES)]
     told = {
@@ -107,7 +107,7 @@ def test_the_bound_is_that_of_simulated_images() -> None:
     from scenetruth.bound import cramer_rao_bound
 
     plain = wall(score={"interior_margin_px": 0})
-    recording, truth = st.simulate(st.scene_from_plain(plain), ideal=True)
+    recording, truth = st.simulate(st.Scene.from_dict(plain), ideal=True)
     # Grey values are noisy in it: those without noise are found again to what noise leaves of their slope, 1e-3.
     bound = cramer_rao_bound(truth, recording, window_sigma_px=4.0, motion="growing")
     maps = predict(plain, level="bound", window_sigma_px=4.0).maps

@@ -32,7 +32,7 @@ def test_units_and_titles_are_those_of_scores() -> None:
 
 def test_scenes_in_any_form(tmp_path: Path) -> None:
     (tmp_path / "wall.yaml").write_text(yaml.safe_dump(wall()))
-    told = [predict(form) for form in (wall(), st.scene_from_plain(wall()), tmp_path / "wall.yaml")]
+    told = [predict(form) for form in (wall(), st.Scene.from_dict(wall()), tmp_path / "wall.yaml")]
     assert len({one.figure("depth").std for one in told}) == 1
 
 
@@ -185,6 +185,6 @@ def test_weighted_medians_are_those_of_repeated_values(pairs: list[tuple[float, 
 
 def test_a_texture_that_is_not_painted_is_not_called_out_of_sight(tmp_path: Path) -> None:
     Image.fromarray((np.arange(64 * 64) % 251).astype(np.uint8).reshape(64, 64)).save(tmp_path / "print.png")
-    scene = st.scene_from_plain(wall(texture={"kind": "image", "file": str(tmp_path / "print.png")}))
+    scene = st.Scene.from_dict(wall(texture={"kind": "image", "file": str(tmp_path / "print.png")}))
     with pytest.raises(st.SceneError, match=r"not known before they are painted; `scenetruth design predict` paints"):
         predict_quickly(scene, limited_objects(scene, st.Limits()), "refined")

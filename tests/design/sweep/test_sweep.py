@@ -19,11 +19,11 @@ import xarray as xr
 import yaml
 
 import scenetruth as st
-from scenetruth.benchmark.method_specs import parse_methods
 from scenetruth.design.sweeps import Sweep, sweep
 from scenetruth.design.sweeps.point_simulation import bound_window_from_method
 from scenetruth.design.sweeps.sweep_plan import build_plan
 from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from scenetruth.estimators.method_specs import MethodSpec, parse_methods
 from tests.design.sweep.small import DEPTH_MM, METHOD, failing, nearest, scene
 from tests.nightly import nightly
 
@@ -81,10 +81,10 @@ def test_noise_is_the_same_at_every_point() -> None:
 
 def test_figures_are_those_of_a_single_simulation(found: Sweep) -> None:
     plain = scene(stage={"positions": 3, "baseline_mm": 2}, seed=6)
-    recording, truth = st.simulate(st.scene_from_plain(plain))
+    recording, truth = st.simulate(st.Scene.from_dict(plain))
     errors = {}
     for seed in (5, 6):
-        recording, truth = st.simulate(st.scene_from_plain(plain | {"seed": seed}))
+        recording, truth = st.simulate(st.Scene.from_dict(plain | {"seed": seed}))
         estimate = st.estimate(recording, "structure_tensor", window_sigma_px=3, window_taps_px=13)
         score = st.score(estimate, truth, margin_px=0)
         for name, key in {"rms": "rms", "bias": "bias", "median": "median_abs", "density": "density"}.items():
@@ -174,7 +174,7 @@ def test_what_failed_or_has_changed_is_made_again(tmp_path: Path, monkeypatch: p
 
 def test_scenes_and_methods_are_factors_and_what_fails_is_told() -> None:
     other = scene(objects=[scene()["objects"][0] | {"pose": {"position_mm": [0, 0, 510]}}])
-    methods: list[Any] = [nearest, f"mine={METHOD}", failing]
+    methods: list[Any] = [nearest, MethodSpec(METHOD.method, METHOD.settings, "mine"), failing]
     found = sweep([scene(), other], {BASELINE: [2, 3]}, methods, seeds=1)
     assert found.methods == ["nearest", "mine", "failing"]
     # The wall is 10 mm farther than the method knows.
@@ -282,7 +282,7 @@ def test_a_killed_sweep_goes_on_to_the_same_figures(tmp_path: Path) -> None:
     file = tmp_path / "wall.yaml"
     file.write_text(yaml.safe_dump(scene()))
     words = [sys.executable, "-m", "scenetruth", "design", "sweep", str(file), "--vary", f"{BASELINE}=1..4:7"]
-    words += ["--method", METHOD, "--workers", "2", "-o"]
+    words += ["--method", METHOD.spelled, "--workers", "2", "-o"]
     generator = random.Random(1)
     for _ in range(4):
         run = subprocess.Popen([*words, str(tmp_path / "killed")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -82,7 +82,7 @@ class BenchmarkRecord:
     at: float = math.nan
     unit: str = ""
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return plain values; None for NaN, which JSON cannot spell."""
         return {
             key: None if isinstance(value, float) and not math.isfinite(value) else value
@@ -91,7 +91,7 @@ class BenchmarkRecord:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> BenchmarkRecord:
-        """Return a row from what `to_plain` made."""
+        """Return a row from what `to_dict` made."""
         given: dict[str, Any] = {key: math.nan if value is None else value for key, value in plain.items()}
         return cls(**given)
 

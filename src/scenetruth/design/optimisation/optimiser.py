@@ -6,11 +6,11 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +47,12 @@ from scenetruth.design.optimisation.pareto_front import (
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
 from scenetruth.design.optimisation.report.design_report import write_design_files
 from scenetruth.design.optimisation.rig_evaluation import Evaluation, build_rig, compute_rig_context, predict_scene
-from scenetruth.design.optimisation.specification import DesignSpec, design_spec_from_dict, load_design_spec
+from scenetruth.design.optimisation.specification import DesignSpec, DesignSpecLike, load_design_spec
 from scenetruth.errors import OutputExistsError, StoreError
 from scenetruth.output import lock_output, remove_leftovers, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.schema import digest
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ _MOST_SHOWN = 24
 
 
 def optimise(
-    goal: DesignSpec | Mapping[str, Any] | str | Path,
+    goal: DesignSpecLike,
     folder: str | Path | None = None,
     *,
     workers: int = 2,
@@ -84,7 +84,7 @@ def optimise(
     Parameters
     ----------
     goal
-        The goal, its plain values, or its file.
+        The goal, its values, its file, or the name of one that is shipped.
     folder
         Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
         ``recommended_preview.yaml``, ``front.csv``, ``screened.csv``, ``design.json``. If not given, nothing is kept.
@@ -134,7 +134,7 @@ def optimise(
     ['stage travel: 16 mm, at most 16']
     """
     require_optional_libraries()
-    known = goal if isinstance(goal, DesignSpec) else _load_specification(goal)
+    known = load_design_spec(goal)
     prepared = prepare_problem(known)
     say = notice or (lambda _: None)
     with ExitStack() as stack:
@@ -157,10 +157,6 @@ def optimise(
             with run.timed("page"):
                 write_design_files(design, place)
     return design
-
-
-def _load_specification(given: Mapping[str, Any] | str | Path) -> DesignSpec:
-    return design_spec_from_dict(given) if isinstance(given, Mapping) else load_design_spec(given)
 
 
 def _claim_folder(folder: Path, goal: DesignSpec, prepared: OptimisationProblem) -> None:
@@ -265,7 +261,7 @@ class _Run:
         on_front = [by_number[number] for number in front]
         on_front.sort(key=lambda rig: [rig.predicted[one.title] for one in task.objectives])
         one = self.found[recommended.number]
-        scene = scene_from_plain(recommended.scene)
+        scene = Scene.from_dict(recommended.scene)
         facts = compute_rig_context(
             task, build_rig(task.base, one.values), scene, predict_scene(scene, task.method), one.values
         )

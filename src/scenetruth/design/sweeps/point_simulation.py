@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from scenetruth.benchmark.benchmark_tasks import has_retryable_failures
 from scenetruth.benchmark.design_point import ignore_scene_warnings
-from scenetruth.benchmark.method_specs import MethodSpec
 from scenetruth.bound.unknowns import Brightness, Motion, Surface
 from scenetruth.dataset.samples import SampleResult
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.sweep_plan import SweepPlan
 from scenetruth.errors import EstimateError, RecordingError, StoreError
 from scenetruth.estimators import find_method, prepare, validate_settings
+from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.output import is_full_disk, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.provenance import scene_hash
@@ -308,7 +308,7 @@ class SimulationResult:
 def methods_from_scene(scene: Scene) -> list[MethodSpec]:
     """Return a scene's own method."""
     settings = scene.estimate.settings.model_dump(mode="json")
-    return [MethodSpec(scene.estimate.method, scene.estimate.method, settings)]
+    return [MethodSpec(scene.estimate.method, settings, scene.estimate.method)]
 
 
 def simulate_and_score(

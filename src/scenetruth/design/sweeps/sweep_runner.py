@@ -13,20 +13,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenetruth.benchmark.method_specs import MethodLike as GivenMethod
-from scenetruth.benchmark.method_specs import MethodSpec, parse_methods
 from scenetruth.dataset.scheduler import for_each
 from scenetruth.dataset.worker_setup import collect_versions
 from scenetruth.design.sweeps.aggregation import collect_result
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.point_simulation import BOUND, SweepTask, methods_from_scene, run_sweep_task
-from scenetruth.design.sweeps.sweep_plan import SweepError, SweepPlan, SweepScene, build_plan
+from scenetruth.design.sweeps.sweep_plan import SweepError, SweepPlan, build_plan
 from scenetruth.design.sweeps.sweep_result import Sweep
 from scenetruth.errors import EstimateError, OutputExistsError, Problem, SceneError
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.output import lock_output, remove_leftovers, write_atomically
 from scenetruth.progress import Progress
 from scenetruth.resources import Limits
-from scenetruth.scene import Scene
+from scenetruth.scene import Scene, SceneLike
 from scenetruth.scene.field_paths import assign
 
 __all__ = ["INDEX", "assign_backends", "refuse_impossible_points", "refuse_methods", "sweep"]
@@ -146,9 +145,9 @@ INDEX = "sweep.json"
 
 
 def sweep(
-    scenes: SweepScene | Sequence[SweepScene],
+    scenes: SceneLike | Sequence[SceneLike],
     vary: Mapping[str, Any],
-    methods: Iterable[GivenMethod] | GivenMethod | None = None,
+    methods: Iterable[MethodLike] | MethodLike | None = None,
     folder: str | Path | None = None,
     *,
     seeds: int | Sequence[int] = 3,
@@ -224,7 +223,7 @@ def sweep(
     >>> found.best("depth").values
     {'stage.baseline_mm': 4}
     """
-    contestants = [] if methods is None else parse_methods(methods)
+    contestants = [] if methods is None else read_methods(methods)
     plan = build_plan(scenes, vary, seeds, sobol, overrides=overrides, own_methods=not contestants)
     refuse_methods(contestants, workers)
     with ExitStack() as stack:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property, partial
@@ -46,11 +46,11 @@ from scenetruth.design.uncertainty.source import (
 from scenetruth.design.uncertainty.sources.imaging import SensorSource
 from scenetruth.design.uncertainty.uncertainty_budget import Budget
 from scenetruth.errors import EstimateError, OutputExistsError, Problem, RecipeError, SceneError
-from scenetruth.estimators.registry import choose
+from scenetruth.estimators.method_specs import MethodLike, offered_methods, read_method
 from scenetruth.output import lock_output, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 
 __all__ = ["INDEX", "budget"]
 
@@ -59,10 +59,11 @@ INDEX = "budget.json"
 
 
 def budget(
-    scene: Scene | Mapping[str, Any] | str | Path,
+    scene: SceneLike,
     folder: str | Path | None = None,
     *,
-    method: str | Mapping[str, Any] | None = None,
+    method: MethodLike | None = None,
+    overrides: Overrides = (),
     calibration: CalibrationLike = "typical",
     draws: int = 4,
     confirm: float = 0.9,
@@ -81,11 +82,14 @@ def budget(
     Parameters
     ----------
     scene
-        The scene with all its imperfections: a scene, plain values, or a file.
+        The scene with all its imperfections: a scene, its values, its file, or the name of one that is shipped.
     folder
         Where runs, table and pictures are kept; if not given, nothing is.
     method
-        A method's name, or a mapping of ``method`` and its settings; that of the scene if not given.
+        A method's name, or `scenetruth.estimators.MethodSpec` with its settings; that of the scene if not given. A
+        function or a method itself can be estimated by in this process alone.
+    overrides
+        Changes of the scene, as of `scenetruth.load_scene`.
     calibration
         Standard deviations of focal length, principal point and baseline as the method is told them: ``"typical"``,
         ``"perfect"``, a `Calibration`, or a mapping of its fields.
@@ -145,7 +149,7 @@ def budget(
     focal length, 0.1 %: 0.50 mm
     noise of the sensor, 0.2 % of full scale: 0.12 mm
     """
-    whole, problems = _load_scene(scene), []
+    whole, problems = load_scene(scene, overrides=overrides), []
     if not isinstance(draws, int) or not 1 <= draws <= _MAX_SEEDS:
         problems.append(Problem("draws", f"must be a whole number, 1 to {_MAX_SEEDS}", draws))
     if not 0 <= confirm <= 1:
@@ -162,10 +166,12 @@ def budget(
     if whole.stage.rows > 1:
         message = "the budget is of one row of positions; leave rows out"
         raise SceneError([Problem("stage.rows", message, whole.stage.rows)])
-    chosen = _choose_method(whole, method)
+    own = [] if method is None else [read_method(method)]
+    chosen = own[0].choice(whole.estimate) if own else whole.estimate
     whole = whole.model_copy(update={"estimate": chosen})
     causes = active_sources(whole, known)
     with ExitStack() as stack:
+        stack.enter_context(offered_methods(own))
         if folder is None:
             place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
         else:
@@ -174,7 +180,7 @@ def budget(
             stack.enter_context(lock_output(place / "run"))
         job = BudgetTask(
             str((place / "runs").resolve()),
-            json.dumps(whole.to_plain()),
+            json.dumps(whole.to_dict()),
             chosen.method,
             json.dumps(chosen.settings.model_dump(mode="json")),
             known,
@@ -360,18 +366,6 @@ class _Work:
         return [one.kind for one in self.causes if one.kind in wanted]
 
 
-def _load_scene(given: Any) -> Scene:
-    if isinstance(given, Scene):
-        return given
-    return scene_from_plain(given) if isinstance(given, Mapping) else load_scene(given)
-
-
-def _choose_method(scene: Scene, given: str | Mapping[str, Any] | None) -> Any:
-    if given is None or given == scene.estimate.method:
-        return scene.estimate
-    return choose({"method": given} if isinstance(given, str) else given)
-
-
 def _mitigations(scene: Scene, calibration: Any, causes: Sequence[UncertaintySource]) -> dict[str, Any]:
     surfaces = [one for one in all_sources().values() if one.of_surface]
     found = {one.kind: one.remedy(scene, calibration) for one in (*causes, *surfaces)}
@@ -381,7 +375,7 @@ def _mitigations(scene: Scene, calibration: Any, causes: Sequence[UncertaintySou
 def _claim_folder(folder: Path, scene: Scene, calibration: dict[str, Any]) -> None:
     """Claim a folder for a budget, or find that it is one of the same scene."""
     index = folder / INDEX
-    wanted = json.loads(json.dumps({"format": 1, "scene": scene.to_plain(), "calibration": calibration}))
+    wanted = json.loads(json.dumps({"format": 1, "scene": scene.to_dict(), "calibration": calibration}))
     if index.exists():
         try:
             there = parse_json(index.read_bytes())

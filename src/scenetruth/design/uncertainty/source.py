@@ -15,7 +15,7 @@ from scenetruth.design.uncertainty.observation_model import Disturbance, Observa
 from scenetruth.design.uncertainty.propagation import Errors, Propagation
 from scenetruth.discovery import classes_in
 from scenetruth.errors import Problem, RecipeError
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.validated_model import FrozenModel, NonNegative
 
 __all__ = [
@@ -154,7 +154,7 @@ class UncertaintySource:
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
         """Return whether a scene has it."""
-        plain = scene.to_plain()
+        plain = scene.to_dict()
         return any(_get_field(plain, path) not in (value, None) for path, value in self.perfect.items())
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
@@ -247,7 +247,7 @@ def restrict_sources(scene: Scene, kinds: Collection[str], seed: int | None = No
         Its sensor is a chain of those effects that stay. Images are ray-cast unless the scene says otherwise: where
         backends differ, their difference must not be taken for a cause.
     """
-    plain: dict[str, Any] = scene.to_plain()
+    plain: dict[str, Any] = scene.to_dict()
     if plain["sensor"] != "ideal":
         plain["sensor"] = build_sensor_chain(scene.sensor).model_dump(mode="json")
     for cause in all_sources().values():
@@ -257,4 +257,4 @@ def restrict_sources(scene: Scene, kinds: Collection[str], seed: int | None = No
         plain["render"]["backend"] = "raycast"
     if seed is not None:
         plain["seed"] = seed
-    return scene_from_plain(plain)
+    return Scene.from_dict(plain)
