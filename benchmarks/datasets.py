@@ -36,13 +36,15 @@ import yaml
 from tests.dataset.conftest import RECIPE
 
 from scenetruth.dataset.catalogue import CatalogueWriter
-from scenetruth.dataset.executors import ProcessExecutor
 from scenetruth.dataset.fingerprint import begin_dataset
 from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.sampler import Sampler
-from scenetruth.dataset.samples import SampleResult, build_sample_scene, make_sample, try_sample
+from scenetruth.dataset.samples import build_sample_scene, make_sample, try_sample
+from scenetruth.jobs.executors import ProcessExecutor
+from scenetruth.jobs.results import TaskResult
+from scenetruth.jobs.worker_setup import limit_threads
 
 SCENES = Path(__file__).parents[1] / "scenes"
 CUBES: dict[str, Any] = {
@@ -85,7 +87,7 @@ class Clock:
         return (self.at[-1] - self.at[skip]) / (len(self.at) - 1 - skip)
 
 
-def bare(folder: str, number: int) -> SampleResult:
+def bare(folder: str, number: int) -> TaskResult:
     """Make images and truth of a sample, and nothing else."""
     from scenetruth.dataset.samples import _opened
     from scenetruth.simulation import simulate_into
@@ -99,12 +101,14 @@ def bare(folder: str, number: int) -> SampleResult:
         warnings.simplefilter("ignore")
         simulate_into(target, build_sample_scene(sampler, identity, sampler.draw(number)), TruthOptions())
     shutil.rmtree(target)
-    return SampleResult(number, seconds=time.perf_counter() - start)
+    return TaskResult(number, seconds=time.perf_counter() - start)
 
 
 def throughput(folder: Path, samples: int = 200) -> None:
     sampler = cubes(samples)
     steady: dict[int, float] = {}
+    # With one worker, samples are made in this process: by one thread, as in the others.
+    limit_threads(1)
     for count in (1, 2):
         clock = Clock()
         run_dataset(sampler.recipe, folder / f"by{count}", workers=count, progress=clock)
@@ -222,22 +226,22 @@ def _command_of(process: int) -> str:
         return ""
 
 
-def sleep(seconds: float, number: int) -> SampleResult:
+def sleep(seconds: float, number: int) -> TaskResult:
     time.sleep(seconds)
-    return SampleResult(number)
+    return TaskResult(number)
 
 
 def sleeping(folder: Path, samples: int = 10_000, seconds: float = 0.5, threads: int = 100) -> None:
     from distributed import LocalCluster
 
-    from scenetruth.dataset.executors import DaskExecutor
-    from scenetruth.dataset.scheduler import SampleScheduler
+    from scenetruth.jobs.executors import DaskExecutor
+    from scenetruth.jobs.scheduler import TaskScheduler
 
     with LocalCluster(n_workers=2, threads_per_worker=threads // 2, dashboard_address=":0") as found:
         crew = DaskExecutor(found.scheduler_address)
-        done: list[SampleResult] = []
+        done: list[TaskResult] = []
         start, used = time.perf_counter(), time.process_time()
-        SampleScheduler(crew, sleep, (seconds,), done.append, lambda *_: None, print).run(range(samples))
+        TaskScheduler(crew, sleep, (seconds,), done.append, lambda *_: None, print).run(range(samples))
         wall, taken = time.perf_counter() - start, time.process_time() - used
         crew.close()
     ideal = samples * seconds / threads

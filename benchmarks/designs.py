@@ -18,9 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from scenetruth.dataset.executors import create_executor
-from scenetruth.dataset.scheduler import for_each
-from scenetruth.dataset.worker_setup import collect_versions
 from scenetruth.design.optimisation import DesignResult, load_design_spec, optimise
 from scenetruth.design.optimisation.confirmation import (
     ConfirmationTask,
@@ -35,6 +32,9 @@ from scenetruth.design.optimisation.rig_context import RigContext
 from scenetruth.design.optimisation.rig_evaluation import build_rig
 from scenetruth.design.prediction import Prediction, PredictionInputs
 from scenetruth.errors import SceneError
+from scenetruth.jobs.executors import create_executor
+from scenetruth.jobs.scheduler import for_each
+from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.scene import Scene
 
 GOALS = ("leaf_growth", "cube_depth", "sheet_motion")

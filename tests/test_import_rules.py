@@ -47,6 +47,7 @@ MAY_IMPORT = {
     "truth": {*LEAVES, "scene", "camera", "raycast", "schema", "provenance", "resources"},
     "provenance": {*LEAVES, "scene", "camera", "schema"},
     "output": {"errors"},
+    "jobs": {*LEAVES, "output", "resources", "schema", "provenance"},
     "storage": {"errors", "schema", "output", "compilation"},
     "exporters": {*LEAVES, "schema", "output", "storage"},
     "simulation": {
@@ -63,17 +64,17 @@ MAY_IMPORT = {
     "dataset": {
         *LEAVES,
         *("scene", "camera", "provenance", "render", "raycast", "resources", "schema", "output", "storage"),
-        *("simulation", "truth", "pipeline", "estimators", "scoring", "exporters"),
+        *("simulation", "truth", "pipeline", "estimators", "scoring", "exporters", "jobs"),
     },
     "bound": {*LEAVES, "schema"},
     "benchmark": {
         *LEAVES,
-        *("scene", "provenance", "schema", "output", "simulation", "estimators", "scoring", "bound", "dataset"),
+        *("scene", "provenance", "schema", "output", "simulation", "estimators", "scoring", "bound", "jobs"),
     },
     "design": {
         *LEAVES,
         *("scene", "camera", "raycast", "render", "truth", "resources", "provenance", "schema", "output"),
-        *("simulation", "estimators", "scoring", "bound", "dataset", "benchmark"),
+        *("simulation", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark"),
     },
     "testing": {
         *LEAVES,

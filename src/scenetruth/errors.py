@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
+    "ArgumentError",
     "BackendUnavailableError",
     "EstimateError",
     "EstimateWarning",
@@ -171,6 +172,10 @@ class _ProblemListError(ScenetruthError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.problems, self.source)
+
+
+class ArgumentError(ScenetruthError, ValueError):
+    """An argument of a Python function that is not acceptable."""
 
 
 class SceneError(_ProblemListError):

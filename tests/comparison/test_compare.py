@@ -100,7 +100,7 @@ def f(recording):
 def test_a_method_that_is_mended_is_measured_again(tmp_path: Path) -> None:
     beside = tmp_path / "beside.py"
     (tmp_path / "mine.py").write_text(MINE)
-    words = ["compare", "mine:f", "--case", "disparity", "--value", "1.3", "--workers", "0", "-o", "c"]
+    words = ["compare", "mine:f", "--case", "disparity", "--value", "1.3", "--workers", "1", "-o", "c"]
 
     def bias() -> tuple[subprocess.CompletedProcess[str], list[float]]:
         called = [sys.executable, "-m", "scenetruth", *words]
@@ -182,7 +182,7 @@ def test_methods_are_spelled_with_settings_and_labels() -> None:
 
 def test_the_command(tmp_path: Path) -> None:
     done = scenetruth(
-        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise", "--value", "0.005", "--workers", "0"
+        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise", "--value", "0.005", "--workers", "1"
     )
     assert done.returncode == 0, done.stderr
     assert "Noise floor" in done.stdout
@@ -197,7 +197,7 @@ def leaving(recording: xr.Dataset) -> dict[str, Any]:
 
 def test_what_failed_is_told_line_by_line_and_where(tmp_path: Path) -> None:
     mine = f"{__name__}:failing", f"{__name__}:leaving"
-    words = ["--case", "phase_of_flow", "--value", "0", "--workers", "0", "-o", str(tmp_path / "c")]
+    words = ["--case", "phase_of_flow", "--value", "0", "--workers", "1", "-o", str(tmp_path / "c")]
     done = scenetruth("compare", *mine, *words)
     assert done.returncode == 1
     first, *rest = [line for line in done.stderr.splitlines() if "method" in line or "nothing told" in line]
@@ -215,7 +215,7 @@ def in_metres(recording: xr.Dataset) -> dict[str, Any]:
 
 def test_likely_slips_are_told(tmp_path: Path) -> None:
     slipping, right = f"{__name__}:in_metres", f"{__name__}:nearest"
-    words = ["--case", "phase_of_flow", "--value", "0", "--value", "0.25", "--workers", "0", "-o", str(tmp_path / "c")]
+    words = ["--case", "phase_of_flow", "--value", "0", "--value", "0.25", "--workers", "1", "-o", str(tmp_path / "c")]
     for _ in range(2):
         done = scenetruth("compare", slipping, right, *words)
         (told,) = [line for line in done.stderr.splitlines() if "slip:" in line]
@@ -251,7 +251,7 @@ def test_programs_are_compared_by_the_command(tmp_path: Path) -> None:
         "np.save(sys.argv[2] + '/flow.npy', np.zeros((2, len(told['t']), told['height_px'], told['width_px'])))\n"
     )
     words = f"zero={sys.executable} {program} {{recording}} {{output}}"
-    place = ["--case", "phase_of_flow", "--value", "0", "--workers", "0"]
+    place = ["--case", "phase_of_flow", "--value", "0", "--workers", "1"]
     done = scenetruth("compare", "--command", words, "-o", tmp_path / "c", *place)
     assert done.returncode == 0, done.stderr
     assert "zero" in done.stdout

@@ -22,13 +22,13 @@ FIVE_FRAMES = {**copy.deepcopy(SCENE), "frames": {"count": 5}}
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
     plain = {**copy.deepcopy(RECIPE), "base": FIVE_FRAMES, "samples": 2, "layout": request.param}
-    run_dataset(Recipe.from_dict(plain), folder, workers=0)
+    run_dataset(Recipe.from_dict(plain), folder, workers=1)
     return folder
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_scores_land_in_the_catalogue_and_are_those_of_the_method(made: Path) -> None:
-    found = estimate_dataset(made, settings={"working_point_px": "auto", "tau": 1e-4}, workers=0)
+    found = estimate_dataset(made, settings={"working_point_px": "auto", "tau": 1e-4}, workers=1)
     assert (found.done, found.present, found.failed) == (2, 0, {})
     dataset = st.open_dataset(made)
     column = dataset.catalogue["score.structure_tensor.all.depth.rms"]
@@ -45,15 +45,15 @@ def test_scores_land_in_the_catalogue_and_are_those_of_the_method(made: Path) ->
 @pytest.mark.filterwarnings("ignore")
 def test_what_has_a_score_is_not_estimated_again_nor_mixed_with_other_settings(made: Path) -> None:
     method = "plane_sweep"
-    (first,) = [estimate_dataset(made, method, numbers=[0], workers=0)]
+    (first,) = [estimate_dataset(made, method, numbers=[0], workers=1)]
     assert (first.done, first.present) == (1, 0)
-    again = estimate_dataset(made, method, workers=0)
+    again = estimate_dataset(made, method, workers=1)
     assert (again.done, again.present) == (1, 1)
     settings = json.loads((made / "scores" / method / "settings.json").read_text(encoding="utf-8"))
     assert settings == st.estimators.choose({"method": method}).settings.model_dump(mode="json")
     name, value = next((key, one) for key, one in settings.items() if isinstance(one, int | float) and one > 1)
     with pytest.raises(EstimateError, match="has scores with other settings"):
-        estimate_dataset(made, method, {name: type(value)(value + 1)}, workers=0)
+        estimate_dataset(made, method, {name: type(value)(value + 1)}, workers=1)
 
 
 WALL = "def f(recording):\n    return {'depth': 0.0 * recording.image[0].values + DEPTH}\n"
@@ -68,7 +68,7 @@ def test_a_method_that_is_mended_is_measured_again(made: Path, tmp_path: Path, m
     def estimate(depth: str, numbers: list[int] | None = None) -> tuple[int, int, int]:
         (tmp_path / "wall_of_datasets.py").write_text(WALL.replace("DEPTH", depth))
         sys.modules.pop("wall_of_datasets", None)
-        found = estimate_dataset(made, "wall_of_datasets:f", workers=0, numbers=numbers, notice=told.append)
+        found = estimate_dataset(made, "wall_of_datasets:f", workers=1, numbers=numbers, notice=told.append)
         return found.done, found.present, len(found.failed)
 
     def biases() -> list[float]:
@@ -89,4 +89,4 @@ def test_a_method_that_is_mended_is_measured_again(made: Path, tmp_path: Path, m
 
 def test_no_such_method_is_told_first(made: Path) -> None:
     with pytest.raises(EstimateError, match="structure_tnsor"):
-        estimate_dataset(made, "structure_tnsor", workers=0)
+        estimate_dataset(made, "structure_tnsor", workers=1)

@@ -19,13 +19,13 @@ from tests.dataset.conftest import RECIPE
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
     plain = {**copy.deepcopy(RECIPE), "samples": 3, "layout": request.param, "samples_per_shard": 2}
-    run_dataset(Recipe.from_dict(plain), folder, workers=0)
+    run_dataset(Recipe.from_dict(plain), folder, workers=1)
     return folder
 
 
 def test_every_sample_has_a_folder_and_is_written_once(made: Path, tmp_path: Path) -> None:
-    first = export_dataset(made, tmp_path / "npz", "npz", numbers=[1], workers=0)
-    again = export_dataset(made, tmp_path / "npz", "npz", workers=0)
+    first = export_dataset(made, tmp_path / "npz", "npz", numbers=[1], workers=1)
+    again = export_dataset(made, tmp_path / "npz", "npz", workers=1)
     assert (first.done, again.done, again.present, again.failed) == (1, 2, 1, {})
     for sample in st.open_dataset(made):
         (file,) = (tmp_path / "npz" / f"{sample.number:08d}").glob("*truth*.npz")
@@ -35,16 +35,16 @@ def test_every_sample_has_a_folder_and_is_written_once(made: Path, tmp_path: Pat
 
 def test_what_cannot_be_is_told_first(made: Path, tmp_path: Path) -> None:
     with pytest.raises(ExportError, match="nzp"):
-        export_dataset(made, tmp_path / "new", "nzp", workers=0)
+        export_dataset(made, tmp_path / "new", "nzp", workers=1)
     with pytest.raises(StoreError, match="inside the data set"):
-        export_dataset(made, made / "new", "npz", workers=0)
+        export_dataset(made, made / "new", "npz", workers=1)
 
 
 def test_what_no_sample_has_is_told_before_any_work(made: Path, tmp_path: Path) -> None:
     """A truth of standard content has no finite flow."""
     told: list[str] = []
     with pytest.raises(ExportError, match=r"every sample.*\n.*flow_next: is missing") as caught:
-        export_dataset(made, tmp_path / "flo", "flo", workers=0, notice=told.append)
+        export_dataset(made, tmp_path / "flo", "flo", workers=1, notice=told.append)
     assert len(caught.value.problems) == 1
     assert told == []
     assert not (tmp_path / "flo").exists()
@@ -57,6 +57,6 @@ def test_what_one_sample_lacks_keeps_no_other(made: Path, tmp_path: Path, monkey
         return export_run(folder, target, *rest, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr("scenetruth.dataset.dataset_export.export_run", refuse_last)
-    found = export_dataset(made, tmp_path / "npz", "npz", numbers=[2, 0], workers=0)
+    found = export_dataset(made, tmp_path / "npz", "npz", numbers=[2, 0], workers=1)
     assert (found.done, found.present, sorted(found.failed)) == (1, 0, [2])
     assert "too far" in found.failed[2]

@@ -65,7 +65,7 @@ def test_samples_are_folders_of_runs_and_whole(made: Path) -> None:
 def test_parts_orders_and_restarts_make_the_same_bytes(made: Path, tmp_path: Path, sampler_with: Make) -> None:
     sampler, folder = sampler_with(samples=3, paired=PAIRED), tmp_path / "again"
     for part in (Partition(3, 3), Partition(1, 3), Partition(2, 3)):
-        run_dataset(sampler.recipe, folder, workers=0, part=part)
+        run_dataset(sampler.recipe, folder, workers=1, part=part)
     assert contents(folder) == contents(made)
     # And from the recipe in the folder itself.
     again = tmp_path / "alone"
@@ -104,7 +104,7 @@ def test_what_is_missing_is_made_again(made: Path, tmp_path: Path) -> None:
     shutil.copytree(made, folder)
     shutil.rmtree(DatasetFolder(folder).sample(2))
     DatasetFolder(folder).catalogue.unlink()
-    outcome = run_dataset(None, folder, workers=0)
+    outcome = run_dataset(None, folder, workers=1)
     assert (outcome.made, outcome.present) == (1, 5)
     assert contents(folder) == contents(made)
     rows = read_catalogue(DatasetFolder(folder), load_recipe(folder / "dataset.yaml").sampler())["sample"].to_pylist()
@@ -117,7 +117,7 @@ def test_more_samples_only_if_asked_for(made: Path, tmp_path: Path, sampler_with
     more = sampler_with(samples=4, paired=PAIRED)
     with pytest.raises(MismatchError, match="has 3 samples, and the recipe asks for more; allow it: --extend"):
         run_dataset(more.recipe, folder)
-    assert run_dataset(more.recipe, folder, workers=0, extend=True).made == 2
+    assert run_dataset(more.recipe, folder, workers=1, extend=True).made == 2
     assert contents(made).items() < contents(folder).items()
     with pytest.raises(MismatchError, match="asks for fewer"):
         run_dataset(sampler_with(samples=3, paired=PAIRED).recipe, folder)
@@ -179,7 +179,7 @@ def test_a_sample_that_fails_is_set_aside_and_told(tmp_path: Path, sampler_with:
     depth = "objects.1.pose.position_mm.2"
     sampler = sampler_with(samples=3, vary={depth: {"kind": "list", "values": [100, -50, 90]}})
     said: list[str] = []
-    outcome = run_dataset(sampler.recipe, tmp_path / "new", workers=0, retries=1, notice=said.append)
+    outcome = run_dataset(sampler.recipe, tmp_path / "new", workers=1, retries=1, notice=said.append)
     assert (outcome.made, outcome.failed) == (2, [1])
     told = json.loads(DatasetFolder(tmp_path / "new").failure(1).read_text(encoding="utf-8"))
     assert "is behind the camera" in told["message"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,24 +9,23 @@ from typing import Any
 
 from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, all_cases
 from scenetruth.benchmark.design_point import DesignPoint, PointResult, measure, write_error_maps
-from scenetruth.dataset.samples import SampleResult
-from scenetruth.errors import SceneError, StoreError
+from scenetruth.errors import SceneError
 from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.input_files import collect_input_files
-from scenetruth.output import is_full_disk, write_atomically
-from scenetruth.plain_data import parse_json
+from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task
 from scenetruth.provenance import content_hash
 from scenetruth.scene import Scene
-from scenetruth.schema import digest
 
 __all__ = [
     "BenchmarkTask",
     "compute_point_key",
-    "has_retryable_failures",
     "list_design_points",
     "measure_point",
     "read_point_result",
 ]
+
+
+_REMEDY = "run the comparison again"
 
 
 @dataclass(frozen=True)
@@ -52,28 +49,24 @@ class BenchmarkTask:
     contestants: tuple[MethodSpec, ...]
     versions: tuple[tuple[str, str], ...]
 
+    @property
+    def store(self) -> ResultStore:
+        """The results of points."""
+        return ResultStore(Path(self.folder), _REMEDY)
+
+    def name(self, number: int) -> str:
+        """Return the name of the result of a point."""
+        point = self.points[number]
+        return f"{point.case}/{point.name}"
+
     def path(self, number: int) -> Path:
         """Return the file of a point."""
-        point = self.points[number]
-        return Path(self.folder) / point.case / f"{point.name}.json"
+        return self.store.path(self.name(number))
 
     def is_done(self, number: int) -> bool:
         """Return whether the file of a point is there, is of this very point, and tells of no failure to try again."""
-        try:
-            plain = parse_json(self.path(number).read_bytes())
-        except (OSError, ValueError):
-            return False
-        return (
-            isinstance(plain, dict)
-            and not has_retryable_failures(plain)
-            and plain.get("key") == compute_point_key(self, number)
-        )
-
-
-def has_retryable_failures(plain: Mapping[str, Any]) -> bool:
-    """Tell whether a file of figures holds failures that may be gone when they are tried again."""
-    failures, settled = plain.get("failures"), plain.get("settled")
-    return bool(set(failures if isinstance(failures, dict) else ()).difference(settled or ()))
+        name = self.name(number)
+        return self.store.path(name).exists() and self.store.is_done(name, compute_point_key(self, number))
 
 
 def list_design_points(
@@ -113,7 +106,7 @@ def compute_point_key(job: BenchmarkTask, number: int) -> str:
     files = _hash_files(scene)
     if files:
         depends["files"] = files
-    return digest(json.loads(json.dumps(depends, default=list)))
+    return compute_key(depends)
 
 
 def _hash_files(scene: Mapping[str, Any]) -> list[str]:
@@ -125,29 +118,25 @@ def _hash_files(scene: Mapping[str, Any]) -> list[str]:
         return []
 
 
-def measure_point(job: BenchmarkTask, number: int) -> SampleResult:
+def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
     """Measure a point, for whoever works through many: what goes wrong is returned."""
-    start = time.perf_counter()
-    point, path = job.points[number], job.path(number)
-    try:
+    point = job.points[number]
+
+    def work() -> dict[str, Any]:
         found = measure(all_cases()[point.case], point, job.contestants)
         plain = {
-            "key": compute_point_key(job, number),
             "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,
             "settled": found.settled,
             "slips": {label: told for label, told in found.slips.items() if told},
         }
-        path.parent.mkdir(parents=True, exist_ok=True)
+        name = job.name(number)
         if found.maps is not None:
-            write_error_maps(found.maps, path.with_suffix(".npz"))
-        # A point is done when its figures are there.
-        with write_atomically(path, overwrite=True) as aside:
-            aside.write_text(json.dumps(plain, ensure_ascii=False, allow_nan=False), encoding="utf-8")
-    except Exception as error:  # whatever it is, the others go on
-        message = f"{point.case} at {point.name}: {type(error).__name__}: {error}"
-        return SampleResult(number, failure={"message": message}, disk_full=is_full_disk(error))
-    return SampleResult(number, {"point": number}, seconds=time.perf_counter() - start)
+            write_error_maps(found.maps, job.store.arrays_path(name))
+        job.store.write(name, compute_point_key(job, number), plain)
+        return {"point": number}
+
+    return perform_task(number, work, label=f"{point.case} at {point.name}", versions=job.versions)
 
 
 def read_point_result(path: Path) -> PointResult:
@@ -158,10 +147,6 @@ def read_point_result(path: Path) -> PointResult:
     StoreError
         If it is not there, or damaged.
     """
-    try:
-        plain = parse_json(path.read_bytes())
+    with ResultStore(path.parent, _REMEDY).reading(path.stem) as plain:
         rows = [BenchmarkRecord.from_plain(row) for row in plain["rows"]]
         return PointResult(rows, dict(plain["failures"]), slips=dict(plain.get("slips", {})))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        message = f"is damaged: {error}; remove it, and run the comparison again"
-        raise StoreError(path, message) from error

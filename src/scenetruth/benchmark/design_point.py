@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from scenetruth.benchmark.cases.case import BOUND, OWN, BenchmarkRecord, Case, CaseEstimates, all_cases
 from scenetruth.benchmark.error_statistics import compute_statistic_records
-from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, ScoreError, StoreError
+from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, ScoreError
 from scenetruth.estimators import prepare
 from scenetruth.estimators.method_specs import MethodSpec
-from scenetruth.output import write_atomically
+from scenetruth.jobs.results import refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 from scenetruth.scoring import detect_convention_mismatches, get_units
@@ -135,14 +135,13 @@ def write_error_maps(maps: CaseErrorMaps, path: Path) -> None:
     """Write maps to a file."""
     labels = list(maps.errors)
     stack = np.stack([maps.errors[label] for label in labels]) if labels else np.zeros((0, *maps.image.shape))
-    with write_atomically(path, overwrite=True) as aside, aside.open("wb") as stream:
-        np.savez_compressed(
-            stream,
-            image=maps.image.astype(np.float16),
-            quantity=np.array(maps.quantity),
-            labels=np.array(labels, dtype=str),
-            errors=stack.astype(np.float16),
-        )
+    arrays = {
+        "image": maps.image.astype(np.float16),
+        "quantity": np.array(maps.quantity),
+        "labels": np.array(labels, dtype=str),
+        "errors": stack.astype(np.float16),
+    }
+    write_arrays(path, arrays)
 
 
 def read_error_maps(path: Path) -> CaseErrorMaps | None:
@@ -155,12 +154,9 @@ def read_error_maps(path: Path) -> CaseErrorMaps | None:
     """
     if not path.exists():
         return None
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            errors = dict(zip(map(str, stored["labels"]), stored["errors"].astype(np.float32), strict=True))
-            return CaseErrorMaps(stored["image"].astype(np.float32), str(stored["quantity"]), errors)
-    except (OSError, ValueError, KeyError) as error:
-        raise StoreError(path, f"is damaged: {error}; remove it, and run the comparison again") from error
+    with refuse_damaged(path, "run the comparison again"), np.load(path, allow_pickle=False) as stored:
+        errors = dict(zip(map(str, stored["labels"]), stored["errors"].astype(np.float32), strict=True))
+        return CaseErrorMaps(stored["image"].astype(np.float32), str(stored["quantity"]), errors)
 
 
 BOUND_SIGMA_PX = 6.0

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import pickle
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from scenetruth.benchmark.benchmark_report import write_benchmark_report
 from scenetruth.benchmark.benchmark_result import BenchmarkResult
@@ -17,13 +13,14 @@ from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, list_design_poin
 from scenetruth.benchmark.cases.case import SUITES, BenchmarkRecord, Case, all_cases, select_cases
 from scenetruth.benchmark.design_point import add_noise, ignore_scene_warnings, read_error_maps
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
-from scenetruth.dataset.scheduler import for_each
-from scenetruth.dataset.worker_setup import collect_versions
-from scenetruth.errors import EstimateError, OutputExistsError, Problem, RecipeError
+from scenetruth.errors import EstimateError, Problem, RecipeError
 from scenetruth.estimators.external import recording_key, write_recording
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
-from scenetruth.output import lock_output, write_atomically
-from scenetruth.plain_data import parse_json
+from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
+from scenetruth.jobs.job_folder import JobFolder
+from scenetruth.jobs.scheduler import for_each
+from scenetruth.jobs.worker_setup import collect_versions
+from scenetruth.output import write_atomically
 from scenetruth.progress import Progress
 from scenetruth.scene import Scene
 from scenetruth.simulation import simulate
@@ -33,6 +30,7 @@ __all__ = ["INDEX", "compare", "select_available_cases", "write_recordings"]
 
 INDEX = "comparison.json"
 """What a folder of a comparison is known by."""
+_FOLDER = JobFolder(INDEX, "a comparison", "points")
 
 
 def compare(
@@ -42,7 +40,8 @@ def compare(
     *,
     cases: Sequence[str] | None = None,
     values: Sequence[float | str] | None = None,
-    workers: int = 0,
+    workers: int = 1,
+    scheduler: str | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> BenchmarkResult:
@@ -67,7 +66,10 @@ def compare(
     values
         Only these values of what is varied, for a single case; labels where values have some, as names of scenes.
     workers
-        Processes of this machine, of one thread each; 0 does all in this one.
+        Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
+        processors.
+    scheduler
+        Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
     progress
         Called with (what, done, total).
     notice
@@ -80,6 +82,8 @@ def compare(
 
     Raises
     ------
+    ArgumentError
+        If the number of workers is impossible, or a scheduler has no folder.
     EstimateError
         If there is no such method, a setting is impossible, or a function cannot be sent to another process.
     RecipeError
@@ -101,15 +105,10 @@ def compare(
     """
     contestants = read_methods(methods)
     chosen = select_available_cases(suite, cases, values, notice)
-    if workers:
-        _refuse_what_cannot_travel(contestants)
-    with ExitStack() as stack:
-        if folder is None:
-            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
-        else:
-            place = Path(folder)
-            _begin(place, contestants, suite)
-            stack.enter_context(lock_output(place / "run"))
+    resolve_workers(workers)
+    _refuse_what_cannot_travel(contestants, workers, scheduler)
+    identity = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
+    with _FOLDER.open(folder, identity, other=_describe_other, scheduler=scheduler) as place:
         points = list_design_points(chosen, suite, values)
         job = BenchmarkTask(
             str((place / "points").resolve()),
@@ -127,6 +126,7 @@ def compare(
             (job,),
             present=len(points) - len(missing),
             workers=workers,
+            scheduler=scheduler,
             what="scenes",
             progress=progress,
             notice=notice,
@@ -225,38 +225,19 @@ def _unfit(case: Case, suite: str, values: Sequence[float | str] | None) -> Iter
                 yield from error.problems
 
 
-def _refuse_what_cannot_travel(contestants: Sequence[MethodSpec]) -> None:
+def _refuse_what_cannot_travel(contestants: Sequence[MethodSpec], workers: int, scheduler: str | None) -> None:
     problems = []
     for one in contestants:
-        try:
-            pickle.dumps(one)
-        except Exception as error:  # whatever pickling raises
-            message = f"cannot be sent to another process ({error}); give 'module:function', or workers=0"
+        if why := describe_pickling_error(one, workers, scheduler):
+            message = f"cannot be sent to another process ({why}); give 'module:function', or workers=1"
             problems.append(Problem("methods", message, one.label))
     if problems:
         raise EstimateError(problems)
 
 
-def _begin(folder: Path, contestants: Sequence[MethodSpec], suite: str) -> None:
-    """Claim a folder for a comparison, or find that it is one of the same methods."""
-    index = folder / INDEX
-    wanted = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
-    if index.exists():
-        try:
-            there = parse_json(index.read_bytes())
-        except ValueError as error:
-            raise OutputExistsError(index, f"is damaged: {error}; choose another folder") from error
-        if there != wanted:
-            held = (
-                f"suite {there.get('suite')} of {there.get('methods')}" if isinstance(there, dict) else "something else"
-            )
-            raise OutputExistsError(folder, f"holds another comparison: {held}; choose another folder")
-        return
-    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise OutputExistsError(folder, "exists, and is no folder of a comparison; choose another")
-    folder.mkdir(parents=True, exist_ok=True)
-    with write_atomically(index) as aside:
-        aside.write_text(json.dumps(wanted, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+def _describe_other(there: Any) -> str:
+    held = f"suite {there.get('suite')} of {there.get('methods')}" if isinstance(there, dict) else "something else"
+    return f"holds another comparison: {held}; choose another folder"
 
 
 def _write_tables(found: BenchmarkResult, folder: Path) -> None:

@@ -442,7 +442,8 @@ def export(
     ] = None,
     row: Annotated[int | None, typer.Option("--row", metavar="N", help="Row of a grid.", show_default=False)] = None,
     overwrite: options.Overwrite = False,
-    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes, for the samples of a data set.")] = 1,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
     listed: Annotated[bool, typer.Option("--list", help="List the formats with their options, and end.")] = False,
 ) -> None:
     """Write the recording and truth (or an estimate) of a run, or of every sample of a data set, in another format."""
@@ -463,7 +464,7 @@ def export(
     if problems or folder is None or format is None or output is None:
         raise ExportError(problems)
     if (folder / "dataset.json").exists():
-        _export_samples(folder, output, format, workers=workers, method=method, **chosen)
+        _export_samples(folder, output, format, workers=workers, scheduler=scheduler, method=method, **chosen)
         return
     done = export_run(folder, output, format, method=method, row=row, overwrite=overwrite, **chosen)
     for note in done.notes:

@@ -30,14 +30,7 @@ RecipeFile = Annotated[
     ),
 ]
 DatasetPath = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a data set.", show_default=False)]
-Workers = Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes of this machine.")]
 Threads = Annotated[int, typer.Option("--threads", min=1, max=1024, help="Threads of each process.")]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers are taken: tcp://HOST:8786, or its file."
-    ),
-]
 PartOf = Annotated[
     str, typer.Option("--part", metavar="N/PARTS", help="Part to make, where several machines share the folder.")
 ]
@@ -95,16 +88,23 @@ def preview(
         ),
     ] = None,
     overwrite: options.Overwrite = False,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Show what a recipe draws, before anything is made: values, rejected draws, thumbnails."""
     from scenetruth.cli.console import reporting
-    from scenetruth.compilation import thread_count
     from scenetruth.dataset.pages.preview_page import write_preview
 
     sampler = _load(recipe)
     with _naming(recipe), reporting() as reporter:
         page = write_preview(
-            sampler, output, draws=draws, overwrite=overwrite, workers=thread_count(), progress=reporter
+            sampler,
+            output,
+            draws=draws,
+            overwrite=overwrite,
+            workers=workers,
+            scheduler=scheduler,
+            progress=reporter,
         )
     _echo(f"written: {page}")
 
@@ -113,9 +113,9 @@ def run(
     recipe: RecipeFile,
     output: options.Output,
     *,
-    workers: Workers = 1,
+    workers: options.Workers = 1,
     threads: Threads = 1,
-    scheduler: Scheduler = None,
+    scheduler: options.Scheduler = None,
     part: PartOf = "1/1",
     retries: Retries = 1,
     recycle: Recycle = 500,
@@ -228,9 +228,9 @@ def estimate(
         ),
     ] = None,
     *,
-    workers: Workers = 1,
+    workers: options.Workers = 1,
     threads: Threads = 1,
-    scheduler: Scheduler = None,
+    scheduler: options.Scheduler = None,
     retries: Retries = 0,
 ) -> None:
     """Estimate and score every sample by a method; scores land in the catalogue."""

@@ -60,7 +60,8 @@ def budget(
     region: Annotated[
         str, typer.Option("--region", help="Where figures are told for: interior, all, object_NAME.")
     ] = "interior",
-    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Tell which error of depth, motion and growth comes from where, and what helps most."""
     from scenetruth.cli.console import reporting
@@ -87,6 +88,7 @@ def budget(
             confirm=confirm,
             region=region,
             workers=workers,
+            scheduler=scheduler,
             progress=reporter,
             notice=lambda line: print(line, file=sys.stderr),
         )
@@ -313,7 +315,8 @@ def sweep(
         int, typer.Option("--sobol", min=0, metavar="NUMBER", help="Points that fill the ranges without a number.")
     ] = 0,
     overrides: options.Overrides = None,
-    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
     limits: options.Limits = None,
 ) -> None:
     """Simulate, estimate and score scenes over whatever varies; with plots, error bars and the bound of noise."""
@@ -346,6 +349,7 @@ def sweep(
             sobol=sobol,
             overrides=overrides or (),
             workers=workers,
+            scheduler=scheduler,
             limits=limits_from(limits or ()),
             progress=reporter,
             notice=lambda line: print(line, file=sys.stderr),

@@ -37,7 +37,8 @@ def optimise(
         typer.Option("--output", "-o", help="Folder of the answer; goes on where it was.", show_default=False),
     ] = None,
     *,
-    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Find the rig that measures best within constraints, by thousands of predictions; simulate the best."""
     from scenetruth.cli.console import reporting
@@ -55,6 +56,7 @@ def optimise(
             wanted,
             output,
             workers=workers,
+            scheduler=scheduler,
             progress=reporter,
             notice=lambda line: print(line, file=sys.stderr),
         )

@@ -40,12 +40,14 @@ __all__ = [
     "Report",
     "Results",
     "SceneFile",
+    "Scheduler",
     "SharedForm",
     "TimeoutS",
     "Truth",
     "TruthContent",
     "TruthPoses",
     "TruthViews",
+    "Workers",
     "file_completer",
     "helpers",
     "method_names",
@@ -355,3 +357,31 @@ Figures = Annotated[
     ),
 ]
 Ideal = Annotated[bool, typer.Option("--ideal", help="Keep the linear images before the sensor too.")]
+
+
+def _check_workers(given: int) -> int:
+    if given == 0:
+        raise typer.BadParameter("must be 1 or more, or -1 for all processors (got 0)")
+    return given
+
+
+Workers = Annotated[
+    int,
+    typer.Option(
+        "--workers",
+        min=-1,
+        max=1024,
+        metavar="N",
+        callback=_check_workers,
+        help="Number of processes; 1 starts none, -1 uses all processors.",
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers are used instead: tcp://HOST:8786, or the path of its file.",
+        show_default=False,
+    ),
+]

@@ -83,7 +83,8 @@ def compare(
         Path | None,
         typer.Option("--recordings", metavar="FOLDER", help="Write all recordings here, and end.", show_default=False),
     ] = None,
-    workers: Annotated[int, typer.Option("--workers", min=0, max=1024, help="Processes; 0 for this one.")] = 2,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
     listed: Annotated[bool, typer.Option("--list", help="List the cases, and end.")] = False,
 ) -> None:
     """Compare methods over the metrology suite: noise, bias, limits, resolution, with the bound that noise sets."""
@@ -121,6 +122,7 @@ def compare(
             cases=case or None,
             values=value or None,
             workers=workers,
+            scheduler=scheduler,
             progress=reporter,
             notice=lambda line: print(line, file=sys.stderr),
         )

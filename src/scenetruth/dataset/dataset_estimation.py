@@ -11,12 +11,14 @@ from typing import Any
 from scenetruth.dataset.catalogue import flatten_score, score_file, write_scores
 from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
 from scenetruth.dataset.layout import DatasetFolder, compute_shard_number, extract_sample
-from scenetruth.dataset.samples import SampleResult, SampleStore
-from scenetruth.dataset.scheduler import ParallelResult, for_each
+from scenetruth.dataset.samples import SampleStore
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators import MethodChoice, choose
 from scenetruth.estimators.code_fingerprint import compute_code_fingerprint
 from scenetruth.estimators.method_specs import MethodSpec, read_method
+from scenetruth.jobs.executors import resolve_workers
+from scenetruth.jobs.results import TaskResult, perform_task
+from scenetruth.jobs.scheduler import ParallelResult, for_each
 from scenetruth.output import write_atomically
 from scenetruth.pipeline import PipelineRunner, RunDirectory, run_problems
 from scenetruth.progress import Progress
@@ -75,6 +77,7 @@ def estimate_dataset(
     StoreError
         If there is no data set.
     """
+    resolve_workers(workers)
     places = DatasetFolder(folder)
     identity, sampler = read_fingerprint(places), open_sampler(places)
     own = sampler.bases[0].estimate
@@ -149,16 +152,17 @@ def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
         aside.write_text(text, encoding="utf-8")
 
 
-def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: int) -> SampleResult:
+def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: int) -> TaskResult:
     """Estimate and score one sample, for whoever works through many: what goes wrong is returned.
 
     ``anew``: an estimate that lies there may be of other code, and is not used.
     """
-    start = time.perf_counter()
     places, given = DatasetFolder(folder), json.loads(choice)
     chosen = choose({"method": given["method"], **{key: value for key, value in given.items() if key != "method"}})
     shard = places.shard(compute_shard_number(number, per_shard))
-    try:
+
+    def work() -> dict[str, Any]:
+        start = time.perf_counter()
         if shard.exists():
             with extract_sample(shard, number) as files:
                 score = _scored(files, chosen, anew)
@@ -169,9 +173,9 @@ def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: i
         row = {"sample": number, "seconds": time.perf_counter() - start, **flatten_score(score)}
         with write_atomically(target, overwrite=True) as aside:
             aside.write_text(json.dumps(row) + "\n", encoding="utf-8")
-    except Exception as error:  # whatever it is, the others go on
-        return SampleResult(number, failure={"sample": number, "error": type(error).__name__, "message": str(error)})
-    return SampleResult(number, row, seconds=time.perf_counter() - start)
+        return row
+
+    return perform_task(number, work)
 
 
 def _scored(folder: Path, chosen: MethodChoice, anew: bool) -> Score:

@@ -9,10 +9,12 @@ from typing import Any
 
 from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
 from scenetruth.dataset.layout import DatasetFolder, compute_shard_number, extract_sample
-from scenetruth.dataset.samples import SampleResult, SampleStore
-from scenetruth.dataset.scheduler import ParallelResult, for_each
+from scenetruth.dataset.samples import SampleStore
 from scenetruth.errors import ExportError, StoreError
 from scenetruth.exporters import choose_format
+from scenetruth.jobs.executors import resolve_workers
+from scenetruth.jobs.results import TaskResult, perform_task
+from scenetruth.jobs.scheduler import ParallelResult, for_each
 from scenetruth.pipeline import export_run
 from scenetruth.progress import Progress
 
@@ -31,6 +33,7 @@ def export_dataset(
     method: str | None = None,
     workers: int = 1,
     threads: int = 1,
+    scheduler: str | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
     **options: Any,
@@ -51,7 +54,7 @@ def export_dataset(
         Numbers of the samples; all that are there if not given.
     method
         Write the estimates of this method; the truth if not given.
-    workers, threads
+    workers, threads, scheduler
         As of `run_dataset`.
     progress
         Called with (what, done, total).
@@ -72,6 +75,7 @@ def export_dataset(
     StoreError
         If there is no data set, or ``out`` is inside of it.
     """
+    resolve_workers(workers)
     choose_format(format, options)
     places, target = DatasetFolder(folder), Path(out)
     if target.resolve().is_relative_to(places.path.resolve()):
@@ -90,6 +94,7 @@ def export_dataset(
         present=len(wanted) - len(missing) + len(tried),
         workers=workers,
         threads=threads,
+        scheduler=scheduler,
         what="export",
         progress=progress,
         notice=notice,
@@ -131,10 +136,11 @@ def _export(folder: str, out: str, format: str, method: str | None, per_shard: i
 
 def try_export(
     folder: str, out: str, format: str, method: str | None, per_shard: int, options: str, number: int
-) -> SampleResult:
+) -> TaskResult:
     """Write one sample, for whoever works through many: what goes wrong is returned."""
-    try:
+
+    def work() -> dict[str, Any]:
         _export(folder, out, format, method, per_shard, options, number)
-    except Exception as error:  # whatever it is, the others go on
-        return SampleResult(number, failure={"sample": number, "error": type(error).__name__, "message": str(error)})
-    return SampleResult(number)
+        return {}
+
+    return perform_task(number, work)

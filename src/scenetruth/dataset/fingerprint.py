@@ -13,9 +13,9 @@ import yaml
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.sampler import Sampler
-from scenetruth.dataset.worker_setup import collect_versions
 from scenetruth.errors import MismatchError, Problem, RecipeError, StoreError
 from scenetruth.input_files import collect_input_files
+from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import lock_output, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.provenance import content_hash, scene_hash

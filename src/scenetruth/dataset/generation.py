@@ -11,15 +11,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from scenetruth.dataset.catalogue import FILES, CatalogueWriter, list_catalogued, merge_parts, read_catalogue
-from scenetruth.dataset.executors import create_executor
 from scenetruth.dataset.fingerprint import DatasetFingerprint, begin_dataset, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import SAMPLE, DatasetFolder, claim_sample, compute_shard_number, extract_sample
 from scenetruth.dataset.recipe_loader import RecipeLike, load_recipe
 from scenetruth.dataset.recipe_validation import refuse_recipe
 from scenetruth.dataset.sampler import Sampler
-from scenetruth.dataset.samples import Partition, SampleResult, SampleStore, build_sample_scene, make_sample, try_sample
-from scenetruth.dataset.scheduler import ResourceGuard, SampleScheduler, write_with_retry
+from scenetruth.dataset.samples import Partition, SampleStore, build_sample_scene, make_sample, try_sample
 from scenetruth.errors import ScenetruthError, StoreError
+from scenetruth.jobs.executors import create_executor, resolve_workers
+from scenetruth.jobs.results import TaskResult
+from scenetruth.jobs.scheduler import ResourceGuard, TaskScheduler, write_with_retry
 from scenetruth.output import lock_output, remove_leftovers, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
@@ -118,9 +119,9 @@ def run_dataset(
     folder
         The data set.
     workers
-        Processes of this machine; 0 to do all in this one.
+        Processes of this machine: 1, the default, for none besides this process, -1 for all processors.
     threads
-        Threads of each.
+        Threads of each process that is started.
     scheduler
         Address of a Dask scheduler, whose workers are taken instead. They must see the folder by the same path.
     part
@@ -149,6 +150,8 @@ def run_dataset(
         If the recipe makes no samples, as far as ranges and the first draws tell; before any work.
     MachineError
         If a sample takes more than the machine has; before any work.
+    ArgumentError
+        If the number of workers is impossible.
     MismatchError
         If the folder holds a data set of another recipe.
     OutputExistsError
@@ -170,11 +173,12 @@ def run_dataset(
     >>> far = {"objects.0.pose.position_mm.2": {"kind": "uniform", "low": 90, "high": 110}}
     >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 2, "vary": far})
     >>> with TemporaryDirectory() as folder:
-    ...     outcome = st.run_dataset(recipe, f"{folder}/walls", workers=0)
+    ...     outcome = st.run_dataset(recipe, f"{folder}/walls")
     ...     dataset = st.open_dataset(f"{folder}/walls")
     ...     print(outcome.made, dataset[1].truth.depth.sizes)
     2 Frozen({'t': 1, 'y': 25, 'x': 30})
     """
+    resolve_workers(workers)
     places, whole = DatasetFolder(folder), part or Partition()
     say = notice or (lambda _: None)
     if recipe is None:
@@ -202,7 +206,7 @@ def run_dataset(
         work = _Work(places, shelf, writer, outcome, len(numbers), progress, say)
         room = ResourceGuard(places.path, 2 * crew.count * forecast.disk_wanted_bytes, forecast.memory_bytes)
         try:
-            drive = SampleScheduler(
+            drive = TaskScheduler(
                 crew, try_sample, (str(places.path.resolve()),), work.made, work.failed, say, room, retries, recycle
             )
             work.tell()
@@ -299,14 +303,14 @@ class _Work:
     progress: Progress | None
     say: Callable[[str], None]
 
-    def made(self, found: SampleResult) -> None:
-        self.writer.add({**found.row, "seconds": found.seconds})
+    def made(self, found: TaskResult) -> None:
+        self.writer.add({**found.values, "seconds": found.seconds})
         self.places.failure(found.number).unlink(missing_ok=True)
         self.outcome.made += 1
         write_with_retry(lambda: self.shelf.added(found.number), "a tar file", self.say)
         self.tell()
 
-    def failed(self, found: SampleResult, attempts: int) -> None:
+    def failed(self, found: TaskResult, attempts: int) -> None:
         failure: dict[str, Any] = {**found.failure, "attempts": attempts}
         failure.setdefault("again", f"scenetruth dataset sample {self.places.recipe} {found.number} -o sample")
         write_with_retry(lambda: self._tell_of(found.number, failure), "what went wrong", self.say)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from scenetruth.dataset.distributions import DerivedDistribution
-from scenetruth.dataset.executors import ordered_map
 from scenetruth.dataset.sampler import Draw, Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
+from scenetruth.jobs.executors import ordered_map
 from scenetruth.progress import Progress
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
@@ -141,7 +141,8 @@ def try_draws(
     samples: int | Sequence[int],
     progress: Progress | None = None,
     keep: Callable[[Draw], None] | None = None,
-    workers: int = 0,
+    workers: int = 1,
+    scheduler: str | None = None,
 ) -> DrawReport:
     """Draw some samples, and count what is accepted.
 
@@ -155,14 +156,14 @@ def try_draws(
         Called with (what, done, total).
     keep
         Called with every draw that was accepted.
-    workers
-        Processes that look at the geometry, where bounds ask for it; 0 for this one.
+    workers, scheduler
+        As of `run_dataset`, for bounds on the geometry.
     """
     drawn, reasons, problems = 0, Counter[str](), list[Problem]()
     numbers = range(min(samples, sampler.recipe.samples)) if isinstance(samples, int) else samples
     count = len(numbers)
     # Without bounds a draw takes less time than handing it to a process.
-    drawings = ordered_map(_drawn, sampler, numbers, workers if sampler.recipe.accept else 0)
+    drawings = ordered_map(_drawn, sampler, numbers, *((workers, scheduler) if sampler.recipe.accept else ()))
     for done, (draw, found) in enumerate(zip(numbers, drawings, strict=True)):
         if progress is not None:
             progress("draw", done, count)
@@ -257,7 +258,11 @@ class AcceptedDraws:
 
 
 def draw_samples(
-    sampler: Sampler, count: int | None = None, progress: Progress | None = None, workers: int = 0
+    sampler: Sampler,
+    count: int | None = None,
+    progress: Progress | None = None,
+    workers: int = 1,
+    scheduler: str | None = None,
 ) -> AcceptedDraws:
     """Draw some samples of a recipe, the same each time.
 
@@ -269,12 +274,13 @@ def draw_samples(
         How many; if not given, 500, or 48 if the geometry of each must be looked at.
     progress
         Called with (what, done, total).
-    workers
-        Processes that look at the geometry; 0 for this one.
+    workers, scheduler
+        As of `run_dataset`, for bounds on the geometry.
     """
     wanted = count or (_BOUNDED if sampler.recipe.accept else _FREE)
     draws: list[Draw] = []
-    trial = try_draws(sampler, select_numbers(sampler.recipe.samples, wanted), progress, draws.append, workers)
+    chosen = select_numbers(sampler.recipe.samples, wanted)
+    trial = try_draws(sampler, chosen, progress, draws.append, workers, scheduler)
     return AcceptedDraws(trial, draws)
 
 

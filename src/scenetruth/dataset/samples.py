@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import time
+import platform
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,6 @@ from scenetruth.dataset.layout import (
     read_shard_records,
 )
 from scenetruth.dataset.sampler import Draw, Sampler
-from scenetruth.dataset.worker_setup import explain_missing_backend, refuse_other_versions
 from scenetruth.errors import (
     BackendUnavailableError,
     MachineError,
@@ -42,7 +41,9 @@ from scenetruth.errors import (
     SceneWarning,
     StoreError,
 )
-from scenetruth.output import is_full_disk, write_atomically
+from scenetruth.jobs.results import TaskResult, describe_error, perform_task
+from scenetruth.jobs.worker_setup import refuse_other_versions
+from scenetruth.output import write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.scene import Scene
 from scenetruth.storage import open_store
@@ -50,7 +51,6 @@ from scenetruth.storage import open_store
 __all__ = [
     "STATISTICS",
     "Partition",
-    "SampleResult",
     "SampleStore",
     "build_sample_scene",
     "compute_truth_statistics",
@@ -151,31 +151,6 @@ def _mask_objects_with(amount: NDArray[Any], object_id: NDArray[Any]) -> NDArray
 
 def _masked_median(values: NDArray[Any], these: NDArray[np.bool_], seen: NDArray[np.bool_]) -> float:
     return 0.0 if seen.any() and not these.any() else _median(values[these])
-
-
-@dataclass(frozen=True)
-class SampleResult:
-    """What became of a sample.
-
-    Parameters
-    ----------
-    number
-        Its number.
-    row
-        What the catalogue tells of it; empty if it failed.
-    failure
-        What went wrong, as plain values; empty if nothing did.
-    seconds
-        Time spent on it.
-    disk_full
-        Whether it failed because the disk was full: no fault of its own.
-    """
-
-    number: int
-    row: dict[str, Any] = field(default_factory=dict)
-    failure: dict[str, Any] = field(default_factory=dict)
-    seconds: float = math.nan
-    disk_full: bool = False
 
 
 def build_sample_scene(sampler: Sampler, identity: DatasetFingerprint, draw: Draw) -> Scene:
@@ -290,7 +265,7 @@ def read_sample(folder: Path) -> dict[str, Any]:
         raise StoreError(folder / SAMPLE, f"is missing or damaged: {error}") from error
 
 
-def try_sample(folder: str, number: int) -> SampleResult:
+def try_sample(folder: str, number: int) -> TaskResult:
     """Make a sample of the data set in a folder, for whoever works through many: what goes wrong is returned.
 
     Parameters
@@ -305,24 +280,28 @@ def try_sample(folder: str, number: int) -> SampleResult:
     MachineError
         If this machine cannot make samples of this data set: another one may.
     """
-    start = time.perf_counter()
     places = DatasetFolder(folder)
     target = places.sample(number)
     if target.exists():
-        return SampleResult(number, read_sample(target))
-    try:
-        sampler, identity = _opened(folder, places.identity.stat().st_mtime_ns)
-        row = make_sample(sampler, identity, number, target)
-    except BackendUnavailableError as error:
-        raise explain_missing_backend(error) from error
-    except MachineError:
-        raise
-    except Exception as error:  # whatever it is, the run goes on, and tells
-        seconds = time.perf_counter() - start
-        return SampleResult(
-            number, failure=_failure(folder, number, error), seconds=seconds, disk_full=is_full_disk(error)
-        )
-    return SampleResult(number, row, seconds=time.perf_counter() - start)
+        return TaskResult(number, read_sample(target))
+
+    def work() -> dict[str, Any]:
+        try:
+            sampler, identity = _opened(folder, places.identity.stat().st_mtime_ns)
+            return make_sample(sampler, identity, number, target)
+        except BackendUnavailableError as error:
+            raise _explain_missing_backend(error) from error
+
+    return perform_task(number, work, describe=partial(_failure, folder, number), raised=(MachineError,))
+
+
+def _explain_missing_backend(error: BackendUnavailableError) -> MachineError:
+    """Return what to tell of a machine that cannot render a data set; nothing is wrong with its samples."""
+    message = (
+        f"{platform.node()} cannot make samples of this data set, whose backend was found out when it began: {error}; "
+        "mend that or take this machine out, and go on with the same command"
+    )
+    return MachineError([Problem("workers", message)])
 
 
 @lru_cache(maxsize=4)
@@ -343,8 +322,7 @@ def _failure(folder: str, number: int, error: Exception) -> dict[str, Any]:
         values = {}
     return {
         "sample": number,
-        "error": type(error).__name__,
-        "message": str(error),
+        **describe_error(error),
         "values": values,
         "again": f"scenetruth dataset sample {DatasetFolder(folder).recipe} {number} -o sample_{number:08d}",
         # Of errors that are ours, the message tells all.

@@ -14,7 +14,7 @@ def test_the_command(tmp_path: Path) -> None:
     scene = laboratory({"sensor": {"noise_std": 0.004, "bit_depth": 8}}, everything=False)
     file = tmp_path / "small.yaml"
     file.write_text(yaml.safe_dump(scene.to_dict()))
-    few = ("--draws", "1", "--workers", "0", "--confirm", "0", "--calibration", "perfect")
+    few = ("--draws", "1", "--workers", "1", "--confirm", "0", "--calibration", "perfect")
     done = scenetruth("design", "budget", file, "-o", tmp_path / "b", *few, "--focal-length-percent", "0.1")
     assert done.returncode == 0, done.stderr
     assert "Depth: " in done.stdout

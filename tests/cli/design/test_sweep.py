@@ -19,7 +19,7 @@ def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     file, out = tmp_path / "wall.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(scene()))
     words: list[str | Path] = ["design", "sweep", file, "--vary", "stage.baseline_mm=1..2:2"]
-    words += ["--method", f"near={NEAREST}", "--seeds", "7,8", "--set", "camera.width=48", "--workers", "0", "-o", out]
+    words += ["--method", f"near={NEAREST}", "--seeds", "7,8", "--set", "camera.width=48", "--workers", "1", "-o", out]
     done = scenetruth(*words)
     assert done.returncode == 0, done.stderr
     assert "2 points with 2 seeds: 4 simulations, 4 of them to be made" in done.stderr
@@ -54,7 +54,17 @@ def test_what_is_wrong_is_told_at_once(tmp_path: Path) -> None:
 def test_a_method_of_the_house_in_processes(tmp_path: Path) -> None:
     file = tmp_path / "wall.yaml"
     file.write_text(yaml.safe_dump(scene()))
-    words = ("design", "sweep", file, "--vary", "stage.baseline_mm=1,2", "--method", METHOD.spelled, "-o", tmp_path / "out")
+    words = (
+        "design",
+        "sweep",
+        file,
+        "--vary",
+        "stage.baseline_mm=1,2",
+        "--method",
+        METHOD.spelled,
+        "-o",
+        tmp_path / "out",
+    )
     done = scenetruth(*words, "--workers", "2")
     assert done.returncode == 0, done.stderr
     frame = pd.read_csv(tmp_path / "out" / "results.csv")

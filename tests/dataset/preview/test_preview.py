@@ -43,7 +43,7 @@ def test_page_and_pictures(sampler_with: Make, tmp_path: Path, monkeypatch: pyte
     told: list[str] = []
     page = write_preview(sampler, tmp_path / "one", progress=lambda what, done, total: told.append(what))
     # As if it took long.
-    monkeypatch.setattr("scenetruth.dataset.executors.MIN_PARALLEL_S", 0.0)
+    monkeypatch.setattr("scenetruth.jobs.executors.MIN_PARALLEL_S", 0.0)
     write_preview(sampler, tmp_path / "two", workers=2)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     assert set(told) == {"draw", "thumbnails"}

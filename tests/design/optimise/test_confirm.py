@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 import scenetruth as st
-from scenetruth.dataset.samples import SampleResult
 from scenetruth.design.optimisation import DesignSpec
 from scenetruth.design.optimisation.confirmation import (
     ConfirmationTask,
@@ -25,6 +24,7 @@ from scenetruth.design.optimisation.interpretation import rig_from_evaluation
 from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
 from scenetruth.design.optimisation.specification import ConfirmationSpec
+from scenetruth.jobs.results import TaskResult
 from scenetruth.scene import Scene
 from tests.design.optimise.small import goal, scene
 
@@ -72,7 +72,7 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
     prepared = prepare_problem(DesignSpec.from_dict(goal()))
     values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
     rig = rig_from_evaluation(7, evaluate_rig(prepared.task, values), prepared)
-    first = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=2, most_px=None), tmp_path, 0)
+    first = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=2, most_px=None), tmp_path)
     told = first.rigs[7].simulated["Depth"]
     assert told.seeds == 2
     assert 0 < told.low < told.number < told.high
@@ -81,12 +81,12 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
     numbers: list[int] = []
     # What is there is not made again; one seed more is.
 
-    def counted(job: ConfirmationTask, number: int) -> SampleResult:
+    def counted(job: ConfirmationTask, number: int) -> TaskResult:
         numbers.append(number)
         return simulate_candidate(job, number)
 
     monkeypatch.setattr("scenetruth.design.optimisation.confirmation.simulate_candidate", counted)
-    again = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=3, most_px=None), tmp_path, 0)
+    again = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=3, most_px=None), tmp_path)
     assert numbers == [2]
     assert again.rigs[7].simulated["Depth"].seeds == 3
     figures = again.rigs[7].figures["Depth"]
@@ -95,7 +95,7 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
         assert 0 < typical <= 1.4826 * 2**0.5 * rms
         assert typical / 1.4826 <= percentile <= 20**0.5 * rms
     assert again.rigs[7].simulated["Depth"] == compute_prediction_interval(figures["typical"])
-    assert simulate_candidates([], prepared, ConfirmationSpec(), tmp_path, 0).rigs == {}
+    assert simulate_candidates([], prepared, ConfirmationSpec(), tmp_path).rigs == {}
 
 
 def test_figures_that_lack_a_statistic_are_made_again(tmp_path: Path) -> None:

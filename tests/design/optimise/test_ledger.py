@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.executors import create_executor
 from scenetruth.design.optimisation import DesignSpec
 from scenetruth.design.optimisation import evaluation_log as module
 from scenetruth.design.optimisation.evaluation_log import EvaluationLog
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
 from scenetruth.design.optimisation.rig_evaluation import Evaluation, EvaluationTask, evaluate_rig
+from scenetruth.jobs.executors import create_executor
 from tests.design.optimise.small import goal
 from tests.nightly import nightly
 
@@ -24,7 +24,7 @@ def prepared() -> OptimisationProblem:
 
 
 def made(prepared: OptimisationProblem, file: Path, points: list[list[float]]) -> list[Any]:
-    found = EvaluationLog(prepared.task, prepared.space, create_executor(0), file)
+    found = EvaluationLog(prepared.task, prepared.space, create_executor(1), file)
     try:
         return found.ask(points, "even")
     finally:
@@ -59,8 +59,8 @@ def test_predictions_come_back_from_their_file(
 @nightly
 def test_workers_predict_the_same(prepared: OptimisationProblem) -> None:
     points = [[0.1, 0.2, 0.1], [0.9, 0.9, 0.9]]
-    alone = EvaluationLog(prepared.task, prepared.space, create_executor(0)).ask(points, "even")
-    crew = create_executor(1)
+    alone = EvaluationLog(prepared.task, prepared.space, create_executor(1)).ask(points, "even")
+    crew = create_executor(2)
     try:
         assert EvaluationLog(prepared.task, prepared.space, crew).ask(points, "even") == alone
     finally:

@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(folder: Path) -> DesignResult:
-    return optimise(goal(**CONFIRMED), folder, workers=0)
+    return optimise(goal(**CONFIRMED), folder, workers=1)
 
 
 def test_it_is_as_good_as_the_best_of_a_grid(found: DesignResult) -> None:
@@ -151,7 +151,7 @@ def test_what_was_killed_goes_on_to_the_same_end(found: DesignResult, folder: Pa
     (copy / "predictions.jsonl").write_text("".join(lines[: len(lines) // 2]) + lines[-1][:20])
     for name in ("design.json", "index.html", "recommended.yaml"):
         (copy / name).unlink()
-    again = optimise(goal(**CONFIRMED), copy, workers=0)
+    again = optimise(goal(**CONFIRMED), copy, workers=1)
     assert again.screened.equals(found.screened)
     assert replace(again.recommended, scene={}) == replace(found.recommended, scene={})
     assert yaml.safe_load((copy / "recommended.yaml").read_text()) == yaml.safe_load(
@@ -162,7 +162,7 @@ def test_what_was_killed_goes_on_to_the_same_end(found: DesignResult, folder: Pa
 def test_goals_that_cannot_be_met_say_why() -> None:
     limits = [{"kind": "stage_travel", "at_most": 0.5}, {"kind": "images", "at_most": 40}]
     with pytest.raises(DesignSpecError) as caught:
-        optimise(goal(constraints=limits, search=FEW), workers=0)
+        optimise(goal(constraints=limits, search=FEW), workers=1)
     told = str(caught.value)
     assert "constraints.0: stage travel must be at most 0.5 mm; the nearest rig has " in told
     assert "it excludes all of" in told
@@ -171,15 +171,15 @@ def test_goals_that_cannot_be_met_say_why() -> None:
     # Each can be met, both together cannot: fewer images need fewer positions.
     limits = [{"kind": "stage_travel", "at_least": 20}, {"kind": "images", "at_most": 6}]
     with pytest.raises(DesignSpecError, match="satisfy it, but none of them all the others"):
-        optimise(goal(constraints=limits, search=FEW), workers=0)
+        optimise(goal(constraints=limits, search=FEW), workers=1)
 
 
 def test_folders_of_others_are_left_alone(folder: Path, found: DesignResult, tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError, match="another scene, other constraints"):
-        optimise(goal(constraints=[]), folder, workers=0)
+        optimise(goal(constraints=[]), folder, workers=1)
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a design"):
-        optimise(goal(), tmp_path, workers=0)
+        optimise(goal(), tmp_path, workers=1)
 
 
 def test_libraries_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,4 +187,4 @@ def test_libraries_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setitem(sys.modules, "optuna", None)
     with pytest.raises(MachineError, match=r"pip install 'scenetruth\[design\]'"):
-        optimise(goal(), workers=0)
+        optimise(goal(), workers=1)

@@ -273,7 +273,7 @@ def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
 
 @nightly
 def test_processes_find_the_same() -> None:
-    here, there = (sweep(scene(), {BASELINE: [1, 2]}, METHOD, seeds=2, workers=workers) for workers in (0, 2))
+    here, there = (sweep(scene(), {BASELINE: [1, 2]}, METHOD, seeds=2, workers=workers) for workers in (1, 2))
     pd.testing.assert_frame_equal(here.to_frame(), there.to_frame())
 
 

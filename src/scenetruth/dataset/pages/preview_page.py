@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Viewpoint
-from scenetruth.dataset.executors import ordered_map
 from scenetruth.dataset.pages.figures import (
     MOST_CHARTS,
     ON_A_SHEET,
@@ -36,6 +35,7 @@ from scenetruth.dataset.pages.page_text import (
 from scenetruth.dataset.recipe_validation import AcceptedDraws, draw_samples
 from scenetruth.dataset.sampler import Draw, Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
+from scenetruth.jobs.executors import ordered_map, resolve_workers
 from scenetruth.output import check_output, claim_folder, write_atomically
 from scenetruth.progress import Progress
 from scenetruth.render.raycast_backend import RaycastRenderer
@@ -178,7 +178,8 @@ def write_preview(
     *,
     draws: int | None = None,
     overwrite: bool = False,
-    workers: int = 0,
+    workers: int = 1,
+    scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Draw some samples of a recipe, and show them: their values, their thumbnails, and why draws were refused.
@@ -195,8 +196,8 @@ def write_preview(
         How many samples are drawn; if not given, 500, or 48 for recipes that bound the geometry.
     overwrite
         Whether an earlier preview may be replaced.
-    workers
-        Processes that look at the geometry and draw thumbnails; 0 for this one.
+    workers, scheduler
+        As of `run_dataset`, for bounds on the geometry and for thumbnails.
     progress
         Called with (what, done, total).
 
@@ -212,14 +213,15 @@ def write_preview(
     OutputExistsError
         If the folder exists and may not be replaced.
     """
+    resolve_workers(workers)
     claim = claim_folder(PAGE)
     check_output(folder, overwrite=overwrite, claim=claim)
-    drawn = draw_samples(sampler, draws, progress, workers)
+    drawn = draw_samples(sampler, draws, progress, workers, scheduler)
     if not drawn.draws:
         raise RecipeError(drawn.trial.problems)
     with write_atomically(folder, overwrite=overwrite, claim=claim) as aside:
         aside.mkdir()
-        _draw_sheet(drawn.draws, aside / SHEET, workers, progress)
+        _draw_sheet(drawn.draws, aside / SHEET, workers, scheduler, progress)
         content = _content(sampler, drawn, aside)
         (aside / PAGE).write_text(render_html("preview.html.j2", **content), encoding="utf-8")
     return Path(folder) / PAGE
@@ -254,11 +256,13 @@ def _content(sampler: Sampler, drawn: AcceptedDraws, folder: Path) -> dict[str, 
     }
 
 
-def _draw_sheet(draws: Sequence[Draw], path: Path, workers: int, progress: Progress | None) -> None:
+def _draw_sheet(
+    draws: Sequence[Draw], path: Path, workers: int, scheduler: str | None, progress: Progress | None
+) -> None:
     chosen = [draws[number * len(draws) // ON_A_SHEET] for number in range(ON_A_SHEET)]
     chosen = list({draw.number: draw for draw in chosen}.values())
     images: list[NDArray[np.float32]] = []
-    found = ordered_map(_thumbnail, None, [draw.plain for draw in chosen], workers)
+    found = ordered_map(_thumbnail, None, [draw.plain for draw in chosen], workers, scheduler)
     for done, (draw, image) in enumerate(zip(chosen, found, strict=True)):
         if progress is not None:
             progress("thumbnails", done, len(chosen))

@@ -5,9 +5,7 @@ Selected candidates simulated with several seeds, compared with their prediction
 
 from __future__ import annotations
 
-import json
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -19,9 +17,6 @@ from numpy.typing import NDArray
 
 from scenetruth.benchmark.design_point import ignore_scene_warnings
 from scenetruth.camera.lens import AiryPsf
-from scenetruth.dataset.samples import SampleResult
-from scenetruth.dataset.scheduler import for_each
-from scenetruth.dataset.worker_setup import collect_versions
 from scenetruth.design.optimisation.design_records import (
     STATISTICS,
     Discrepancy,
@@ -39,13 +34,13 @@ from scenetruth.design.prediction.camera_response import compute_blur_px
 from scenetruth.design.prediction.surface_samples import SurfaceSamples, sample_surface
 from scenetruth.design.prediction.texture_information import compute_flow
 from scenetruth.estimators import estimate
-from scenetruth.output import is_full_disk, write_atomically
-from scenetruth.plain_data import parse_json
+from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task
+from scenetruth.jobs.scheduler import for_each
+from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.progress import Progress
 from scenetruth.provenance import scene_hash
 from scenetruth.resources import Limits, limited_objects
 from scenetruth.scene import Scene
-from scenetruth.schema import digest
 from scenetruth.scoring import QUANTITIES, score
 from scenetruth.simulation import simulate
 
@@ -280,16 +275,18 @@ class ConfirmationTask:
             "objectives": [(one.quantity, one.region, one.title) for one in self.objectives],
             "versions": self.versions,
         }
-        return digest(json.loads(json.dumps(depends)))
+        return compute_key(depends)
+
+    @property
+    def store(self) -> ResultStore:
+        """The results of simulations, which are named by their keys."""
+        return ResultStore(Path(self.folder), "design again")
 
     def figures(self, number: int) -> Figures | None:
         """Return the figures of a simulation; None if it is not made, or lacks a statistic that is wanted."""
         key = self.key(number)
-        try:
-            plain = parse_json((Path(self.folder) / f"{key}.json").read_bytes())
-        except (OSError, ValueError):
-            return None
-        if not isinstance(plain, dict) or plain.get("key") != key:
+        plain = self.store.find(key, key)
+        if plain is None:
             return None
         figures: Figures = plain["figures"]
         lacking = [
@@ -336,21 +333,18 @@ _STANDARD = frozenset(("depth", "disparity", "velocity", "flow", "normal", "grow
 """Variables of the standard truth; windowed growth follows from them and has none."""
 
 
-def simulate_candidate(job: ConfirmationTask, number: int) -> SampleResult:
+def simulate_candidate(job: ConfirmationTask, number: int) -> TaskResult:
     """Make one simulation, for whoever works through many: what goes wrong is returned."""
-    start = time.perf_counter()
-    try:
+    rig, seed = divmod(number, len(job.seeds))
+
+    def work() -> dict[str, Any]:
         found = simulate_objectives(job.scene(number), job.objectives)
         key = job.key(number)
-        path = Path(job.folder) / f"{key}.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with write_atomically(path, overwrite=True) as aside:
-            aside.write_text(json.dumps({"key": key, "figures": found}, allow_nan=False), encoding="utf-8")
-    except Exception as error:  # whatever it is, the others go on
-        rig, seed = divmod(number, len(job.seeds))
-        message = f"rig {rig + 1} of those that are simulated, seed {job.seeds[seed]}: {type(error).__name__}: {error}"
-        return SampleResult(number, failure={"message": message}, disk_full=is_full_disk(error))
-    return SampleResult(number, {"simulation": number}, seconds=time.perf_counter() - start)
+        job.store.write(key, key, {"figures": found})
+        return {"simulation": number}
+
+    label = f"rig {rig + 1} of those that are simulated, seed {job.seeds[seed]}"
+    return perform_task(number, work, label=label, versions=job.versions)
 
 
 _LARGEST_SEED = 2**63 - 1
@@ -380,8 +374,9 @@ def simulate_candidates(
     prepared: OptimisationProblem,
     confirm: ConfirmationSpec,
     folder: Path,
-    workers: int,
+    workers: int = 1,
     *,
+    scheduler: str | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> ConfirmationResult:
@@ -397,8 +392,8 @@ def simulate_candidates(
         How they are simulated.
     folder
         Where figures are kept.
-    workers
-        Processes; 0 for this one.
+    workers, scheduler
+        As of `optimise`.
     progress
         Called with (what, done, total).
     notice
@@ -422,6 +417,7 @@ def simulate_candidates(
         (job,),
         present=len(job) - len(missing),
         workers=workers,
+        scheduler=scheduler,
         what="simulations",
         progress=progress,
         notice=notice,

@@ -359,7 +359,7 @@ class DesignResult:
     >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
     >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
     >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
-    >>> design = optimise(goal, workers=0)
+    >>> design = optimise(goal)
     >>> print(design.words()[1])
     Depth: typical error, predicted 0.162 mm
     >>> for rig in design.rigs:

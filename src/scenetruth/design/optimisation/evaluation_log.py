@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
-from scenetruth.dataset.executors import TaskExecutor
 from scenetruth.design.optimisation.design_records import ConstraintValue
 from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, EvaluationTask, evaluate_rig
-from scenetruth.errors import MachineError, Problem
+from scenetruth.jobs.executors import TaskExecutor
+from scenetruth.jobs.results import ResultLog
+from scenetruth.jobs.scheduler import map_batches
 from scenetruth.progress import Progress
 
 __all__ = ["EvaluationLog"]
-
-_MOST_LOSSES = 3
 
 
 class EvaluationLog:
@@ -54,11 +51,8 @@ class EvaluationLog:
         self._progress, self._total = progress, total
         self._known: dict[str, Evaluation] = {}
         self._phases: dict[str, str] = {}
-        self._kept = _read(file) if file is not None else {}
-        self._stream: TextIO | None = None
-        if file is not None:
-            _end_line(file)
-            self._stream = file.open("a", encoding="utf-8")
+        self._log = ResultLog(file)
+        self._kept = _read(self._log.lines)
 
     def __len__(self) -> int:
         """Return how many rigs were asked for."""
@@ -101,52 +95,22 @@ class EvaluationLog:
 
     def close(self) -> None:
         """Close the file."""
-        if self._stream is not None:
-            self._stream.close()
+        self._log.close()
 
     def _made(self, missing: Mapping[str, Mapping[str, Any]]) -> dict[str, Evaluation]:
         """Predict in several processes; those that die are started anew."""
-        left, found, losses = dict(missing), dict[str, Evaluation](), 0
-        while left:
-            batches = _batches(left, self._workers.count)
-            futures: list[tuple[list[str], Future[list[Evaluation]]]] = [
-                (keys, self._workers.submit(_evaluate_all, self._task, [left[key] for key in keys])) for keys in batches
-            ]
-            lost = False
-            for keys, future in futures:
-                try:
-                    some = future.result()
-                except self._workers.lost:
-                    lost = True
-                    continue
-                for key, one in zip(keys, some, strict=True):
-                    found[key] = one
-                    del left[key]
-                    self._write(key, one)
-            if lost:
-                losses += 1
-                if losses > _MOST_LOSSES:
-                    message = "processes that predict are killed again and again; is there enough memory?"
-                    raise MachineError([Problem("workers", message, self._workers.count)])
-                self._workers.renew()
-        return found
+        found: dict[str, Evaluation] = {}
 
-    def _write(self, key: str, one: Evaluation) -> None:
-        if self._stream is not None:
-            line = {"key": key, **_plain(one)}
-            self._stream.write(json.dumps(line, ensure_ascii=False) + "\n")
-            self._stream.flush()
+        def take(key: str, one: Evaluation) -> None:
+            found[key] = one
+            self._log.append(key, _plain(one))
+
+        map_batches(self._workers, _evaluate_all, self._task, missing, take)
+        return found
 
     def _tell(self) -> None:
         if self._progress is not None:
             self._progress("predictions", min(len(self), self._total), self._total)
-
-
-def _batches(left: Mapping[str, Any], workers: int) -> list[list[str]]:
-    """Return the keys in batches: small enough that no worker waits long for the others."""
-    keys = list(left)
-    size = max(1, min(8, -(-len(keys) // max(workers, 1))))
-    return [keys[start : start + size] for start in range(0, len(keys), size)]
 
 
 def _evaluate_all(task: EvaluationTask, many: Sequence[Mapping[str, Any]]) -> list[Evaluation]:
@@ -161,29 +125,14 @@ def _plain(one: Evaluation) -> dict[str, Any]:
     return {**asdict(one), "constraints": [list(asdict(each).values()) for each in one.constraints]}
 
 
-def _read(file: Path) -> dict[str, Evaluation]:
-    """Return what a file keeps; a last line that was cut off is left out."""
+def _read(lines: Sequence[Mapping[str, Any]]) -> dict[str, Evaluation]:
+    """Return the predictions of a file; lines that hold none are left out."""
     found = {}
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        return {}
     for line in lines:
         try:
-            plain: dict[str, Any] = json.loads(line)
-            key = plain.pop("key")
+            plain = {name: value for name, value in line.items() if name != "key"}
             plain["constraints"] = tuple(ConstraintValue(*each) for each in plain["constraints"])
-            found[key] = Evaluation(**plain)
-        except (ValueError, KeyError, TypeError):
+            found[line["key"]] = Evaluation(**plain)
+        except (KeyError, TypeError):
             continue
     return found
-
-
-def _end_line(file: Path) -> None:
-    """Begin a new line after one that was cut off."""
-    if not file.exists() or not file.stat().st_size:
-        return
-    with file.open("rb+") as stream:
-        stream.seek(-1, os.SEEK_END)
-        if stream.read(1) != b"\n":
-            stream.write(b"\n")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,8 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.dataset.executors import TaskExecutor, create_executor
-from scenetruth.dataset.worker_setup import collect_versions
 from scenetruth.design.optimisation.confirmation import ConfirmationResult, check_rank_consistency, simulate_candidates
 from scenetruth.design.optimisation.design_records import RigDesign, Sensitivity
 from scenetruth.design.optimisation.design_result import DesignResult
@@ -48,12 +44,12 @@ from scenetruth.design.optimisation.problem_setup import OptimisationProblem, pr
 from scenetruth.design.optimisation.report.design_report import write_design_files
 from scenetruth.design.optimisation.rig_evaluation import Evaluation, build_rig, compute_rig_context, predict_scene
 from scenetruth.design.optimisation.specification import DesignSpec, DesignSpecLike, load_design_spec
-from scenetruth.errors import OutputExistsError, StoreError
-from scenetruth.output import lock_output, remove_leftovers, write_atomically
-from scenetruth.plain_data import parse_json
+from scenetruth.jobs.executors import TaskExecutor, create_executor, resolve_workers
+from scenetruth.jobs.job_folder import JobFolder
+from scenetruth.jobs.results import compute_key
+from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.progress import Progress
 from scenetruth.scene import Scene
-from scenetruth.schema import digest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,6 +58,7 @@ __all__ = ["INDEX", "optimise"]
 
 INDEX = "goal.json"
 """What a folder of a design is known by."""
+_FOLDER = JobFolder(INDEX, "a design", "simulations", compared=("key",), indent=None)
 _PREDICTIONS = "predictions.jsonl"
 _MOST_SHOWN = 24
 
@@ -70,7 +67,8 @@ def optimise(
     goal: DesignSpecLike,
     folder: str | Path | None = None,
     *,
-    workers: int = 2,
+    workers: int = 1,
+    scheduler: str | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> DesignResult:
@@ -89,7 +87,10 @@ def optimise(
         Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
         ``recommended_preview.yaml``, ``front.csv``, ``screened.csv``, ``design.json``. If not given, nothing is kept.
     workers
-        Processes of this machine, of one thread each; 0 does all in this one.
+        Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
+        processors.
+    scheduler
+        Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
     progress
         Called with (what, done, total).
     notice
@@ -104,6 +105,8 @@ def optimise(
     ------
     RecipeError
         If the goal cannot be followed, or no rig meets its constraints; lists all that is wrong.
+    ArgumentError
+        If the number of workers is impossible, or a scheduler has no folder.
     MachineError
         If Optuna or SALib is not installed.
     OutputExistsError
@@ -127,57 +130,32 @@ def optimise(
     >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
     >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
     >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
-    >>> best = optimise(goal, workers=0).recommended
+    >>> best = optimise(goal).recommended
     >>> dict(best.parameters), f"depth to {best.predicted['Depth']:.2f} mm"
     ({'stage.baseline_mm': 8}, 'depth to 0.16 mm')
     >>> [f"{one.title}: {one.value:g} {one.unit}, {one.sense} {one.limit:g}" for one in best.constraints]
     ['stage travel: 16 mm, at most 16']
     """
+    resolve_workers(workers)
     require_optional_libraries()
     known = load_design_spec(goal)
     prepared = prepare_problem(known)
     say = notice or (lambda _: None)
-    with ExitStack() as stack:
-        if folder is None:
-            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
-        else:
-            place = Path(folder)
-            _claim_folder(place, known, prepared)
-            stack.enter_context(lock_output(place / "run"))
-            remove_leftovers(place / "simulations")
+    identity = {"format": 1, "key": _key(prepared), "title": known.title}
+    other = "is of a design with another scene, other constraints or objectives; choose another folder"
+    with _FOLDER.open(folder, identity, other=other, scheduler=scheduler) as place:
         run = _Run(known, prepared, place, progress, say)
-        crew = create_executor(workers)
+        crew = create_executor(workers, 1, scheduler)
         try:
             run.search(crew)
         finally:
             crew.close()
-        design = run.answer(workers)
+        design = run.answer(workers, scheduler)
         if folder is not None:
             design = replace(design, folder=place)
             with run.timed("page"):
                 write_design_files(design, place)
     return design
-
-
-def _claim_folder(folder: Path, goal: DesignSpec, prepared: OptimisationProblem) -> None:
-    """Claim a folder for a design."""
-    index = folder / INDEX
-    key = _key(prepared)
-    if index.exists():
-        try:
-            same = parse_json(index.read_bytes())["key"] == key
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise StoreError(index, f"is damaged: {error}; remove the folder, or choose another") from error
-        if not same:
-            message = "is of a design with another scene, other constraints or objectives; choose another folder"
-            raise OutputExistsError(folder, message)
-        return
-    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise OutputExistsError(folder, "exists, and is no folder of a design; choose another")
-    (folder / "simulations").mkdir(parents=True, exist_ok=True)
-    with write_atomically(index) as aside:
-        told = {"format": 1, "key": key, "title": goal.title}
-        aside.write_text(json.dumps(told, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _key(prepared: OptimisationProblem) -> str:
@@ -193,7 +171,7 @@ def _key(prepared: OptimisationProblem) -> str:
         "method": task.method,
         "versions": collect_versions(),
     }
-    return digest(json.loads(json.dumps(depends, default=str)))
+    return compute_key(depends, default=str)
 
 
 _KINDS = ("lens", "camera", "stage")
@@ -242,7 +220,7 @@ class _Run:
             ledger.close()
         self.found, self.phases = ledger.evaluations, ledger.phases
 
-    def answer(self, workers: int) -> DesignResult:
+    def answer(self, workers: int, scheduler: str | None) -> DesignResult:
         """Simulate the best, and put all together."""
         space, task = self.prepared.space, self.prepared.task
         front = find_pareto_front(self.found, task.objectives)
@@ -254,7 +232,14 @@ class _Run:
         chosen = [rigs[place] for place in select_distinguishable(self._logs(shown), len(front), confirm.rigs)]
         with self.timed("simulations"):
             simulated = simulate_candidates(
-                chosen, self.prepared, confirm, self.folder, workers, progress=self.progress, notice=self.say
+                chosen,
+                self.prepared,
+                confirm,
+                self.folder,
+                workers,
+                scheduler=scheduler,
+                progress=self.progress,
+                notice=self.say,
             )
         by_number = {rig.number: simulated.rigs.get(rig.number, rig) for rig in rigs}
         recommended = self._recommended(list(by_number.values()), simulated)

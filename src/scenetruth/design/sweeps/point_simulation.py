@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,21 +13,19 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.benchmark.benchmark_tasks import has_retryable_failures
 from scenetruth.benchmark.design_point import ignore_scene_warnings
 from scenetruth.bound.unknowns import Brightness, Motion, Surface
-from scenetruth.dataset.samples import SampleResult
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.sweep_plan import SweepPlan
-from scenetruth.errors import EstimateError, RecordingError, StoreError
+from scenetruth.errors import EstimateError, RecordingError
 from scenetruth.estimators import find_method, prepare, validate_settings
 from scenetruth.estimators.method_specs import MethodSpec
-from scenetruth.output import is_full_disk, write_atomically
+from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task, refuse_damaged, write_arrays
 from scenetruth.plain_data import parse_json
 from scenetruth.provenance import scene_hash
 from scenetruth.resources import Limits
 from scenetruth.scene import Scene
-from scenetruth.schema import digest, read_intrinsics
+from scenetruth.schema import read_intrinsics
 from scenetruth.scoring import QUANTITIES, REGIONS, Score, score
 from scenetruth.scoring.alignment import iterate_aligned_blocks
 from scenetruth.scoring.error_pairs import EstimateTruthPair, EstimateTruthPairs, has_quantity, percent_per_hour
@@ -64,6 +61,7 @@ _PIXELS = 10_000
 """Pixels of an image that are kept: errors of neighbours are alike over a window's width, so that more tell no more."""
 
 _REGION, _ERROR = "region", "error"
+_REMEDY = "run the sweep again"
 ErrorMap = NDArray[np.float32]
 
 
@@ -109,8 +107,7 @@ def write_retained_errors(kept: RetainedErrors, path: Path) -> None:
     arrays |= {json.dumps([_ERROR, *names]): errors for names, errors in kept.errors.items()}
     # Names of methods may hold anything; those of arrays in a file may not.
     numbered: dict[str, Any] = {f"a{number}": array for number, array in enumerate(arrays.values())}
-    with write_atomically(path, overwrite=True) as aside, aside.open("wb") as stream:
-        np.savez_compressed(stream, names=np.array(list(arrays), dtype=str), **numbered)
+    write_arrays(path, {"names": np.array(list(arrays), dtype=str), **numbered})
 
 
 def read_retained_errors(path: Path) -> RetainedErrors:
@@ -123,13 +120,10 @@ def read_retained_errors(path: Path) -> RetainedErrors:
     """
     regions: dict[tuple[str, str], Any] = {}
     errors: dict[tuple[str, str], Any] = {}
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            for number, name in enumerate(map(str, stored["names"])):
-                kind, method, what = parse_json(name)
-                (regions if kind == _REGION else errors)[method, what] = stored[f"a{number}"]
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise StoreError(path, f"is damaged: {error}; remove it, and run the sweep again") from error
+    with refuse_damaged(path, _REMEDY), np.load(path, allow_pickle=False) as stored:
+        for number, name in enumerate(map(str, stored["names"])):
+            kind, method, what = parse_json(name)
+            (regions if kind == _REGION else errors)[method, what] = stored[f"a{number}"]
     return RetainedErrors(regions, errors)
 
 
@@ -507,21 +501,16 @@ class SweepTask:
             "bounded": self.plan.is_first(number),
             "versions": self.versions,
         }
-        return digest(json.loads(json.dumps(depends, default=list)))
+        return compute_key(depends)
 
-    def path(self, key: str) -> Path:
-        """Return the file of a simulation by its key."""
-        return Path(self.folder) / f"{key}.json"
+    @property
+    def store(self) -> ResultStore:
+        """The results of simulations, which are named by their keys."""
+        return ResultStore(Path(self.folder), _REMEDY)
 
     def is_done(self, key: str) -> bool:
         """Return whether the figures of a simulation are there, with no failure to try again."""
-        path = self.path(key)
-        try:
-            plain = parse_json(path.read_bytes())
-        except (OSError, ValueError):
-            return False
-        whole = isinstance(plain, dict) and plain.get("key") == key and not has_retryable_failures(plain)
-        return whole and (not self.keeps or path.with_suffix(".npz").exists())
+        return self.store.is_done(key, key, arrays=self.keeps)
 
     def told(self, number: int) -> str:
         """Return which simulation it is, in words."""
@@ -531,12 +520,11 @@ class SweepTask:
         return f"{scene}{values}, seed {seed}"
 
 
-def run_sweep_task(job: SweepTask, number: int) -> SampleResult:
+def run_sweep_task(job: SweepTask, number: int) -> TaskResult:
     """Make a simulation and measure it, for whoever works through many: what goes wrong is returned."""
-    start = time.perf_counter()
-    try:
+
+    def work() -> dict[str, Any]:
         key = job.key(number)
-        path = job.path(key)
         found = simulate_and_score(
             job.plan.scene(number),
             job.contestants,
@@ -544,18 +532,12 @@ def run_sweep_task(job: SweepTask, number: int) -> SampleResult:
             keeps=job.keeps,
             limits=job.limits,
         )
-        path.parent.mkdir(parents=True, exist_ok=True)
         if found.kept is not None:
-            write_retained_errors(found.kept, path.with_suffix(".npz"))
-        # A simulation is done when its figures are there.
-        with write_atomically(path, overwrite=True) as aside:
-            aside.write_text(
-                json.dumps({"key": key, **_plain(found)}, ensure_ascii=False, allow_nan=False), encoding="utf-8"
-            )
-    except Exception as error:  # whatever it is, the others go on
-        message = f"{job.told(number)}: {type(error).__name__}: {error}"
-        return SampleResult(number, failure={"message": message}, disk_full=is_full_disk(error))
-    return SampleResult(number, {"simulation": number}, seconds=time.perf_counter() - start)
+            write_retained_errors(found.kept, job.store.arrays_path(key))
+        job.store.write(key, key, _plain(found))
+        return {"simulation": number}
+
+    return perform_task(number, work, label=job.told(number), versions=job.versions)
 
 
 def _plain(found: SimulationResult) -> dict[str, Any]:
@@ -563,7 +545,7 @@ def _plain(found: SimulationResult) -> dict[str, Any]:
     return {name: getattr(found, name) for name in names}
 
 
-def read_simulation_result(path: Path) -> SimulationResult:
+def read_simulation_result(job: SweepTask, key: str) -> SimulationResult:
     """Return what the file of a simulation holds, without the errors that are kept beside it.
 
     Raises
@@ -571,8 +553,7 @@ def read_simulation_result(path: Path) -> SimulationResult:
     StoreError
         If it is not there, or damaged.
     """
-    try:
-        plain = parse_json(path.read_bytes())
+    with job.store.reading(key) as plain:
         return SimulationResult(
             dict(plain["figures"]),
             dict(plain["bounds"]),
@@ -581,5 +562,3 @@ def read_simulation_result(path: Path) -> SimulationResult:
             list(plain.get("settled", ())),
             bool(plain["grows"]),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StoreError(path, f"is damaged: {error}; remove it, and run the sweep again") from error

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import json
-import pickle
 import shlex
-import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenetruth.dataset.scheduler import for_each
-from scenetruth.dataset.worker_setup import collect_versions
 from scenetruth.design.sweeps.aggregation import collect_result
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.point_simulation import BOUND, SweepTask, methods_from_scene, run_sweep_task
 from scenetruth.design.sweeps.sweep_plan import SweepError, SweepPlan, build_plan
 from scenetruth.design.sweeps.sweep_result import Sweep
-from scenetruth.errors import EstimateError, OutputExistsError, Problem, SceneError
+from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
-from scenetruth.output import lock_output, remove_leftovers, write_atomically
+from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
+from scenetruth.jobs.job_folder import JobFolder
+from scenetruth.jobs.scheduler import for_each
+from scenetruth.jobs.worker_setup import collect_versions
+from scenetruth.output import write_atomically
 from scenetruth.progress import Progress
 from scenetruth.resources import Limits
 from scenetruth.scene import Scene, SceneLike
@@ -34,15 +33,15 @@ __all__ = ["INDEX", "assign_backends", "refuse_impossible_points", "refuse_metho
 _MOST_LISTED = 20
 
 
-def refuse_methods(contestants: Sequence[MethodSpec], workers: int) -> None:
+def refuse_methods(contestants: Sequence[MethodSpec], workers: int, scheduler: str | None = None) -> None:
     """Refuse methods that are called as bounds are, and those that other processes cannot be given.
 
     Parameters
     ----------
     contestants
         The methods.
-    workers
-        How many other processes there are.
+    workers, scheduler
+        As of `sweep`.
 
     Raises
     ------
@@ -53,12 +52,8 @@ def refuse_methods(contestants: Sequence[MethodSpec], workers: int) -> None:
     for one in contestants:
         if one.label.split(" ")[0] == BOUND:
             problems.append(Problem("methods", "is what the bound of noise is called; give another label", one.label))
-        if not workers:
-            continue
-        try:
-            pickle.dumps(one)
-        except Exception as error:  # whatever pickling raises
-            message = f"cannot be sent to another process ({error}); give 'module:function', or workers=0"
+        if why := describe_pickling_error(one, workers, scheduler):
+            message = f"cannot be sent to another process ({why}); give 'module:function', or workers=1"
             problems.append(Problem("methods", message, one.label))
     if problems:
         raise EstimateError(problems)
@@ -142,6 +137,7 @@ def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: P
 
 INDEX = "sweep.json"
 """What a folder of a sweep is known by."""
+_FOLDER = JobFolder(INDEX, "a sweep", "points", compared=(), indent=None)
 
 
 def sweep(
@@ -153,7 +149,8 @@ def sweep(
     seeds: int | Sequence[int] = 3,
     sobol: int = 0,
     overrides: Sequence[str] = (),
-    workers: int = 0,
+    workers: int = 1,
+    scheduler: str | None = None,
     limits: Limits | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
@@ -184,7 +181,10 @@ def sweep(
     overrides
         Changes of the scenes that hold at every point, as of `scenetruth.load_scene`: ``"camera.width=320"``.
     workers
-        Processes of this machine, of one thread each; 0 does all in this one.
+        Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
+        processors.
+    scheduler
+        Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
     limits
         Bounds of what a scene may ask for; those by default if not given.
     progress
@@ -201,6 +201,8 @@ def sweep(
     ------
     RecipeError
         If what varies cannot be: paths that lead nowhere or vary nothing, values that make no scene. Lists all.
+    ArgumentError
+        If the number of workers is impossible, or a scheduler has no folder.
     SceneError
         If a scene is none.
     EstimateError
@@ -225,15 +227,9 @@ def sweep(
     """
     contestants = [] if methods is None else read_methods(methods)
     plan = build_plan(scenes, vary, seeds, sobol, overrides=overrides, own_methods=not contestants)
-    refuse_methods(contestants, workers)
-    with ExitStack() as stack:
-        if folder is None:
-            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
-        else:
-            place = Path(folder)
-            _begin(place)
-            stack.enter_context(lock_output(place / "run"))
-            remove_leftovers(place / "points")
+    resolve_workers(workers)
+    refuse_methods(contestants, workers, scheduler)
+    with _FOLDER.open(folder, {"format": 1}, scheduler=scheduler) as place:
         plan = assign_backends(plan)
         versions = tuple(sorted(collect_versions().items()))
         job = SweepTask(str((place / "points").resolve()), plan, tuple(contestants), versions, limits)
@@ -248,6 +244,7 @@ def sweep(
             (job,),
             present=len(keys) - len(missing),
             workers=workers,
+            scheduler=scheduler,
             what="simulations",
             progress=progress,
             notice=notice,
@@ -257,18 +254,6 @@ def sweep(
             found = replace(found, folder=place)
             _write(found, job, _command(scenes, vary, seeds, sobol, overrides, contestants))
     return found
-
-
-def _begin(folder: Path) -> None:
-    """Claim a folder for sweeps."""
-    index = folder / INDEX
-    if index.exists():
-        return
-    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise OutputExistsError(folder, "exists, and is no folder of a sweep; choose another")
-    (folder / "points").mkdir(parents=True, exist_ok=True)
-    with write_atomically(index) as aside:
-        aside.write_text(json.dumps({"format": 1}) + "\n", encoding="utf-8")
 
 
 def _announce(job: SweepTask, missing: int, kept: int, notice: Callable[[str], None] | None) -> None:

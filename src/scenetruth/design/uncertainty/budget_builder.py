@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from scenetruth.dataset.scheduler import for_each
-from scenetruth.dataset.worker_setup import collect_versions
 from scenetruth.design.uncertainty.contributions import (
     BudgetTable,
     Figures,
@@ -45,9 +41,13 @@ from scenetruth.design.uncertainty.source import (
 )
 from scenetruth.design.uncertainty.sources.imaging import SensorSource
 from scenetruth.design.uncertainty.uncertainty_budget import Budget
-from scenetruth.errors import EstimateError, OutputExistsError, Problem, RecipeError, SceneError
+from scenetruth.errors import EstimateError, Problem, RecipeError, SceneError
 from scenetruth.estimators.method_specs import MethodLike, offered_methods, read_method
-from scenetruth.output import lock_output, write_atomically
+from scenetruth.jobs.executors import resolve_workers
+from scenetruth.jobs.job_folder import JobFolder
+from scenetruth.jobs.scheduler import for_each
+from scenetruth.jobs.worker_setup import collect_versions
+from scenetruth.output import write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
@@ -56,6 +56,7 @@ __all__ = ["INDEX", "budget"]
 
 INDEX = "budget.json"
 """What a folder of a budget is known by."""
+_FOLDER = JobFolder(INDEX, "a budget", "runs")
 
 
 def budget(
@@ -67,7 +68,8 @@ def budget(
     calibration: CalibrationLike = "typical",
     draws: int = 4,
     confirm: float = 0.9,
-    workers: int = 0,
+    workers: int = 1,
+    scheduler: str | None = None,
     region: str = "interior",
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
@@ -99,7 +101,10 @@ def budget(
     confirm
         Share of the sum of squares that is simulated; 1 for all causes, 0 for those alone that cannot be predicted.
     workers
-        Processes of this machine, of one thread each; 0 does all in this one.
+        Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
+        processors.
+    scheduler
+        Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
     region
         Where the figures of the page and the picture are from: ``"all"``, ``"interior"``, or ``"object_NAME"``. The
         table and what is returned have all regions.
@@ -121,6 +126,8 @@ def budget(
         If there is no such method, or ideal images cannot be estimated by it.
     RecipeError
         If an argument is impossible.
+    ArgumentError
+        If the number of workers is impossible, or a scheduler has no folder.
     OutputExistsError
         If the folder holds the budget of another scene, or something else.
 
@@ -149,6 +156,7 @@ def budget(
     focal length, 0.1 %: 0.50 mm
     noise of the sensor, 0.2 % of full scale: 0.12 mm
     """
+    resolve_workers(workers)
     whole, problems = load_scene(scene, overrides=overrides), []
     if not isinstance(draws, int) or not 1 <= draws <= _MAX_SEEDS:
         problems.append(Problem("draws", f"must be a whole number, 1 to {_MAX_SEEDS}", draws))
@@ -170,14 +178,12 @@ def budget(
     chosen = own[0].choice(whole.estimate) if own else whole.estimate
     whole = whole.model_copy(update={"estimate": chosen})
     causes = active_sources(whole, known)
-    with ExitStack() as stack:
-        stack.enter_context(offered_methods(own))
-        if folder is None:
-            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="scenetruth-")))
-        else:
-            place = Path(folder)
-            _claim_folder(place, whole, known.model_dump())
-            stack.enter_context(lock_output(place / "run"))
+    identity = {"format": 1, "scene": whole.to_dict(), "calibration": known.model_dump()}
+    other = "holds the budget of another scene, method or calibration; choose another"
+    with (
+        offered_methods(own),
+        _FOLDER.open(folder, identity, other=other, scheduler=scheduler) as place,
+    ):
         job = BudgetTask(
             str((place / "runs").resolve()),
             json.dumps(whole.to_dict()),
@@ -187,7 +193,8 @@ def budget(
             (),
             tuple(sorted(collect_versions().items())),
         )
-        work = _Work(job, causes, draws, workers, progress, notice)
+        options = {"workers": workers, "scheduler": scheduler, "progress": progress, "notice": notice}
+        work = _Work(job, causes, draws, options)
         parts, totals = compute_contributions(work.done(confirm))
         told = Budget(
             scene=whole.description,
@@ -215,16 +222,14 @@ class _Work:
         job: BudgetTask,
         causes: Sequence[UncertaintySource],
         draws: int,
-        workers: int,
-        progress: Progress | None,
-        notice: Callable[[str], None] | None,
+        options: dict[str, Any],
     ) -> None:
         self.job, self.causes, self.known = job, causes, job.calibration
         self.scene = job.scene
         self.seeds = [self.scene.seed + k for k in range(draws)]
         self.contrast = tuple(sorted(contrast_sources(causes)))
         self.everything = tuple(sorted(one.kind for one in causes))
-        self._options: dict[str, Any] = {"workers": workers, "progress": progress, "notice": notice}
+        self._options = options
         self.failures: list[str] = []
         self._kept: dict[SimulationRun, ErrorMaps] = {}
 
@@ -370,25 +375,6 @@ def _mitigations(scene: Scene, calibration: Any, causes: Sequence[UncertaintySou
     surfaces = [one for one in all_sources().values() if one.of_surface]
     found = {one.kind: one.remedy(scene, calibration) for one in (*causes, *surfaces)}
     return {kind: remedy for kind, remedy in found.items() if remedy is not None}
-
-
-def _claim_folder(folder: Path, scene: Scene, calibration: dict[str, Any]) -> None:
-    """Claim a folder for a budget, or find that it is one of the same scene."""
-    index = folder / INDEX
-    wanted = json.loads(json.dumps({"format": 1, "scene": scene.to_dict(), "calibration": calibration}))
-    if index.exists():
-        try:
-            there = parse_json(index.read_bytes())
-        except ValueError as error:
-            raise OutputExistsError(index, f"is damaged: {error}; choose another folder") from error
-        if there != wanted:
-            raise OutputExistsError(folder, "holds the budget of another scene, method or calibration; choose another")
-        return
-    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise OutputExistsError(folder, "exists, and is no folder of a budget; choose another")
-    folder.mkdir(parents=True, exist_ok=True)
-    with write_atomically(index) as aside:
-        aside.write_text(json.dumps(wanted, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _write(found: Budget, folder: Path, region: str) -> None:

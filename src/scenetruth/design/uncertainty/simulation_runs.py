@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,16 +16,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import LinearImage, build_sensor_chain
-from scenetruth.dataset.samples import SampleResult
 from scenetruth.design.uncertainty.source import Calibration, all_sources, restrict_sources
 from scenetruth.design.uncertainty.sources.calibration import CalibrationSource
 from scenetruth.design.uncertainty.sources.imaging import SensorSource
-from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, StoreError
+from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning
 from scenetruth.estimators import estimate
-from scenetruth.output import is_full_disk, write_atomically
+from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task, refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
-from scenetruth.schema import digest
 from scenetruth.scoring.error_pairs import read_pair
 from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
 from scenetruth.scoring.quantities import QUANTITIES
@@ -135,6 +132,9 @@ class SimulationRun:
     draw: int
 
 
+_REMEDY = "make the budget again"
+
+
 @dataclass(frozen=True)
 class BudgetTask:
     """All that a worker needs for any run of a budget.
@@ -170,7 +170,8 @@ class BudgetTask:
 
     def path(self, run: SimulationRun) -> Path:
         """Return the file of a run, which is called by a hash of all that the run depends on."""
-        return Path(self.folder) / f"{_key(replace(self, folder='', runs=()), run)}.npz"
+        key = _key(replace(self, folder="", runs=()), run)
+        return ResultStore(Path(self.folder), _REMEDY).arrays_path(key)
 
 
 @lru_cache(maxsize=4096)
@@ -180,26 +181,25 @@ def _key(job: BudgetTask, run: SimulationRun) -> str:
     told = {key: value for key, value in plain.items() if key not in ("description", "estimate", "storage")}
     wrong = {kind: job.calibration.model_dump() for kind in run.kinds if all_sources()[kind].group == "calibration"}
     parts = [told, wrong, run.draw if wrong else 0, job.method, json.loads(job.settings), job.versions]
-    return digest(json.loads(json.dumps(parts)))
+    return compute_key(parts)
 
 
-def perform_run(job: BudgetTask, number: int) -> SampleResult:
+def perform_run(job: BudgetTask, number: int) -> TaskResult:
     """Simulate and estimate one run, for whoever works through many: what goes wrong is returned."""
-    start, run = time.perf_counter(), job.runs[number]
-    try:
+    run = job.runs[number]
+
+    def work() -> dict[str, Any]:
         path = job.path(run)
         found = _errors(job, run)
         arrays: dict[str, Any] = {"told": np.array(json.dumps(asdict(run)))}
         for group, maps in (("error", found.errors), ("truth", found.truths)):
             arrays |= {f"{group}.{name}": values.astype(np.float32) for name, values in maps.items()}
         arrays |= {f"region.{name}": mask for name, mask in found.regions.items()}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with write_atomically(path, overwrite=True) as aside, aside.open("wb") as file:
-            np.savez_compressed(file, **arrays)
-    except Exception as error:  # whatever it is, the others go on
-        message = f"{' + '.join(run.kinds) or 'ideal'}, seed {run.seed}: {type(error).__name__}: {error}"
-        return SampleResult(number, failure={"message": message}, disk_full=is_full_disk(error))
-    return SampleResult(number, {"run": number}, seconds=time.perf_counter() - start)
+        write_arrays(path, arrays)
+        return {"run": number}
+
+    label = f"{' + '.join(run.kinds) or 'ideal'}, seed {run.seed}"
+    return perform_task(number, work, label=label, versions=job.versions)
 
 
 def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Dataset]:
@@ -263,16 +263,12 @@ def read_run(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
         If it is not there, or damaged.
     """
     path = job.path(run)
-    try:
-        with np.load(path) as file:
-            groups: Mapping[str, dict[str, Any]] = {"error": {}, "truth": {}, "region": {}}
-            for key in file.files:
-                group, _, name = key.partition(".")
-                if group in groups:
-                    groups[group][name] = file[key] if group == "region" else file[key].astype(np.float64)
-    except (OSError, ValueError, KeyError) as error:
-        message = f"is damaged: {error}; remove it, and make the budget again"
-        raise StoreError(path, message) from error
+    groups: Mapping[str, dict[str, Any]] = {"error": {}, "truth": {}, "region": {}}
+    with refuse_damaged(path, _REMEDY), np.load(path) as file:
+        for key in file.files:
+            group, _, name = key.partition(".")
+            if group in groups:
+                groups[group][name] = file[key] if group == "region" else file[key].astype(np.float64)
     return ErrorMaps(groups["error"], groups["truth"], groups["region"])
 
 

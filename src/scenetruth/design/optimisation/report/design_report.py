@@ -266,7 +266,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
     >>> goal = {"title": "A wall", "scene": scene, "free": {"stage.baseline_mm": {"values": [4, 6, 8, 10]}}}
     >>> goal |= {"constraints": [{"kind": "stage_travel", "at_most": 16}], "objectives": [{"quantity": "depth"}]}
     >>> goal |= {"search": {"predictions": 16, "morris": 0, "sobol": 0}, "confirm": {"rigs": 0}}
-    >>> design = optimise(goal, workers=0)
+    >>> design = optimise(goal)
     >>> with TemporaryDirectory() as folder:
     ...     page = write_design_page(design, folder)
     ...     page.name, design.title in page.read_text(encoding="utf-8")

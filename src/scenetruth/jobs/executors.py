@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import operator
 import os
+import pickle
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -12,8 +14,8 @@ from contextlib import suppress
 from multiprocessing import resource_tracker
 from typing import Any, Protocol
 
-from scenetruth.dataset.worker_setup import run_with_threads, start_worker
-from scenetruth.errors import MachineError, Problem
+from scenetruth.errors import ArgumentError, MachineError, Problem
+from scenetruth.jobs.worker_setup import run_with_threads, start_worker
 
 __all__ = [
     "MIN_PARALLEL_S",
@@ -22,7 +24,9 @@ __all__ = [
     "SerialExecutor",
     "TaskExecutor",
     "create_executor",
+    "describe_pickling_error",
     "ordered_map",
+    "resolve_workers",
 ]
 
 
@@ -107,7 +111,7 @@ class ProcessExecutor:
             message = (
                 "no process can be started here; in a script, call it below `if __name__ == '__main__':`, as all that "
             )
-            message += "starts processes by spawning must be called, or do without: workers=0"
+            message += "starts processes by spawning must be called, or do without: workers=1"
             raise MachineError([Problem("workers", message, self.count)]) from error
 
     def close(self) -> None:
@@ -224,28 +228,90 @@ class DaskExecutor:
 _PATIENCE_S = 20
 
 
-def create_executor(count: int, threads: int = 1, scheduler: str | None = None) -> TaskExecutor:
-    """Return who works.
+def resolve_workers(workers: int) -> int:
+    """Return the number of worker processes that an argument ``workers`` stands for.
 
     Parameters
     ----------
-    count
-        Processes of this machine; 0 for this process itself.
-    threads
-        Threads of each process.
-    scheduler
-        Address of a Dask scheduler, whose workers are taken instead.
+    workers
+        1 or more; 1 means that no process is started. -1 stands for the processors that this process may use.
+
+    Raises
+    ------
+    ArgumentError
+        If it is another number, or no integer.
+
+    Examples
+    --------
+    >>> resolve_workers(4)
+    4
+    >>> resolve_workers(0)
+    Traceback (most recent call last):
+    ...
+    scenetruth.errors.ArgumentError: `workers`: must be 1 or more, or -1 for all processors (got 0)
     """
+    try:
+        count = 0 if isinstance(workers, bool) else operator.index(workers)
+    except TypeError:
+        count = 0
+    if count == -1:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if count < 1:
+        raise ArgumentError(f"`workers`: must be 1 or more, or -1 for all processors (got {workers!r})")
+    return count
+
+
+def create_executor(workers: int = 1, threads: int = 1, scheduler: str | None = None) -> TaskExecutor:
+    """Return the executor of a job.
+
+    Parameters
+    ----------
+    workers
+        Processes of this machine: 1 for none besides this process, -1 for all processors.
+    threads
+        Threads of each process that is started.
+    scheduler
+        Address of a Dask scheduler, whose workers are used instead.
+
+    Raises
+    ------
+    ArgumentError
+        If the number of workers is impossible.
+    MachineError
+        If Dask is not installed, or there is no such scheduler.
+    """
+    count = resolve_workers(workers)
     if scheduler is not None:
         return DaskExecutor(scheduler, threads)
-    return ProcessExecutor(count, threads) if count > 0 else SerialExecutor()
+    return ProcessExecutor(count, threads) if count > 1 else SerialExecutor()
+
+
+def describe_pickling_error(value: Any, workers: int, scheduler: str | None = None) -> str:
+    """Return why a value cannot be sent to the workers of a job; an empty text if it can, or need not.
+
+    Parameters
+    ----------
+    value
+        The value.
+    workers, scheduler
+        As of `create_executor`.
+    """
+    if scheduler is None and resolve_workers(workers) == 1:
+        return ""
+    try:
+        pickle.dumps(value)
+    except Exception as error:  # pickling raises errors of any type
+        return str(error) or type(error).__name__
+    return ""
 
 
 MIN_PARALLEL_S = 10.0
 """Work that takes longer than this is worth the start of processes, which takes some seconds."""
 
 
-def ordered_map(work: Callable[..., Any], shared: Any, things: Iterable[Any], workers: int = 0) -> Iterator[Any]:
+def ordered_map(
+    work: Callable[..., Any], shared: Any, things: Iterable[Any], workers: int = 1, scheduler: str | None = None
+) -> Iterator[Any]:
     """Give ``work(shared, thing)`` for each thing.
 
     Parameters
@@ -256,28 +322,31 @@ def ordered_map(work: Callable[..., Any], shared: Any, things: Iterable[Any], wo
         What every call gets first.
     things
         What each call gets then.
-    workers
-        Processes of one thread each, where there is work for them; 0 does it here, when it is asked for.
+    workers, scheduler
+        As of `create_executor`; processes have one thread each, and are started if the work takes long enough.
 
     Raises
     ------
+    ArgumentError
+        If the number of workers is impossible.
     MachineError
         If no process can be started here.
     """
+    parallel = scheduler is not None or resolve_workers(workers) > 1
     left = list(things)
     seconds = 0.0
     # The first call may load or compile; the second tells how long it takes.
-    for thing in left[:2] if workers else left:
+    for thing in left[:2] if parallel else left:
         start = time.perf_counter()
         yield work(shared, thing)
         seconds = time.perf_counter() - start
-    if not workers:
+    if not parallel:
         return
     left = left[2:]
     if seconds * len(left) < MIN_PARALLEL_S:
         yield from (work(shared, thing) for thing in left)
         return
-    crew = create_executor(workers)
+    crew = create_executor(workers, 1, scheduler)
     try:
         crew.refuse_unfit()
         futures: list[Future[Any]] = [crew.submit(work, shared, thing) for thing in left]

@@ -17,11 +17,11 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.dataset.executors import DaskExecutor
 from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import MachineError
+from scenetruth.jobs.executors import DaskExecutor
 from tests.dataset.conftest import RECIPE
 from tests.nightly import nightly
 
@@ -54,7 +54,7 @@ def test_a_cluster_makes_the_same_samples_though_a_worker_is_killed(cluster: Any
     outcome = run_dataset(sampler.recipe, tmp_path / "cluster", scheduler=cluster.scheduler_address, progress=kill)
     assert outcome.made == 6
     assert killed
-    run_dataset(sampler.recipe, tmp_path / "here", workers=0)
+    run_dataset(sampler.recipe, tmp_path / "here", workers=1)
     assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
     assert read_status(tmp_path / "cluster").missing == 0
     assert DatasetFolder(tmp_path / "cluster").catalogue.exists()
@@ -92,14 +92,14 @@ def test_without_its_scheduler_a_run_ends_and_goes_on_with_another(tmp_path: Pat
     status = read_status(folder)
     assert (status.done, status.failed) == (30, {})
     assert list(folder.rglob(".*")) == []
-    run_dataset(Recipe.from_dict({**copy.deepcopy(RECIPE), "samples": 30}), tmp_path / "here", workers=0)
+    run_dataset(Recipe.from_dict({**copy.deepcopy(RECIPE), "samples": 30}), tmp_path / "here", workers=1)
     assert contents(folder) == contents(tmp_path / "here")
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_where_no_scheduler_answers_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("scenetruth.dataset.executors._PATIENCE_S", 1)
+    monkeypatch.setattr("scenetruth.jobs.executors._PATIENCE_S", 1)
     with pytest.raises(MachineError, match="no scheduler answers there"):
         DaskExecutor("tcp://127.0.0.1:9")
 
@@ -108,7 +108,7 @@ def test_where_no_scheduler_answers_it_says_so(monkeypatch: pytest.MonkeyPatch) 
 def test_work_of_a_foreign_process_keeps_to_its_threads(threads: int) -> None:
     code = (
         "import sys\n"
-        "from scenetruth.dataset.worker_setup import run_with_threads\n"
+        "from scenetruth.jobs.worker_setup import run_with_threads\n"
         "from scenetruth.compilation import thread_count\n"
         "threads = int(sys.argv[1])\n"
         "found = run_with_threads(threads, thread_count)\n"

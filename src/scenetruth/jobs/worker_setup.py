@@ -12,12 +12,11 @@ from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from typing import Any
 
-from scenetruth.errors import BackendUnavailableError, MachineError, Problem
+from scenetruth.errors import MachineError, Problem
 from scenetruth.provenance import own_release
 
 __all__ = [
     "collect_versions",
-    "explain_missing_backend",
     "keep_freed_memory",
     "limit_threads",
     "refuse_other_versions",
@@ -109,33 +108,31 @@ _PACKAGES = ("numpy", "scipy")
 
 
 def collect_versions() -> dict[str, str]:
-    """Return the versions on which the bytes of samples depend."""
+    """Return the versions on which results depend."""
     others = {one: version(one) for one in _PACKAGES}
     return {"python": platform.python_version(), "scenetruth": own_release(), **others}
 
 
 def refuse_other_versions(versions: Mapping[str, str]) -> None:
-    """Refuse to make samples with other versions than a data set was begun with.
+    """Refuse to work with other versions than a job was begun with.
+
+    Parameters
+    ----------
+    versions
+        Those of the job, by name; what is not among them is not compared.
 
     Raises
     ------
     MachineError
         If so; names this machine.
     """
+    if not versions:
+        return
     here = collect_versions()
     problems = [
-        Problem("workers", f"{platform.node()} has {name} {here.get(name)}, and the data set was begun with {one}")
+        Problem("workers", f"{platform.node()} has {name} {here.get(name)}, and the job was begun with {one}")
         for name, one in versions.items()
         if here.get(name) != one
     ]
     if problems:
         raise MachineError(problems)
-
-
-def explain_missing_backend(error: BackendUnavailableError) -> MachineError:
-    """Return what to tell of a machine that cannot render a data set; nothing is wrong with its samples."""
-    message = (
-        f"{platform.node()} cannot make samples of this data set, whose backend was found out when it began: {error}; "
-        "mend that or take this machine out, and go on with the same command"
-    )
-    return MachineError([Problem("workers", message)])

@@ -14,37 +14,37 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.executors import ProcessExecutor
-from scenetruth.dataset.samples import SampleResult
-from scenetruth.dataset.scheduler import SampleScheduler
+from scenetruth.jobs.executors import ProcessExecutor
+from scenetruth.jobs.results import TaskResult
+from scenetruth.jobs.scheduler import TaskScheduler
 from tests.nightly import nightly
 
 
-def work(folder: str, number: int) -> SampleResult:
+def work(folder: str, number: int) -> TaskResult:
     """Leave a mark; some numbers fail, or kill their process, the first time or always."""
     marks = Path(folder)
     (marks / f"{number}-{time.monotonic_ns()}").touch()
     tries = len(list(marks.glob(f"{number}-*")))
     if number == 5 or (number == 6 and tries == 1):
-        return SampleResult(number, failure={"message": "bad"})
+        return TaskResult(number, failure={"message": "bad"})
     if number == 7 or (number == 8 and tries == 1):
         os.kill(os.getpid(), signal.SIGKILL)
-    return SampleResult(number, {"threads": os.environ.get("NUMBA_NUM_THREADS"), "process": os.getpid()})
+    return TaskResult(number, {"threads": os.environ.get("NUMBA_NUM_THREADS"), "process": os.getpid()})
 
 
 class Notes:
     def __init__(self) -> None:
-        self.made: list[SampleResult] = []
+        self.made: list[TaskResult] = []
         self.failed: dict[int, tuple[dict[str, Any], int]] = {}
         self.said: list[str] = []
 
     def drive(
-        self, workers: Any, folder: Path, work: Callable[..., SampleResult] = work, **options: Any
-    ) -> SampleScheduler:
-        def failed(found: SampleResult, attempts: int) -> None:
+        self, workers: Any, folder: Path, work: Callable[..., TaskResult] = work, **options: Any
+    ) -> TaskScheduler:
+        def failed(found: TaskResult, attempts: int) -> None:
             self.failed[found.number] = (found.failure, attempts)
 
-        return SampleScheduler(workers, work, (str(folder),), self.made.append, failed, self.said.append, **options)
+        return TaskScheduler(workers, work, (str(folder),), self.made.append, failed, self.said.append, **options)
 
 
 @nightly
@@ -56,7 +56,7 @@ def test_every_sample_is_made_once_and_the_guilty_ones_alone_are_set_aside(tmp_p
     finally:
         workers.close()
     assert sorted(found.number for found in notes.made) == [0, 1, 2, 3, 4, 6, 8, 9]
-    assert {found.row["threads"] for found in notes.made} == {"1"}
+    assert {found.values["threads"] for found in notes.made} == {"1"}
     assert notes.failed[5] == ({"message": "bad"}, 2)
     assert notes.failed[7][0]["error"] == "WorkerDied"
     assert notes.failed[7][1] == 2
@@ -90,8 +90,8 @@ class InThisProcess:
         pass
 
 
-def fine(folder: str, number: int) -> SampleResult:
-    return SampleResult(number, {"number": number})
+def fine(folder: str, number: int) -> TaskResult:
+    return TaskResult(number, {"number": number})
 
 
 def test_processes_are_started_anew_after_so_many_samples(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_processes_are_started_anew_after_so_many_samples(tmp_path: Path) -> Non
 
 
 def test_it_pauses_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenetruth.dataset.scheduler._POLL_S", 0.0)
+    monkeypatch.setattr("scenetruth.jobs.scheduler._POLL_S", 0.0)
     reasons = iter(["", "", "disk full", "disk full", "", "", "", "", "", "", "", "", ""])
     notes = Notes()
     notes.drive(InThisProcess(), tmp_path, fine, pause=lambda: next(reasons)).run(range(5))
@@ -113,14 +113,14 @@ def test_it_pauses_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 @nightly
 def test_a_full_disk_is_no_fault_of_a_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenetruth.dataset.scheduler._POLL_S", 0.01)
-    monkeypatch.setattr("scenetruth.dataset.scheduler.FULL_S", 0.02)
+    monkeypatch.setattr("scenetruth.jobs.scheduler._POLL_S", 0.01)
+    monkeypatch.setattr("scenetruth.jobs.scheduler.FULL_S", 0.02)
 
-    def writing(folder: str, number: int) -> SampleResult:
+    def writing(folder: str, number: int) -> TaskResult:
         (Path(folder) / f"{number}-{time.monotonic_ns()}").touch()
         tries = len(list(Path(folder).glob(f"{number}-*")))
         full = number in (1, 3) and tries < 5
-        return SampleResult(number, failure={"message": "no space"} if full else {}, disk_full=full)
+        return TaskResult(number, failure={"message": "no space"} if full else {}, disk_full=full)
 
     notes = Notes()
     notes.drive(InThisProcess(), tmp_path, writing, retries=1).run(range(6))
@@ -135,14 +135,14 @@ def test_a_script_that_cannot_start_processes_is_told_so(tmp_path: Path) -> None
     """Without the usual guard, every process would run the script again."""
     script = tmp_path / "script.py"
     recipe = "from tests.dataset.conftest import RECIPE\nimport scenetruth as st\n"
-    run = f"st.run_dataset(st.Recipe.from_dict(RECIPE), {str(tmp_path / 'new')!r}, workers=1)\n"
+    run = f"st.run_dataset(st.Recipe.from_dict(RECIPE).recipe, {str(tmp_path / 'new')!r}, workers=2)\n"
     script.write_text(recipe + run, encoding="utf-8")
     ended = subprocess.run(
         [sys.executable, str(script)],
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
     )
     assert ended.returncode != 0
     assert "call it below `if __name__ == '__main__':`" in ended.stderr

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.dataset.scheduler import ResourceGuard, write_with_retry
 from scenetruth.errors import StoreError
+from scenetruth.jobs.scheduler import ResourceGuard, write_with_retry
 from scenetruth.output import is_full_disk
 
 
@@ -26,7 +26,7 @@ def test_a_full_disk_is_known_behind_other_errors() -> None:
 
 
 def test_what_finds_the_disk_full_is_written_when_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenetruth.dataset.scheduler.FULL_S", 0.0)
+    monkeypatch.setattr("scenetruth.jobs.scheduler.FULL_S", 0.0)
     errors = [full(), full()]
 
     def write() -> None:
@@ -51,7 +51,7 @@ def test_what_finds_the_disk_full_is_written_when_there_is_room(monkeypatch: pyt
 def test_no_sample_is_begun_without_room(
     disk: float | None, memory: float | None, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("scenetruth.dataset.scheduler.free_disk_bytes", lambda folder: disk)
-    monkeypatch.setattr("scenetruth.dataset.scheduler.free_memory_bytes", lambda: memory)
+    monkeypatch.setattr("scenetruth.jobs.scheduler.free_disk_bytes", lambda folder: disk)
+    monkeypatch.setattr("scenetruth.jobs.scheduler.free_memory_bytes", lambda: memory)
     assert ResourceGuard(tmp_path, 2e8, 2e7)().startswith(told)
     assert bool(ResourceGuard(tmp_path, 2e8, 2e7)()) == bool(told)

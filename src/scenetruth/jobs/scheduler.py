@@ -1,23 +1,23 @@
-"""Scheduling of many samples: retries, pauses while disk or memory are short, and a parallel map."""
+"""Scheduling of many tasks: retries, pauses while disk or memory are short, and parallel maps."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenetruth.dataset.executors import TaskExecutor, create_executor
-from scenetruth.dataset.samples import SampleResult
-from scenetruth.errors import ScenetruthError
+from scenetruth.errors import MachineError, Problem, ScenetruthError
+from scenetruth.jobs.executors import TaskExecutor, create_executor
+from scenetruth.jobs.results import TaskResult
 from scenetruth.output import is_full_disk
 from scenetruth.progress import Progress
 from scenetruth.resources.system import free_disk_bytes, free_memory_bytes
 
-__all__ = ["FULL_S", "ParallelResult", "ResourceGuard", "SampleScheduler", "for_each", "write_with_retry"]
+__all__ = ["FULL_S", "ParallelResult", "ResourceGuard", "TaskScheduler", "for_each", "map_batches", "write_with_retry"]
 
 
 _RECHECK_S = 2.0
@@ -105,7 +105,7 @@ _DIED = "its process died: killed, out of memory, or a crash of compiled code"
 
 
 @dataclass
-class SampleScheduler:
+class TaskScheduler:
     """Makes samples, each by one call in some worker.
 
     Parameters
@@ -113,7 +113,7 @@ class SampleScheduler:
     workers
         Who works.
     work
-        Makes a sample: called with ``arguments`` and its number, returns `SampleResult`.
+        Makes a sample: called with ``arguments`` and its number, returns `TaskResult`.
     arguments
         What every call gets first.
     retries
@@ -132,10 +132,10 @@ class SampleScheduler:
     """
 
     workers: TaskExecutor
-    work: Callable[..., SampleResult]
+    work: Callable[..., TaskResult]
     arguments: tuple[Any, ...]
-    made: Callable[[SampleResult], None]
-    failed: Callable[[SampleResult, int], None]
+    made: Callable[[TaskResult], None]
+    failed: Callable[[TaskResult, int], None]
     said: Callable[[str], None]
     pause: Callable[[], str] = lambda: ""
     retries: int = 1
@@ -148,7 +148,7 @@ class SampleScheduler:
         left: deque[int] = deque(numbers)
         attempts: dict[int, int] = {}
         while left:
-            again: list[SampleResult] = []
+            again: list[TaskResult] = []
             if attempts:
                 self.workers.renew()
             self._through(left, again)
@@ -162,7 +162,7 @@ class SampleScheduler:
                 else:
                     left.append(found.number)
 
-    def _through(self, left: deque[int], again: list[SampleResult]) -> None:
+    def _through(self, left: deque[int], again: list[TaskResult]) -> None:
         """Make samples until none is left."""
         under_way: dict[Future[Any], int] = {}
         begun, suspects, paused = 0, list[int](), ""
@@ -183,7 +183,9 @@ class SampleScheduler:
                     number = left.popleft()
                     under_way[self.workers.submit(self.work, *self.arguments, number)] = number
                     begun += 1
-                    continue
+                    # What was done here is taken before anything else is begun.
+                    if not any(future.done() for future in under_way):
+                        continue
             if not under_way:
                 time.sleep(_POLL_S)
                 continue
@@ -198,7 +200,7 @@ class SampleScheduler:
                     self.workers.refuse_unfit()
                     suspects.append(number)
 
-    def _by_itself(self, number: int, again: list[SampleResult]) -> None:
+    def _by_itself(self, number: int, again: list[TaskResult]) -> None:
         """Make one sample with nothing else under way: if a process dies now, it is this sample's."""
         future = self.workers.submit(self.work, *self.arguments, number)
         while True:
@@ -214,7 +216,7 @@ class SampleScheduler:
             self.workers.refuse_unfit()
             again.append(_died(number))
 
-    def _take(self, found: SampleResult, again: list[SampleResult]) -> None:
+    def _take(self, found: TaskResult, again: list[TaskResult]) -> None:
         self._proven = True
         if found.disk_full:
             self._full_until = time.monotonic() + FULL_S
@@ -235,8 +237,8 @@ class SampleScheduler:
         return reason
 
 
-def _died(number: int) -> SampleResult:
-    return SampleResult(number, failure={"sample": number, "error": "WorkerDied", "message": _DIED})
+def _died(number: int) -> TaskResult:
+    return TaskResult(number, failure={"sample": number, "error": "WorkerDied", "message": _DIED})
 
 
 @dataclass
@@ -260,7 +262,7 @@ class ParallelResult:
 
 def for_each(
     numbers: Sequence[int],
-    work: Callable[..., SampleResult],
+    work: Callable[..., TaskResult],
     arguments: tuple[Any, ...],
     *,
     present: int = 0,
@@ -269,7 +271,7 @@ def for_each(
     scheduler: str | None = None,
     retries: int = 0,
     what: str = "samples",
-    made: Callable[[SampleResult], None] | None = None,
+    made: Callable[[TaskResult], None] | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> ParallelResult:
@@ -280,11 +282,13 @@ def for_each(
     numbers
         The samples.
     work, arguments
-        Called with the arguments and a number, in some worker; returns `SampleResult`.
+        Called with the arguments and a number, in some worker; returns `TaskResult`.
     present
         How many samples need no work any more.
-    workers, threads, scheduler, retries
-        As of `run_dataset`.
+    workers, threads, scheduler
+        As of `create_executor`.
+    retries
+        How often a task that failed is tried again.
     what
         What progress calls the work.
     made
@@ -301,13 +305,13 @@ def for_each(
         if progress is not None:
             progress(what, found.done + found.present + len(found.failed), total)
 
-    def take(one: SampleResult) -> None:
+    def take(one: TaskResult) -> None:
         found.done += 1
         if made is not None:
             made(one)
         tell()
 
-    def failed(one: SampleResult, attempts: int) -> None:
+    def failed(one: TaskResult, attempts: int) -> None:
         message = " ".join(str(one.failure["message"]).split())
         found.failed[one.number] = message
         say(f"sample {one.number} failed: {message}")
@@ -316,8 +320,73 @@ def for_each(
     crew = create_executor(workers, threads, scheduler)
     try:
         tell()
-        SampleScheduler(crew, work, arguments, take, failed, say, retries=retries).run(numbers)
+        TaskScheduler(crew, work, arguments, take, failed, say, retries=retries).run(numbers)
         crew.renew()
     finally:
         crew.close()
     return found
+
+
+_MAX_LOSSES, _MAX_BATCH = 3, 8
+
+
+def map_batches(
+    executor: TaskExecutor,
+    work: Callable[..., list[Any]],
+    shared: Any,
+    items: Mapping[str, Any],
+    take: Callable[[str, Any], None],
+) -> None:
+    """Compute short pieces of work in batches, and start processes that die again.
+
+    Parameters
+    ----------
+    executor
+        The executor, which stays open.
+    work
+        Called with the shared value and the items of a batch; returns a list of results in the same order.
+    shared
+        Value that every batch gets.
+    items
+        The items by key.
+    take
+        Called with the key and the result of each item, in the order of the items unless a process dies.
+
+    Raises
+    ------
+    MachineError
+        If processes die again and again.
+    """
+    left, losses = dict(items), 0
+    while left:
+        futures: list[tuple[list[str], Future[list[Any]]]] = [
+            (keys, executor.submit(work, shared, [left[key] for key in keys]))
+            for keys in _split_batches(left, executor.count)
+        ]
+        lost = False
+        for keys, future in futures:
+            try:
+                results = future.result()
+            except CancelledError:
+                executor.refuse_unfit()
+                lost = True
+                continue
+            except executor.lost:
+                lost = True
+                continue
+            for key, result in zip(keys, results, strict=True):
+                del left[key]
+                take(key, result)
+        if lost:
+            losses += 1
+            if losses > _MAX_LOSSES:
+                message = "processes that predict are killed again and again; is there enough memory?"
+                raise MachineError([Problem("workers", message, executor.count)])
+            executor.renew()
+
+
+def _split_batches(left: Mapping[str, Any], workers: int) -> list[list[str]]:
+    """Return the keys in batches: small enough that no worker waits long for the others."""
+    keys = list(left)
+    size = max(1, min(_MAX_BATCH, -(-len(keys) // max(workers, 1))))
+    return [keys[start : start + size] for start in range(0, len(keys), size)]

@@ -1,0 +1,1 @@
+"""Resumable jobs: executors, the scheduler of tasks, and results kept by content."""
