@@ -59,7 +59,7 @@ def beyond(found: xr.Dataset, truth: xr.Dataset) -> dict[str, tuple[float, float
     throughout, exact = visible_throughout(truth), truth.sel(t=found["t"].values)
     masks = main_regions(exact, ScoreSettings().interior_margin_px)
     masks |= further_regions(exact, masks["interior"], ScoreSettings(), throughout=throughout)
-    known = found["kind"].values == 2
+    known = found["status"].values == 2
     with np.errstate(invalid="ignore"):
         depth = _far(found, exact, "depth")
         speed = _far(found, exact, "velocity").any(axis=0)

@@ -107,7 +107,7 @@ def of_method(disparity_px: float, motion_px: float) -> list[float]:
             seed=seed,
         )
         found = st.estimate(plane.recording(CAMERAS, FRAMES, noise_std=NOISE), "refined").isel(t=0)
-        seen, told = seen_share(plane) >= SEEN, found["kind"].values == 2
+        seen, told = seen_share(plane) >= SEEN, found["status"].values == 2
         right = arrived(found["disparity"].values, found["flow"].values, plane.truth()) & told
         counts += [seen.sum(), (told & seen).sum(), (right & seen).sum()]
     seen_count, told_count, right_count = counts

@@ -100,7 +100,9 @@ def foreseen(name: str, changes: Sequence[str], options: Sequence[str]) -> Stage
     views = scene.stage.positions * scene.stage.rows if "all" in options else 1
     parts, problems = list_object_workloads(scene)
     assert not problems
-    demand = compute_workload(scene, parts, views=views, complete="complete" in options, ideal="--ideal" in options)
+    demand = compute_workload(
+        scene, parts, views=views, complete="complete" in options, save_radiance="--ideal" in options
+    )
     return estimate_cost(demand, ["render"]).stages["render"]
 
 

@@ -55,7 +55,7 @@ def both(values: Array) -> str:
 
 def row(found: xr.Dataset, truth: xr.Dataset, inside: NDArray[np.bool_]) -> list[str]:
     """Return what the table tells of an estimate in a region."""
-    kept = inside & (found["kind"].values == 2)
+    kept = inside & (found["status"].values == 2)
 
     def error(name: str) -> Array:
         return np.asarray((found[name].values - truth[name].values)[..., kept], dtype=np.float64)
@@ -77,7 +77,7 @@ def beside(found: xr.Dataset, truth: xr.Dataset, first: float, last: float) -> l
     """Return what the second table tells of the pixels so far from outlines, of all objects."""
     away = truth["boundary_distance"].values
     region = (away >= first) & (away < last) & np.isfinite(truth["depth"].values)
-    known = region & (found["kind"].values == 2)
+    known = region & (found["status"].values == 2)
     if not known.any():
         return []
     error = np.abs(found["depth"].values - truth["depth"].values)[known].astype(np.float64)

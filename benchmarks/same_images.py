@@ -64,7 +64,7 @@ def errors_of(found: xr.Dataset, truth: xr.Dataset, clear_px: float) -> tuple[fl
         x, y = np.arange(width), np.arange(height)[:, None]
         right = x - truth["disparity"].values * found.attrs["baseline_mm"] / truth.attrs["baseline_mm"]
         inside &= (right > clear_px) & (x < width - clear_px) & (np.abs(y - height / 2) < height / 2 - clear_px)
-    kept = inside & (found["kind"].values == 2)
+    kept = inside & (found["status"].values == 2)
     depth = found["depth"].values - truth["depth"].values
     speed = (found["velocity"].values - truth["velocity"].values)[2]
     values = (depth, speed, found["depth_std"].values, found["velocity_std"].values[2])

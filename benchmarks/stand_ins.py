@@ -131,7 +131,7 @@ def told(recording: xr.Dataset, name: str, settings: dict[str, object]) -> Map:
     """Return the disparity that a method of the package tells, NaN elsewhere; rough ones where it fits nothing, too."""
     found = st.estimate(recording, name, settings).isel(t=0)
     least = 1 if name == "refined" else 2
-    return np.where(found["kind"].values >= least, found["disparity"].values, np.nan)
+    return np.where(found["status"].values >= least, found["disparity"].values, np.nan)
 
 
 def estimates(recording: xr.Dataset, truth: Map) -> Iterator[tuple[str, Map, float]]:

@@ -70,7 +70,7 @@ def share_left(found: xr.Dataset, truth: xr.Dataset) -> Array:
     middle = found.sizes["y"] // 2
     rows = slice(middle - 1, middle + 1)
     got, true = (each["flow"].isel(image_component=1, y=rows).values for each in (found, truth))
-    known = np.isfinite(got) & (found["kind"].isel(y=rows).values == 2)
+    known = np.isfinite(got) & (found["status"].isel(y=rows).values == 2)
     box = np.ones(SMOOTH_PX)
     over, under = (np.convolve(np.where(known, each, 0.0).sum(axis=0), box, "same") for each in (got * true, true**2))
     return np.where(under > 0, over / np.where(under > 0, under, 1.0), np.nan)
@@ -97,7 +97,7 @@ def rows(changes: Sequence[str]) -> list[list[str]]:
             quiet = st.estimate(at_rest, method, settings).sel(t=0)
             inner = {"y": slice(INTERIOR_PX, -INTERIOR_PX), "x": slice(INTERIOR_PX, -INTERIOR_PX)}
             away = rest["boundary_distance"].isel(inner).values >= INTERIOR_PX
-            known = away & (quiet["kind"].isel(inner).values == 2)
+            known = away & (quiet["status"].isel(inner).values == 2)
             off = quiet["flow"].isel({"image_component": 1, **inner}).values[known]
             noise = float(np.sqrt(np.mean(np.square(off))))
             told = (name, f"{sigma_px:g}", f"{first:.0f}", f"{last:.0f}", f"{noise:.2g}", f"{noise * first:.2g}")

@@ -53,7 +53,7 @@ def test_plain_reading(benchmark: BenchmarkFixture, recording: xr.Dataset) -> No
     result = benchmark.pedantic(estimate_plain, args=(recording, settings), rounds=3)
     kernels = estimate(recording, **ONE_POINT).isel(t=0)
     inner = kernels.isel(y=slice(14, -14), x=slice(2 * 37 + 14, -2 * 37 - 14))
-    both = (inner["kind"].values == 2) & (result["above"] >= 3)
+    both = (inner["status"].values == 2) & (result["above"] >= 3)
     assert np.abs(inner["disparity"].values - result["disparity"])[both].max() < 1e-3
 
 

@@ -97,7 +97,7 @@ def test_working_points_of_each_pixel_are_never_worse_than_the_best_single_one(d
 
     singles = {point: estimated(point) for point in (35, 36, 37, 38, 39)}
     depth_rms = {
-        point: st.score(estimate[["depth", "kind_disparity"]], truth).regions["interior"]["depth"]["rms"] or np.inf
+        point: st.score(estimate[["depth", "status_disparity"]], truth).regions["interior"]["depth"]["rms"] or np.inf
         for point, estimate in singles.items()
     }
     best = min(depth_rms, key=lambda point: depth_rms[point])

@@ -153,21 +153,23 @@ def test_plaid_is_the_papers_formula() -> None:
 
 def test_ideal_images_stand_beside_the_sensed_ones() -> None:
     sensor = {"noise_std": 0.05, "bit_depth": None}
-    both, _ = st.simulate(cube(**SMALL, sensor=sensor), ideal=True)
+    both, _ = st.simulate(cube(**SMALL, sensor=sensor), save_radiance=True)
     alone, _ = st.simulate(cube(**SMALL, sensor="ideal"))
-    np.testing.assert_array_equal(both["ideal"], alone["image"])
-    assert both["ideal"].attrs["units"] == "1"
-    noise = both["image"].values.astype(np.float64) - both["ideal"].values
+    np.testing.assert_array_equal(both["radiance"], alone["image"])
+    assert both["radiance"].attrs["units"] == "1"
+    noise = both["image"].values.astype(np.float64) - both["radiance"].values
     assert noise.std() == pytest.approx(0.05, rel=0.01)
     plain, _ = st.simulate(cube(**SMALL, sensor=sensor))
-    assert "ideal" not in plain
+    assert "radiance" not in plain
     np.testing.assert_array_equal(both["image"], plain["image"])
 
 
 def test_ideal_images_are_kept_in_a_store(tmp_path: Path) -> None:
-    recording, _ = st.simulate(cube(**SMALL, sensor={"noise_std": 0.05}), ideal=True)
+    recording, _ = st.simulate(cube(**SMALL, sensor={"noise_std": 0.05}), save_radiance=True)
     st.save_store(recording, tmp_path / "recording.zarr")
-    np.testing.assert_array_equal(st.load_store(tmp_path / "recording.zarr", "recording")["ideal"], recording["ideal"])
+    np.testing.assert_array_equal(
+        st.load_store(tmp_path / "recording.zarr", "recording")["radiance"], recording["radiance"]
+    )
 
 
 def test_simulation_is_imported_without_what_only_some_scenes_need() -> None:

@@ -184,8 +184,8 @@ def test_images_of_a_grid_are_files_of_their_own(tmp_path: Path) -> None:
 
 def test_rows_do_not_share_noise() -> None:
     sensor = {"bit_depth": None, "noise_std": 0.1}
-    noisy, _ = st.simulate(plaid({"rows": 3, "row_spacing_mm": 3}, sensor=sensor), ideal=True)
-    noise = (noisy["image"] - noisy["ideal"]).values.reshape(27, -1)
+    noisy, _ = st.simulate(plaid({"rows": 3, "row_spacing_mm": 3}, sensor=sensor), save_radiance=True)
+    noise = (noisy["image"] - noisy["radiance"]).values.reshape(27, -1)
     correlation = np.corrcoef(noise) - np.eye(27)
     # 6912 pixels: chance goes beyond five standard errors once in a million.
     assert np.abs(correlation).max() < 5 / np.sqrt(noise.shape[1])

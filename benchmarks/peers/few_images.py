@@ -37,5 +37,5 @@ def _found(recording: xr.Dataset, method: str, **settings: Any) -> dict[str, Any
     few.attrs.pop("recording_hash", None)
     found = st.estimate(few, method, settings).sel(t=[0])
     # Disparity follows from depth: per step of the whole recording.
-    names = ("depth", "velocity", "depth_std", "velocity_std", "kind")
+    names = ("depth", "velocity", "depth_std", "velocity_std", "status")
     return {"t": [0], **{name: found[name].values for name in names}}

@@ -76,7 +76,7 @@ def _maps(job: Job, pair: Pair, folder: Path, *, points: bool) -> Mapping[str, M
         return _by_opencv(pair, FlowSettings(**_settings(job)))
     if job.peer not in PEERS:
         found = st.estimate(pair.recording, job.peer, _settings(job)).sel(t=0)
-        told = found["kind"].values == 2
+        told = found["status"].values == 2
         names = [name for name in ("disparity", "depth", "flow", "velocity", "growth_rate") if name in found]
         return {name: np.where(told, found[name].values, np.nan) for name in names}
     with tempfile.TemporaryDirectory(prefix="peer-") as output:

@@ -193,7 +193,7 @@ def bursts() -> None:
         scene = windy(start, seed=100 + number)
         recording, truth = st.simulate(scene)
         estimate = st.estimate(recording, scene.estimate.method, scene.estimate.settings).sel(t=0)
-        leaf = (estimate["kind"].values == 2) & (estimate["depth"].values < SOIL_MM)
+        leaf = (estimate["status"].values == 2) & (estimate["depth"].values < SOIL_MM)
         true = truth.sel(t=0)["object_id"].values == 0
         exact = [float(values[true].mean()) for values in toward(truth.sel(t=0))]
         found = [float(values[leaf].mean()) for values in toward(estimate)]

@@ -291,7 +291,7 @@ class ScoreError(_ProblemListError):
     >>> truth = st.make_truth(st.Scene.from_dict(plain))
     >>> recording = st.make_recording(np.zeros((1, 1, 30, 40)), focal_length_px=61, baseline_mm=5)
     >>> try:
-    ...     st.score(st.make_estimate(depth=truth.depth, like=recording), truth, recording)
+    ...     st.score(st.make_estimate(depth=truth.depth, recording=recording), truth, recording)
     ... except st.ScoreError as error:
     ...     print(error.problems[0])
     attrs.focal_length_px: the estimate's 61.0 differs from the truth's 60.0

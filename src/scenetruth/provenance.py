@@ -61,7 +61,7 @@ def intrinsics_from(scene: Scene) -> Intrinsics:
     return Intrinsics(camera.focal_px, camera.principal_point, scene.stage.baseline_mm, scene.frames.frame_interval_s)
 
 
-def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, ideal: bool = False) -> xr.Dataset:
+def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, save_radiance: bool = False) -> xr.Dataset:
     """Return the recording of a scene with images that take no memory: all of their pixels are one.
 
     Parameters
@@ -70,15 +70,15 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, ide
         The scene.
     attrs
         What the recording's attributes tell besides the intrinsics and the sensor's full scale.
-    ideal
+    save_radiance
         Whether there are linear images without noise too.
     """
     camera, stage, sensor = scene.camera, scene.stage, build_sensor_chain(scene.sensor)
     rows = (stage.rows,) if stage.rows > 1 else ()
     shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
     arrays = {"image": blank_map(sensor.dtype, shape)}
-    if ideal:
-        arrays["ideal"] = blank_map(np.float32, shape)
+    if save_radiance:
+        arrays["radiance"] = blank_map(np.float32, shape)
     return label(
         "recording",
         arrays,

@@ -37,7 +37,7 @@ def simulate(
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
-    ideal: bool = False,
+    save_radiance: bool = False,
     folder: str | Path | None = None,
     limits: Limits | None = None,
     progress: Progress | None = None,
@@ -59,8 +59,8 @@ def simulate(
         ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
         size, with acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
         rotation rate, principal growth, and coordinates on the surface.
-    ideal
-        Whether the recording also holds ``ideal``, the linear images without noise that the sensor was given.
+    save_radiance
+        Whether the recording also holds ``radiance``, the linear images without noise that the sensor was given.
     folder
         A folder to be made for scene, recording and truth. Every image goes there as soon as it is rendered, so that
         memory does not grow with their number. Without it, all is kept in memory.
@@ -72,7 +72,7 @@ def simulate(
     Returns
     -------
     tuple
-        The recording, ``image`` (s, t, y, x) and perhaps ``ideal``, and the truth, maps (t, y, x) or (s, t, y, x).
+        The recording, ``image`` (s, t, y, x) and perhaps ``radiance``, and the truth, maps (t, y, x) or (s, t, y, x).
         The recording holds the planned poses and times of the images, the truth the real ones. If the stage has rows,
         ``s_y`` comes before ``s``. From a folder, images and maps are read when they are used (`open_store`).
 
@@ -116,10 +116,10 @@ def simulate(
     if folder is not None:
         with write_atomically(folder) as aside:
             aside.mkdir()
-            simulate_into(aside, scene, choice, ideal=ideal, progress=progress)
+            simulate_into(aside, scene, choice, save_radiance=save_radiance, progress=progress)
         recorded, measured = _stores(Path(folder), scene)
         return open_store(recorded, "recording"), open_store(measured, "truth")
-    work = _Work(scene, ideal=ideal, progress=progress)
+    work = _Work(scene, save_radiance=save_radiance, progress=progress)
     with work.opened() as blank:
         images = IncrementalDataset(blank)
         work.record(images.put)
@@ -130,7 +130,7 @@ def simulate(
 
 
 def simulate_into(
-    folder: Path, scene: Scene, choice: TruthOptions, *, ideal: bool = False, progress: Progress | None = None
+    folder: Path, scene: Scene, choice: TruthOptions, *, save_radiance: bool = False, progress: Progress | None = None
 ) -> tuple[str, str]:
     """Render a scene and compute its truth into a folder that exists and is empty, image by image.
 
@@ -138,7 +138,7 @@ def simulate_into(
     ----------
     folder
         The folder; the scene, the recording and the truth go there.
-    scene, choice, ideal, progress
+    scene, choice, save_radiance, progress
         As of `simulate`.
 
     Returns
@@ -150,7 +150,7 @@ def simulate_into(
 
     text = yaml.safe_dump(scene.to_dict(), sort_keys=False, allow_unicode=True)
     (folder / SCENE).write_text(text, encoding="utf-8")
-    work = _Work(scene, ideal=ideal, progress=progress)
+    work = _Work(scene, save_radiance=save_radiance, progress=progress)
     (recorded, measured), zipped = _stores(folder, scene), scene.storage.form == "zip"
     with work.opened() as blank, StoreWriter(recorded, blank, zipped=zipped) as images:
         work.record(images.put)
@@ -171,8 +171,8 @@ def _stores(folder: Path, scene: Scene) -> tuple[Path, Path]:
 class _Work:
     """The work on one scene, whose images and maps go wherever they are put."""
 
-    def __init__(self, scene: Scene, *, ideal: bool, progress: Progress | None) -> None:
-        self.scene, self.ideal, self.progress = scene, ideal, progress
+    def __init__(self, scene: Scene, *, save_radiance: bool, progress: Progress | None) -> None:
+        self.scene, self.save_radiance, self.progress = scene, save_radiance, progress
         self.world = build_scene(scene)
         check_scene(scene, self.world)
         self.provenance = provenance_attributes(scene)
@@ -193,7 +193,7 @@ class _Work:
             }
             if scene.camera.distortion is not None:
                 attrs["distortion"] = list(scene.camera.distortion.coefficients)
-            yield blank_recording(scene, attrs, ideal=self.ideal)
+            yield blank_recording(scene, attrs, save_radiance=self.save_radiance)
 
     def record(self, put: Put) -> None:
         """Render all images, and read them out of the sensor."""
@@ -216,8 +216,8 @@ class _Work:
             radiance = next(images)
             brightest = max(brightest, float(radiance.max()))
             at = {**({"s_y": k} if stage.rows > 1 else {}), "s": m, "t": n}
-            if self.ideal:
-                put("ideal", at, radiance)
+            if self.save_radiance:
+                put("radiance", at, radiance)
             image = LinearImage(radiance, s_y, s, t)
             put("image", at, opened.read(image, previous))
             previous = image if sensor.remembers else None

@@ -20,7 +20,11 @@ def test_they_agree_with_the_maps(motion: Motion) -> None:
     plane = plane_of(size=(40, 100), slopes=(0.0, 0.0), velocity_mm=(0.0, 0.0, 0.0), waves=200, baseline_mm=12.0)
     recording = plane.recording(3, 5)
     maps = cramer_rao_bound(
-        truth_of(plane), recording.assign(ideal=recording["image"]), noise_std=0.01, window_sigma_px=3.0, motion=motion
+        truth_of(plane),
+        recording.assign(radiance=recording["image"]),
+        noise_std=0.01,
+        window_sigma_px=3.0,
+        motion=motion,
     ).isel(t=0, y=slice(8, -8), x=slice(32, -32))
     # 0.1 is the contrast of these planes, whose waves are as many in each octave.
     texture = {**TEXTURE, "gradient": texture_gradient(0.1, (8.0, 16.0), -2.0)}

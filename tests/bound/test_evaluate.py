@@ -31,7 +31,7 @@ STDS = ("disparity_std", "depth_std", "flow_std", "velocity_std", "slope_std")
 def bound_of(plane: MovingPlane, recording: xr.Dataset | None = None, **settings: Any) -> xr.Dataset:
     recording = plane.recording(3, 3) if recording is None else recording
     given = {"noise_std": 1.0, "window_sigma_px": SIGMA, **settings}
-    return cramer_rao_bound(truth_of(plane), recording.assign(ideal=recording["image"]), **given)
+    return cramer_rao_bound(truth_of(plane), recording.assign(radiance=recording["image"]), **given)
 
 
 def inside(values: xr.DataArray) -> np.ndarray:
@@ -157,7 +157,7 @@ def test_more_images_never_know_less() -> None:
             if name in part:
                 assert (inside(part[name]) > inside(most[name])).all()
     assert "velocity_std" not in fewer[-1]
-    assert inside(most["images_used"]).max() == 25
+    assert inside(most["image_count"]).max() == 25
 
 
 def test_a_richer_model_never_knows_better() -> None:
@@ -206,7 +206,7 @@ def test_what_is_hidden_or_masked_does_not_count() -> None:
     truth = truth_of(plane).drop_vars("mixed").reindex(t=[-1, 0, 1]).assign_coords(s=[-1, 0, 1])
     truth["mixed"] = truth["depth"].isnull() & False
     truth["visible"] = (("s", "t", "y", "x"), visible)
-    ideal = recording.assign(ideal=recording["image"])
+    ideal = recording.assign(radiance=recording["image"])
     settings: dict[str, Any] = {"noise_std": 1.0, "window_sigma_px": SIGMA}
     hidden = cramer_rao_bound(truth, ideal, **settings)
     mask = np.zeros((3, 1, *plane.size), dtype=bool)
@@ -215,12 +215,12 @@ def test_what_is_hidden_or_masked_does_not_count() -> None:
         recording["image"].values,
         plane.focal_px,
         plane.baseline_mm,
-        mask=np.broadcast_to(mask, recording["image"].shape),
+        exclusion_mask=np.broadcast_to(mask, recording["image"].shape),
     )
-    both = [hidden, cramer_rao_bound(truth_of(plane), masked.assign(ideal=masked["image"]), **settings)]
+    both = [hidden, cramer_rao_bound(truth_of(plane), masked.assign(radiance=masked["image"]), **settings)]
     two = bound_of(plane, recording.sel(s=slice(0, 1)))
     for found in both:
-        assert inside(found["images_used"]).max() == 6
+        assert inside(found["image_count"]).max() == 6
         np.testing.assert_allclose(inside(found["disparity_std"]), inside(two["disparity_std"]), rtol=1e-9)
 
 
@@ -236,9 +236,10 @@ def test_windows_keep_to_one_object() -> None:
     stronger[..., 30:] = (stronger[..., 30:] - 0.5) * 4 + 0.5
     settings: dict[str, Any] = {"noise_std": 1.0, "window_sigma_px": 6.0}
     one, other = (
-        cramer_rao_bound(truth, recording.assign(ideal=image), **settings) for image in (recording["image"], stronger)
+        cramer_rao_bound(truth, recording.assign(radiance=image), **settings)
+        for image in (recording["image"], stronger)
     )
-    # The image and its linear relation to ``ideal`` are those of the whole.
+    # The image and its linear relation to ``radiance`` are those of the whole.
     left = {"x": slice(None, 20)}
     whole = bound_of(plane, recording, window_sigma_px=6.0)
     ratio = other["disparity_std"].isel(left).values / one["disparity_std"].isel(left).values
@@ -257,7 +258,7 @@ def test_rows_of_cameras_tell_more() -> None:
     grid = plane.recording(3, 3, rows=3)
     row = bound_of(plane, grid.sel(s_y=0))
     found = bound_of(plane, grid)
-    assert inside(found["images_used"]).max() == 27
+    assert inside(found["image_count"]).max() == 27
     # Σs² is 3 rows times 2; Σs_y² adds the same again, by the other gradient.
     ratio = inside(row["disparity_std"]) / inside(found["disparity_std"])
     assert np.median(ratio) == pytest.approx(np.sqrt(6), rel=0.15)

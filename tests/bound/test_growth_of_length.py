@@ -47,7 +47,7 @@ def test_derivatives_are_those_of_the_eigenvalues(seed: int) -> None:
     by_theta = np.array([(growths(theta + e) - growths(theta - e)) / (2 * e.sum()) for e in steps])
     told = np.zeros((2, 12))
     for k in range(2):
-        for place, share in found[f"growth_principal.{k}"]:
+        for place, share in found[f"principal_growth_rates.{k}"]:
             told[k, place] += float(np.asarray(share).item())
     area = np.zeros(12)
     for place, share in found["growth_rate"]:
@@ -74,10 +74,10 @@ def test_noise_pushes_growths_apart() -> None:
 def test_errors_of_inclination_and_turn_multiply() -> None:
     """Scatter of the growth of length where both are noisy, against 400,000 draws: variances of products add up."""
     tilt, turn = 0.07, 0.03
-    std = {"growth_rate": 0.0, "growth_apart": 0.0, "growth_shear": 0.0, "growth_principal.0": 1e-3}
-    std |= {"growth_principal.1": 0.0, "growth_tilt.0": tilt, "growth_tilt.1": 0.0, "growth_turn.0": turn}
+    std = {"growth_rate": 0.0, "growth_apart": 0.0, "growth_shear": 0.0, "principal_growth_rates.0": 1e-3}
+    std |= {"principal_growth_rates.1": 0.0, "growth_tilt.0": tilt, "growth_tilt.1": 0.0, "growth_turn.0": turn}
     told = add_error_products({name: np.array([value]) for name, value in (std | {"growth_turn.1": 0.0}).items()})
     a, b, c = np.random.default_rng(6).normal(size=(3, 400_000))
-    assert told["growth_principal.0"][0] == pytest.approx(np.std(1e-3 * a + tilt * turn * b * c), rel=0.01)
-    assert told["growth_principal.1"][0] == 0
+    assert told["principal_growth_rates.0"][0] == pytest.approx(np.std(1e-3 * a + tilt * turn * b * c), rel=0.01)
+    assert told["principal_growth_rates.1"][0] == 0
     assert not any(name.startswith(("growth_tilt", "growth_turn")) for name in told)

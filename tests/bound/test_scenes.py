@@ -17,10 +17,10 @@ from tests.nightly import nightly
 
 def test_a_scene_has_a_bound_on_its_surfaces() -> None:
     scene = copy.deepcopy(SCENE)
-    recording, truth = st.simulate(st.Scene.from_dict(scene), ideal=True)
+    recording, truth = st.simulate(st.Scene.from_dict(scene), save_radiance=True)
     at = truth.sel(t=0)
     found = cramer_rao_bound(truth, recording, window_sigma_px=3.0)
-    noisy = cramer_rao_bound(truth, recording.drop_vars("ideal"), window_sigma_px=3.0)
+    noisy = cramer_rao_bound(truth, recording.drop_vars("radiance"), window_sigma_px=3.0)
     nothing = at["mixed"].values.astype(bool) | np.isnan(at["depth"].values)
     known = np.isfinite(found["depth_std"].values[0])
     assert nothing.any()
@@ -40,11 +40,11 @@ def test_a_scene_has_a_bound_on_its_surfaces() -> None:
 def test_a_sensor_without_noise_needs_to_be_told_one() -> None:
     scene = copy.deepcopy(SCENE)
     scene["sensor"] = "ideal"
-    recording, truth = st.simulate(st.Scene.from_dict(scene), ideal=True)
+    recording, truth = st.simulate(st.Scene.from_dict(scene), save_radiance=True)
     with pytest.raises(st.RecordingError, match="noise_std"):
         cramer_rao_bound(truth, recording)
     found = cramer_rao_bound(truth, recording, noise_std=0.01, window_sigma_px=3.0)
-    plain = cramer_rao_bound(truth, recording.drop_vars("ideal"), noise_std=0.01, window_sigma_px=3.0)
+    plain = cramer_rao_bound(truth, recording.drop_vars("radiance"), noise_std=0.01, window_sigma_px=3.0)
     np.testing.assert_allclose(plain["depth_std"].values, found["depth_std"].values, rtol=1e-5)
 
 
@@ -59,7 +59,7 @@ def test_bright_pixels_have_more_noise() -> None:
     """Of a sensor with shot noise, the bound lies between those of its least and its largest noise."""
     scene = copy.deepcopy(SCENE)
     scene["sensor"] = {"kind": "emva1288", "preset": "industrial_cmos"}
-    recording, truth = st.simulate(st.Scene.from_dict(scene), ideal=True)
+    recording, truth = st.simulate(st.Scene.from_dict(scene), save_radiance=True)
     clean = recording["image"].values.astype(np.float64)
     least, most = (np.sqrt(0.39 * (grey - 16)) for grey in (np.quantile(clean, 0.01), clean.max()))
     low, own, high = (
@@ -92,7 +92,7 @@ def test_the_refined_method_reaches_it(motion: Any) -> None:
     truth, clean = truth_of(plane), plane.recording(3, 5)
     noise, sigma = 0.005, 3.0
     bound = cramer_rao_bound(
-        truth, clean.assign(ideal=clean["image"]), noise_std=noise, window_sigma_px=sigma, motion=motion
+        truth, clean.assign(radiance=clean["image"]), noise_std=noise, window_sigma_px=sigma, motion=motion
     )
     settings = {"surface": "plane", "motion": motion, "acceleration": False, "outlines": False, "brightness": "none"}
     found = [

@@ -95,7 +95,7 @@ def test_values_under_the_pointer_are_those_of_the_maps(page: Any, case: Case) -
         show(page, panel, layer)
     frame = {"t": 0}
     estimate, truth = (part.sel(frame) for part in (case.estimate, case.truth))
-    full = (estimate["kind_disparity"].values == 2) & (estimate["kind_motion"].values == 2)
+    full = (estimate["status_disparity"].values == 2) & (estimate["status_motion"].values == 2)
     rng = np.random.default_rng(5)
     rows, columns = np.nonzero(full & np.isfinite(truth["depth"].values))
     limits = page.evaluate("Object.fromEntries(scenetruthReport.data.groups.map((one) => [one.name, one.limits]))")

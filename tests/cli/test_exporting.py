@@ -17,7 +17,7 @@ def run(tmp_path: Path) -> Path:
     images = np.random.default_rng(1).random((2, 2, 12, 16)).astype(np.float32)
     recording = st.make_recording(images, focal_length_px=50, baseline_mm=2)
     st.save_store(recording, tmp_path / "run" / "recording.zarr")
-    estimate = st.make_estimate(depth=np.full((2, 12, 16), 80.0), flow=np.zeros((2, 2, 12, 16)), like=recording)
+    estimate = st.make_estimate(depth=np.full((2, 12, 16), 80.0), flow=np.zeros((2, 2, 12, 16)), recording=recording)
     st.save_store(estimate, tmp_path / "run" / "estimate.zarr")
     return tmp_path / "run"
 

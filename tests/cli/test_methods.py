@@ -17,7 +17,7 @@ from tests.cli.calling import names, scenetruth
 from tests.scenes import cube
 
 # All that there are for a method which finds nothing but flow, without error bars.
-PICTURES = {"image.png", "flow.png", "error_histograms.png", "confidence.png"}
+PICTURES = {"image.png", "flow.png", "error_histograms.png", "coherence.png"}
 SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "frames": {"count": 5}}
 
 

@@ -93,7 +93,7 @@ def test_image_and_depth_are_printed(with_depth: bool, tmp_path: Path) -> None:
     recording = st.make_recording(images, focal_length_px=50, baseline_mm=2)
     depth = np.tile(np.linspace(70, 90, 160), (3, 12, 1))
     flow = np.zeros((2, 3, 12, 160))
-    estimate = st.make_estimate(depth=depth if with_depth else None, flow=flow, like=recording)
+    estimate = st.make_estimate(depth=depth if with_depth else None, flow=flow, recording=recording)
     st.save_store(recording, tmp_path / "recording.zarr")
     st.save_store(estimate, tmp_path / "estimate.zarr")
     console = terminal()

@@ -26,7 +26,7 @@ def made(kind: str, value: float) -> tuple[xr.Dataset, xr.Dataset]:
 
 def estimate_of(recording: xr.Dataset, truth: xr.Dataset, **changes: object) -> xr.Dataset:
     given = {"disparity": truth["disparity"].values, "velocity": truth["velocity"].values, **changes}
-    return st.make_estimate(like=recording, t=[0], **given)  # type: ignore[arg-type]  # any arrays
+    return st.make_estimate(recording=recording, t=[0], **given)  # type: ignore[arg-type]  # any arrays
 
 
 def one(rows: list[BenchmarkRecord], method: str, quantity: str, statistic: str, pixels: str = OWN) -> BenchmarkRecord:
@@ -141,7 +141,7 @@ def test_methods_are_compared_on_what_all_tell(still: tuple[xr.Dataset, xr.Datas
 
 def test_a_method_that_gives_less_is_not_asked_for_more(still: tuple[xr.Dataset, xr.Dataset]) -> None:
     recording, truth = still
-    depth_only = st.make_estimate(like=recording, t=[0], depth=truth["depth"].values)
+    depth_only = st.make_estimate(recording=recording, t=[0], depth=truth["depth"].values)
     rows = list(
         compute_statistic_records(
             all_cases()["noise"], 0.005, [CaseEstimates({"depth": depth_only}, truth, recording, 0.005)]

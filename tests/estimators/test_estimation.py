@@ -23,7 +23,7 @@ def recording() -> xr.Dataset:
 
 
 def good(recording: xr.Dataset) -> xr.Dataset:
-    return st.make_estimate(like=recording, depth=np.full((30, 40), 900.0), flow=np.zeros((2, 30, 40)))
+    return st.make_estimate(recording=recording, depth=np.full((30, 40), 900.0), flow=np.zeros((2, 30, 40)))
 
 
 class Doing(Method):
@@ -62,7 +62,7 @@ HERE = r"[\w/]*test_estimation\.py"
         (leave, rf"method 'doing': failed: it called sys.exit\(3\) \({HERE}:[0-9]+ in leave\)"),
         (lambda r: raise_zero_division(r), rf"ZeroDivisionError: .* \({HERE}:[0-9]+ in raise_zero_division\)"),
         (lambda r: np.linalg.inv(np.zeros((2, 2))), rf"Singular matrix \({HERE}:[0-9]+ in <lambda>\)"),
-        (lambda r: st.make_estimate(like=r), rf"method 'doing' \({HERE}:[0-9]+ in <lambda>\)"),
+        (lambda r: st.make_estimate(recording=r), rf"method 'doing' \({HERE}:[0-9]+ in <lambda>\)"),
         (raise_zero_division, "method 'doing': failed: ZeroDivisionError"),
         (write_to, "method 'doing': changes the recording that it was given"),
         (lambda _: None, "the method 'doing' returned.*is not an xarray.Dataset.*'NoneType'"),
@@ -73,7 +73,10 @@ HERE = r"[\w/]*test_estimation\.py"
         (lambda r: good(r).assign_coords(t=[9]), "t: has 1 values that the recording has not"),
         (lambda r: good(r).transpose("x", "y", "t", ...), "depth: must have the dimensions"),
         (lambda r: good(r).assign(depth=good(r)["depth"].assign_attrs(units="m")), "depth.units: must be 'mm'"),
-        (lambda r: st.make_estimate(like=r, depth=np.ones((4, 4))), "method 'doing'.*\n.*depth: must have the shape"),
+        (
+            lambda r: st.make_estimate(recording=r, depth=np.ones((4, 4))),
+            "method 'doing'.*\n.*depth: must have the shape",
+        ),
     ],
 )
 def test_what_goes_wrong_is_told_with_the_name_of_the_method(

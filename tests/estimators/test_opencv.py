@@ -124,14 +124,16 @@ def at_once(recording: xr.Dataset, name: str) -> xr.Dataset:
     count = recording.sizes["t"]
     flow = [opencv_common.flow_between(images[1, n], images[1, n + 1], settings) for n in range(count - 1)]
     if name == "opencv_flow":
-        return st.make_estimate(like=recording, flow=np.stack(flow, axis=1), t=recording["t"].values[:-1])
+        return st.make_estimate(recording=recording, flow=np.stack(flow, axis=1), t=recording["t"].values[:-1])
     disparity = np.stack(
         [opencv_common.disparity_between(images[1, n], images[2, n], settings, to_the_right=True) for n in range(count)]
     )
     if name == "opencv_stereo":
-        return st.make_estimate(like=recording, disparity=disparity)
+        return st.make_estimate(recording=recording, disparity=disparity)
     flow.append(np.full_like(flow[0], np.nan))
-    return st.make_estimate(like=recording, disparity=disparity, flow=np.stack(flow, axis=1)).isel(t=slice(None, -1))
+    return st.make_estimate(recording=recording, disparity=disparity, flow=np.stack(flow, axis=1)).isel(
+        t=slice(None, -1)
+    )
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -30,7 +30,7 @@ class Flat(Method):
     gives = frozenset({{"depth"}})
 
     def estimate(self, recording, settings, progress):
-        return st.make_estimate(like=recording, depth=np.full(recording.image.shape[-3:], 500.0))
+        return st.make_estimate(recording=recording, depth=np.full(recording.image.shape[-3:], 500.0))
 """
 
 

@@ -114,7 +114,7 @@ def test_everything_that_is_missing_is_told_at_once(tmp_path: Path) -> None:
 
 
 def test_estimates_lack_finite_flow_and_other_variables(recording: xr.Dataset, tmp_path: Path) -> None:
-    estimate = st.make_estimate(disparity=np.full((3, 48, 64), 3.0), like=recording)
+    estimate = st.make_estimate(disparity=np.full((3, 48, 64), 3.0), recording=recording)
     with pytest.raises(st.ExportError) as info:
         st.export_data(recording, estimate, tmp_path / "x", "spring")
     assert set(problems_of(info)) == {"flow_next", "flow_previous", "displacement_next", "displacement_previous"}
@@ -169,7 +169,7 @@ def test_a_truth_of_the_reference_belongs_to_its_own_row(tmp_path: Path) -> None
         st.export_data(recording.sel(s_y=1), truth.sel(s_y=1), tmp_path / "y", "ply")
     st.save_store(recording, tmp_path / "run" / "recording.zarr")
     st.save_store(
-        st.make_estimate(depth=np.full((2, 16, 20), 90.0), like=recording), tmp_path / "run" / "estimate.zarr"
+        st.make_estimate(depth=np.full((2, 16, 20), 90.0), recording=recording), tmp_path / "run" / "estimate.zarr"
     )
     assert st.export_run(tmp_path / "run", tmp_path / "z", "ply", row=0, method="structure_tensor").files
     with pytest.raises(st.ExportError, match=r"row: must be 0: the estimate is of that row"):

@@ -48,7 +48,7 @@ def test_groups_of_frames_leave_no_trace(
 
 def test_methods_that_need_all_frames_are_written_too(recording: xr.Dataset, tmp_path: Path) -> None:
     def far(recording: xr.Dataset) -> xr.Dataset:
-        return st.make_estimate(like=recording, depth=np.full(recording["image"].shape[1:], 700.0))
+        return st.make_estimate(recording=recording, depth=np.full(recording["image"].shape[1:], 700.0))
 
     write_estimate(prepare(recording, far), tmp_path / "estimate.zarr")
     assert (st.load_store(tmp_path / "estimate.zarr").depth == 700).all()

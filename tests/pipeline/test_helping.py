@@ -42,8 +42,8 @@ def test_whatever_becomes_of_the_helper_all_pictures_are_drawn(finished: Path, t
         assert helper is not None
         assert helper._process is not None
         os.kill(helper._process.pid, signal.SIGKILL)
-        runner.report("structure_tensor", ["image", "depth", "confidence"])
-    assert sorted(path.name for path in (run / "figures").iterdir()) == ["confidence.png", "depth.png", "image.png"]
+        runner.report("structure_tensor", ["image", "depth", "coherence"])
+    assert sorted(path.name for path in (run / "figures").iterdir()) == ["coherence.png", "depth.png", "image.png"]
 
 
 def test_the_helper_ends_with_its_block() -> None:

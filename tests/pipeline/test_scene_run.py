@@ -71,7 +71,7 @@ class Flat(Method):
     name = "flat"
 
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Any) -> xr.Dataset:
-        return st.make_estimate(like=recording, disparity=np.full(recording["image"].shape[1:], 6.0))
+        return st.make_estimate(recording=recording, disparity=np.full(recording["image"].shape[1:], 6.0))
 
 
 class Endless(Method):

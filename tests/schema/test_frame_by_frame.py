@@ -38,13 +38,15 @@ def maps(frames: int, sign: float) -> tuple[NDArray[np.float64], NDArray[np.floa
 def test_velocity_is_derived_from_neighbours_alone(frames: int, baseline_mm: float, step_px: int) -> None:
     like = recording(frames, baseline_mm, step_px)
     disparity, flow = maps(frames, np.sign(baseline_mm))
-    whole = st.make_estimate(like=like, disparity=disparity, flow=flow)
+    whole = st.make_estimate(recording=like, disparity=disparity, flow=flow)
     assert np.isfinite(whole["velocity"].sel(component="Z")).any()
-    filling = IncrementalDataset(blank_estimate(["flow", "disparity", "depth_rate"], like=like, t=like["t"].values))
+    filling = IncrementalDataset(
+        blank_estimate(["flow", "disparity", "depth_rate"], recording=like, t=like["t"].values)
+    )
     for n, t in enumerate(like["t"].values):
         near = {step: disparity[n + step] for step in (1, 0, -1) if 0 <= n + step < frames}
-        rate = compute_depth_rate(near, flow[:, n], like=like)
-        found = st.make_estimate(like=like, disparity=disparity[n], flow=flow[:, n], depth_rate=rate, t=t)
+        rate = compute_depth_rate(near, flow[:, n], recording=like)
+        found = st.make_estimate(recording=like, disparity=disparity[n], flow=flow[:, n], depth_rate=rate, t=t)
         put_estimate(found, n, filling.put)
     same_maps(filling.dataset(), whole)
 
@@ -56,8 +58,8 @@ def test_blanks_have_what_is_made(name: str) -> None:
     given_maps: dict[str, Any] = {name: np.ones((*components, 2, HEIGHT, WIDTH))}
     if name == "velocity_std":
         given_maps["depth"] = np.ones((2, HEIGHT, WIDTH))
-    whole = st.make_estimate(like=like, t=[0, 1], **given_maps)
-    blank = blank_estimate(given_maps, like=like, t=[0, 1])
+    whole = st.make_estimate(recording=like, t=[0, 1], **given_maps)
+    blank = blank_estimate(given_maps, recording=like, t=[0, 1])
     filling = IncrementalDataset(blank)
     put_estimate(whole, 0, filling.put)
     same_maps(filling.dataset(), whole)

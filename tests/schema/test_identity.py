@@ -56,7 +56,7 @@ def runs() -> list[dict[str, xr.Dataset]]:
     found = []
     for seed in (1, 2):
         recording, truth = st.simulate(cube(**TINY, seed=seed))
-        estimate = st.make_estimate(like=recording, depth=truth["depth"].values)
+        estimate = st.make_estimate(recording=recording, depth=truth["depth"].values)
         found.append({"recording": recording, "truth": truth, "estimate": estimate})
     return found
 
@@ -102,6 +102,6 @@ def test_estimates_are_told_apart_by_method_and_settings() -> None:
 def test_made_estimates_are_told_apart_by_what_they_hold() -> None:
     recording = st.make_recording(np.zeros((2, 1, 8, 8)), 300.0, 5.0)
     hashes = [
-        st.make_estimate(like=recording, depth=np.full((8, 8), z)).attrs["estimate_hash"] for z in (1.0, 2.0, 1.0)
+        st.make_estimate(recording=recording, depth=np.full((8, 8), z)).attrs["estimate_hash"] for z in (1.0, 2.0, 1.0)
     ]
     assert hashes[0] == hashes[2] != hashes[1]

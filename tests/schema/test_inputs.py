@@ -60,7 +60,7 @@ def test_what_is_no_array_of_images_is_refused(value: Any) -> None:
 
 
 @pytest.mark.parametrize("value", NO_ARRAYS, ids=lambda value: f"{type(value).__name__} {getattr(value, 'dtype', '')}")
-@pytest.mark.parametrize("name", ["depth", "velocity", "depth_std", "t", "kind", "depth_rate"])
+@pytest.mark.parametrize("name", ["depth", "velocity", "depth_std", "t", "status", "depth_rate"])
 def test_what_is_no_map_is_refused(name: str, value: Any) -> None:
     if value is None or (name == "depth_rate" and isinstance(value, int | np.float64)):
         return
@@ -68,13 +68,13 @@ def test_what_is_no_map_is_refused(name: str, value: Any) -> None:
     if name in ("depth", "velocity", "depth_std") and np.ma.isMaskedArray(value):
         return
     with pytest.raises(st.RecordingError, match=rf"- ({name}|): "):
-        st.make_estimate(like=RECORDING, **arrays)
+        st.make_estimate(recording=RECORDING, **arrays)
 
 
 @pytest.mark.parametrize("like", [None, "x", {}, np.zeros(3), xr.Dataset(), xr.DataArray(np.zeros(3))], ids=repr)
 def test_what_is_no_recording_is_refused(like: Any) -> None:
     with pytest.raises(st.RecordingError):
-        st.make_estimate(like=like, depth=np.ones((3, 4, 5)))
+        st.make_estimate(recording=like, depth=np.ones((3, 4, 5)))
     with pytest.raises(st.RecordingError):
         st.estimate(like)
     with pytest.raises(st.ScoreError):
@@ -121,13 +121,13 @@ def test_calls_of_estimate_that_make_no_sense(arguments: dict[str, Any], message
     ids=str,
 )
 def test_calls_of_score_that_make_no_sense(arguments: dict[str, Any], message: str) -> None:
-    found = st.make_estimate(like=RECORDING, depth=np.ones((3, 4, 5)))
+    found = st.make_estimate(recording=RECORDING, depth=np.ones((3, 4, 5)))
     with pytest.raises(st.ScoreError, match=message):
         st.score(found, found, **arguments)
 
 
 def test_parts_that_are_no_data_sets() -> None:
-    found = st.make_estimate(like=RECORDING, depth=np.ones((3, 4, 5)))
+    found = st.make_estimate(recording=RECORDING, depth=np.ones((3, 4, 5)))
     parts: list[tuple[Any, Any, dict[str, Any]]] = [
         (None, found, {}),
         (RECORDING, "x", {}),
@@ -158,12 +158,12 @@ def test_any_arguments_give_a_recording_or_an_error_of_ours(changes: dict[str, A
 
 
 @given(some.dictionaries(some.sampled_from(
-    ["depth", "disparity", "flow", "velocity", "depth_rate", "depth_std", "velocity_std", "kind", "t"]),
+    ["depth", "disparity", "flow", "velocity", "depth_rate", "depth_std", "velocity_std", "status", "t"]),
     junk | some.sampled_from([np.ones((3, 4, 5)), np.ones((4, 5)), np.full((4, 5), 1e-300), np.ones((2, 3, 4, 5)),
                               np.full((3, 4, 5), 1e300), np.full((3, 4, 5), np.nan)])))  # fmt: skip
 def test_any_arrays_give_an_estimate_or_an_error_of_ours(arrays: dict[str, Any]) -> None:
     with contextlib.suppress(st.RecordingError):
-        made = st.make_estimate(like=RECORDING, **arrays)
+        made = st.make_estimate(recording=RECORDING, **arrays)
         assert all(not np.isinf(item.values).any() for item in made.data_vars.values())
 
 
@@ -191,7 +191,7 @@ def test_a_view_of_one_value_stays_one() -> None:
 
 def test_an_estimate_shares_nothing_with_its_recording_or_its_arrays() -> None:
     depth, frames = np.ones((3, 4, 5), dtype=np.float32), np.array([-1, 0, 1])
-    found = st.make_estimate(like=RECORDING, depth=depth, t=frames)
+    found = st.make_estimate(recording=RECORDING, depth=depth, t=frames)
     depth[:], frames[:] = 7, 9
     assert float(found.depth.max()) == 1
     assert found.t.values.tolist() == [-1, 0, 1]
@@ -199,7 +199,7 @@ def test_an_estimate_shares_nothing_with_its_recording_or_its_arrays() -> None:
     assert not any(np.may_share_memory(one, other.values) for one in parts for other in RECORDING.variables.values())
 
     def looking(recording: xr.Dataset) -> xr.Dataset:
-        found = st.make_estimate(like=recording, depth=np.ones((3, 4, 5)))
+        found = st.make_estimate(recording=recording, depth=np.ones((3, 4, 5)))
         found["depth"] = (("t", "y", "x"), recording.image.values[0], found.depth.attrs)
         return found
 
@@ -212,7 +212,7 @@ def test_an_estimate_shares_nothing_with_its_recording_or_its_arrays() -> None:
 
 def test_masked_pixels_of_maps_are_unknown() -> None:
     depth = np.ma.masked_array(np.ones((4, 5)), mask=np.eye(4, 5, dtype=bool))
-    found = st.make_estimate(like=RECORDING, depth=depth)
+    found = st.make_estimate(recording=RECORDING, depth=depth)
     np.testing.assert_array_equal(np.isnan(found.depth.values[0]), np.eye(4, 5, dtype=bool))
 
 

@@ -27,23 +27,24 @@ def recording() -> xr.Dataset:
 
 
 def test_disparity_follows_from_depth_and_back(recording: xr.Dataset) -> None:
-    of_depth = st.make_estimate(like=recording, depth=TRUTH["depth"], depth_std=np.full(SIZE, 0.1))
-    of_disparity = st.make_estimate(like=recording, disparity=TRUTH["disparity"])
+    of_depth = st.make_estimate(recording=recording, depth=TRUTH["depth"], depth_std=np.full(SIZE, 0.1))
+    of_disparity = st.make_estimate(recording=recording, disparity=TRUTH["disparity"])
     # float32 keeps 24 bits.
     np.testing.assert_allclose(of_depth["disparity"].values[0], TRUTH["disparity"], rtol=1.2e-7)
     np.testing.assert_allclose(of_disparity["depth"].values[0], TRUTH["depth"], rtol=1.2e-7)
     expected = 0.1 * TRUTH["disparity"] / TRUTH["depth"]
     np.testing.assert_allclose(of_depth["disparity_std"].values[0], expected, rtol=2e-7)
-    assert set(of_depth.data_vars) == {"depth", "disparity", "depth_std", "disparity_std", "kind", "kind_disparity"}
+    maps = {"depth", "disparity", "depth_std", "disparity_std"}
+    assert set(of_depth.data_vars) == {*maps, "status", "status_disparity", "valid", "invalid_reason"}
 
 
 def test_velocity_follows_from_flow_depth_and_its_rate(recording: xr.Dataset) -> None:
     """The plane's closed form: flow and velocity are each other's inverse at known depth."""
     rate = PLANE.velocity[2]
-    found = st.make_estimate(like=recording, depth=TRUTH["depth"], flow=TRUTH["flow"], depth_rate=rate)
+    found = st.make_estimate(recording=recording, depth=TRUTH["depth"], flow=TRUTH["flow"], depth_rate=rate)
     np.testing.assert_allclose(found["velocity"].values[:, 0], TRUTH["velocity"], rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(found["divergence"].values[0], TRUTH["divergence"], rtol=2e-7)
-    back = st.make_estimate(like=recording, depth=TRUTH["depth"], velocity=TRUTH["velocity"])
+    back = st.make_estimate(recording=recording, depth=TRUTH["depth"], velocity=TRUTH["velocity"])
     np.testing.assert_allclose(back["flow"].values[:, 0], TRUTH["flow"], rtol=1e-6, atol=1e-7)
 
 
@@ -55,7 +56,7 @@ def test_rate_of_depth_is_that_along_the_flow(recording: xr.Dataset) -> None:
     """
     depth = np.stack([PLANE.depth(0.0, t) for t in (-1.0, 0.0, 1.0)])
     flow = np.repeat(TRUTH["flow"][:, None], 3, axis=1)
-    found = st.make_estimate(like=recording, depth=depth, flow=flow)
+    found = st.make_estimate(recording=recording, depth=depth, flow=flow)
     inside = (slice(4, -4), slice(4, -4))
     middle = found["velocity"].sel(t=0, component="Z").values[inside]
     np.testing.assert_allclose(middle, PLANE.velocity[2], atol=2e-3)
@@ -66,9 +67,9 @@ def test_rate_of_depth_is_that_along_the_flow(recording: xr.Dataset) -> None:
 
 
 def test_nothing_is_invented(recording: xr.Dataset) -> None:
-    flow_alone = st.make_estimate(like=recording, flow=TRUTH["flow"])
-    assert set(flow_alone.data_vars) == {"flow", "kind", "kind_motion"}
-    one_frame = st.make_estimate(like=recording, depth=TRUTH["depth"], flow=TRUTH["flow"])
+    flow_alone = st.make_estimate(recording=recording, flow=TRUTH["flow"])
+    assert set(flow_alone.data_vars) == {"flow", "status", "status_motion", "valid", "invalid_reason"}
+    one_frame = st.make_estimate(recording=recording, depth=TRUTH["depth"], flow=TRUTH["flow"])
     assert "velocity" not in one_frame
 
 
@@ -77,20 +78,24 @@ def test_nothing_is_invented(recording: xr.Dataset) -> None:
 def test_nan_is_unknown_and_stays(mask: NDArray[np.bool_], t: int) -> None:
     recording = st.make_recording(np.zeros((3, 3, *SIZE), np.float32), PLANE.focal_length_px, 5.0)
     depth = np.where(mask, np.nan, TRUTH["depth"])
-    found = st.make_estimate(like=recording, depth=depth, flow=TRUTH["flow"], depth_rate=0.0, t=t)
+    found = st.make_estimate(recording=recording, depth=depth, flow=TRUTH["flow"], depth_rate=0.0, t=t)
     assert found["t"].values.tolist() == [t]
     for name in ("depth", "disparity", "divergence"):
         assert (np.isnan(found[name].values[0]) == mask).all()
-    assert (found["kind_disparity"].values[0] == np.where(mask, 0, 2)).all()
-    assert (found["kind_motion"].values == 2).all()
+    assert (found["status_disparity"].values[0] == np.where(mask, 0, 2)).all()
+    assert (found["status_motion"].values == 2).all()
+    assert (found["valid"].values[0] == ~mask).all()
+    assert ((found["invalid_reason"].values[0] != 0) == mask).all()
 
 
 def test_an_estimate_is_whole(recording: xr.Dataset, tmp_path: Path) -> None:
-    kind = np.full(SIZE, 2)
-    kind[:5] = 1
-    found = st.make_estimate(like=recording, depth=TRUTH["depth"], kind=kind, method="mine")
+    status = np.full(SIZE, 2)
+    status[:5] = 1
+    status[5:9] = 3
+    found = st.make_estimate(recording=recording, depth=TRUTH["depth"], status=status, method="mine")
     assert found.attrs["method"] == "mine"
-    assert (found["kind"].values[0] == kind).all()
+    assert (found["status"].values[0] == status).all()
+    assert (found["valid"].values[0] == (status == 2)).all()
     st.save_store(found, tmp_path / "estimate.zarr")
     xr.testing.assert_identical(st.load_store(tmp_path / "estimate.zarr", "estimate"), found)
 
@@ -111,16 +116,16 @@ def test_an_estimate_is_whole(recording: xr.Dataset, tmp_path: Path) -> None:
         ({"depth": np.ones((2, *SIZE))}, "arrays hold 2 frames, the recording 3"),
         ({"depth": np.ones((2, *SIZE)), "flow": np.ones((2, 3, *SIZE))}, "different numbers of frames"),
         ({"depth": np.ones(SIZE), "t": 7}, "the recording has no such frames"),
-        ({"depth": np.ones(SIZE), "kind": np.full(SIZE, 5)}, r"kind: must have the shape .* hold 0 \(none\)"),
+        ({"depth": np.ones(SIZE), "status": np.full(SIZE, 5)}, r"status: must have the shape .* hold 0 \(invalid\)"),
         ({"depth": np.full(SIZE, 0.5), "disparity": np.full(SIZE, 10.0)}, "0.001 times f V_X / disparity"),
         ({"depth": np.ones(SIZE), "flow": np.ones((2, *SIZE)), "depth_rate": np.ones(3)}, "depth_rate: must be"),
     ],
 )
 def test_what_does_not_fit_is_told(recording: xr.Dataset, arrays: dict[str, Any], message: str) -> None:
     with pytest.raises(st.RecordingError, match=message):
-        st.make_estimate(like=recording, **arrays)
+        st.make_estimate(recording=recording, **arrays)
 
 
 def test_everything_wrong_is_told_at_once(recording: xr.Dataset) -> None:
     with pytest.raises(st.RecordingError, match="2 problems"):
-        st.make_estimate(like=recording, depth=np.ones((4, 5)), flow=np.ones((7, *SIZE)))
+        st.make_estimate(recording=recording, depth=np.ones((4, 5)), flow=np.ones((7, *SIZE)))

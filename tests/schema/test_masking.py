@@ -18,7 +18,7 @@ SIZES = {"s": 2, "t": 3, "y": 4, "x": 5}
 
 
 def masked(mask: Any, images: np.ndarray = IMAGES, **more: Any) -> xr.Dataset:
-    return st.make_recording(images, 100.0, 5.0, mask=mask, **more)
+    return st.make_recording(images, 100.0, 5.0, exclusion_mask=mask, **more)
 
 
 def any_mask(*shape: int) -> np.ndarray:
@@ -38,7 +38,7 @@ def any_mask(*shape: int) -> np.ndarray:
 )
 def test_a_mask_lacks_the_dimensions_along_which_it_is_the_same(shape: tuple[int, ...], dims: str) -> None:
     given = any_mask(*shape)
-    mask = masked(given)["mask"]
+    mask = masked(given)["exclusion_mask"]
     assert mask.dims == tuple(dims)
     np.testing.assert_array_equal(mask.values.ravel(), given.ravel())
     assert mask.dtype == bool
@@ -50,14 +50,14 @@ def test_a_mask_lacks_the_dimensions_along_which_it_is_the_same(shape: tuple[int
 def test_a_grid_has_its_rows_first_and_colours_share_a_mask() -> None:
     images = np.zeros((2, 2, 3, 4, 5))
     for shape, dims in (((2, 2, 4, 5), ("s_y", "s", "y", "x")), ((1, 1, 3, 4, 5), ("t", "y", "x"))):
-        assert masked(any_mask(*shape), images, stage_y_mm=[0.0, 1.0])["mask"].dims == dims
-    assert masked(any_mask(2, 3, 4, 5), np.zeros((2, 3, 4, 5, 3)))["mask"].dims == ("s", "t", "y", "x")
+        assert masked(any_mask(*shape), images, stage_y_mm=[0.0, 1.0])["exclusion_mask"].dims == dims
+    assert masked(any_mask(2, 3, 4, 5), np.zeros((2, 3, 4, 5, 3)))["exclusion_mask"].dims == ("s", "t", "y", "x")
 
 
 def test_a_named_mask_says_its_dimensions() -> None:
     """Where there are as many frames as cameras, an array of three dimensions is that of cameras."""
     frames = xr.DataArray(any_mask(4, 5, 3), dims=("y", "x", "t"))
-    found = masked(frames)["mask"]
+    found = masked(frames)["exclusion_mask"]
     assert found.dims == ("t", "y", "x")
     np.testing.assert_array_equal(found, frames.transpose("t", "y", "x"))
 
@@ -87,7 +87,7 @@ def test_a_mask_that_does_not_fit_is_found(dims: tuple[str, ...], dtype: type, m
     recording = masked(None)
     shape = tuple(SIZES[dim] for dim in dims)
     with pytest.raises(st.RecordingError, match=f"mask: .*{message}"):
-        check_dataset(recording.assign(mask=(dims, np.zeros(shape, dtype))), "recording")
+        check_dataset(recording.assign(exclusion_mask=(dims, np.zeros(shape, dtype))), "recording")
 
 
 @pytest.mark.parametrize("shape", [(4, 5), (2, 4, 5), (2, 3, 4, 5), (1, 3, 4, 5)])
@@ -99,7 +99,7 @@ def test_stores_keep_it_and_selections_cut_it(tmp_path: Path, shape: tuple[int, 
     part = {"x": slice(1, 4), "t": slice(1, 3)}
     cut = st.open_store(tmp_path / name).isel(part)
     check_dataset(cut, "recording")
-    np.testing.assert_array_equal(cut["mask"], recording["mask"].isel(part, missing_dims="ignore"))
+    np.testing.assert_array_equal(cut["exclusion_mask"], recording["exclusion_mask"].isel(part, missing_dims="ignore"))
 
 
 def test_methods_that_would_use_masked_pixels_refuse() -> None:
@@ -109,8 +109,8 @@ def test_methods_that_would_use_masked_pixels_refuse() -> None:
         return {"depth": np.full((3, 4, 5), 100.0)}
 
     for method in ("structure_tensor", "plane_sweep", flat):
-        with pytest.raises(st.EstimateError, match=r"mask: .* would use the pixels .*drop_vars\('mask'\)"):
+        with pytest.raises(st.EstimateError, match=r"mask: .* would use the pixels .*drop_vars\('exclusion_mask'\)"):
             st.estimate(recording, method)
-    st.estimate(recording.drop_vars("mask"), flat)
-    flat.needs = Needs(mask=True)  # type: ignore[attr-defined]
+    st.estimate(recording.drop_vars("exclusion_mask"), flat)
+    flat.needs = Needs(exclusion_mask=True)  # type: ignore[attr-defined]
     st.estimate(recording, flat)

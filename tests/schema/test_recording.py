@@ -100,10 +100,10 @@ def test_estimate_holds_what_its_method_gives(held: tuple[str, ...]) -> None:
     estimate = label("estimate", {name: np.ones(shapes[name]) for name in held}, camera, t=[0])
     check_dataset(estimate, "estimate")
     with pytest.raises(st.RecordingError) as caught:
-        check_dataset(estimate.drop_vars(held).assign(confidence=(("t", "y", "x"), np.ones((1, 2, 3)))), "estimate")
+        check_dataset(estimate.drop_vars(held).assign(coherence=(("t", "y", "x"), np.ones((1, 2, 3)))), "estimate")
     assert [problem.path for problem in caught.value.problems] == ["variables"]
     assert "hold neither depth, velocity, disparity nor flow" in str(caught.value)
-    assert "['confidence']" in str(caught.value)
+    assert "['coherence']" in str(caught.value)
     # A truth must have all.
     with pytest.raises(st.RecordingError, match="mixed: is missing; a truth must have it"):
         check_dataset(estimate, "truth")

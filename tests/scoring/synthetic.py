@@ -9,7 +9,17 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL, Intrinsics, label, make_recording, read_intrinsics
+from scenetruth.schema import (
+    REASONS,
+    STATUS_INVALID,
+    STATUS_NORMAL,
+    STATUS_VALID,
+    Intrinsics,
+    label,
+    make_recording,
+    read_intrinsics,
+)
+from scenetruth.schema.validity import compute_validity
 
 BASELINE_MM = 5.0
 
@@ -59,22 +69,22 @@ def make_case(
     # A window across an edge rounds it off, and draws in what lies beyond a silhouette.
     filled = np.where(np.isfinite(depth), depth, 700.0)
     noisy_depth += ndimage.gaussian_filter(filled, (0, 2, 2)) - filled
-    kind = np.full(depth.shape, KIND_FULL, dtype=np.uint8)
-    kind[ndimage.gaussian_filter(rng.standard_normal(depth.shape), (0, 5, 5)) > 0.14] = KIND_NORMAL
-    kind[~np.isfinite(depth)] = KIND_NONE
+    kind = np.full(depth.shape, STATUS_VALID, dtype=np.uint8)
+    kind[ndimage.gaussian_filter(rng.standard_normal(depth.shape), (0, 5, 5)) > 0.14] = STATUS_NORMAL
+    kind[~np.isfinite(depth)] = STATUS_INVALID
     inner = np.zeros(depth.shape, dtype=bool)
     inner[:, border_px : height - border_px, border_px : width - border_px] = True
-    kind[~inner] = KIND_NONE
-    void = kind == KIND_NONE
-    confidence = np.clip(0.9 - 0.1 * np.abs(_noise(rng, depth.shape)), 0, 1)
-    confidence[mixed] *= 0.3
+    kind[~inner] = STATUS_INVALID
+    void = kind == STATUS_INVALID
+    coherence = np.clip(0.9 - 0.1 * np.abs(_noise(rng, depth.shape)), 0, 1)
+    coherence[mixed] *= 0.3
     arrays = _maps(np.where(void, np.nan, noisy_depth), np.where(void, np.nan, noisy_velocity), intrinsics)
     estimate = label(
         "estimate",
         {
             **{name: values.astype(np.float32) for name, values in arrays.items()},
-            "kind": kind,
-            "confidence": np.where(void, np.nan, confidence),
+            "status": kind,
+            "coherence": np.where(void, np.nan, coherence),
         },
         intrinsics,
         t=frames,
@@ -92,7 +102,7 @@ def with_error_bars(case: Case, seed: int = 2) -> Case:
     Errors of different pixels and quantities are independent; standard deviations vary over the image by about four.
     """
     rng = np.random.default_rng(seed)
-    truth, kind = case.truth, case.estimate["kind"].values
+    truth, kind = case.truth, case.estimate["status"].values
     shape = kind.shape
     wider = np.exp(0.35 * _noise(rng, shape))
     scales = {
@@ -103,15 +113,16 @@ def with_error_bars(case: Case, seed: int = 2) -> Case:
     arrays: dict[str, NDArray[np.generic]] = {}
     for name, std in scales.items():
         errors = std * rng.standard_normal(std.shape)
-        arrays[name] = np.where(kind == KIND_NONE, np.nan, truth[name].values + errors)
-        arrays[f"{name}_std"] = np.where(kind == KIND_NONE, np.nan, std)
+        arrays[name] = np.where(kind == STATUS_INVALID, np.nan, truth[name].values + errors)
+        arrays[f"{name}_std"] = np.where(kind == STATUS_INVALID, np.nan, std)
     # Disparity is known at more pixels than motion: x is enough for it.
-    arrays["kind_disparity"] = np.where(kind == KIND_NORMAL, KIND_FULL, kind).astype(np.uint8)
-    arrays["kind_disparity"][..., ::7] = KIND_NONE
-    arrays["kind_motion"] = kind
-    arrays["kind"] = np.minimum(kind, arrays["kind_disparity"])
-    arrays["model_violation"] = truth["mixed"].values & (kind != KIND_NONE)
-    arrays |= {name: case.estimate[name].values for name in ("flow", "confidence")}
+    arrays["status_disparity"] = np.where(kind == STATUS_NORMAL, STATUS_VALID, kind).astype(np.uint8)
+    arrays["status_disparity"][..., ::7] = STATUS_INVALID
+    arrays["status_motion"] = kind
+    arrays["status"] = np.minimum(kind, arrays["status_disparity"])
+    violated = {"invalid_reason": truth["mixed"].values * np.uint8(REASONS.index("model_violation"))}
+    arrays |= compute_validity({"status": arrays["status"], **violated})
+    arrays |= {name: case.estimate[name].values for name in ("flow", "coherence")}
     estimate = label("estimate", arrays, read_intrinsics(case.estimate), t=case.estimate["t"].values)
     return Case(case.recording, estimate, truth)
 
@@ -135,8 +146,8 @@ def with_regions(case: Case) -> Case:
     arrays = {
         **{name: truth[name].values for name in ("depth", "velocity", "disparity", "flow", "mixed")},
         "normal": normal,
-        "occluded_in_s": seen & (x < 0.1 * width),
-        "occluded_in_t": seen & (y < 0.1 * height),
+        "occluded_across_cameras": seen & (x < 0.1 * width),
+        "occluded_in_time": seen & (y < 0.1 * height),
         "visible": visible,
         "view_count": np.where(x < 0.1 * width, 4, 5) * seen,
     }
@@ -180,8 +191,8 @@ def make_growing_case(
     arrays = {**_maps(depth, velocity, intrinsics), "mixed": mixed[None]}
     truth = label("truth", {**arrays, "growth_rate": rate}, intrinsics, t=[0])
     noisy = velocity + velocity_noise * np.stack([_noise(rng, depth.shape) for _ in "XYZ"])
-    kind = np.where(inside, KIND_FULL, KIND_NONE).astype(np.uint8)[None]
-    estimate = label("estimate", {**_maps(depth, noisy, intrinsics), "kind": kind}, intrinsics, t=[0])
+    kind = np.where(inside, STATUS_VALID, STATUS_INVALID).astype(np.uint8)[None]
+    estimate = label("estimate", {**_maps(depth, noisy, intrinsics), "status": kind}, intrinsics, t=[0])
     texture = _noise(rng, (1, height, width))[0]
     images = np.broadcast_to(np.clip(128 + 20 * texture, 0, 255).astype(np.uint8), (3, 3, height, width))
     recording = make_recording(images, focal_length_px, BASELINE_MM, frame_interval_s=frame_interval_s)
@@ -196,12 +207,12 @@ def with_outliers(estimate: xr.Dataset) -> xr.Dataset:
 
 def of_one_camera(case: Case) -> Case:
     """Return a case whose estimate knows nothing of depth, hence of velocity either."""
-    return _without(case, ("depth", "disparity", "velocity"), "kind_disparity")
+    return _without(case, ("depth", "disparity", "velocity"), "status_disparity")
 
 
 def of_one_frame(case: Case) -> Case:
     """Return a case whose estimate knows nothing of motion."""
-    return _without(case, ("flow", "velocity"), "kind_motion")
+    return _without(case, ("flow", "velocity"), "status_motion")
 
 
 def _without(case: Case, names: tuple[str, ...], kind: str) -> Case:
@@ -210,8 +221,8 @@ def _without(case: Case, names: tuple[str, ...], kind: str) -> Case:
         for name in (*names, *(f"{name}_std" for name in names))
         if name in case.estimate
     }
-    other = {"kind_disparity", "kind_motion"} - {kind}
-    kinds = {kind: 0 * case.estimate[kind], "kind": case.estimate[other.pop()]}
+    other = {"status_disparity", "status_motion"} - {kind}
+    kinds = {kind: 0 * case.estimate[kind], "status": case.estimate[other.pop()]}
     return Case(case.recording, case.estimate.assign({**unknown, **kinds}), case.truth)
 
 

@@ -71,7 +71,7 @@ def test_reference_camera_is_taken_from_a_truth_of_all(case: Case) -> None:
         (lambda c: (with_attrs(c.estimate, principal_point_px=[79.5, 60.0]), c.truth), "attrs.principal_point_px"),
         (lambda c: (with_attrs(c.estimate, frame_interval_s=2.0), c.truth), "attrs.frame_interval_s"),
         (
-            lambda c: (c.estimate[["kind", "confidence"]], c.truth),
+            lambda c: (c.estimate[["status", "coherence"]], c.truth),
             "estimate.variables: hold neither depth, velocity, disparity nor flow; at least one of them must be there",
         ),
         (lambda c: (c.estimate, c.truth.drop_vars("mixed")), "truth.mixed: is missing"),
@@ -93,7 +93,7 @@ def test_all_problems_are_listed_at_once(case: Case) -> None:
         align(other, case.truth.isel(x=slice(50)))
     assert [problem.path for problem in caught.value.problems] == ["t", "truth.x", "attrs.focal_length_px"]
     with pytest.raises(ScoreError, match="2 problems") as caught:
-        align(case.estimate[["kind"]], case.truth.drop_vars("flow"))
+        align(case.estimate[["status"]], case.truth.drop_vars("flow"))
     assert [problem.path for problem in caught.value.problems] == ["estimate.variables", "truth.flow"]
 
 

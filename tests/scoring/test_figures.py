@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenetruth.errors import ScoreError
-from scenetruth.schema import KIND_FULL, KIND_NONE
+from scenetruth.schema import STATUS_INVALID, STATUS_VALID
 from scenetruth.scoring import plot_all, score
 from scenetruth.scoring.figures import surface_figures
 from scenetruth.scoring.figures.error_figures import draw_error_bars
 from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
 from scenetruth.scoring.figures.map_figures import (
-    draw_confidence,
+    draw_coherence,
     draw_estimated_growth,
     draw_growth,
     draw_image,
@@ -51,7 +51,7 @@ FILES = [
     "depth.png",
     "error_histograms.png",
     "error_bars.png",
-    "confidence.png",
+    "coherence.png",
 ]
 OF_DEPTH = {"surface.png", "depth.png"}
 OF_VELOCITY = {"velocity_z.png", "velocity_z_row.png", "velocity_arrows.png"}
@@ -107,7 +107,7 @@ def test_figure_shows_something(drawn: Drawn, file: str) -> None:
 def test_tall_images_leave_room_for_the_labels(tmp_path: Path) -> None:
     case = with_error_bars(make_case(80, 160))
     views = collect_figure_arrays(case.recording, case.estimate, case.truth)
-    for draw in (draw_velocity_z, draw_confidence):
+    for draw in (draw_velocity_z, draw_coherence):
         figure = draw(views, tmp_path)
         assert figure is not None
         inked = (pixels(tmp_path / figure.file) != 255).any(axis=2)
@@ -127,20 +127,20 @@ def test_users_settings_are_left_alone(drawn: Drawn) -> None:
 def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
     case = make_case(48, 36, 380.0)
     estimate = {
-        "nothing": lambda: case.estimate.assign(kind=case.estimate["kind"] * 0 + KIND_NONE),
+        "nothing": lambda: case.estimate.assign(status=case.estimate["status"] * 0 + STATUS_INVALID),
         "one pixel": lambda: case.estimate.where((case.estimate.x == 20) & (case.estimate.y == 18)),
         "perfect": lambda: case.truth,
     }[what]()
     figures = plot_all(case.recording, estimate, case.truth, score(estimate, case.truth), tmp_path)
-    # The estimate of this case has no error bars, and the truth has neither confidence nor kind.
-    left_out = {"nothing": (OF_DEPTH, OF_VELOCITY), "one pixel": (), "perfect": ({"confidence.png"},)}[what]
+    # The estimate of this case has no error bars, and the truth has neither coherence nor status.
+    left_out = {"nothing": (OF_DEPTH, OF_VELOCITY), "one pixel": (), "perfect": ({"coherence.png"},)}[what]
     assert [figure.file for figure in figures] == files_without(OF_ERROR_BARS, *left_out)
 
 
 @pytest.mark.parametrize(
     ("reduce", "expected"),
     [
-        (of_one_camera, ["image.png", "flow.png", "error_histograms.png", "confidence.png"]),
+        (of_one_camera, ["image.png", "flow.png", "error_histograms.png", "coherence.png"]),
         pytest.param(of_one_frame, files_without(OF_VELOCITY), marks=nightly),
     ],
 )
@@ -159,9 +159,9 @@ def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
         pytest.param(
             ("depth", "disparity", "depth_std"), ["image.png", "surface.png", "depth.png", *LAST], marks=nightly
         ),
-        (("disparity", "disparity_std", "confidence"), ["image.png", "disparity.png", *LAST, "confidence.png"]),
+        (("disparity", "disparity_std", "coherence"), ["image.png", "disparity.png", *LAST, "coherence.png"]),
         pytest.param(
-            ("flow", "kind_motion"), ["image.png", "flow.png", "error_histograms.png", "confidence.png"], marks=nightly
+            ("flow", "status_motion"), ["image.png", "flow.png", "error_histograms.png", "coherence.png"], marks=nightly
         ),
         pytest.param(
             ("velocity",), ["image.png", "velocity_z.png", "velocity_z_row.png", "error_histograms.png"], marks=nightly
@@ -198,7 +198,7 @@ def test_growth_is_drawn_without_truth(tmp_path: Path) -> None:
     assert figure is not None
     assert "truth" not in f"{figure.title} {figure.caption}"
     assert_legible(tmp_path)
-    nothing = case.estimate.assign(kind=0 * case.estimate["kind"])
+    nothing = case.estimate.assign(status=0 * case.estimate["status"])
     assert draw_estimated_growth(collect_figure_arrays(case.recording, nothing), nothing, tmp_path) is None
 
 
@@ -238,9 +238,9 @@ def test_sign_of_the_velocity_is_shown(small_case: Case, tmp_path: Path) -> None
     assert reds[1] > 0.9
 
 
-@pytest.mark.parametrize(("missing", "title"), [("kind", "Confidence of"), ("confidence", "Kind of")])
+@pytest.mark.parametrize(("missing", "title"), [("status", "Coherence of"), ("coherence", "Status of")])
 def test_what_the_estimator_does_not_say_is_left_out(case: Case, missing: str, title: str, tmp_path: Path) -> None:
-    figure = draw_confidence(
+    figure = draw_coherence(
         collect_figure_arrays(case.recording, case.estimate.drop_vars(missing), case.truth), tmp_path
     )
     assert figure is not None
@@ -251,29 +251,27 @@ def test_what_the_estimator_does_not_say_is_left_out(case: Case, missing: str, t
 @pytest.mark.parametrize(
     ("missing", "title"),
     [
-        ((), "Confidence, kind and model violation of"),
-        (("confidence", "model_violation"), "Kind of"),
-        (("confidence", "kind", "kind_disparity"), "Kind and model violation of"),
-        (("confidence", "kind", "kind_disparity", "kind_motion"), "Model violation of"),
+        ((), "Coherence, status and reason for invalidity of"),
+        (("coherence", "invalid_reason"), "Status of"),
+        (("coherence", "status", "status_disparity"), "Status and reason for invalidity of"),
+        (("coherence", "status", "status_disparity", "status_motion"), "Reason for invalidity of"),
     ],
 )
-def test_kinds_and_model_violation_are_shown(
-    full_case: Case, missing: tuple[str, ...], title: str, tmp_path: Path
-) -> None:
+def test_status_and_reasons_are_shown(full_case: Case, missing: tuple[str, ...], title: str, tmp_path: Path) -> None:
     views = collect_figure_arrays(full_case.recording, full_case.estimate.drop_vars(missing), full_case.truth)
-    figure = draw_confidence(views, tmp_path)
+    figure = draw_coherence(views, tmp_path)
     assert figure is not None
     assert figure.title.startswith(title)
     colours = pixels(tmp_path / figure.file) @ [1 << 16, 1 << 8, 1]
-    assert (0x0072B2 in colours) == ("kind_motion" not in missing)
-    assert (0xB0006D in colours) == ("model_violation" not in missing)
+    assert (0x0072B2 in colours) == ("status_motion" not in missing)
+    assert (0xB0006D in colours) == ("invalid_reason" not in missing)
 
 
-def test_shares_of_both_kinds_are_told(full_case: Case, drawn: Drawn) -> None:
-    (figure,) = (figure for figure in drawn.figures if figure.file == "confidence.png")
+def test_fractions_of_both_statuses_are_reported(full_case: Case, drawn: Drawn) -> None:
+    (figure,) = (figure for figure in drawn.figures if figure.file == "coherence.png")
     for name in ("disparity", "motion"):
-        share = 100 * float((full_case.estimate[f"kind_{name}"] == KIND_FULL).mean())
-        assert f"kind of {name}, full {share:.1f} %" in figure.caption
+        share = 100 * float((full_case.estimate[f"status_{name}"] == STATUS_VALID).mean())
+        assert f"status of {name}, valid {share:.1f} %" in figure.caption
 
 
 @pytest.mark.parametrize(
@@ -442,7 +440,7 @@ def test_recording_of_colours_is_drawn_in_grey(tmp_path: Path) -> None:
     )
     views = collect_figure_arrays(colours, case.estimate, case.truth)
     np.testing.assert_allclose(views.image, 0.5 * image.sel(s=0, t=0), atol=0.5)
-    for draw in (draw_image, draw_surface, draw_velocity_arrows, draw_confidence):
+    for draw in (draw_image, draw_surface, draw_velocity_arrows, draw_coherence):
         assert draw(views, tmp_path) is not None
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from scenetruth.errors import ScoreError
-from scenetruth.schema import KIND_NORMAL, Intrinsics, label
+from scenetruth.schema import STATUS_NORMAL, Intrinsics, label
 from scenetruth.scoring import compute_growth_rate, score
 from scenetruth.scoring.error_pairs import compute_surface_points
 from scenetruth.scoring.growth_rate import compute_growth_maps, compute_windowed_growth, label_depth_segments
@@ -239,11 +239,11 @@ def test_growth_is_scored_in_percent_per_hour() -> None:
 
 def test_only_full_pixels_are_used() -> None:
     case = make_growing_case()
-    kind, velocity = case.estimate["kind"].copy(deep=True), case.estimate["velocity"].copy(deep=True)
-    kind[:, 50:60, 70:80] = KIND_NORMAL
+    kind, velocity = case.estimate["status"].copy(deep=True), case.estimate["velocity"].copy(deep=True)
+    kind[:, 50:60, 70:80] = STATUS_NORMAL
     velocity[:, :, 50:60, 70:80] = 1e3
     settings = ScoreSettings(growth_window_px=8)
-    maps = compute_growth_maps(case.estimate.assign(kind=kind, velocity=velocity), case.truth, settings)
+    maps = compute_growth_maps(case.estimate.assign(status=kind, velocity=velocity), case.truth, settings)
     assert maps is not None
     np.testing.assert_array_equal(maps.estimate, maps.truth_windowed)
     assert np.isnan(maps.estimate[:, 50:60, 70:80]).all()
@@ -252,7 +252,7 @@ def test_only_full_pixels_are_used() -> None:
 def test_growth_is_left_out_where_it_cannot_be_scored() -> None:
     case = make_growing_case(80, 60, 600.0)
     assert "growth_rate" not in score(case.estimate, case.truth.drop_vars("growth_rate")).regions["all"]
-    still = case.estimate.assign(kind=0 * case.estimate["kind"])
+    still = case.estimate.assign(status=0 * case.estimate["status"])
     assert "growth_rate" not in score(still, case.truth).regions["all"]
 
 
@@ -306,10 +306,10 @@ def test_windows_do_not_reach_from_object_to_object() -> None:
 
 def test_pixels_unknown_to_the_estimate_are_in_no_window_of_the_truth() -> None:
     case = make_growing_case(80, 60, 620.0)
-    kind, velocity = case.estimate["kind"].copy(deep=True), case.truth["velocity"].copy(deep=True)
-    kind[:, 20:30, 30:40] = KIND_NORMAL
+    kind, velocity = case.estimate["status"].copy(deep=True), case.truth["velocity"].copy(deep=True)
+    kind[:, 20:30, 30:40] = STATUS_NORMAL
     settings = ScoreSettings(growth_window_px=5)
-    estimate = case.estimate.assign(kind=kind)
+    estimate = case.estimate.assign(status=kind)
     expected = compute_growth_maps(estimate, case.truth, settings)
     velocity[:, :, 20:30, 30:40] = 1e3
     found = compute_growth_maps(estimate, case.truth.assign(velocity=velocity), settings)
@@ -338,5 +338,5 @@ def test_growth_of_a_part_is_that_of_the_whole() -> None:
 def test_growth_needs_depth_and_velocity() -> None:
     case = make_growing_case(16, 12, 150.0)
     with pytest.raises(ScoreError, match=r"velocity: is missing; growth follows from depth and velocity"):
-        compute_growth_rate(case.estimate[["depth", "kind"]])
-    assert compute_growth_maps(case.estimate[["depth", "kind"]], case.truth, ScoreSettings()) is None
+        compute_growth_rate(case.estimate[["depth", "status"]])
+    assert compute_growth_maps(case.estimate[["depth", "status"]], case.truth, ScoreSettings()) is None

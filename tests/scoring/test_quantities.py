@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from scenetruth.schema import KIND_FULL
+from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring.error_pairs import find_valid_pixels, read_quantity, read_std
 from scenetruth.scoring.quantities import QUANTITIES
 from tests.scoring.synthetic import Case
@@ -43,13 +43,13 @@ def test_foreign_variables_are_no_standard_deviation(full_case: Case) -> None:
 @pytest.mark.parametrize(
     ("missing", "disparity", "motion"),
     [
-        ((), "kind_disparity", "kind_motion"),
-        (("kind",), "kind_disparity", "kind_motion"),
-        (("kind_disparity",), "kind", "kind_motion"),
-        (("kind_motion",), "kind_disparity", "kind"),
-        (("kind_disparity", "kind_motion"), "kind", "kind"),
-        (("kind", "kind_motion"), "kind_disparity", None),
-        (("kind", "kind_disparity", "kind_motion"), None, None),
+        ((), "status_disparity", "status_motion"),
+        (("status",), "status_disparity", "status_motion"),
+        (("status_disparity",), "status", "status_motion"),
+        (("status_motion",), "status_disparity", "status"),
+        (("status_disparity", "status_motion"), "status", "status"),
+        (("status", "status_motion"), "status_disparity", None),
+        (("status", "status_disparity", "status_motion"), None, None),
     ],
 )
 def test_kind_stands_in_for_those_that_are_missing(
@@ -68,4 +68,4 @@ def test_kind_stands_in_for_those_that_are_missing(
 
 
 def _full(estimate: xr.Dataset, name: str | None) -> xr.DataArray:
-    return xr.ones_like(estimate["depth"], dtype=bool) if name is None else estimate[name] == KIND_FULL
+    return xr.ones_like(estimate["depth"], dtype=bool) if name is None else estimate[name] == STATUS_VALID

@@ -154,7 +154,7 @@ def test_surface_seen_edge_on_is_in_the_last_class_of_slopes(told: Case) -> None
 
 
 def test_without_occlusions_all_pixels_count(told: Case) -> None:
-    regions = regions_of(Case(told.recording, told.estimate, told.truth.drop_vars("occluded_in_t")))
+    regions = regions_of(Case(told.recording, told.estimate, told.truth.drop_vars("occluded_in_time")))
     assert "visible" not in regions
     edges = [mask for name, mask in regions.items() if name.startswith("edge")]
     np.testing.assert_array_equal(np.sum(edges, axis=0), regions["all"])
@@ -163,7 +163,9 @@ def test_without_occlusions_all_pixels_count(told: Case) -> None:
 def test_flags_may_have_become_numbers(told: Case) -> None:
     truth = told.truth
     seen = np.isfinite(truth["depth"])
-    flags = {name: truth[name].astype(np.float32).where(seen) for name in ("occluded_in_s", "occluded_in_t")}
+    flags = {
+        name: truth[name].astype(np.float32).where(seen) for name in ("occluded_across_cameras", "occluded_in_time")
+    }
     numbers = regions_of(Case(told.recording, told.estimate, truth.assign(flags)))
     for name, mask in regions_of(told).items():
         np.testing.assert_array_equal(numbers[name], mask)

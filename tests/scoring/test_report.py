@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenetruth.schema import KIND_FULL
+from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import FIGURES, QUANTITIES, score, write_report
 from scenetruth.scoring.number_format import format_number, format_percent
 from scenetruth.scoring.report.report_content import build_score_content, describe_maps
@@ -195,7 +195,7 @@ def test_outliers_are_shown_where_they_say_something(full_case: Case) -> None:
 def page_without_truth(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
     recording = full_case.recording.assign_attrs(render_fallback_reason=REASON)
     # What all the others show and say without a truth: `test_without_truth_the_estimate_is_drawn_alone`.
-    few = ("depth", "confidence", "error_histograms")
+    few = ("depth", "coherence", "error_histograms")
     return write_report(recording, full_case.estimate, folder=tmp_path_factory.mktemp("report"), figures=few)
 
 
@@ -208,7 +208,7 @@ def test_page_without_truth_says_so(page_without_truth: Path) -> None:
     for needle in OF_ERRORS:
         assert needle not in text
     files = {path.name for path in (page_without_truth.parent / "figures").iterdir()}
-    assert files == {"depth.png", "confidence.png"}
+    assert files == {"depth.png", "coherence.png"}
 
 
 def test_page_without_truth_has_medians_and_densities(full_case: Case, page_without_truth: Path) -> None:
@@ -233,13 +233,15 @@ def test_growth_is_summarised_where_windows_hold_enough() -> None:
 
 def test_summaries_are_those_of_the_known_pixels(full_case: Case) -> None:
     estimate = full_case.estimate
-    known = estimate["depth"].values[estimate["kind_disparity"].values == KIND_FULL]
+    known = estimate["depth"].values[estimate["status_disparity"].values == STATUS_VALID]
     depth = describe_maps(estimate)["depth"]
     assert (depth.title, depth.units, depth.count) == ("Depth", "mm", known.size)
     assert depth.median == np.median(known)
     assert (depth.low, depth.high) == tuple(np.percentile(known, [5, 95]))
     assert depth.density == known.size / estimate["depth"].size
-    assert depth.median_std == np.median(estimate["depth_std"].values[estimate["kind_disparity"].values == KIND_FULL])
+    assert depth.median_std == np.median(
+        estimate["depth_std"].values[estimate["status_disparity"].values == STATUS_VALID]
+    )
     nothing = describe_maps(estimate[["flow"]] * np.nan)
     assert list(nothing) == ["flow_x", "flow_y"]
     assert (nothing["flow_x"].median, nothing["flow_x"].density, nothing["flow_x"].median_std) == (None, 0.0, None)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from scenetruth.errors import ScoreError
-from scenetruth.schema import KIND_FULL
+from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import Score, score
 from scenetruth.scoring.number_format import format_number
 from scenetruth.scoring.statistics import RATES, STATISTICS
@@ -72,7 +72,7 @@ def test_regions_are_those_that_the_truth_can_tell() -> None:
     everything = score(case.estimate, case.truth, case.recording)
     hidden = ("visible", "partly_hidden")
     assert tuple(everything.regions) == ("all", "interior", *hidden, *SLOPES, *EDGES, *CONTRASTS)
-    truth = case.truth.drop_vars(["occluded_in_s", "normal"])
+    truth = case.truth.drop_vars(["occluded_across_cameras", "normal"])
     assert tuple(score(case.estimate, truth).regions) == ("all", "interior", *EDGES)
     bounds: dict[str, Any] = {"slope_classes_deg": (0, 22.5, 90), "edge_classes_px": (3,)}
     named = score(case.estimate, case.truth, **bounds).regions
@@ -136,7 +136,7 @@ def test_perfect_estimate_has_full_marks(case: Case) -> None:
 
 def test_numbers_are_those_of_the_arrays(case: Case) -> None:
     result = score(case.estimate, case.truth).regions
-    scored = (case.estimate["kind"].values == KIND_FULL) & np.isfinite(case.truth["depth"].values)
+    scored = (case.estimate["status"].values == STATUS_VALID) & np.isfinite(case.truth["depth"].values)
     error = case.estimate["depth"].values.astype(np.float64) - case.truth["depth"].values
     assert result["all"]["depth"]["count"] == scored.sum()
     assert result["all"]["depth"]["bias"] == pytest.approx(error[scored].mean())
@@ -187,7 +187,7 @@ def test_every_quantity_counts_where_its_own_kind_is_full(full_case: Case) -> No
     estimate = with_outliers(full_case.estimate)
     result = score(estimate, full_case.truth).regions["all"]
     seen = np.isfinite(full_case.truth["depth"].values)
-    disparity, motion = (seen & (estimate[f"kind_{name}"].values == KIND_FULL) for name in ("disparity", "motion"))
+    disparity, motion = (seen & (estimate[f"status_{name}"].values == STATUS_VALID) for name in ("disparity", "motion"))
     both = disparity & motion
     expected = {"depth": disparity, "disparity": disparity, "flow_x": motion, "flow_y": motion}
     for name in NAMES:
@@ -220,7 +220,7 @@ def test_one_camera_or_one_frame_knows_nothing_of_some(
 
 
 def test_estimate_without_kind_counts_wherever_it_is_finite(case: Case) -> None:
-    result = score(case.estimate.drop_vars("kind"), case.truth).regions["all"]["depth"]
+    result = score(case.estimate.drop_vars("status"), case.truth).regions["all"]["depth"]
     both = np.isfinite(case.estimate["depth"].values) & np.isfinite(case.truth["depth"].values)
     assert result["count"] == both.sum()
 
@@ -331,7 +331,7 @@ def test_csv_leaves_undefined_values_empty(case: Case) -> None:
 def test_what_the_estimate_holds_is_scored(
     full_case: Case, held: tuple[str, ...], scored: tuple[str, ...], kinds: bool
 ) -> None:
-    names = ["kind", "kind_disparity", "kind_motion"]
+    names = ["status", "status_disparity", "status_motion"]
     whole = full_case.estimate if kinds else full_case.estimate.drop_vars(names)
     estimate = whole[[*held, *(names if kinds else ())]]
     result = score(estimate, full_case.truth, full_case.recording)
@@ -356,7 +356,7 @@ def test_what_the_estimate_holds_is_scored(
     ],
 )
 def test_outliers_need_what_they_are_told_of(case: Case, held: tuple[str, ...], rates: tuple[str, ...] | None) -> None:
-    result = score(with_outliers(case.estimate)[[*held, "kind"]], case.truth)
+    result = score(with_outliers(case.estimate)[[*held, "status"]], case.truth)
     for quantities in result.regions.values():
         told = quantities.get("outliers")
         assert (None if told is None else tuple(told)) == rates
@@ -371,7 +371,7 @@ def test_score_has_a_short_representation(case: Case) -> None:
     assert text.startswith("Score(regions: all, interior and 4 more; quantities: depth, disparity, velocity, flow; ")
     assert f"depth {rms:.3g} mm" in text
     assert "velocity_endpoint" in text
-    nothing = score(case.estimate.assign(kind=0 * case.estimate["kind"])[["disparity", "kind"]], case.truth)
+    nothing = score(case.estimate.assign(status=0 * case.estimate["status"])[["disparity", "status"]], case.truth)
     assert repr(nothing).endswith("quantities: disparity; rms in the interior: disparity undefined px/step)")
 
 
@@ -406,7 +406,7 @@ def test_part_of_the_image_is_scored_as_in_the_whole(full_case: Case, part: dict
     truth = with_regions(full_case).truth
     estimate = full_case.estimate.isel(part)
     holes = full_case.estimate.reindex_like(estimate).reindex_like(full_case.estimate)
-    there = np.isfinite(holes["confidence"]) | np.isfinite(holes["kind_motion"])
+    there = np.isfinite(holes["coherence"]) | np.isfinite(holes["status_motion"])
     result = score(estimate, truth, full_case.recording)
     whole = score(full_case.estimate.where(there), truth, full_case.recording)
     inside = score(full_case.truth.isel(part), truth, full_case.recording)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_NORMAL, VARIABLES, label, read_intrinsics
+from scenetruth.schema import STATUS_NORMAL, VARIABLES, label, read_intrinsics
 from scenetruth.scoring import QUANTITIES, Score, plot_one, score
 from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
 from scenetruth.scoring.figures.map_figures import draw_estimated_growth, draw_growth
@@ -25,7 +25,7 @@ Map = NDArray[np.float64]
 PERCENT_PER_HOUR = 100 * 3600 / 60
 """Of frames a minute apart."""
 STD = {"slope": 0.01, "mean_curvature": 1e-4, "gaussian_curvature": 1e-5, "rotation_rate": 2e-4}
-STD |= {"growth_rate": 3e-5, "growth_principal": 2e-5}
+STD |= {"growth_rate": 3e-5, "principal_growth_rates": 2e-5}
 TILT = 0.002
 """By which estimated normals are turned, in radians."""
 TURN = 0.03
@@ -46,8 +46,8 @@ def make_full_case() -> Case:
         "normal": everywhere(*normal),
         "curvature": everywhere(0.02, -0.005),
         "rotation_rate": everywhere(1e-3, -2e-3, 3e-3),
-        "growth_principal": np.stack([rate, 0 * rate]),
-        "growth_direction": everywhere(*e_1),
+        "principal_growth_rates": np.stack([rate, 0 * rate]),
+        "principal_growth_direction": everywhere(*e_1),
         "growth_rate": rate,
     }
     names = ("depth", "velocity", "disparity", "flow", "mixed")
@@ -56,7 +56,7 @@ def make_full_case() -> Case:
         "slope": everywhere(np.tan(np.pi / 6), 0.0),
         "mean_curvature": everywhere(0.0075)[0],
         "gaussian_curvature": everywhere(-1e-4)[0],
-    } | {name: exact[name] for name in ("rotation_rate", "growth_rate", "growth_principal")}
+    } | {name: exact[name] for name in ("rotation_rate", "growth_rate", "principal_growth_rates")}
     found: dict[str, NDArray[np.generic]] = {}
     for name, values in right.items():
         found[name] = values + STD[name] * rng.standard_normal(values.shape)
@@ -66,11 +66,11 @@ def make_full_case() -> Case:
     # Either sign of a direction is the same.
     signs = rng.choice([-1.0, 1.0], known.shape)
     across = np.cross(normal, e_1)
-    found["growth_direction"] = signs * (
+    found["principal_growth_direction"] = signs * (
         np.cos(angle) * e_1.reshape(3, 1, 1, 1) + np.sin(angle) * across.reshape(3, 1, 1, 1)
     )
-    found["growth_direction_std"] = np.full(known.shape, TURN)
-    kept = {name: case.estimate[name].values for name in ("depth", "velocity", "kind")}
+    found["principal_growth_direction_std"] = np.full(known.shape, TURN)
+    kept = {name: case.estimate[name].values for name in ("depth", "velocity", "status")}
     return Case(case.recording, label("estimate", kept | found, read_intrinsics(truth), t=[0]), whole)
 
 
@@ -90,7 +90,7 @@ def test_every_quantity_is_scored_with_its_errors(scored: Score) -> None:
     sizes = {"slope_x": STD["slope"], "mean_curvature": STD["mean_curvature"]}
     sizes |= {"gaussian_curvature": STD["gaussian_curvature"], "rotation_rate_y": STD["rotation_rate"]}
     sizes |= {"growth_rate": PERCENT_PER_HOUR * STD["growth_rate"], "growth_direction": np.degrees(TURN)}
-    sizes |= {"growth_least": PERCENT_PER_HOUR * STD["growth_principal"]}
+    sizes |= {"growth_least": PERCENT_PER_HOUR * STD["principal_growth_rates"]}
     for name, size in sizes.items():
         # 10,000 independent errors: 0.7 %, of five standard deviations 3.5 %.
         assert values[name]["rms"] == pytest.approx(size, rel=0.035), name
@@ -124,7 +124,9 @@ def test_scores_are_read_again(scored: Score) -> None:
 
 
 def test_what_the_truth_does_not_tell_is_not_scored(full: Case) -> None:
-    few = full.truth.drop_vars(["curvature", "rotation_rate", "growth_principal", "growth_direction", "normal"])
+    few = full.truth.drop_vars(
+        ["curvature", "rotation_rate", "principal_growth_rates", "principal_growth_direction", "normal"]
+    )
     told = {QUANTITIES[name].variable for name in score(full.estimate, few).regions["all"]}
     # Windows have no variable.
     assert told == {"depth", "velocity", "growth_rate", ""}
@@ -139,9 +141,9 @@ def test_a_truths_own_slopes_come_first(full: Case) -> None:
 
 
 def test_only_full_pixels_count(full: Case) -> None:
-    kind = full.estimate["kind"].copy(deep=True)
-    kind[:, :60] = KIND_NORMAL
-    values = score(full.estimate.assign(kind=kind), full.truth).regions["all"]
+    kind = full.estimate["status"].copy(deep=True)
+    kind[:, :60] = STATUS_NORMAL
+    values = score(full.estimate.assign(status=kind), full.truth).regions["all"]
     for name in ("slope_x", "normal", "growth_rate", "growth_direction", "rotation_rate_x"):
         assert values[name]["density"] == pytest.approx(0.5, abs=0.01)
 
@@ -181,13 +183,13 @@ def test_the_figure_shows_the_estimates_own_growth(full: Case, stated: bool, tmp
 def test_variables_of_an_estimate_are_those_of_the_truth() -> None:
     """Where both have a variable, it is the same; and every standard deviation has the dimensions of its variable."""
     both = set(VARIABLES["truth"]) & set(VARIABLES["estimate"])
-    assert {"slope", "growth_principal", "growth_direction", "rotation_rate"} <= both
+    assert {"slope", "principal_growth_rates", "principal_growth_direction", "rotation_rate"} <= both
     for name in both:
         assert VARIABLES["truth"][name] == VARIABLES["estimate"][name]
     for name, entry in VARIABLES["estimate"].items():
         if name.endswith("_std"):
             variable = VARIABLES["estimate"][name.removesuffix("_std")]
-            if name != "growth_direction_std":
+            if name != "principal_growth_direction_std":
                 assert (entry.dims, entry.units) == (variable.dims, variable.units)
 
 

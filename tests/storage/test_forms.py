@@ -30,8 +30,10 @@ def test_all_stores_of_a_run_are_zip_files(tmp_path: Path) -> None:
 
 def test_what_is_streamed_is_what_is_kept_in_memory(tmp_path: Path) -> None:
     scene = cube(**SMALL)
-    kept = st.simulate(scene, truth_views="all", truth_content="complete", ideal=True)
-    streamed = st.simulate(scene, truth_views="all", truth_content="complete", ideal=True, folder=tmp_path / "x")
+    kept = st.simulate(scene, truth_views="all", truth_content="complete", save_radiance=True)
+    streamed = st.simulate(
+        scene, truth_views="all", truth_content="complete", save_radiance=True, folder=tmp_path / "x"
+    )
     for one, other in zip(kept, streamed, strict=True):
         xr.testing.assert_identical(other.load(), one)
 

@@ -127,11 +127,14 @@ def test_a_store_that_is_cut_short(stores: Path, tmp_path: Path, damage: str) ->
 def test_other_versions_of_the_format(stores: Path, tmp_path: Path) -> None:
     shutil.copytree(stores / "recording.zarr", tmp_path / "x.zarr")
     attrs = zarr.open_group(tmp_path / "x.zarr", mode="r+").attrs
-    attrs["format_version"] = 99
-    with pytest.raises(st.StoreError, match=r"format version 99; .* update it"):
+    attrs["format"] = 99
+    with pytest.raises(st.StoreError, match=r"format 99; .* update it"):
         st.load_store(tmp_path / "x.zarr")
-    attrs["format_version"] = 1
-    with pytest.raises(st.StoreError, match=r"format version 1, without checksums; .* make it again"):
+    attrs["format"] = 1
+    with pytest.raises(st.StoreError, match=r"format 1, with other names of variables; .* make it again"):
+        st.load_store(tmp_path / "x.zarr")
+    del attrs["format"]
+    with pytest.raises(st.StoreError, match=r"format 1, with other names of variables; .* make it again"):
         st.load_store(tmp_path / "x.zarr")
 
 

@@ -98,7 +98,7 @@ def test_what_lost_its_stamp_is_stamped_again(
     data: dict[str, xr.Dataset], kind: Literal["recording", "truth", "estimate"], tmp_path: Path
 ) -> None:
     bare = data[kind].copy()
-    del bare.attrs["scenetruth"], bare.attrs["format_version"]
+    del bare.attrs["scenetruth"], bare.attrs["format"]
     st.save_store(bare, tmp_path / "x.zarr")
     assert st.load_store(tmp_path / "x.zarr", kind).attrs["scenetruth"] == kind
 

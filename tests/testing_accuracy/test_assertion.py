@@ -177,9 +177,9 @@ def test_multiples_of_a_bound_are_taken_where_the_estimate_is_scored(
     rows, columns = np.indices(distance.shape[1:])
     distance.values[0] = np.min([np.hypot(rows - y, columns - x) for y, x in edges], axis=0)
     inside = (distance.sel(x=estimate.x, y=estimate.y) >= MARGIN_PX) & np.isfinite(truth.depth)
-    known = inside & np.isfinite(estimate.depth) & (estimate.kind_disparity == 2)
+    known = inside & np.isfinite(estimate.depth) & (estimate.status_disparity == 2)
     # Disparity and velocity are known where both kinds are full.
-    moving = known & (estimate.kind_motion == 2)
+    moving = known & (estimate.status_motion == 2)
     std = bound.depth_std.sel(x=estimate.x, y=estimate.y)
 
     def rms(values: xr.DataArray) -> float:

@@ -52,7 +52,7 @@ SCENE = {SMALL!r}
 @pytest.mark.filterwarnings("ignore:objects")
 def test_recording(scenetruth_recording, number):
     made = scenetruth_recording(SCENE)
-    estimate = st.make_estimate(like=made.recording, depth=made.truth.depth.values + 0.5)
+    estimate = st.make_estimate(recording=made.recording, depth=made.truth.depth.values + 0.5)
     assert_accuracy(estimate, made.truth, made.recording, region="all", depth_mm=0.6)
 """
 

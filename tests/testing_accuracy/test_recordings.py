@@ -59,13 +59,13 @@ def kitchen(before: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ki
 
 
 def test_a_recording_is_that_of_the_scene_and_made_once(kitchen: Kitchen) -> None:
-    made = kitchen.open()(SMALL, "seed=3", ideal=True)
-    recording, truth = st.simulate(st.Scene.from_dict({**SMALL, "seed": 3}), ideal=True)
+    made = kitchen.open()(SMALL, "seed=3", save_radiance=True)
+    recording, truth = st.simulate(st.Scene.from_dict({**SMALL, "seed": 3}), save_radiance=True)
     xr.testing.assert_identical(made.recording.drop_attrs(), recording.drop_attrs())
     xr.testing.assert_identical(made.truth.drop_attrs(), truth.drop_attrs())
     assert made.recording.attrs["recording_hash"] == recording.attrs["recording_hash"]
     assert made.scene.seed == 3
-    again = kitchen.open()(SMALL, "seed=3", ideal=True)
+    again = kitchen.open()(SMALL, "seed=3", save_radiance=True)
     xr.testing.assert_identical(again.recording, made.recording)
     assert len(kitchen.made) == 1
 
@@ -90,7 +90,7 @@ def test_what_images_depend_on_has_an_entry_of_its_own(kitchen: Kitchen, monkeyp
     names = [
         entry_of("seed=4"),
         entry_of("render.supersampling=2"),
-        entry_of(ideal=True),
+        entry_of(save_radiance=True),
         entry_of(truth_content="complete"),
         entry_of(textured),
     ]

@@ -88,16 +88,16 @@ def test_rigid_bodies_turn_at_their_rate_and_do_not_grow() -> None:
     np.testing.assert_allclose(truth["rotation_rate"].values[:, cube].T, np.tile(rate, (cube.sum(), 1)), atol=1e-12)
     surface = truth["object_id"].values >= 0
     assert np.abs(truth["growth_rate"].values[surface]).max() <= 1e-14
-    assert np.abs(truth["growth_principal"].values[:, surface]).max() <= 1e-14
+    assert np.abs(truth["principal_growth_rates"].values[:, surface]).max() <= 1e-14
     assert np.abs(truth["curvature"].values[:, surface]).max() <= 1e-14
-    assert np.isnan(truth["growth_direction"].values).all()
+    assert np.isnan(truth["principal_growth_direction"].values).all()
 
 
 def test_coordinates_on_the_surface_lead_back_to_the_point() -> None:
     _, _, truth = example()
     wall = truth["object_id"].values == 0
     # A plane's chart is its own frame in mm, and its image coordinates run over it from 0 to 1.
-    uv, chart = truth["uv"].values[:, wall], truth["surface_mm"].values[:, wall]
+    uv, chart = truth["uv"].values[:, wall], truth["material_coordinates_mm"].values[:, wall]
     np.testing.assert_allclose(uv, chart / np.array([[100], [80]]) + 0.5, atol=1e-12)
 
 

@@ -127,11 +127,11 @@ def check_against_force(scene: Scene) -> dict[str, int]:
         count = sum(seen.astype(int) for _, seen, _ in answers)
         doubt = np.any([unsure for _, _, unsure in answers], axis=0)
         compare(truth["view_count"].sel(t=t).values[here] == count, np.ones_like(doubt), doubt)
-        compare(truth["occluded_in_s"].sel(t=t).values[here], count < len(cameras), doubt)
+        compare(truth["occluded_across_cameras"].sel(t=t).values[here], count < len(cameras), doubt)
         answers = [ask(t, 0, other) for other in (t - 1, t + 1) if other in times]
         lost = np.any([~seen for _, seen, _ in answers], axis=0)
         doubt = np.any([unsure for _, _, unsure in answers], axis=0)
-        compare(truth["occluded_in_t"].sel(t=t).values[here], lost, doubt)
+        compare(truth["occluded_in_time"].sel(t=t).values[here], lost, doubt)
     return counts
 
 
@@ -165,7 +165,7 @@ def test_the_other_side_of_a_sheet_is_another_surface() -> None:
     assert surface.any()
     assert truth["visible"].sel(s=0, t=0).values[surface].all()
     assert not truth["visible"].sel(s=0, t=1).values.any()
-    assert truth["occluded_in_t"].sel(t=0).values[surface].all()
+    assert truth["occluded_in_time"].sel(t=0).values[surface].all()
 
 
 @pytest.mark.parametrize("views", ["reference", "all"])

@@ -123,7 +123,7 @@ _OUTPUTS: dict[str, tuple[str | None, str, str]] = {
     "flow": ("image_component", "px/frame", "optical flow"),
     "velocity": ("component", "mm/frame", "velocity"),
     "growth_rate": (None, "1/frame", "the growth rate"),
-    "growth_principal": ("principal", "1/frame", "the growth of length"),
+    "principal_growth_rates": ("principal", "1/frame", "the growth of length"),
 }
 
 
@@ -155,10 +155,10 @@ def cramer_rao_bound(
         The truth of the recording with ``depth``, ``velocity``, ``normal`` and ``mixed``: where the surface is and how
         it moves. ``object_id`` keeps windows to one object, ``visible`` tells which images show a point.
     recording
-        The images, from which the texture's gradients come. If it has ``ideal``, or a sensor without noise, that of the
-        reference's image: derivatives of quintic splines, 0.03 % too small for waves of 6 px, 0.5 % for 4 px. Of noisy
-        images, gradients would be too large; their squares are products of two means of up to four images each, warped
-        to the reference, whose noises are independent. That has no bias, but scatters where texture is weak.
+        The images, from which the texture's gradients come. If it has ``radiance``, or a sensor without noise, that of
+        the reference's image: derivatives of quintic splines, 0.03 % too small for waves of 6 px, 0.5 % for 4 px. Of
+        noisy images, gradients would be too large; their squares are products of two means of up to four images each,
+        warped to the reference, whose noises are independent. That has no bias, but scatters where texture is weak.
     noise_std
         Standard deviation of the images' noise, in grey values of the recording. If not given, that of the sensor that
         made it: of ``emva1288``, it depends on the grey value, and pixels count by the inverse of their variance.
@@ -183,8 +183,8 @@ def cramer_rao_bound(
     xarray.Dataset
         At t = 0, dimensions (t, y, x): ``disparity_std`` in px per step, ``depth_std`` in mm, ``flow_std`` in px per
         frame, ``velocity_std`` in mm per frame, ``slope_std``, ``growth_rate_std`` and, of affine motion,
-        ``growth_principal_std`` per frame, as far as the model and the images have them, and ``images_used``, how many
-        images show the pixel's point. NaN where there is no surface, at silhouettes and sharp edges, and where the
+        ``principal_growth_rates_std`` per frame, as far as the model and the images have them, and ``image_count``, how
+        many images show the pixel's point. NaN where there is no surface, at silhouettes and sharp edges, and where the
         images do not tell all that is unknown.
 
     Raises
@@ -216,7 +216,7 @@ def cramer_rao_bound(
     >>> recording, truth = st.simulate(st.Scene.from_dict(plain))
     >>> bound = cramer_rao_bound(truth, recording, noise_std=0.01)
     >>> at = bound.sel(t=0).isel(y=25, x=30)
-    >>> at.depth_std.round(2).item(), at.velocity_std.values.round(3).tolist(), at.images_used.item()
+    >>> at.depth_std.round(2).item(), at.velocity_std.values.round(3).tolist(), at.image_count.item()
     (0.07, [0.004, 0.004, 0.019], 9.0)
 
     With twice the noise, all is known half as precisely:
@@ -348,7 +348,7 @@ def _labelled(
         dataset[f"{name}_std"] = (dims, stacked, {"units": units, "long_name": _STATED.format(what)})
     shown = scene.shown.sum(axis=0)[None, ::every_px, ::every_px].astype(np.float32)
     told = {"units": "1", "long_name": "number of images that show the surface point of the pixel"}
-    dataset["images_used"] = (pixels, shown, told)
+    dataset["image_count"] = (pixels, shown, told)
     kept = ("scene_hash", "recording_hash")
     hashes = {name: scene.recording.attrs[name] for name in kept if name in scene.recording.attrs}
     dataset.attrs = {"scenetruth": "bound", **scene.intrinsics.to_attrs(), **hashes, **attrs}

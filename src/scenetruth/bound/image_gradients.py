@@ -156,7 +156,7 @@ def compute_signed_textures(
     Parameters
     ----------
     recording
-        The recording. Has it images without noise, ``ideal`` or from such a sensor, the reference's image of the
+        The recording. Has it images without noise, ``radiance`` or from such a sensor, the reference's image of the
         reference frame is the texture. Of others, some are warped to the reference and averaged in two halves; the
         product of both halves has no bias, for their noises are independent. It is the square of their mean less that
         of half their difference: two layers.
@@ -178,7 +178,7 @@ def compute_signed_textures(
     reference = int(views.nearest(1)[0])
     found = []
     for channel in range(channels):
-        if "ideal" in recording or is_noise_free(recording):
+        if "radiance" in recording or is_noise_free(recording):
             grey = _clean(recording, views.frame_of[reference], channel)
             known = usable & shown[reference]
             found.append(_signed_texture(grey, 1.0, known / noise.variance(grey), known))
@@ -201,7 +201,7 @@ def compute_visibility(
     truth
         Its ``visible``, if it has it, tells what is hidden.
     recording
-        Its pixels are the image; its ``mask``, if there is one, tells what must not be used.
+        Its pixels are the image; its ``exclusion_mask``, if there is one, tells what must not be used.
     views, points, pieces
         The images, and the points where there are pieces of surface.
 
@@ -215,9 +215,9 @@ def compute_visibility(
     shown = np.zeros((len(views), height, width), dtype=np.bool_)
     seen = _cameras_first(truth["visible"]) if "visible" in truth else None
     masked = None
-    if "mask" in recording:
+    if "exclusion_mask" in recording:
         like = recording["image"].isel(channel=0, missing_dims="ignore")
-        masked = _cameras_first(recording["mask"].broadcast_like(like))
+        masked = _cameras_first(recording["exclusion_mask"].broadcast_like(like))
     for i in range(len(views)):
         place = points.place(views.s[i], views.s_y[i], views.t[i])
         column, row = place.x - first_x, place.y - first_y
@@ -246,9 +246,9 @@ def _image(recording: xr.Dataset, name: str, frame: NDArray[np.int64], channel: 
 def _clean(recording: xr.Dataset, frame: NDArray[np.int64], channel: int) -> Map:
     """Return an image without noise, in grey values of the recording."""
     image = _image(recording, "image", frame, channel)
-    if "ideal" not in recording:
+    if "radiance" not in recording:
         return image
-    ideal = _image(recording, "ideal", frame, channel)
+    ideal = _image(recording, "radiance", frame, channel)
     # Sensors are linear; of a line's two variables the ideal one has no noise, so that its slope has no bias.
     spread = ideal - ideal.mean()
     square = float(np.sum(spread * spread))

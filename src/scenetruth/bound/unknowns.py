@@ -169,9 +169,9 @@ def compute_functionals(points: ReferencePoints, intrinsics: Intrinsics, model: 
     dict
         ``disparity`` in px per step, ``depth`` in mm, ``slope``, ``flow`` in px per frame, ``velocity`` in mm per
         frame and ``growth_rate`` per frame, as far as the model has them; components are numbered: ``velocity.2``. Of
-        one camera, the flow alone. Of any velocity gradient, also ``growth_principal``, the growth of length along the
-        true directions of its largest and least, ``growth_apart``, half their difference, and ``growth_shear``, what
-        turns these directions; ``growth_tilt`` and ``growth_turn`` are for `add_error_products`.
+        one camera, the flow alone. Of any velocity gradient, also ``principal_growth_rates``, the growth of length
+        along the true directions of its largest and least, ``growth_apart``, half their difference, and
+        ``growth_shear``, what turns these directions; ``growth_tilt`` and ``growth_turn`` are for `add_error_products`.
 
     Notes
     -----
@@ -259,7 +259,7 @@ def _add_affine_growth(
         rate = (moved * axis).sum(axis=0)
         shape = by_shape(moved - 2 * rate * axis, shares)
         area = _added(area, shape)
-        found[f"growth_principal.{k}"] = [*vector([(1.0, axis, axis)]), *shape]
+        found[f"principal_growth_rates.{k}"] = [*vector([(1.0, axis, axis)]), *shape]
         found[f"growth_tilt.{k}"] = by_shape(normal, shares)
         found[f"growth_turn.{k}"] = vector([(1.0, normal, axis)])
     found["growth_rate"] = [*found["growth_rate"], *area]
@@ -294,8 +294,8 @@ def add_error_products(std: dict[str, Map]) -> dict[str, Map]:
     crossed = tilt[0] * turn[1] + tilt[1] * turn[0]
     more = {
         "growth_rate": own[0] + own[1],
-        "growth_principal.0": own[0],
-        "growth_principal.1": own[1],
+        "principal_growth_rates.0": own[0],
+        "principal_growth_rates.1": own[1],
         "growth_apart": 0.25 * (own[0] + own[1]),
         "growth_shear": 0.25 * crossed,
     }

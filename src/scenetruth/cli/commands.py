@@ -54,7 +54,7 @@ def run(
         truth_views=truth.value,
         truth_poses=truth_poses.value,
         truth_content=truth_content.value,
-        ideal=ideal,
+        save_radiance=ideal,
         images=images,
         overwrite=overwrite,
         figures=figures or None,
@@ -89,7 +89,7 @@ def render(
         truth_views=truth.value,
         truth_poses=truth_poses.value,
         truth_content=truth_content.value,
-        ideal=ideal,
+        save_radiance=ideal,
         images=images,
         overwrite=overwrite,
     )
@@ -127,7 +127,7 @@ def estimate(
                 timeout_s=timeout_s,
                 memory_mb=memory_mb,
                 keep_in=keep_in,
-                needs=Needs(mask=reads_masks),
+                needs=Needs(exclusion_mask=reads_masks),
             )
             open_.enter_context(offered(made))
             names.append(name)

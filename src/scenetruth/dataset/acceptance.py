@@ -219,7 +219,7 @@ class OccludedFractionCriterion(AcceptanceCriterion):
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
         """Return the share."""
         seen = look.object_id >= 0
-        yield "occluded share", float(np.mean(look.truth("occluded_in_s")[seen])) if seen.any() else 0.0
+        yield "occluded share", float(np.mean(look.truth("occluded_across_cameras")[seen])) if seen.any() else 0.0
 
 
 if TYPE_CHECKING:

@@ -254,7 +254,7 @@ def estimate_sample_cost(
         limited_objects(scene, limits),
         views=scene.stage.positions * scene.stage.rows if truth.views == "all" else 1,
         complete=truth.content == "complete",
-        ideal=sampler.recipe.ideal,
+        save_radiance=sampler.recipe.ideal,
     )
     forecast = estimate_cost(demand, ["render"])
     refuse_resources(forecast, inspect_machine(folder), limits)

@@ -95,7 +95,7 @@ def compute_truth_statistics(truth: xr.Dataset) -> dict[str, Any]:
         object.
     """
     at = {name: 0 for name in ("t", "s", "s_y") if name in truth["depth"].dims}
-    names = ("depth", "disparity", "flow", "velocity", "growth_rate", "object_id", "occluded_in_s", "mixed")
+    names = ("depth", "disparity", "flow", "velocity", "growth_rate", "object_id", "occluded_across_cameras", "mixed")
     here = truth[[name for name in names if name in truth]].sel(at).load()
     maps = {str(name): np.asarray(values) for name, values in here.items()}
     seen = maps["object_id"] >= 0
@@ -114,14 +114,14 @@ def compute_truth_statistics(truth: xr.Dataset) -> dict[str, Any]:
         "velocity_z_median_mm_per_frame": _masked_median(maps["velocity"][2], moving, seen),
         "growth_median_per_hour": _masked_median(maps["growth_rate"], growing, seen) * per_hour,
         "seen_share": float(seen.mean()),
-        "occluded_share": float(maps["occluded_in_s"][seen].mean()) if seen.any() else 0.0,
+        "occluded_share": float(maps["occluded_across_cameras"][seen].mean()) if seen.any() else 0.0,
         "mixed_share": float(maps["mixed"].mean()),
     }
     found["objects"] = [
         {
             "name": name,
             "image_share": float(own.mean()),
-            "seen_by_all": float(1 - maps["occluded_in_s"][own].mean()) if own.any() else 0.0,
+            "seen_by_all": float(1 - maps["occluded_across_cameras"][own].mean()) if own.any() else 0.0,
             "depth_min_mm": _least(maps["depth"][own]),
             "depth_max_mm": _largest(maps["depth"][own]),
             "growth_median_per_hour": _median(maps["growth_rate"][own]) * per_hour,
@@ -200,7 +200,7 @@ def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, tar
         aside.mkdir()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            simulate_into(aside, scene, choice, ideal=recipe.ideal)
+            simulate_into(aside, scene, choice, save_radiance=recipe.ideal)
         told = [str(one.message) for one in caught if issubclass(one.category, SceneWarning)]
         row = _row(draw, scene, told, aside)
         (aside / SAMPLE).write_text(_json(row), encoding="utf-8")

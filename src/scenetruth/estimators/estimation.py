@@ -17,7 +17,15 @@ from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate
 from scenetruth.estimators.user_code import locate_exception
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
-from scenetruth.schema import VARIABLES, Put, check_dataset, estimate_hash
+from scenetruth.schema import VARIABLES, Put, blank_map, check_dataset, estimate_hash
+from scenetruth.schema.validity import (
+    STATUS_SOURCES,
+    VALIDITY_MAPS,
+    complete_validity,
+    compute_validity,
+    excluded_pixels,
+    validity_variable,
+)
 from scenetruth.validated_model import FrozenModel
 
 __all__ = [
@@ -84,7 +92,7 @@ def output_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str
         What it promised to give.
     """
     if not isinstance(found, xr.Dataset):
-        remedy = "is not an xarray.Dataset; make one with scenetruth.make_estimate(like=recording, ...)"
+        remedy = "is not an xarray.Dataset; make one with scenetruth.make_estimate(recording=recording, ...)"
         return [Problem("", remedy, type(found).__name__)]
     problems = [
         Problem(name, "is promised by the method, but missing", sorted(map(str, found.data_vars)))
@@ -249,7 +257,8 @@ class EstimationTask:
             guarded = read_only(self._recording.copy(deep=False).load())
         with self._telling():
             found = self._method.estimate(guarded, self._settings, self._progress)
-        return copy_shared_arrays(self._checked(found), self._recording)
+        checked = complete_validity(self._checked(found), self._recording)
+        return copy_shared_arrays(checked, self._recording)
 
     def blank(self) -> xr.Dataset | None:
         """Return the estimate with blank maps, to be filled; None if the method estimates in memory only."""
@@ -257,7 +266,16 @@ class EstimationTask:
             return None
         with self._telling():
             found = self._method.blank(self._guarded, self._settings)
-        return self._checked(found)
+        checked = self._checked(found)
+        shape = [checked.sizes[dim] for dim in ("t", "y", "x")]
+        types = {"valid": np.bool_}
+        return checked.assign(
+            {
+                name: validity_variable(name, blank_map(types.get(name, np.uint8), shape))
+                for name in VALIDITY_MAPS
+                if name not in checked
+            }
+        )
 
     def fill(self, put: Put) -> Mapping[str, Any]:
         """Estimate frame by frame.
@@ -274,7 +292,11 @@ class EstimationTask:
         """
         assert isinstance(self._method, StreamingMethod)
         with self._telling():
-            return self._method.fill(self._guarded, self._settings, put, self._progress)
+            blank = self._method.blank(self._guarded, self._settings)
+            validity = _ValidityPut(blank, self._recording, put)
+            found = self._method.fill(self._guarded, self._settings, validity.put, self._progress)
+            validity.finish()
+            return found
 
     def _checked(self, found: Any) -> xr.Dataset:
         """Return what the method made, with its origin, if it is an estimate of this recording."""
@@ -317,6 +339,67 @@ class EstimationTask:
         place = locate_exception(error)
         message += f" ({place})" if place else ""
         return EstimateError([Problem(f"method '{self._method.name}'", message)])
+
+
+class _ValidityPut:
+    """Puts the maps of a method, and those of `VALIDITY_MAPS` that it does not give, frame by frame.
+
+    Parameters
+    ----------
+    blank
+        The blank estimate of the method.
+    recording
+        The recording.
+    put
+        Takes the maps.
+    """
+
+    def __init__(self, blank: xr.Dataset, recording: xr.Dataset, put: Put) -> None:
+        self._blank, self._recording, self._put = blank, recording, put
+        self._missing = [name for name in VALIDITY_MAPS if name not in blank]
+        sources = [
+            "status",
+            "invalid_reason",
+            *STATUS_SOURCES,
+            *(one for few in STATUS_SOURCES.values() for one in few),
+        ]
+        self._sources = {name: blank.variables[name] for name in sources if name in blank}
+        self._held: dict[int, dict[str, np.ndarray[Any, Any]]] = {}
+        self._parts: dict[tuple[int, str], int] = {}
+
+    def put(self, name: str, at: Mapping[str, int], values: np.ndarray[Any, Any]) -> None:
+        """Put values in their place; see `Put`."""
+        self._put(name, at, values)
+        if not self._missing or name not in self._sources:
+            return
+        variable = self._sources[name]
+        dims = [str(dim) for dim in variable.dims if dim != "t"]
+        frames = [at["t"]] if "t" in at else range(variable.sizes["t"])
+        place = tuple(at.get(dim, slice(None)) for dim in dims)
+        for frame in frames:
+            held = self._held.setdefault(frame, {})
+            if name not in held:
+                held[name] = np.zeros([variable.sizes[dim] for dim in dims], dtype=variable.dtype)
+            of_frame = (
+                values if "t" in at else values.take(frame, axis=[d for d in variable.dims if d not in at].index("t"))
+            )
+            held[name][place] = of_frame
+            self._parts[frame, name] = self._parts.get((frame, name), 0) + np.asarray(of_frame).size
+            whole = all(self._parts.get((frame, one), 0) >= held[one].size for one in self._sources if one in held)
+            if whole and len(held) == len(self._sources):
+                self._complete(frame)
+
+    def finish(self) -> None:
+        """Put the maps of frames for which not every source was put."""
+        for frame in list(self._held):
+            self._complete(frame)
+
+    def _complete(self, frame: int) -> None:
+        held = self._held.pop(frame)
+        excluded = excluded_pixels(self._recording, self._blank["t"].values[frame])
+        found = compute_validity(held, None if excluded is None else excluded[0])
+        for name in self._missing:
+            self._put(name, {"t": frame}, found[name])
 
 
 def prepare(

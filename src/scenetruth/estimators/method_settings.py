@@ -123,7 +123,7 @@ class RefinedSettings(MethodSettings):
     """How far images may be from where they should be; how far they are is then estimated from all points together."""
     unfitted: Literal["plane_sweep", "nothing"] = "plane_sweep"
     """What is told where no fit is: the disparity of the plane sweep that the fit started from, to a fraction of a
-    pixel, without motion and standard deviations (``kind`` is 1 there); or nothing."""
+    pixel, without motion and standard deviations (``status`` is 3 there); or nothing."""
     rounds: Annotated[int, Field(ge=2, le=50)] = 10
     """How often images are warped and the fit is repeated, at most."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3
@@ -163,7 +163,7 @@ class StructureTensorSettings(MethodSettings):
     tau: NonNegative | Literal["auto"] = 0.0012
     """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1];
     ``auto`` puts it just above what the images' noise makes. The paper's, 0.0012, leaves out dim textures, of which a
-    warning tells; with ``auto``, ``model_violation`` marks slanted faces too."""
+    warning tells; with ``auto``, ``invalid_reason`` states a model violation of slanted faces too."""
     noise_std: Positive | Literal["auto"] = "auto"
     """Standard deviation σ_n of the images' noise, for grey values in [-1, 1], from which error bars follow; ``auto``
     takes it from what the model leaves unexplained around each pixel."""

@@ -71,9 +71,9 @@ class Needs:
         The number of colour channels that the method takes; None for any, 1 for grey images only.
     grid
         Whether it takes the cameras of a grid (several rows ``s_y``) together.
-    mask
-        Whether it leaves out the pixels that a recording's ``mask`` marks. Recordings that have one are refused by all
-        other methods, which would use these pixels.
+    exclusion_mask
+        Whether it leaves out the pixels that a recording's ``exclusion_mask`` marks. Recordings that have one are
+        refused by all other methods, which would use these pixels.
 
     See Also
     --------
@@ -100,7 +100,7 @@ class Needs:
     images: int = 1
     channels: int | None = None
     grid: bool = False
-    mask: bool = False
+    exclusion_mask: bool = False
 
     def __str__(self) -> str:
         parts = [f"{self.cameras} cameras"] if self.cameras > 1 else []
@@ -128,9 +128,9 @@ class Needs:
         if self.channels is not None and channels != self.channels:
             message = f"'{name}' takes images of {self.channels} channel{'s' if self.channels > 1 else ''}"
             problems.append(Problem("channel", message, channels))
-        if "mask" in recording and not self.mask:
+        if "exclusion_mask" in recording and not self.exclusion_mask:
             message = f"'{name}' would use the pixels that it marks; method 'refined' leaves them out, or give all to "
-            problems.append(Problem("mask", message + "be used: recording.drop_vars('mask')"))
+            problems.append(Problem("exclusion_mask", message + "be used: recording.drop_vars('exclusion_mask')"))
         return problems
 
 
@@ -176,7 +176,7 @@ class Estimator(Protocol):
     ...
     ...     def estimate(self, recording, settings, progress):
     ...         depth = np.full(recording["image"].shape[-2:], settings.depth_mm)
-    ...         return st.make_estimate(like=recording, depth=depth)
+    ...         return st.make_estimate(recording=recording, depth=depth)
     >>> isinstance(Wall(), Estimator)
     True
     >>> recording = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
@@ -234,7 +234,7 @@ class Method:
     ...     gives = frozenset({"depth"})
     ...
     ...     def estimate(self, recording, settings, progress):
-    ...         return st.make_estimate(like=recording, depth=np.full(recording.image.shape[1:], 1e3))
+    ...         return st.make_estimate(recording=recording, depth=np.full(recording.image.shape[1:], 1e3))
     >>> import numpy as np
     >>> recording = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
     >>> float(st.estimate(recording, FarAway()).disparity[0, 0, 0])
@@ -281,11 +281,11 @@ class StreamingMethod(Method):
     ...     gives = frozenset({"depth", "disparity"})
     ...
     ...     def blank(self, recording, settings):
-    ...         return blank_estimate(["depth"], like=recording, t=recording["t"])
+    ...         return blank_estimate(["depth"], recording=recording, t=recording["t"])
     ...
     ...     def fill(self, recording, settings, put, progress):
     ...         depths = (100 / np.sqrt(recording["image"].sel(s=0, t=t).values) for t in recording["t"])
-    ...         put_each("depth", depths, put, like=recording)
+    ...         put_each("depth", depths, put, recording=recording)
     ...         return {"depth_at_full_scale_mm": 100}
     >>> images = np.full((2, 3, 30, 40), 0.25)
     >>> images[:, 2] = 0.0625

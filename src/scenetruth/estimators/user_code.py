@@ -160,14 +160,14 @@ class FunctionMethod(Method):
         found = self.function(recording, **given)
         if isinstance(found, Mapping) and not isinstance(found, xr.Dataset):
             _reject_unknown_quantities(found)
-            return make_estimate(like=recording, **found)
+            return make_estimate(recording=recording, **found)
         return found  # type: ignore[no-any-return]  # whatever it is, it is checked where methods are called
 
 
 def _reject_unknown_quantities(found: Mapping[Any, Any]) -> None:
     """Refuse what a function returns under names that no estimate has."""
     parameters = inspect.signature(make_estimate).parameters.values()
-    known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY and one.name != "like"]
+    known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY and one.name != "recording"]
     problems = []
     for name in found:
         if name not in known:

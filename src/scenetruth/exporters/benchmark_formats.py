@@ -24,7 +24,7 @@ __all__ = ["Coco", "Kitti", "Sintel", "Spring", "hidden_next"]
 def hidden_next(source: ExportSource, s: int, t: int) -> NDArray[np.bool_]:
     """Tell which points of a frame the camera does not see a frame later: hidden, or outside of the image.
 
-    A truth tells exactly what is not seen a frame earlier or later (``occluded_in_t``), so it tells it of the first
+    A truth tells exactly what is not seen a frame earlier or later (``occluded_in_time``), so it tells it of the first
     frame, which has no earlier one; and what of the reference camera's t = 0 other images show (``visible``). In other
     frames, points that are marked are looked for in the next one: they are seen there if the nearest pixel sees a
     surface whose plane they lie in, to within the footprint of a pixel. So outlines are known to half a pixel.
@@ -41,7 +41,7 @@ def hidden_next(source: ExportSource, s: int, t: int) -> NDArray[np.bool_]:
     numpy.ndarray
         Shape (y, x); False where no surface is.
     """
-    marked = source.raw("occluded_in_t", s, t).astype(bool)
+    marked = source.raw("occluded_in_time", s, t).astype(bool)
     if t - 1 not in source.recording["t"].values:
         return marked
     if (s, t) == (0, 0) and "visible" in source.maps:
@@ -309,7 +309,7 @@ class Sintel(FlowOptions, PictureOptions):
                 flow = source.flow(s, t, self.flow)
                 write_flo(file("flow", "flo"), flow)
                 unknown = np.asarray(~np.isfinite(flow).all(axis=0))
-                if self.flow == "finite" and "occluded_in_t" in source.maps:
+                if self.flow == "finite" and "occluded_in_time" in source.maps:
                     write_mask(file("occlusions", "png"), hidden_next(source, s, t))
             write_mask(file("invalid", "png"), unknown)
         notes = (

@@ -187,7 +187,7 @@ def export_data(
     >>> import numpy as np
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 2, 8, 8)), focal_length_px=500, baseline_mm=5)
-    >>> estimate = st.make_estimate(flow=np.ones((2, 2, 8, 8)), like=recording)
+    >>> estimate = st.make_estimate(flow=np.ones((2, 2, 8, 8)), recording=recording)
     >>> with TemporaryDirectory() as folder:
     ...     done = st.export_data(recording, estimate, f"{folder}/flow", "flo", flow="instantaneous")
     >>> done.files

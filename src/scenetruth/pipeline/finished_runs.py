@@ -177,7 +177,7 @@ def export_run(
     >>> import numpy as np
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 2, 8, 8)), focal_length_px=500, baseline_mm=5)
-    >>> estimate = st.make_estimate(depth=np.ones((2, 8, 8)), like=recording)
+    >>> estimate = st.make_estimate(depth=np.ones((2, 8, 8)), recording=recording)
     >>> with TemporaryDirectory() as folder:
     ...     st.save_store(recording, f"{folder}/recording.zarr")
     ...     st.save_store(estimate, f"{folder}/estimate.zarr")

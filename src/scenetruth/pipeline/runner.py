@@ -185,7 +185,7 @@ class PipelineRunner:
         scene: Scene,
         truth: TruthOptions,
         *,
-        ideal: bool = False,
+        save_radiance: bool = False,
         images: Literal["png", "tiff"] | None = None,
     ) -> None:
         """Make recording and truth of a scene; the folder appears with both, or not at all."""
@@ -198,7 +198,9 @@ class PipelineRunner:
         with write_atomically(self.folder.path, overwrite=self.overwrite, claim=claim_run) as aside:
             aside.mkdir()
             with self._timed("simulate"):
-                backend, reason = simulate_into(aside, scene, truth, ideal=ideal, progress=self.progress)
+                backend, reason = simulate_into(
+                    aside, scene, truth, save_radiance=save_radiance, progress=self.progress
+                )
             self._say(f"rendered with {backend}" + (f": {reason}" if reason else ""))
             files = RunDirectory(aside)
             if images is not None:

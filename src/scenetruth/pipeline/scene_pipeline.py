@@ -49,7 +49,7 @@ def run_scene(
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
-    ideal: bool = False,
+    save_radiance: bool = False,
     images: Literal["png", "tiff"] | None = None,
     overwrite: bool = False,
     limits: Limits | None = None,
@@ -78,7 +78,7 @@ def run_scene(
         not given. The scene's own method has the scene's settings, others have their defaults.
     overrides
         Changes of the scene, as of `load_scene`.
-    truth_views, truth_poses, truth_content, ideal
+    truth_views, truth_poses, truth_content, save_radiance
         As of `simulate`.
     images
         Whether to write the images as files too, as 16-bit PNG or float TIFF.
@@ -162,7 +162,7 @@ def run_scene(
             limited_objects(scene, allowed),
             views=scene.stage.positions * scene.stage.rows if truth_views == "all" else 1,
             complete=truth_content == "complete",
-            ideal=ideal,
+            save_radiance=save_radiance,
         )
         demand = replace(demand, effort=compute_method_workload(choices))
         refuse_resources(estimate_cost(demand, stages), inspect_machine(Path(folder)), allowed)
@@ -170,7 +170,7 @@ def run_scene(
     asked = None
     if "render" in stages and len(stages) > 1:
         of_methods = [choice.model_dump(mode="json") for choice in choices]
-        rest = [list(stages), truth_views, truth_poses, truth_content, ideal, images]
+        rest = [list(stages), truth_views, truth_poses, truth_content, save_radiance, images]
         drawn = [None if figures is None else sorted(figures), sorted(figures_also)]
         asked = digest([own_release(), scene.model_dump(mode="json"), scene_hash(scene), of_methods, rest, drawn])
     with (
@@ -189,7 +189,7 @@ def run_scene(
         ) as runner,
     ):
         if "render" in stages:
-            runner.render(scene, truth, ideal=ideal, images=images)
+            runner.render(scene, truth, save_radiance=save_radiance, images=images)
         else:
             runner.check_scene(scene)
         for choice in choices:

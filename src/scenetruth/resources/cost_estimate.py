@@ -166,9 +166,9 @@ def _render(demand: Workload) -> StageForecast:
     if demand.faces > _FACES_FEW:
         per_pixel = min(demand.faces / demand.pixels, _MOST_FACES_PER_PIXEL)
         truth_bytes = _STORED_CURVED_BYTES + _STORED_BYTES_BY_FACES * per_pixel
-    image_bytes = _STORED_SAMPLE_BYTES[demand.sample_bytes] + (_STORED_SAMPLE_BYTES[4] if demand.ideal else 0.0)
+    image_bytes = _STORED_SAMPLE_BYTES[demand.sample_bytes] + (_STORED_SAMPLE_BYTES[4] if demand.save_radiance else 0.0)
     images = _STORE_BYTES + image_bytes * demand.images * demand.pixels
-    full = (demand.sample_bytes + (4 if demand.ideal else 0)) * demand.images * demand.pixels
+    full = (demand.sample_bytes + (4 if demand.save_radiance else 0)) * demand.images * demand.pixels
     return StageForecast(
         memory,
         images + truth_bytes * scale * truths,

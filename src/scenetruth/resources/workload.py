@@ -121,7 +121,7 @@ class Workload(RecordingWorkload):
     ----------
     fine_pixels
         Pixels of one sharp image: more than `pixels` where light is spread by a lens.
-    ideal
+    save_radiance
         Whether linear images are kept too.
     sharp_images
         Sharp images that one image is the mean of.
@@ -154,7 +154,7 @@ class Workload(RecordingWorkload):
     """
 
     fine_pixels: float
-    ideal: bool
+    save_radiance: bool
     sharp_images: int
     supersampling: int
     strips: int
@@ -306,7 +306,7 @@ def compute_workload(
     *,
     views: int = 1,
     complete: bool = False,
-    ideal: bool = False,
+    save_radiance: bool = False,
 ) -> Workload:
     """Count what the work on a scene grows with.
 
@@ -318,7 +318,7 @@ def compute_workload(
         Cameras that a truth is made for.
     complete
         Whether the truth has all maps.
-    ideal
+    save_radiance
         Whether linear images are kept too.
 
     Returns
@@ -334,7 +334,7 @@ def compute_workload(
         pixels=camera.width * camera.height,
         fine_pixels=(camera.width + 2 * margin) * (camera.height + 2 * margin) * fine**2,
         sample_bytes=build_sensor_chain(scene.sensor).dtype.itemsize,
-        ideal=ideal,
+        save_radiance=save_radiance,
         positions=scene.stage.positions * scene.stage.rows,
         frames=scene.frames.count,
         sharp_images=sharp_images(scene),

@@ -14,7 +14,8 @@ from scenetruth.schema.input_arrays import real_array
 from scenetruth.schema.pixel_grid import compute_pixel_grid
 from scenetruth.schema.scene_flow import depth_from_disparity, depth_rate_along, flow_from_velocity, velocity_from_flow
 from scenetruth.schema.validation import check_dataset
-from scenetruth.schema.variables import KIND_FULL, KIND_NONE, label
+from scenetruth.schema.validity import STATUS_SOURCES, compute_validity, excluded_pixels, status_of_quantity
+from scenetruth.schema.variables import STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID, label
 
 __all__ = ["make_estimate"]
 
@@ -27,7 +28,7 @@ _ATTRIBUTES = ("scene", "scene_hash", "recording_hash")
 
 def make_estimate(
     *,
-    like: xr.Dataset,
+    recording: xr.Dataset,
     depth: ArrayLike | None = None,
     disparity: ArrayLike | None = None,
     flow: ArrayLike | None = None,
@@ -36,7 +37,7 @@ def make_estimate(
     depth_std: ArrayLike | None = None,
     disparity_std: ArrayLike | None = None,
     velocity_std: ArrayLike | None = None,
-    kind: ArrayLike | None = None,
+    status: ArrayLike | None = None,
     t: ArrayLike | None = None,
     method: str = "external",
 ) -> xr.Dataset:
@@ -53,7 +54,7 @@ def make_estimate(
 
     Parameters
     ----------
-    like
+    recording
         The recording that the arrays were computed from: its frames, pixels and intrinsics hold. If it is a part of a
         recording, or every n-th pixel of it, disparity and flow are in pixels of the camera all the same.
     depth
@@ -68,9 +69,9 @@ def make_estimate(
         U_Z alone, the rate of depth of the surface point in mm per frame.
     depth_std, disparity_std, velocity_std
         Standard deviations, in the same units; not negative.
-    kind
-        What is known of each pixel: 0 none, 1 normal (aperture problem), 2 full. If not given, all that is finite is
-        full.
+    status
+        Status of each pixel: 0 invalid, 1 normal component only (aperture problem), 2 valid, 3 fallback. If not given,
+        all that is finite is valid.
     t
         The frames of the arrays. If not given: all frames of the recording if there are as many, the reference frame
         for a single one.
@@ -95,11 +96,12 @@ def make_estimate(
     --------
     >>> from scenetruth.schema import make_recording
     >>> recording = make_recording(np.zeros((2, 2, 3, 4)), focal_length_px=500, baseline_mm=5)
-    >>> found = make_estimate(like=recording, depth=np.full((3, 4), 1000.0), flow=np.ones((2, 3, 4)), depth_rate=0.0)
+    >>> depth, flow = np.full((3, 4), 1000.0), np.ones((2, 3, 4))
+    >>> found = make_estimate(recording=recording, depth=depth, flow=flow, depth_rate=0.0)
     >>> float(found.disparity[0, 0, 0]), found.velocity[:, 0, 0, 0].values.tolist(), found.t.values.tolist()
     (2.5, [2.0, 2.0, 0.0], [0])
     """
-    check_dataset(like, "recording")
+    check_dataset(recording, "recording")
     if not isinstance(method, str) or not method.isprintable():
         raise RecordingError([Problem("method", "must be a name", method)], source="arrays of an estimate")
     given = {
@@ -111,7 +113,7 @@ def make_estimate(
         "disparity_std": disparity_std,
         "velocity_std": velocity_std,
     }
-    size = (like.sizes["y"], like.sizes["x"])
+    size = (recording.sizes["y"], recording.sizes["x"])
     problems: list[Problem] = []
     arrays = {
         name: found
@@ -120,26 +122,28 @@ def make_estimate(
     }
     if all(given[name] is None for name in ("depth", "disparity", "flow", "velocity")):
         problems.append(Problem("", "at least one of depth, disparity, flow, velocity is needed"))
-    frames = _frames(like, arrays, t, problems)
+    frames = _frames(recording, arrays, t, problems)
     if problems:
         raise RecordingError(problems, source="arrays of an estimate")
-    intrinsics = read_intrinsics(like)
+    intrinsics = read_intrinsics(recording)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         problems = _sign_problems(arrays, intrinsics)
     shape = (len(frames), *size)
     rate = None if depth_rate is None else _rate(depth_rate, shape, problems)
-    known = None if kind is None else _kind(kind, shape, problems)
+    given_status = None if status is None else _status(status, shape, problems)
     if problems:
         raise RecordingError(problems, source="arrays of an estimate")
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        _derive(arrays, intrinsics, frames, rate, like)
+        _derive(arrays, intrinsics, frames, rate, recording)
         for name, values in arrays.items():
             # What follows from values near zero may be beyond all numbers: it is not known then.
             arrays[name] = np.where(np.abs(values) <= np.finfo(np.float32).max, values, np.nan)
     maps: dict[str, NDArray[Any]] = {name: values.astype(np.float32) for name, values in arrays.items()}
-    x, y = (like[name].values if name in like.coords else None for name in ("x", "y"))
-    made = label("estimate", maps | _kinds(arrays, known, shape), intrinsics, t=frames, x=x, y=y)
-    made.attrs |= {key: like.attrs[key] for key in _ATTRIBUTES if key in like.attrs} | {"method": method}
+    x, y = (recording[name].values if name in recording.coords else None for name in ("x", "y"))
+    statuses = _statuses(arrays, given_status, shape)
+    validity = compute_validity(statuses, excluded_pixels(recording, frames))
+    made = label("estimate", maps | statuses | validity, intrinsics, t=frames, x=x, y=y)
+    made.attrs |= {key: recording.attrs[key] for key in _ATTRIBUTES if key in recording.attrs} | {"method": method}
     made.attrs["estimate_hash"] = estimate_hash(made)
     check_dataset(made, "estimate")
     return made
@@ -176,10 +180,10 @@ def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[P
 
 
 def _frames(
-    like: xr.Dataset, arrays: dict[str, Map], t: ArrayLike | None, problems: list[Problem]
+    recording: xr.Dataset, arrays: dict[str, Map], t: ArrayLike | None, problems: list[Problem]
 ) -> NDArray[np.int64]:
     counts = {name: values.shape[-3] for name, values in arrays.items()}
-    recorded = like["t"].values
+    recorded = recording["t"].values
     if len(set(counts.values())) > 1:
         problems.append(Problem("", "arrays hold different numbers of frames", counts))
         return recorded[:0].astype(np.int64)
@@ -253,19 +257,21 @@ def _rate(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) ->
         return None
 
 
-def _kind(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) -> NDArray[np.uint8] | None:
-    raw = real_array("kind", values, problems)
+def _status(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) -> NDArray[np.uint8] | None:
+    raw = real_array("status", values, problems)
     if raw is None:
         return None
-    if raw.shape not in (shape, shape[1:]) or not np.isin(raw, (0, 1, 2)).all():
-        message = f"must have the shape {shape} and hold 0 (none), 1 (normal) or 2 (full)"
-        problems.append(Problem("kind", message, raw.shape))
+    if raw.shape not in (shape, shape[1:]) or not np.isin(raw, range(STATUS_FALLBACK + 1)).all():
+        message = (
+            f"must have the shape {shape} and hold 0 (invalid), 1 (normal component only), 2 (valid) or 3 (fallback)"
+        )
+        problems.append(Problem("status", message, raw.shape))
         return None
     return raw.reshape(shape).astype(np.uint8)
 
 
 def _derive(
-    arrays: dict[str, Map], intrinsics: Intrinsics, frames: NDArray[np.int64], rate: Map | None, like: xr.Dataset
+    arrays: dict[str, Map], intrinsics: Intrinsics, frames: NDArray[np.int64], rate: Map | None, recording: xr.Dataset
 ) -> None:
     """Add what follows from the arrays."""
     product = intrinsics.focal_length_px * intrinsics.baseline_mm
@@ -279,7 +285,7 @@ def _derive(
                     arrays[f"{other}_std"] = np.abs(product) / arrays[one] ** 2 * arrays[std]
     if "depth" not in arrays:
         return
-    grid = compute_pixel_grid(like).positions(like.sizes["y"], like.sizes["x"])
+    grid = compute_pixel_grid(recording).positions(recording.sizes["y"], recording.sizes["x"])
     if "velocity" in arrays:
         if "flow" not in arrays:
             arrays["flow"] = flow_from_velocity(arrays["velocity"], arrays["depth"], grid, intrinsics)
@@ -292,14 +298,15 @@ def _derive(
         arrays["divergence"] = -arrays["velocity"][2] / arrays["depth"]
 
 
-def _kinds(
-    arrays: dict[str, Map], known: NDArray[np.uint8] | None, shape: tuple[int, ...]
+def _statuses(
+    arrays: dict[str, Map], given: NDArray[np.uint8] | None, shape: tuple[int, ...]
 ) -> dict[str, NDArray[np.uint8]]:
-    """Return what is known of every pixel: as told, and none where nothing is finite."""
-    told = np.full(shape, KIND_FULL, dtype=np.uint8) if known is None else known
-    kinds = {}
-    for name, quantity in (("kind_disparity", "disparity"), ("kind_motion", "flow")):
-        if quantity in arrays:
-            values = arrays[quantity].reshape(-1, *shape)
-            kinds[name] = np.where(np.isfinite(values).all(axis=0), told, KIND_NONE).astype(np.uint8)
-    return kinds | ({"kind": np.minimum.reduce(list(kinds.values()))} if kinds else {})
+    """Return the status of disparity and of motion: as given, and invalid where the quantity is not finite."""
+    wanted = np.full(shape, STATUS_VALID, dtype=np.uint8) if given is None else given
+    found = {}
+    for name, quantities in STATUS_SOURCES.items():
+        quantity = next((quantity for quantity in quantities if quantity in arrays), None)
+        if quantity is not None:
+            finite = status_of_quantity(arrays[quantity].reshape(-1, *shape), components=True)
+            found[name] = np.where(finite == STATUS_VALID, wanted, STATUS_INVALID).astype(np.uint8)
+    return found

@@ -74,14 +74,14 @@ class IncrementalDataset:
 Map = NDArray[np.float64]
 
 
-def blank_estimate(given: Iterable[str], *, like: xr.Dataset, t: ArrayLike) -> xr.Dataset:
+def blank_estimate(given: Iterable[str], *, recording: xr.Dataset, t: ArrayLike) -> xr.Dataset:
     """Return an estimate with blank maps, of all variables that `make_estimate` makes of some quantities.
 
     Parameters
     ----------
     given
         Names of the arrays that `make_estimate` is to be given for every frame, such as ``"disparity"``.
-    like
+    recording
         The recording.
     t
         The frames of the estimate.
@@ -90,23 +90,23 @@ def blank_estimate(given: Iterable[str], *, like: xr.Dataset, t: ArrayLike) -> x
     --------
     >>> from scenetruth.schema import make_recording
     >>> recording = make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
-    >>> blank = blank_estimate(["disparity"], like=recording, t=[0, 1])
+    >>> blank = blank_estimate(["disparity"], recording=recording, t=[0, 1])
     >>> sorted(blank.data_vars), blank["depth"].shape
-    (['depth', 'disparity', 'kind', 'kind_disparity'], (2, 30, 40))
+    (['depth', 'disparity', 'invalid_reason', 'status', 'status_disparity', 'valid'], (2, 30, 40))
     """
     # Which variables follow does not depend on how many pixels there are.
-    corner = like.isel(y=slice(0, 2), x=slice(0, 2))
+    corner = recording.isel(y=slice(0, 2), x=slice(0, 2))
     size = (1, corner.sizes["y"], corner.sizes["x"])
     unknown: dict[str, Any] = {name: np.full((*_components(name), *size), np.nan) for name in given}
-    made = make_estimate(like=corner, t=like["t"].values[:1], **unknown)
+    made = make_estimate(recording=corner, t=recording["t"].values[:1], **unknown)
     frames = np.atleast_1d(np.asarray(t))
-    sizes = {**made.sizes, "t": len(frames), "y": like.sizes["y"], "x": like.sizes["x"]}
+    sizes = {**made.sizes, "t": len(frames), "y": recording.sizes["y"], "x": recording.sizes["x"]}
     return label(
         "estimate",
         {str(name): blank_map(item.dtype, [sizes[dim] for dim in item.dims]) for name, item in made.data_vars.items()},
-        read_intrinsics(like),
+        read_intrinsics(recording),
         t=frames,
-        **{name: like[name].values for name in ("x", "y") if name in like.coords},
+        **{name: recording[name].values for name in ("x", "y") if name in recording.coords},
         attrs={key: value for key, value in made.attrs.items() if key != "estimate_hash"},
     )
 
@@ -128,7 +128,7 @@ def put_estimate(found: xr.Dataset, first: int, put: Put) -> None:
             put(str(name), {"t": first + frame}, item.isel(t=frame).values)
 
 
-def put_each(name: str, arrays: Iterable[Map], put: Put, *, like: xr.Dataset) -> None:
+def put_each(name: str, arrays: Iterable[Map], put: Put, *, recording: xr.Dataset) -> None:
     """Put what `make_estimate` makes of one quantity, frame after frame, from the recording's first on.
 
     Parameters
@@ -139,16 +139,16 @@ def put_each(name: str, arrays: Iterable[Map], put: Put, *, like: xr.Dataset) ->
         Its arrays, one for each frame.
     put
         Takes the maps.
-    like
+    recording
         The recording.
     """
-    times = like["t"].values
+    times = recording["t"].values
     for place, values in enumerate(arrays):
         given: dict[str, Any] = {name: values}
-        put_estimate(make_estimate(like=like, t=times[place], **given), place, put)
+        put_estimate(make_estimate(recording=recording, t=times[place], **given), place, put)
 
 
-def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, like: xr.Dataset) -> Map:
+def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, recording: xr.Dataset) -> Map:
     """Return the rate of depth in a frame, as `make_estimate` takes it from neighbouring frames.
 
     Parameters
@@ -157,7 +157,7 @@ def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, like: xr.Da
         Disparity in px per step in the frame (0), and in that before (-1) and behind it (1), as far as there are such.
     flow
         (dx/dt, dy/dt) in px per frame, shape (2, y, x).
-    like
+    recording
         The recording.
 
     Returns
@@ -165,10 +165,10 @@ def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, like: xr.Da
     numpy.ndarray
         dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
     """
-    intrinsics = read_intrinsics(like)
+    intrinsics = read_intrinsics(recording)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         depths = {step: depth_from_disparity(disparity, intrinsics) for step, disparity in disparities.items()}
-        grid = compute_pixel_grid(like).positions(like.sizes["y"], like.sizes["x"])
+        grid = compute_pixel_grid(recording).positions(recording.sizes["y"], recording.sizes["x"])
         return depth_rate_at(depths.pop(0), flow, depths, grid)
 
 

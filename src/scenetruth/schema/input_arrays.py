@@ -137,7 +137,7 @@ def attributes_from(values: Any, reserved: frozenset[str], problems: list[Proble
     return {name: deepcopy(value) for name, value in values.items() if name not in reserved}
 
 
-_BOOLEANS = "must hold booleans, True where a pixel must not be used; compare, as in mask=values > 0"
+_BOOLEANS = "must hold booleans, True where a pixel must not be used; compare, as in exclusion_mask=values > 0"
 
 
 def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Problem]) -> xr.Variable | None:
@@ -162,25 +162,27 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
     ('t', 'y', 'x')
     """
     every = tuple(sizes)
-    entry = VARIABLES["recording"]["mask"]
+    entry = VARIABLES["recording"]["exclusion_mask"]
     attrs = {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
     if isinstance(values, xr.DataArray | xr.Variable):
         dims = tuple(dim for dim in every if dim in values.dims)
         unknown = sorted(str(dim) for dim in values.dims if dim not in every)
         if unknown or dims[-2:] != every[-2:]:
-            problems.append(Problem("mask", f"must have the dimensions y and x, and of {every} any", values.dims))
+            problems.append(
+                Problem("exclusion_mask", f"must have the dimensions y and x, and of {every} any", values.dims)
+            )
             return None
         found = np.array(values.transpose(*dims).values)
     else:
         try:
             found = np.array(values)
         except ValueError as error:  # rows of different lengths
-            problems.append(Problem("mask", f"cannot be made into an array: {' '.join(str(error).split())}"))
+            problems.append(Problem("exclusion_mask", f"cannot be made into an array: {' '.join(str(error).split())}"))
             return None
         forms = {2: every[-2:], len(every) - 1: tuple(dim for dim in every if dim != "t"), len(every): every}
         if found.ndim not in forms:
             shapes = ", ".join(f"({', '.join(form)})" for form in forms.values())
-            problems.append(Problem("mask", f"must have one of the shapes {shapes}", found.shape))
+            problems.append(Problem("exclusion_mask", f"must have one of the shapes {shapes}", found.shape))
             return None
         dims = forms[found.ndim]
         if found.ndim == len(every):
@@ -188,11 +190,13 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
             same = [n for n, dim in enumerate(every[:-2]) if found.shape[n] == 1 and sizes[dim] > 1]
             found, dims = found.squeeze(tuple(same)), tuple(dim for n, dim in enumerate(every) if n not in same)
     if found.dtype != np.bool_:
-        problems.append(Problem("mask", _BOOLEANS, str(found.dtype)))
+        problems.append(Problem("exclusion_mask", _BOOLEANS, str(found.dtype)))
         return None
     expected = tuple(sizes[dim] for dim in dims)
     if found.shape != expected:
-        problems.append(Problem("mask", f"must have the shape {expected} of the images along {dims}", found.shape))
+        problems.append(
+            Problem("exclusion_mask", f"must have the shape {expected} of the images along {dims}", found.shape)
+        )
         return None
     return xr.Variable(dims, found, attrs)
 
@@ -203,16 +207,16 @@ def exclusion_mask_problems(recording: xr.Dataset) -> list[Problem]:
     Parameters
     ----------
     recording
-        A recording with the variable ``mask``.
+        A recording with the variable ``exclusion_mask``.
     """
-    mask = recording.variables["mask"]
+    mask = recording.variables["exclusion_mask"]
     problems = []
     if mask.dtype != np.bool_:
-        problems.append(Problem("mask", _BOOLEANS, str(mask.dtype)))
+        problems.append(Problem("exclusion_mask", _BOOLEANS, str(mask.dtype)))
     image = recording.variables["image"].dims if "image" in recording else ("s_y", "s", "t", "y", "x")
     # A single image that was selected has no s and t any more.
     allowed = tuple(dim for dim in image if dim != "channel")
     if tuple(dim for dim in allowed if dim in mask.dims) != mask.dims or not {"y", "x"} <= set(mask.dims):
         message = f"must have the dimensions y and x, and any others of {allowed}, in this order"
-        problems.append(Problem("mask", message, mask.dims))
+        problems.append(Problem("exclusion_mask", message, mask.dims))
     return problems

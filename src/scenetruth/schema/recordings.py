@@ -38,7 +38,7 @@ def make_recording(
     stage_x_mm: ArrayLike | None = None,
     stage_y_mm: ArrayLike | None = None,
     full_scale: float | None = None,
-    mask: ArrayLike | xr.DataArray | None = None,
+    exclusion_mask: ArrayLike | xr.DataArray | None = None,
     attrs: Mapping[str, Any] | None = None,
     copy: bool = True,
 ) -> xr.Dataset:
@@ -65,7 +65,7 @@ def make_recording(
         The largest value that an image can hold; if not given, 1 for floats, which must then lie in [-1, 1], and the
         type's largest for integers.
         The grey values of the paper, in [-1, 1], are ``2 image / full_scale - 1``.
-    mask
+    exclusion_mask
         Pixels that must not be used, as booleans: True where an image must not be trusted, as in NumPy's masked arrays.
         Of shape (y, x) for all images, (s, y, x) for each camera, or (s, t, y, x), where s and t may be 1; in a grid,
         ``s_y`` comes before ``s``. A DataArray says by its own names which of these dimensions it has.
@@ -78,7 +78,7 @@ def make_recording(
     Returns
     -------
     xarray.Dataset
-        ``image`` ([s_y, ]s, t, y, x[, channel]) with coordinates, units and intrinsics; ``mask`` if given.
+        ``image`` ([s_y, ]s, t, y, x[, channel]) with coordinates, units and intrinsics; ``exclusion_mask`` if given.
 
     Raises
     ------
@@ -121,7 +121,11 @@ def make_recording(
     positions = None if stage_x_mm is None else numbers_from("stage_x_mm", stage_x_mm, count_s, "cameras", problems)
     rows = None if stage_y_mm is None else numbers_from("stage_y_mm", stage_y_mm, len(values), "rows", problems)
     dims = ("s_y", "s", "t", "y", "x")[not grid :]
-    masked = None if mask is None else exclusion_mask_from(mask, dict(zip(dims, values.shape, strict=False)), problems)
+    masked = (
+        None
+        if exclusion_mask is None
+        else exclusion_mask_from(exclusion_mask, dict(zip(dims, values.shape, strict=False)), problems)
+    )
     if problems:
         raise RecordingError(problems, source="images of a recording")
     if scale is None:
@@ -137,14 +141,14 @@ def make_recording(
         attrs={"full_scale": scale, **more},
     )
     if masked is not None:
-        dataset["mask"] = masked
+        dataset["exclusion_mask"] = masked
     check_dataset(dataset, "recording")
     return dataset
 
 
 _RESERVED = frozenset(
     {
-        *("scenetruth", "format_version", "full_scale"),
+        *("scenetruth", "format", "full_scale"),
         *("focal_length_px", "principal_point_px", "baseline_mm", "frame_interval_s"),
     }
 )

@@ -122,7 +122,7 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
     for name, entry in VARIABLES[kind].items():
         if name not in dataset:
             continue
-        if (kind, name) == ("recording", "mask"):
+        if (kind, name) == ("recording", "exclusion_mask"):
             problems += exclusion_mask_problems(dataset)
             continue
         dims = tuple(map(str, dataset.variables[name].dims))

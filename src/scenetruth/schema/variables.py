@@ -20,17 +20,19 @@ __all__ = [
     "COMPONENTS",
     "COORDINATES",
     "FORMAT_VERSION",
-    "KIND_FULL",
-    "KIND_NONE",
-    "KIND_NORMAL",
     "MOTION_ACCELERATED",
     "MOTION_ACCELERATED_IN_PART",
     "MOTION_AFFINE",
     "MOTION_NONE",
     "MOTION_PLAIN",
     "NO_SURFACE",
+    "REASONS",
     "REQUIRED",
     "REQUIRED_ANY",
+    "STATUS_FALLBACK",
+    "STATUS_INVALID",
+    "STATUS_NORMAL",
+    "STATUS_VALID",
     "VARIABLES",
     "Variable",
     "label",
@@ -38,13 +40,28 @@ __all__ = [
 
 
 FORMAT_VERSION = 2
-"""Version of the data sets' layout, kept in their attribute ``format_version``."""
+"""Version of the data sets' layout, kept in their attribute ``format``."""
 
 NO_SURFACE = -1
 """Value of ``object_id`` and ``face_id`` where no surface is seen."""
 
-KIND_NONE, KIND_NORMAL, KIND_FULL = 0, 1, 2
-"""Values of ``kind``: nothing known; minimum-norm solution (aperture problem); everything known."""
+STATUS_INVALID, STATUS_NORMAL, STATUS_VALID, STATUS_FALLBACK = range(4)
+"""Values of ``status``: no estimate; the component along the grey-value gradient only (aperture problem); valid; a
+coarser value that is not valid and is not scored."""
+
+REASONS = (
+    "none",
+    "border",
+    "low_texture",
+    "ambiguous_match",
+    "occlusion",
+    "model_violation",
+    "masked",
+    "saturated",
+    "not_converged",
+    "not_determined",
+)
+"""Meanings of the values of ``invalid_reason``, from 0 on; ``none`` exactly where the estimate is valid."""
 
 MOTION_NONE, MOTION_PLAIN, MOTION_AFFINE, MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART = range(5)
 """Values of ``motion_model``: nothing known; as the settings say; any velocity gradient; accelerated, over all frames;
@@ -79,10 +96,10 @@ _ELEMENT = {
     "slope": Variable(("slope_component", *_MAP), "1", "slopes of the surface, dZ/dX and dZ/dY"),
     "rotation_rate": Variable(("component", *_MAP), "rad/frame", "rotation vector per frame of the surface element"),
     "growth_rate": Variable(_MAP, "1/frame", "relative rate of growth of the area of the surface element"),
-    "growth_principal": Variable(
+    "principal_growth_rates": Variable(
         ("principal", *_MAP), "1/frame", "relative rates of growth of length, the largest and the least"
     ),
-    "growth_direction": Variable(
+    "principal_growth_direction": Variable(
         ("component", *_MAP), "1", "unit vector along which length grows most; either sign stands for both"
     ),
 }
@@ -92,13 +109,16 @@ def _std(dims: tuple[str, ...], units: str, what: str) -> Variable:
     return Variable(dims, units, f"standard deviation of {what} that follows from the images' noise")
 
 
-_KINDS = {"flag_values": [KIND_NONE, KIND_NORMAL, KIND_FULL], "flag_meanings": "none normal full"}
+_STATUS = {
+    "flag_values": [STATUS_INVALID, STATUS_NORMAL, STATUS_VALID, STATUS_FALLBACK],
+    "flag_meanings": "invalid normal_component_only valid fallback",
+}
 
 VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     "recording": {
         "image": Variable(("s", *_MAP), "1", "image: linear radiance, or digital numbers of the sensor"),
-        "ideal": Variable(("s", *_MAP), "1", "linear radiance before the sensor"),
-        "mask": Variable(
+        "radiance": Variable(("s", *_MAP), "1", "linear radiance before the sensor"),
+        "exclusion_mask": Variable(
             ("s", *_MAP), "1", "pixels that must not be used", {"flag_values": [0, 1], "flag_meanings": "usable masked"}
         ),
     },
@@ -128,15 +148,17 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             ("corner", *_MAP), "1", "barycentric coordinates of the triangle's second and third corner"
         ),
         "uv": Variable(("texture_component", *_MAP), "1", "coordinates of the surface point in a texture image"),
-        "surface_mm": Variable(
+        "material_coordinates_mm": Variable(
             ("texture_component", *_MAP), "mm", "coordinates of the surface point on the surface, laid flat; they stay"
         ),
         "visible": Variable(
             ("s", *_MAP), "1", "whether image (s, t) shows the surface point that the reference pixel shows at t = 0"
         ),
         "view_count": Variable(_MAP, "1", "number of cameras that see the surface point at this frame"),
-        "occluded_in_s": Variable(_MAP, "1", "whether some camera does not see the surface point at this frame"),
-        "occluded_in_t": Variable(
+        "occluded_across_cameras": Variable(
+            _MAP, "1", "whether some camera does not see the surface point at this frame"
+        ),
+        "occluded_in_time": Variable(
             _MAP, "1", "whether this camera does not see the surface point at the frame before or after"
         ),
         "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
@@ -162,8 +184,8 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "gaussian_curvature_std": _std(_MAP, "1/mm^2", "the Gaussian curvature"),
         "rotation_rate_std": _std(("component", *_MAP), "rad/frame", "the rotation vector"),
         "growth_rate_std": _std(_MAP, "1/frame", "the growth rate"),
-        "growth_principal_std": _std(("principal", *_MAP), "1/frame", "the growth rates of length"),
-        "growth_direction_std": _std(_MAP, "rad", "the angle of the direction of growth in the surface"),
+        "principal_growth_rates_std": _std(("principal", *_MAP), "1/frame", "the growth rates of length"),
+        "principal_growth_direction_std": _std(_MAP, "rad", "the angle of the direction of growth in the surface"),
         "surface_model": Variable(
             _MAP,
             "1",
@@ -193,29 +215,35 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "image_shift_std": _std(("image_component", "s", "t"), "px", "the shift of the image"),
         "image_roll_std": _std(("s", "t"), "rad", "the roll of the image"),
         "image_scale_std": _std(("s", "t"), "1", "the scale of the image"),
-        "images_used": Variable(_MAP, "1", "mean number of images that show the pixels of the window"),
+        "image_count": Variable(_MAP, "1", "mean number of images that show the pixels of the window"),
         "residual": Variable(
             _MAP,
             "1",
             "standard deviation of the images around the fitted model, in the values of image, up to full_scale",
         ),
         "divergence": Variable(_MAP, "1/frame", "divergence u_z = -U_Z / Z of the optical flow"),
-        "kind": Variable(_MAP, "1", "what could be estimated: the lesser of disparity and motion", _KINDS),
-        "kind_disparity": Variable(_MAP, "1", "what could be estimated of disparity and depth", _KINDS),
-        "kind_motion": Variable(
-            _MAP, "1", "what could be estimated of flow, and of divergence where it is given", _KINDS
+        "status": Variable(_MAP, "1", "status of the estimate: the lower of those of disparity and motion", _STATUS),
+        "status_disparity": Variable(_MAP, "1", "status of disparity and depth", _STATUS),
+        "status_motion": Variable(_MAP, "1", "status of flow, and of divergence where it is given", _STATUS),
+        "valid": Variable(
+            _MAP, "1", "whether the estimate is valid", {"flag_values": [0, 1], "flag_meanings": "invalid valid"}
         ),
-        "model_violation": Variable(_MAP, "1", "images contradict one surface in one motion: occlusion, motion edge"),
+        "invalid_reason": Variable(
+            _MAP,
+            "1",
+            "reason why the estimate is not valid",
+            {"flag_values": list(range(len(REASONS))), "flag_meanings": " ".join(REASONS)},
+        ),
         "depth_std": _std(_MAP, "mm", "depth"),
         "velocity_std": _std(("component", *_MAP), "mm/frame", "velocity"),
         "disparity_std": _std(_MAP, "px/step", "disparity"),
-        "confidence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),
-        "working_point": Variable(_MAP, "px/step", "integer disparity at which the images were registered"),
+        "coherence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),
+        "registration_disparity": Variable(_MAP, "px/step", "integer disparity at which the images were registered"),
         "eigenvalues": Variable(("rank", *_MAP), "1", "eigenvalues l1 >= ... >= l5 of the structure tensor"),
     },
 }
 """Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``. Where cameras stand in rows,
-``s_y`` comes before ``s``. The mask of a recording may lack dimensions along which it is the same."""
+``s_y`` comes before ``s``. The exclusion mask of a recording may lack dimensions along which it is the same."""
 
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     "recording": ("image",),
@@ -337,7 +365,7 @@ def label(
     )
     dataset.attrs = {
         "scenetruth": kind,
-        "format_version": FORMAT_VERSION,
+        "format": FORMAT_VERSION,
         **intrinsics.to_attrs(),
         **(attrs or {}),
     }

@@ -254,7 +254,7 @@ Mask = NDArray[np.bool_]
 MISMATCH_VARIABLES = ("depth", "disparity", "flow", "velocity")
 """The variables whose slips are looked for."""
 
-_KINDS = ("kind", "kind_disparity", "kind_motion")
+_STATUSES = ("status", "status_disparity", "status_motion")
 _NEEDED = (*MISMATCH_VARIABLES, "mixed", "boundary_distance")
 
 _FRAMES = 3
@@ -346,7 +346,7 @@ def read_mismatch_samples(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[M
     if not (held and count):
         return
     chosen = np.unique(np.linspace(0, count - 1, min(count, _FRAMES)).round().astype(int))
-    few = estimate[[*held, *(name for name in _KINDS if name in estimate)]].isel(t=chosen)
+    few = estimate[[*held, *(name for name in _STATUSES if name in estimate)]].isel(t=chosen)
     facts = read_acquisition_parameters(few, truth)
     needed = truth[[name for name in _NEEDED if name in truth]]
     _, exact = align(few, needed)

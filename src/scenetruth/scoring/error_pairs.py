@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_FULL, VARIABLES, Intrinsics, read_intrinsics
+from scenetruth.schema import STATUS_VALID, VARIABLES, Intrinsics, read_intrinsics
 from scenetruth.scoring.quantities import QUANTITIES
 
 __all__ = [
@@ -197,11 +197,11 @@ def percent_per_hour(intrinsics: Intrinsics) -> float:
 
 
 def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
-    """Return where an estimate claims to know a variable.
+    """Return where an estimate of a variable is valid.
 
-    Depth, disparity and the shape of the surface are known where ``kind_disparity`` is full, flow where
-    ``kind_motion`` is full, velocity, growth and rotation where both are. Where the estimate lacks one of the two,
-    ``kind`` takes its place; without ``kind``, every pixel counts as known.
+    Depth, disparity and the shape of the surface are valid where ``status_disparity`` is valid, flow where
+    ``status_motion`` is, velocity, growth and rotation where both are. Where the estimate lacks one of the two,
+    ``status`` takes its place; without ``status``, every pixel counts as valid.
 
     Parameters
     ----------
@@ -216,10 +216,10 @@ def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
         bool, shape (t, y, x).
     """
     needs = next(entry.needs for entry in QUANTITIES.values() if entry.variable == variable)
-    kinds = [f"kind_{need}" for need in needs]
+    statuses = [f"status_{need}" for need in needs]
     full = np.ones([estimate.sizes[dim] for dim in ("t", "y", "x")], dtype=bool)
-    for name in {kind if kind in estimate else "kind" for kind in kinds} & set(estimate):
-        full &= estimate[name].values == KIND_FULL
+    for name in {one if one in estimate else "status" for one in statuses} & set(estimate):
+        full &= estimate[name].values == STATUS_VALID
     return full
 
 

@@ -84,11 +84,13 @@ QUANTITIES: Mapping[str, Quantity] = {
     # Follows from depth and velocity; no variable holds it.
     "growth_rate_windowed": Quantity("", None, "%/h", "g", "Growth rate, windowed", "windowed growth", _BOTH),
     "growth_largest": Quantity(
-        "growth_principal", 0, "%/h", "g_1", "Largest growth of length", "principal growth", _BOTH
+        "principal_growth_rates", 0, "%/h", "g_1", "Largest growth of length", "principal growth", _BOTH
     ),
-    "growth_least": Quantity("growth_principal", 1, "%/h", "g_2", "Least growth of length", "principal growth", _BOTH),
+    "growth_least": Quantity(
+        "principal_growth_rates", 1, "%/h", "g_2", "Least growth of length", "principal growth", _BOTH
+    ),
     "growth_direction": Quantity(
-        "growth_direction", None, "°", "e_1", "Direction of growth", "growth direction", _BOTH, "axis_angle"
+        "principal_growth_direction", None, "°", "e_1", "Direction of growth", "growth direction", _BOTH, "axis_angle"
     ),
     "slope_x": Quantity("slope", 0, "1", "dZ/dX", "Slope in X", "slope", _SHAPE),
     "slope_y": Quantity("slope", 1, "1", "dZ/dY", "Slope in Y", "slope", _SHAPE),

@@ -150,10 +150,10 @@ def further_regions(
 ) -> dict[str, Mask]:
     """Return where the regions lie that only some truths tell.
 
-    - ``visible`` and ``partly_hidden`` need ``occluded_in_s`` and ``occluded_in_t``. Of the pixels with a surface,
-      ``visible`` holds those whose point all cameras see at this frame and the reference camera at the frames before
-      and after; at t = 0, where ``throughout`` is known, that all cameras see at all frames. ``partly_hidden`` has the
-      others.
+    - ``visible`` and ``partly_hidden`` need ``occluded_across_cameras`` and ``occluded_in_time``. Of the pixels with
+      a surface, ``visible`` holds those whose point all cameras see at this frame and the reference camera at the
+      frames before and after; at t = 0, where ``throughout`` is known, that all cameras see at all frames.
+      ``partly_hidden`` has the others.
     - ``slope_LOW_HIGH`` (degrees) are classes of the angle between ``normal`` and the optical axis, from LOW on and
       below HIGH, over the visible pixels of the interior, so that edges are not taken for slopes.
     - ``edge_LOW_HIGH`` (px) are classes of the distance to the nearest mixed pixel, over all visible pixels.
@@ -186,8 +186,8 @@ def further_regions(
     seen = np.isfinite(truth["depth"].values)
     visible = seen
     regions: dict[str, Mask] = {}
-    if "occluded_in_s" in truth and "occluded_in_t" in truth:
-        visible = seen & ~_flags(truth["occluded_in_s"]) & ~_flags(truth["occluded_in_t"])
+    if "occluded_across_cameras" in truth and "occluded_in_time" in truth:
+        visible = seen & ~_flags(truth["occluded_across_cameras"]) & ~_flags(truth["occluded_in_time"])
         if throughout is not None:
             visible[truth["t"].values == 0] &= throughout
         regions |= {"visible": visible, "partly_hidden": seen & ~visible}

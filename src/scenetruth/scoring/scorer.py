@@ -194,9 +194,9 @@ def score(
       depth and velocity (see `compute_growth_rate` and `compute_growth_pairs`), or a growth rate of its own, which then
       is the former.
 
-    A pixel counts where truth and estimate are finite and the estimate claims to know the quantity: ``kind_disparity``
-    is full for depth and disparity, ``kind_motion`` for optical flow, both for velocity and outliers. Where the
-    estimate has no kinds, every finite pixel counts (see `find_valid_pixels`). The density is the share of the pixels
+    A pixel counts where truth and estimate are finite and the estimate is valid: ``status_disparity`` for depth and
+    disparity, ``status_motion`` for optical flow, both for velocity and outliers. Where the estimate has no
+    status, every finite pixel counts (see `find_valid_pixels`). The density is the share of the pixels
     with a finite truth that count.
 
     Pixels are matched by their coordinates: the estimate may belong to a part of the truth's image (see `align`).

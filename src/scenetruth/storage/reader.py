@@ -150,17 +150,17 @@ def _attributes(path: Path, kind: StoreKind | None) -> dict[str, Any]:
         attributes = dict(json.loads(open_store_files(path).read(ROOT))["attributes"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise StoreError(path, f"{foreign}, or its metadata is damaged ({error})") from error
-    found, version = attributes.get("scenetruth"), attributes.get("format_version")
+    found, version = attributes.get("scenetruth"), attributes.get("format")
     if found not in STORE_KINDS:
         raise StoreError(path, foreign)
     if kind is not None and found != kind:
         raise StoreError(path, f"holds a {found}, but a {kind} is needed")
-    if not isinstance(version, int) or version > FORMAT_VERSION:
-        message = f"has the format version {version}; this scenetruth reads up to {FORMAT_VERSION}: update it"
-        raise StoreError(path, message)
-    if version < FORMAT_VERSION:
-        message = f"has the format version {version}, without checksums; this scenetruth reads {FORMAT_VERSION}: "
+    if version is None or (isinstance(version, int) and version < FORMAT_VERSION):
+        message = f"has the format 1, with other names of variables; this scenetruth reads format {FORMAT_VERSION}: "
         raise StoreError(path, message + "make it again")
+    if not isinstance(version, int) or version > FORMAT_VERSION:
+        message = f"has the format {version}; this scenetruth reads format {FORMAT_VERSION}: update it"
+        raise StoreError(path, message)
     try:
         check_checksums(path, attributes)
     except OSError as error:

@@ -297,6 +297,6 @@ def _stamped(dataset: xr.Dataset) -> xr.Dataset:
     if kind not in STORE_KINDS:
         message = f"must be one of {', '.join(STORE_KINDS)}"
         raise RecordingError([Problem("attrs.scenetruth", message, kind)], source="data set to save")
-    stamped = dataset.assign_attrs(scenetruth=kind, format_version=FORMAT_VERSION)
+    stamped = dataset.assign_attrs(scenetruth=kind, format=FORMAT_VERSION)
     stamped.attrs.pop(CHECKSUM_ATTRIBUTE, None)
     return stamped

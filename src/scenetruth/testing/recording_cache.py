@@ -81,7 +81,7 @@ class RecordingCache:
         self,
         scene: str | Path | Mapping[str, Any] | Scene,
         *overrides: str,
-        ideal: bool = False,
+        save_radiance: bool = False,
         truth_content: Literal["standard", "complete"] = "standard",
     ) -> SimulatedRecording:
         """Return the recording of a scene and its truth.
@@ -94,7 +94,7 @@ class RecordingCache:
             are the same on every machine.
         *overrides
             Changes as of `scenetruth.load_scene`: ``"camera.width=160"``.
-        ideal, truth_content
+        save_radiance, truth_content
             As of `scenetruth.simulate`.
 
         Raises
@@ -110,13 +110,15 @@ class RecordingCache:
             As `scenetruth.simulate` does, also when the recording was made before.
         """
         chosen = self._scene(scene, overrides)
-        key = entry_key("recording", scene_hash(chosen), bool(ideal), truth_content, _source())
-        recording, truth, messages = self._found(self.folder / key, chosen, ideal, truth_content)
+        key = entry_key("recording", scene_hash(chosen), bool(save_radiance), truth_content, _source())
+        recording, truth, messages = self._found(self.folder / key, chosen, save_radiance, truth_content)
         for message in messages:
             warnings.warn(message, SceneWarning, stacklevel=2)
         return SimulatedRecording(read_only(recording), read_only(truth), chosen)
 
-    def _found(self, entry: Path, scene: Scene, ideal: bool, truth_content: Literal["standard", "complete"]) -> _Entry:
+    def _found(
+        self, entry: Path, scene: Scene, save_radiance: bool, truth_content: Literal["standard", "complete"]
+    ) -> _Entry:
         while True:
             # Not there yet, or damaged.
             with suppress(StoreError):
@@ -126,7 +128,7 @@ class RecordingCache:
                     # Another process may have made it since.
                     with suppress(StoreError):
                         return self._load(entry)
-                    _make(entry, scene, ideal, truth_content)
+                    _make(entry, scene, save_radiance, truth_content)
                     return self._load(entry)
             except OutputExistsError:
                 # Another process makes it; if that dies, its lock ends with it, and the next in turn does.
@@ -183,13 +185,13 @@ def remove_entries(folder: Path) -> int:
     return removed
 
 
-def _make(entry: Path, scene: Scene, ideal: bool, truth_content: Literal["standard", "complete"]) -> None:
+def _make(entry: Path, scene: Scene, save_radiance: bool, truth_content: Literal["standard", "complete"]) -> None:
     from scenetruth.simulation import simulate
 
     with write_atomically(entry, overwrite=True, claim=_claim) as aside:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            simulate(scene, folder=aside, ideal=ideal, truth_content=truth_content)
+            simulate(scene, folder=aside, save_radiance=save_radiance, truth_content=truth_content)
         told = [str(item.message) for item in caught if issubclass(item.category, SceneWarning)]
         (aside / _WARNINGS).write_text(json.dumps(told), encoding="utf-8")
     for item in caught:

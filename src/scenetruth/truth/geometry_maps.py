@@ -102,15 +102,16 @@ def truth_maps(
         - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y from the principal point:
           the paper's (u_x + x u_z, u_y + y u_z); times the slope of the distortion, if the lens has one,
         - ``normal`` and ``slope`` (dZ/dX, dZ/dY),
-        - ``object_id``, ``face_id``, ``barycentric``: which point of which triangle; ``uv`` and ``surface_mm``: where
-          it is on the surface.
+        - ``object_id``, ``face_id``, ``barycentric``: which point of which triangle; ``uv`` and
+          ``material_coordinates_mm``: where it is on the surface.
 
         Of the smooth surface that the triangles stand for, interpolated between its exact values at the vertices:
 
         - ``curvature``: principal curvatures in 1/mm, the larger first, positive where it bulges towards the camera,
         - ``rotation_rate`` of the surface element in rad per frame,
-        - ``growth_rate``: relative rate of its area, 1 per frame; ``growth_principal``: the relative rates of length in
-          the directions in which these are largest and least; ``growth_direction``: the first of these directions.
+        - ``growth_rate``: relative rate of its area, 1 per frame; ``principal_growth_rates``: the relative rates of
+          length in the directions in which these are largest and least; ``principal_growth_direction``: the first of
+          these directions.
 
         Of the pixel: ``mixed``, and ``boundary_distance``, how far in px the nearest mixed pixel is.
     """
@@ -170,10 +171,10 @@ def truth_maps(
             "slope": slope,
             "curvature": curvature,
             "rotation_rate": rotation,
-            "growth_principal": principal,
-            "growth_direction": direction,
+            "principal_growth_rates": principal,
+            "principal_growth_direction": direction,
             "uv": hits.interpolate_corners(world.image_uv).T,
-            "surface_mm": hits.interpolate_corners(world.chart_mm).T,
+            "material_coordinates_mm": hits.interpolate_corners(world.chart_mm).T,
         }
     found = {name: values.reshape(*values.shape[:-1], *shape) for name, values in found.items()}
     return found | {"mixed": mixed, "boundary_distance": boundary_distance(mixed)}

@@ -207,9 +207,9 @@ class PointTracker:
         Returns
         -------
         dict
-            - ``view_count`` and ``occluded_in_s`` (y, x): how many cameras see the pixel's point at this frame, and
-              whether some do not,
-            - ``occluded_in_t`` (y, x): whether this camera does not see it at the recorded frame before or after,
+            - ``view_count`` and ``occluded_across_cameras`` (y, x): how many cameras see the pixel's point at this
+              frame, and whether some do not,
+            - ``occluded_in_time`` (y, x): whether this camera does not see it at the recorded frame before or after,
             - ``displacement_next``, ``displacement_previous`` (component, y, x) in mm, in the frame of the camera, one
               frame later and earlier,
             - ``flow_next``, ``flow_previous`` (image component, y, x) in px: where the point is in the image that the
@@ -235,8 +235,8 @@ class PointTracker:
                 moved |= self._moved(own, geometry, pixels, way)
         found: dict[str, NDArray[Any]] = {
             "view_count": self._map(own, count),
-            "occluded_in_s": self._map(own, count < len(self._places)),
-            "occluded_in_t": self._map(own, hidden),
+            "occluded_across_cameras": self._map(own, count < len(self._places)),
+            "occluded_in_time": self._map(own, hidden),
         }
         return found | moved
 

@@ -69,14 +69,14 @@ FURTHER = (
     "slope",
     "curvature",
     "rotation_rate",
-    "growth_principal",
-    "growth_direction",
+    "principal_growth_rates",
+    "principal_growth_direction",
     "uv",
-    "surface_mm",
+    "material_coordinates_mm",
 )
 """The maps of one image that a complete truth has besides."""
 
-FOLLOWED = ("view_count", "occluded_in_s", "occluded_in_t")
+FOLLOWED = ("view_count", "occluded_across_cameras", "occluded_in_time")
 """The maps that take other images, and that every truth has."""
 
 MOVED = ("displacement_next", "displacement_previous", "flow_next", "flow_previous")
@@ -87,8 +87,8 @@ DTYPES: dict[str, type[np.generic[Any]]] = {
     "face_id": np.int32,
     "mixed": np.bool_,
     "view_count": np.int16,
-    "occluded_in_s": np.bool_,
-    "occluded_in_t": np.bool_,
+    "occluded_across_cameras": np.bool_,
+    "occluded_in_time": np.bool_,
 }
 """Types of the values that are not float64."""
 

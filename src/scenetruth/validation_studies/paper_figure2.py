@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import EstimateWarning
 from scenetruth.progress import Progress
-from scenetruth.schema import KIND_FULL, make_recording
+from scenetruth.schema import STATUS_VALID, make_recording
 from scenetruth.validation_studies.csv_tables import write_table
 
 __all__ = [
@@ -327,7 +327,7 @@ def measure_condition(
         )
     height, width = SHAPE[2:]
     centres = {name: maps[name].values[..., 0, height // 2, width // 2 :: width] for name in maps}
-    full = centres["kind"] == KIND_FULL
+    full = centres["kind"] == STATUS_VALID
     depth = centres["depth"][full].astype(np.float64)
     if quantity == "V_X":
         errors = abs(depth / REFERENCE_DEPTH - 1)

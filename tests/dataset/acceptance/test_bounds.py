@@ -79,7 +79,7 @@ def whole() -> tuple[GeometryPreview, dict[str, np.ndarray]]:
         ),
         # The fastest pixel is a corner of the tile, half a small pixel, 1.5 px, farther out: 1 % per frame of that.
         (ImageMotionCriterion(object="tile", at_most=1), lambda t: [np.hypot(*t["flow"]).max()], 0.03),
-        (OccludedFractionCriterion(at_most=1), lambda t: [t["occluded_in_s"].mean()], 3 / TILE_PX),
+        (OccludedFractionCriterion(at_most=1), lambda t: [t["occluded_across_cameras"].mean()], 3 / TILE_PX),
         (TextureWavelengthCriterion(object="tile", at_most=1), lambda t: [6 * 8, 20 * 8], 1e-9),
     ],
     ids=lambda one: getattr(one, "kind", ""),

@@ -153,9 +153,9 @@ def test_runs_are_what_simulations_of_their_scenes_are() -> None:
     kinds = ("noise", "quantisation", "fixed_pattern", "stage_yaw")
     recording, truth = simulate_run(job, SimulationRun(kinds, 5, 0))
     with ignore_scene_warnings():
-        same, exact = st.simulate(restrict_sources(scene, kinds, 5), ideal=True)
+        same, exact = st.simulate(restrict_sources(scene, kinds, 5), save_radiance=True)
     np.testing.assert_array_equal(recording["image"].values, same["image"].values)
-    np.testing.assert_array_equal(recording["ideal"].values, same["ideal"].values)
+    np.testing.assert_array_equal(recording["radiance"].values, same["radiance"].values)
     np.testing.assert_array_equal(truth["depth"].values, exact["depth"].values)
     assert recording.attrs["full_scale"] == same.attrs["full_scale"]
 

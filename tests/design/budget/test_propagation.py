@@ -22,9 +22,9 @@ NOISE_STD = 0.005
 def seen() -> tuple[ObservationModel, xr.Dataset, xr.Dataset]:
     scene = laboratory(everything=False)
     with ignore_scene_warnings():
-        recording, truth = st.simulate(scene, ideal=True)
+        recording, truth = st.simulate(scene, save_radiance=True)
         estimate = st.estimate(recording, "structure_tensor")
-    known = (estimate["kind"].values[0] == 2) & np.isfinite(estimate["velocity"].values[:, 0]).all(axis=0)
+    known = (estimate["status"].values[0] == 2) & np.isfinite(estimate["velocity"].values[:, 0]).all(axis=0)
     return build_observation_model(scene, recording, truth, known), recording, truth
 
 

@@ -24,7 +24,7 @@ from tests.design.budget.scenes import laboratory
 @pytest.fixture(scope="module")
 def sight() -> ObservationModel:
     scene = laboratory(everything=False)
-    recording, truth = st.simulate(scene, ideal=True)
+    recording, truth = st.simulate(scene, save_radiance=True)
     return build_observation_model(scene, recording, truth, np.ones((108, 144), dtype=np.bool_))
 
 

@@ -41,8 +41,8 @@ def test_points_have_the_truth_s_growth_of_length() -> None:
     scene = st.Scene.from_dict(rubber())
     look = sample_surface(scene, limited_objects(scene, Limits()))
     # Differences over a frame of exp(0.003 t) are off by 0.003² / 24 of themselves.
-    np.testing.assert_allclose(look.growth_principal[0], STRAIN, rtol=1e-5)
-    np.testing.assert_allclose(look.growth_principal[1], -STRAIN / 2, rtol=1e-5)
+    np.testing.assert_allclose(look.principal_growth_rates[0], STRAIN, rtol=1e-5)
+    np.testing.assert_allclose(look.principal_growth_rates[1], -STRAIN / 2, rtol=1e-5)
 
 
 def test_growth_of_length_is_told_where_any_gradient_may_be() -> None:
@@ -72,10 +72,10 @@ def normalised(noises: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     settings: dict[str, Any] = {"motion": "affine", "surface": "plane", "window_sigma_px": WINDOW, "window_frames": 5}
     settings |= {"acceleration": False, "brightness": "none"}
     middle = (..., slice(10, -10), slice(56, -56))
-    std = maps["growth_principal_std"].values[middle]
+    std = maps["principal_growth_rates_std"].values[middle]
     truth = np.array([STRAIN, -STRAIN / 2])[:, None, None]
     found = [st.estimate(add_noise(ideal, NOISE, "x", k), "refined", settings).sel(t=0) for k in range(noises)]
-    return np.array([(one["growth_principal"].values[middle] - truth) / std for one in found]), std
+    return np.array([(one["principal_growth_rates"].values[middle] - truth) / std for one in found]), std
 
 
 def check(noises: int, tolerance: float) -> None:

@@ -107,7 +107,7 @@ def test_the_bound_is_that_of_simulated_images() -> None:
     from scenetruth.bound import cramer_rao_bound
 
     plain = wall(score={"interior_margin_px": 0})
-    recording, truth = st.simulate(st.Scene.from_dict(plain), ideal=True)
+    recording, truth = st.simulate(st.Scene.from_dict(plain), save_radiance=True)
     # Grey values are noisy in it: those without noise are found again to what noise leaves of their slope, 1e-3.
     bound = cramer_rao_bound(truth, recording, window_sigma_px=4.0, motion="growing")
     maps = predict(plain, level="bound", window_sigma_px=4.0).maps

@@ -70,9 +70,9 @@ def test_noise_is_the_same_at_every_point() -> None:
     )
     noises = []
     for number in range(0, len(plan), 2):
-        recording, _ = st.simulate(plan.scene(number), ideal=True)
+        recording, _ = st.simulate(plan.scene(number), save_radiance=True)
         full_scale = recording.attrs["full_scale"]
-        noise = recording["image"].values / full_scale - recording["ideal"].values
+        noise = recording["image"].values / full_scale - recording["radiance"].values
         noises.append(noise / plan.scene(number).sensor.noise_std)  # type: ignore[union-attr]
     for other in noises[1:]:
         # Images are float32, and noise is at least 0.005 of full scale.
@@ -91,7 +91,7 @@ def test_figures_are_those_of_a_single_simulation(found: Sweep) -> None:
             row = found.figure("velocity_z", name, at={BASELINE: 2, NOISE: 0.01}, region="all", seed=seed)
             assert row.number == score.regions["all"]["velocity_z"][key]
         error = (estimate["depth"] - truth["depth"].sel(t=[0])).values
-        errors[seed] = np.where(estimate["kind_disparity"] == 2, error, np.nan)
+        errors[seed] = np.where(estimate["status_disparity"] == 2, error, np.nan)
     both = found.figure("depth", "std", at={BASELINE: 2, NOISE: 0.01}, region="all").number
     # Between two numbers, the standard deviation is their difference over √2.
     assert both == pytest.approx(float(np.sqrt(np.nanmean(np.square(errors[5] - errors[6]) / 2))), rel=1e-4)
@@ -232,9 +232,9 @@ def test_the_bound_is_that_of_each_methods_window() -> None:
 def stretching(recording: xr.Dataset) -> xr.Dataset:
     """Know that the wall grows along X alone, by 2 % per frame."""
     shape = recording["image"].isel(s=0).shape
-    found = st.make_estimate(like=recording, depth=np.full(shape, DEPTH_MM), flow=np.zeros((2, *shape)))
+    found = st.make_estimate(recording=recording, depth=np.full(shape, DEPTH_MM), flow=np.zeros((2, *shape)))
     growth = (("principal", "t", "y", "x"), np.stack([np.full(shape, 0.02), np.zeros(shape)]), {"units": "1/frame"})
-    return found.assign_coords(principal=[1, 2]).assign(growth_principal=growth)
+    return found.assign_coords(principal=[1, 2]).assign(principal_growth_rates=growth)
 
 
 def test_what_only_a_complete_truth_tells_is_scored() -> None:

@@ -70,7 +70,7 @@ def test_a_program_gives_what_the_same_code_gives_as_a_function(simulated: xr.Da
     assert found.attrs["method"] == "matcher"
     assert found.attrs["recording_hash"] == simulated.attrs["recording_hash"]
     assert json.loads(found.attrs["settings"])["command"] == shlex.join(words)
-    assert found.attrs["seconds"] > 0
+    assert found.attrs["run_time_s"] > 0
     # An interpreter with NumPy has some tens of MB.
     assert 5 < found.attrs["peak_memory_mb"] < 2000
     assert {line[0] for line in told} == {"images", "command"}
@@ -201,7 +201,7 @@ def test_memory_is_measured_as_it_is_used(recording: xr.Dataset, tmp_path: Path)
     # 100 MB and the interpreter.
     assert 100 <= found.attrs["peak_memory_mb"] < 200
     # It slept for so long; a busy machine may take longer, but not by much.
-    assert 0.6 < found.attrs["seconds"] < 30
+    assert 0.6 < found.attrs["run_time_s"] < 30
 
 
 def test_a_failure_tells_how_to_repeat_it(recording: xr.Dataset, tmp_path: Path, scratch: Path) -> None:
@@ -312,14 +312,14 @@ def test_no_shell_reads_the_command(recording: xr.Dataset, tmp_path: Path) -> No
 def test_masks_reach_the_program(recording_of: Make, tmp_path: Path) -> None:
     mask = np.zeros((36, 48), dtype=bool)
     mask[4, 5] = True
-    recording = recording_of(np.uint8, 0, 255, mask=mask)
+    recording = recording_of(np.uint8, 0, 255, exclusion_mask=mask)
     words = command(tmp_path, CONSTANT)
     with pytest.raises(st.EstimateError, match="mask: 'mine' would use the pixels that it marks"):
         st.estimate(recording, CommandMethod(words, "mine"))
-    method = CommandMethod(words, "mine", keep_in=tmp_path / "kept", needs=Needs(mask=True))
+    method = CommandMethod(words, "mine", keep_in=tmp_path / "kept", needs=Needs(exclusion_mask=True))
     st.estimate(recording, method)
     (camera,) = (tmp_path / "kept").glob("*/recording/camera.json")
-    assert len(json.loads(camera.read_text())["masks"]) == 9
+    assert len(json.loads(camera.read_text())["exclusion_masks"]) == 9
     assert read_results(camera.parents[1] / "output", recording)["depth"].sizes["t"] == 1
 
 

@@ -133,7 +133,7 @@ def test_the_method_gives_depth_in_the_cameras_pixels(baseline_mm: float, thinne
     middle = {"x": slice(20, 76), "y": slice(10, 50)}
     np.testing.assert_allclose(found["disparity"].isel(middle), sign * 7.4 * thinned, atol=0.1 * thinned)
     np.testing.assert_allclose(found["depth"].isel(middle), 800 * 5 / (7.4 * thinned), rtol=0.015)
-    assert (found["kind"].isel(middle) == 2).all()
+    assert (found["status"].isel(middle) == 2).all()
     given = st.estimate(recording, "plane_sweep", disparity_px=(sign * 5.0 * thinned, sign * 9.0 * thinned)).isel(t=0)
     np.testing.assert_allclose(given["disparity"].isel(middle), sign * 7.4 * thinned, atol=0.1 * thinned)
 

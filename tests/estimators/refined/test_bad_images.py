@@ -56,7 +56,7 @@ def estimated(recording: xr.Dataset, **settings: Any) -> xr.Dataset:
 
 def scaled_errors(found: xr.Dataset, truth: dict[str, Array] = TRUTH) -> Array:
     """Errors over standard deviations where there is an estimate."""
-    told = found["kind"].values == 2
+    told = found["status"].values == 2
     each = [(found[name].values - truth[name]) / found[f"{name}_std"].values for name in ("depth", "velocity")]
     return (
         np.concatenate([values[..., told].reshape(-1, max(int(told.sum()), 1)) for values in each])
@@ -92,9 +92,9 @@ def test_bad_images_are_left_out_and_named(
     with pytest.warns(st.EstimateWarning, match=rf"\(s {named[0][0]}, t {named[0][1]}\).* were left out") as warned:
         found = estimated(changed(noisy, change, *places))
     assert len(warned) == 1
-    assert found.attrs["images_left_out"] == [list(image) for image in named]
-    assert (found["kind"].values[INSIDE] == 2).all()
-    np.testing.assert_allclose(found["images_used"].values[INSIDE], 25 - len(places))
+    assert found.attrs["excluded_images"] == [list(image) for image in named]
+    assert (found["status"].values[INSIDE] == 2).all()
+    np.testing.assert_allclose(found["image_count"].values[INSIDE], 25 - len(places))
     scaled = scaled_errors(found)
     assert np.sqrt(np.mean(scaled**2)) == pytest.approx(0.87, abs=0.1)
     assert np.abs(scaled).max() < 6
@@ -102,8 +102,8 @@ def test_bad_images_are_left_out_and_named(
 
 def test_good_images_are_all_used(noisy: xr.Dataset) -> None:
     found = estimated(noisy)
-    assert found.attrs["images_left_out"] == []
-    assert found.attrs["nothing_known"] == {}
+    assert found.attrs["excluded_images"] == []
+    assert found.attrs["frames_without_estimate"] == {}
     assert np.sqrt(np.mean(scaled_errors(found) ** 2)) == pytest.approx(0.86, abs=0.1)
 
 
@@ -114,7 +114,7 @@ def test_cameras_alone_and_frames_alone_tell_it_too(cameras: int, frames: int) -
         found = estimated(recording)
     name = "depth" if cameras > 1 else "flow"
     off = np.abs(found[name].values - TRUTH[name])[(..., *INSIDE)]
-    assert (found["kind"].values[INSIDE] == 2).all()
+    assert (found["status"].values[INSIDE] == 2).all()
     assert off.max() < (1.5 if cameras > 1 else 0.05)
 
 
@@ -124,9 +124,9 @@ def test_few_images_do_not_tell_which_is_wrong(cameras: int, frames: int, change
     """Then nothing is told. But two cameras, one of them shifted aside, show another depth, and one camera motion."""
     recording = changed(PLANE.recording(cameras, frames, noise_std=0.01), change, (cameras // 2, frames // 2))
     found = estimated(recording)
-    assert found.attrs["images_left_out"] == []
+    assert found.attrs["excluded_images"] == []
     if change is another or cameras * frames > 3 or cameras == 3:
-        assert (found["kind"] == 0).mean() > 0.98
+        assert (found["status"] == 0).mean() > 0.98
 
 
 @pytest.mark.parametrize(
@@ -143,8 +143,8 @@ def test_images_that_are_equal_give_a_reason_and_no_number(
 ) -> None:
     with pytest.warns(st.EstimateWarning, match=f"frame 0: nothing is known: {reason}"):
         found = estimated(changed(noisy, same, slice(None)))
-    assert found.attrs["nothing_known"]["0"].startswith(reason)
-    assert (found["kind"] == 0).all()
+    assert found.attrs["frames_without_estimate"]["0"].startswith(reason)
+    assert (found["status"] == 0).all()
     for name in ("depth", "velocity", "disparity", "flow", "depth_std"):
         assert np.isnan(found[name]).all()
 
@@ -153,9 +153,9 @@ def test_one_frame_without_anything_costs_that_frame_only() -> None:
     recording = changed(PLANE.recording(3, 3, noise_std=0.01), lambda image: image * 0, (slice(None), 0))
     with pytest.warns(st.EstimateWarning, match="frame -1: nothing is known"):
         found = st.estimate(recording, "refined", {**SETTINGS, "window_frames": 1, "motion": "translation"})
-    assert list(found.attrs["nothing_known"]) == ["-1"]
-    assert (found["kind"].sel(t=-1) == 0).all()
-    assert (found["kind"].sel(t=0).values[INSIDE] == 2).all()
+    assert list(found.attrs["frames_without_estimate"]) == ["-1"]
+    assert (found["status"].sel(t=-1) == 0).all()
+    assert (found["status"].sel(t=0).values[INSIDE] == 2).all()
 
 
 def test_cameras_that_see_the_same_but_for_noise_have_no_depth(noisy: xr.Dataset) -> None:
@@ -163,7 +163,7 @@ def test_cameras_that_see_the_same_but_for_noise_have_no_depth(noisy: xr.Dataset
     still = PLANE.image((0.0, 0.0), 0.0) + np.random.default_rng(1).normal(0, 0.01, (5, 5, 90, 120))
     with pytest.warns(st.EstimateWarning, match="shows the same from all cameras"):
         found = estimated(changed(noisy, lambda _: still, slice(None)))
-    assert (found["kind"] == 0).all()
+    assert (found["status"] == 0).all()
 
 
 # What fits by chance may not fit one of the images.

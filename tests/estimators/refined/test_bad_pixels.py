@@ -67,9 +67,9 @@ def test_missing_pixels_cost_their_samples_and_no_more(noisy: xr.Dataset, whole:
     gone = np.random.default_rng(3).random(values.shape) < 0.01
     values[gone] = np.nan
     found = st.estimate(with_images(noisy, values), "refined", SETTINGS).sel(t=0)
-    assert found.attrs["pixels_masked"] == {"user": 0, "not_finite": int(gone.sum()), "saturated": 0, "dead": 0}
-    assert (found["kind"].values[INSIDE] == 2).all()
-    share = float(found["images_used"].values[INSIDE].mean()) / 25
+    assert found.attrs["excluded_pixel_counts"] == {"user": 0, "not_finite": int(gone.sum()), "saturated": 0, "dead": 0}
+    assert (found["status"].values[INSIDE] == 2).all()
+    share = float(found["image_count"].values[INSIDE].mean()) / 25
     assert share == pytest.approx((1 - gone.mean()) ** 13, abs=0.01)
     (before, scaled_before), (after, scaled) = errors(whole), errors(found)
     assert found["depth_std"].values[INSIDE].mean() == pytest.approx(
@@ -92,13 +92,13 @@ def test_what_lies_under_a_mask_counts_for_nothing(noisy: xr.Dataset, start: str
     rubbish[np.broadcast_to(mask[:, None], rubbish.shape)] = np.random.default_rng(4).normal(0, 5, 9999).max()
     slow = {**SETTINGS, "start": start}
     both = [
-        st.estimate(with_images(noisy, values).assign(mask=(("s", "y", "x"), mask)), "refined", slow).sel(t=0)
+        st.estimate(with_images(noisy, values).assign(exclusion_mask=(("s", "y", "x"), mask)), "refined", slow).sel(t=0)
         for values in (noisy["image"].values, rubbish)
     ]
     xr.testing.assert_identical(both[0].drop_attrs(), both[1].drop_attrs())
-    assert both[1].attrs["pixels_masked"]["user"] == 5 * mask.sum()
+    assert both[1].attrs["excluded_pixel_counts"]["user"] == 5 * mask.sum()
     if start == "plane_sweep":
-        assert (both[1]["kind"].values[INSIDE] == 2).all()
+        assert (both[1]["status"].values[INSIDE] == 2).all()
         assert rms(errors(both[1])[1]) == pytest.approx(1.0, abs=0.15)
 
 
@@ -106,10 +106,10 @@ def test_where_most_images_are_masked_nothing_is_told(noisy: xr.Dataset) -> None
     """A square of 30 px in the sensor's middle moves by 8 px per camera: all five show none of its inner columns."""
     mask = np.zeros((90, 120), dtype=bool)
     mask[20:70, 25:95] = True
-    found = st.estimate(noisy.assign(mask=(("y", "x"), mask)), "refined", SETTINGS).sel(t=0)
-    assert (found["kind"].values[38:52, 50:70] == 0).all()
+    found = st.estimate(noisy.assign(exclusion_mask=(("y", "x"), mask)), "refined", SETTINGS).sel(t=0)
+    assert (found["status"].values[38:52, 50:70] == 0).all()
     assert np.isnan(found["depth"].values[38:52, 50:70]).all()
-    told = found["kind"].values == 2
+    told = found["status"].values == 2
     scaled = ((found["depth"].values - TRUTH["depth"]) / found["depth_std"].values)[told]
     assert np.mean(np.abs(scaled) > 6) < 5e-3
 

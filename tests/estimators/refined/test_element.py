@@ -205,15 +205,15 @@ def test_growth_along_two_directions_is_found_in_images() -> None:
     found = scenetruth.estimate(plane.recording(), "refined", window_sigma_px=4, motion="affine", surface="plane")
     inside = found.sel(t=0).isel(INSIDE)
     # 1e-4 px over a window of 4 px and four frames are 6e-6 per frame; directions follow from rates 5e-3 apart.
-    rates = inside["growth_principal"].values - np.reshape([4e-3, -1e-3], (2, 1, 1))
+    rates = inside["principal_growth_rates"].values - np.reshape([4e-3, -1e-3], (2, 1, 1))
     assert np.abs(rates).max() < 1e-4
-    along = np.abs(np.einsum("k,kyx->yx", first, inside["growth_direction"].values))
+    along = np.abs(np.einsum("k,kyx->yx", first, inside["principal_growth_direction"].values))
     assert np.degrees(np.arccos(np.minimum(along, 1.0))).max() < 2.0
-    assert (inside["growth_direction"].values[0] >= 0).all()
+    assert (inside["principal_growth_direction"].values[0] >= 0).all()
     turned = inside["rotation_rate"].values - np.reshape(spin, (3, 1, 1))
     assert np.abs(turned).max() < 2e-4
     assert (inside["surface_model"] == 2).all()
-    assert (inside["images_used"] == 45).all()
+    assert (inside["image_count"] == 45).all()
 
 
 @nightly
@@ -235,13 +235,13 @@ def test_error_bars_of_the_element_are_those_of_its_errors() -> None:
             "slope": np.zeros((2, 1, 1)),
             "rotation_rate": spin.reshape(3, 1, 1),
             "growth_rate": np.array(2e-3),
-            "growth_principal": np.reshape([6e-3, -4e-3], (2, 1, 1)),
+            "principal_growth_rates": np.reshape([6e-3, -4e-3], (2, 1, 1)),
         }
         for name, exact in right.items():
             ratios.setdefault(name, []).append(((inside[name] - exact) / inside[f"{name}_std"]).values)
-        way = inside["growth_direction"].values
-        angle = np.arctan2(way[1], way[0]) / inside["growth_direction_std"].values
-        ratios.setdefault("growth_direction", []).append(angle)
+        way = inside["principal_growth_direction"].values
+        angle = np.arctan2(way[1], way[0]) / inside["principal_growth_direction_std"].values
+        ratios.setdefault("principal_growth_direction", []).append(angle)
     for name, each in ratios.items():
         # 40 windows and two or three components; of one component, the root mean square scatters by 11 %.
         assert np.sqrt(np.mean(np.square(each))) == pytest.approx(1.0, abs=0.3), name

@@ -41,7 +41,7 @@ def test_a_plane_is_found_to_the_precision_of_interpolation(motion: str) -> None
     """Each model is exact for its own motion of a plane, up to second order of the velocity; splines err by 1e-4 px."""
     plane = MovingPlane(gradient=GRADIENTS[motion])
     found = estimated(plane, plane.recording(), motion=motion, outlines=motion == "growing")
-    assert (found["kind"].isel(INSIDE) == 2).all()
+    assert (found["status"].isel(INSIDE) == 2).all()
     # 1e-4 px of disparity (8 px) is 6e-3 mm of depth; 1e-4 px per frame is 5e-5 mm of motion.
     assert np.abs(errors(found, plane, "disparity")).max() < 3e-4
     assert np.abs(errors(found, plane, "depth")).max() < 0.02
@@ -60,7 +60,7 @@ def test_an_acceleration_is_found_and_is_no_depth() -> None:
     plane = MovingPlane(gradient=GRADIENTS["growing"], acceleration_mm=(0.01, -0.015, 0.04))
     recording = plane.recording()
     found = estimated(plane, recording, acceleration=True, outlines=True)
-    assert (found["kind"].isel(INSIDE) == 2).all()
+    assert (found["status"].isel(INSIDE) == 2).all()
     # As without acceleration; 1e-4 px at the last frame, over t²/2 = 8, is 6e-6 mm of a, and of a_Z 10 times that.
     assert np.abs(errors(found, plane, "depth")).max() < 0.02
     assert np.abs(errors(found, plane, "velocity")[:2]).max() < 2e-4
@@ -166,6 +166,6 @@ def test_noise_alone_shows_no_surface() -> None:
     image[..., 70:] = 0.5 + np.random.default_rng(3).normal(0.0, 0.01, image[..., 70:].shape)
     found = estimated(plane, recording.assign(image=image))
     # Windows reach 8 px, and the texture's border moves by 16 px in the outermost cameras.
-    assert (found["kind"].isel(x=slice(100, None)) == 0).all()
+    assert (found["status"].isel(x=slice(100, None)) == 0).all()
     assert np.isnan(found["depth"].isel(x=slice(100, None))).all()
-    assert (found["kind"].isel(x=slice(34, 40), y=slice(14, -14)) == 2).all()
+    assert (found["status"].isel(x=slice(34, 40), y=slice(14, -14)) == 2).all()

@@ -152,7 +152,7 @@ def test_streams_from_a_folder_to_a_folder(tmp_path: Path, cameras: int, frames:
     streamed = st.load_store(tmp_path / "estimate.zarr", "estimate")
     kept = st.estimate(recording, "refined", **settings)
     xr.testing.assert_identical(streamed.drop_attrs(), kept.drop_attrs())
-    assert streamed.attrs["rounds"] == kept.attrs["rounds"]
+    assert streamed.attrs["iterations"] == kept.attrs["iterations"]
 
 
 def test_what_cannot_be_estimated_is_refused() -> None:

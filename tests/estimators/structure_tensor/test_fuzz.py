@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.schema import KIND_NONE, check_dataset
+from scenetruth.schema import STATUS_INVALID, check_dataset
 
 # Thresholds are too high on purpose, among others.
 pytestmark = pytest.mark.filterwarnings("ignore:tau:scenetruth.EstimateWarning")
@@ -64,8 +64,8 @@ def test_an_estimate_or_an_error_of_ours(
         recording = st.make_recording(fill(shape + channels, dtype, kind, seed), 500.0, 5.0)
         estimate = st.estimate(recording, **chosen)
         check_dataset(estimate, "estimate")
-        known = estimate["kind_disparity"].values != KIND_NONE
-        moving = estimate["kind_motion"].values != KIND_NONE
+        known = estimate["status_disparity"].values != STATUS_INVALID
+        moving = estimate["status_motion"].values != STATUS_INVALID
         for name in ("depth", "disparity"):
             assert (np.isfinite(estimate[name].values) == known).all()
         assert (np.isfinite(estimate["divergence"].values) == moving).all()
@@ -76,7 +76,7 @@ def test_an_estimate_or_an_error_of_ours(
             std = estimate[name].values
             assert (np.isnan(std) | (std >= 0)).all()
             assert np.isnan(std[..., ~known]).all()
-        assert ((estimate["confidence"].values >= 0) & (estimate["confidence"].values <= 1)).all()
+        assert ((estimate["coherence"].values >= 0) & (estimate["coherence"].values <= 1)).all()
 
 
 @settings(max_examples=20, deadline=None)
@@ -87,4 +87,4 @@ def test_an_estimate_or_an_error_of_ours(
 def test_constant_images_of_any_size_give_nothing(shape: tuple[int, int, int, int], seed: int) -> None:
     level = np.random.default_rng(seed).random()
     estimate = st.estimate(st.make_recording(np.full(shape, level), 500.0, 5.0))
-    assert (estimate["kind"] == KIND_NONE).all()
+    assert (estimate["status"] == STATUS_INVALID).all()

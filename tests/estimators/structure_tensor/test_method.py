@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE, SMOOTHING, gaussian_window, transfer
-from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL
+from scenetruth.schema import STATUS_INVALID, STATUS_NORMAL, STATUS_VALID
 from scenetruth.validation_studies.paper_figure2 import pattern_images, pattern_recording
 from tests.estimators.structure_tensor.plain import estimate_plain, null_space_solutions
 from tests.scenes import plaid
@@ -83,7 +83,7 @@ def test_against_the_formulas_term_by_term(divergence: str) -> None:
     estimate = st.estimate(
         recording, window_sigma_px=2.0, window_taps_px=7, working_point_px=0, tau=0.0, divergence=divergence
     ).isel(t=0)
-    assert (estimate["kind"] == KIND_FULL).sum() == (17 - 10) * (18 - 10)
+    assert (estimate["status"] == STATUS_VALID).sum() == (17 - 10) * (18 - 10)
     # Images are float32: 6e-8, amplified by the division through the null space.
     for pixel in ((5, 5), (9, 12)):
         expected = term_by_term(grey, pixel, 100.0, (9.3, 8.1), 2.0, divergence)
@@ -131,8 +131,8 @@ def test_kernels_against_the_plain_reading(
     gaps = np.abs(plain["eigenvalues"] - tau).min(axis=0)
     apart = plain["eigenvalues"][2] - plain["eigenvalues"][3]
     sure = (gaps > 1e-5 * scale) & ((apart > 0.02 * scale) | (plain["above"] == 0))
-    full = sure & (found["kind"].values == KIND_FULL)
-    assert (found["kind"].values[sure & (plain["above"] == 0)] == KIND_NONE).all()
+    full = sure & (found["status"].values == STATUS_VALID)
+    assert (found["status"].values[sure & (plain["above"] == 0)] == STATUS_INVALID).all()
     for name in ("disparity", "flow"):
         np.testing.assert_allclose(found[name].values[..., full], plain[name][..., full], atol=2e-3, rtol=2e-3)
     assert np.isnan(np.delete(estimate["depth"].values, np.s_[inner["y"]], axis=0)).all()
@@ -179,7 +179,7 @@ def estimate_plaid(
     recording = pattern_recording(images, baseline)
     estimate = st.estimate(recording, working_point_px=0, divergence=divergence).isel(t=0)
     inner = (slice(14, -14), slice(14, -14))
-    return estimate["depth"].values[inner], estimate["velocity"].values[:, *inner], estimate["kind"].values[inner]
+    return estimate["depth"].values[inner], estimate["velocity"].values[:, *inner], estimate["status"].values[inner]
 
 
 @pytest.mark.parametrize("wavelength", [4, 8, 16, 32])
@@ -192,7 +192,7 @@ def test_translation_follows_the_exact_law_of_the_filters(wavelength: int, u_x: 
     law = d_shift * s_k / (d_k * s_shift * shift)
     (d_step, s_step) = transfer(k * 0.1)
     law_s = d_step * s_k / (d_k * s_step * 0.1)
-    assert (kind == KIND_FULL).all()
+    assert (kind == STATUS_VALID).all()
     # U_X = u_x Z / f takes the law of t over that of s; images in float32 leave 5e-7.
     measured = np.median(velocity[0] / u_x * (100 / depth))
     assert measured == pytest.approx(law, abs=1e-6)
@@ -216,7 +216,7 @@ def test_displacements_of_half_a_wavelength_break_down() -> None:
     # Without noise, what little the filters leave of the texture is clear, too.
     with pytest.warns(st.EstimateWarning, match="tau"):
         guarded = st.estimate(recording, working_point_px=0)
-    assert not (guarded["kind"] == KIND_FULL).any()
+    assert not (guarded["status"] == STATUS_VALID).any()
     forced = st.estimate(recording, working_point_px=0, tau=0.0)
     relative_error = abs(forced["velocity"].sel(component="X") / 20 - 1)
     assert float(relative_error.median()) == pytest.approx(1, abs=0.01)
@@ -253,7 +253,7 @@ def test_velocity_in_depth_does_not_depend_on_the_working_point(shift: int) -> N
     camera = {"width": 96, "height": 64, "focal_length_px": 10}
     recording, _ = st.simulate(plaid(8, (0.0, 0.0, 0.1), baseline_mm=32.0, phase_deg=(110.0, 40.0), camera=camera))
     estimate = st.estimate(recording, working_point_px=shift).isel(t=0)
-    u_z = estimate["velocity"].sel(component="Z").values[estimate["kind"].values == KIND_FULL]
+    u_z = estimate["velocity"].sel(component="Z").values[estimate["status"].values == STATUS_VALID]
     assert len(u_z) > 1500
     # Velocities are U_Z = -u_z Z: what remains is that the disparity of 3.2 px itself grows by 0.1 % a frame.
     assert np.abs(u_z / 0.1 - 1).max() <= 5e-4
@@ -278,7 +278,7 @@ def test_vertical_stripes_give_disparity_and_normal_flow() -> None:
     estimate = st.estimate(st.make_recording(stripes, 100, 1.0), working_point_px=0).isel(
         t=0, x=slice(14, -14), y=slice(14, -14)
     )
-    assert (estimate["kind"] == KIND_NORMAL).all()
+    assert (estimate["status"] == STATUS_NORMAL).all()
     np.testing.assert_allclose(estimate["disparity"], 0.4, rtol=1e-3)
     np.testing.assert_allclose(estimate["flow"].sel(image_component="x"), 0.2, rtol=1e-3)
     np.testing.assert_allclose(estimate["flow"].sel(image_component="y"), 0, atol=1e-6)
@@ -286,9 +286,9 @@ def test_vertical_stripes_give_disparity_and_normal_flow() -> None:
 
 def test_a_blank_gives_nothing() -> None:
     estimate = st.estimate(st.make_recording(np.full((5, 9, 40, 40), 0.3), 100, 1.0))
-    assert (estimate["kind"] == KIND_NONE).all()
+    assert (estimate["status"] == STATUS_INVALID).all()
     assert np.isnan(estimate["depth"]).all()
-    assert (estimate["confidence"] == 0).all()
+    assert (estimate["coherence"] == 0).all()
 
 
 def test_registered_and_unregistered_images_agree() -> None:
@@ -317,5 +317,5 @@ def test_several_estimates_in_time() -> None:
     assert long["t"].values.tolist() == [-1, 0, 1]
     for index in range(3):
         alone = st.estimate(st.make_recording(images[:, index : index + 9], 100, 1.0), working_point_px=0)
-        for name in ("disparity", "velocity", "eigenvalues", "kind"):
+        for name in ("disparity", "velocity", "eigenvalues", "status"):
             np.testing.assert_array_equal(long[name].isel(t=index), alone[name].isel(t=0))

@@ -9,7 +9,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.errors import RecordingError
-from scenetruth.schema import KIND_FULL
+from scenetruth.schema import STATUS_VALID
 from tests.estimators.structure_tensor.analytic import Plane
 
 # Moves in depth, so that a wrong principal point would show as a motion along X.
@@ -25,9 +25,9 @@ def test_a_crop_gives_the_same_estimate_as_the_whole() -> None:
     np.testing.assert_array_equal(part["x"], np.arange(20, 80))
     np.testing.assert_array_equal(part["y"], np.arange(9, 57))
     assert part.attrs["principal_point_px"] == recording.attrs["principal_point_px"]
-    both = (part["kind"].values == KIND_FULL) & (whole["kind"].values == KIND_FULL)
+    both = (part["status"].values == STATUS_VALID) & (whole["status"].values == STATUS_VALID)
     assert both.sum() > 400
-    assert part["kind"].where(whole["kind"] != KIND_FULL, 0).max() < KIND_FULL
+    assert part["status"].where(whole["status"] != STATUS_VALID, 0).max() < STATUS_VALID
     for name in ("depth", "velocity", "disparity", "flow", "divergence"):
         np.testing.assert_allclose(
             part[name].values[..., both[0]], whole[name].values[..., both[0]], rtol=1e-4, atol=1e-5, err_msg=name
@@ -42,7 +42,7 @@ def test_every_second_pixel_gives_depth_and_motion_undoubled(pyramid_levels: int
     settings: dict[str, Any] = {"pyramid_levels": 1} if pyramid_levels else POINT
     estimate = st.estimate(recording.isel(x=chosen, y=chosen), **settings).sel(t=0)
     truth = plane.truth()
-    known = estimate["kind"].values == KIND_FULL
+    known = estimate["status"].values == STATUS_VALID
     assert known.sum() > 150
     error = {
         name: np.abs(estimate[name].values - truth[name][..., chosen, chosen])[..., known].max()
@@ -53,7 +53,7 @@ def test_every_second_pixel_gives_depth_and_motion_undoubled(pyramid_levels: int
     assert error["flow"] < 1e-3
     assert error["depth"] < 0.3
     assert error["velocity"] < 0.02
-    np.testing.assert_array_equal(estimate["working_point"].values[known] % 2, 0)
+    np.testing.assert_array_equal(estimate["registration_disparity"].values[known] % 2, 0)
     assert estimate.attrs["working_point_px"] == 2
 
 

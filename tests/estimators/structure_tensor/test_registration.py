@@ -12,7 +12,7 @@ from scenetruth.estimators.structure_tensor.registration import (
     find_working_point_of_flow,
     registrations_along_surfaces,
 )
-from scenetruth.schema import KIND_NONE
+from scenetruth.schema import STATUS_INVALID
 
 
 def shifted_noise(disparity: int, seed: int, width: int = 160) -> NDArray[np.float32]:
@@ -82,7 +82,7 @@ def test_no_disparity_is_false_beside_the_border(disparity: int, seed: int, bars
         still + np.random.default_rng(seed).normal(0, 0.002, still.shape), 500.0, 5.0, full_scale=1.0
     )
     estimate = st.estimate(recording, tau=0.0, flow_working_point_px=(0, 0))
-    known = estimate["kind_disparity"].values != KIND_NONE
+    known = estimate["status_disparity"].values != STATUS_INVALID
     assert known.any()
     assert np.abs(estimate["disparity"].values[known] - disparity).max() < 1
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.schema import KIND_FULL
+from scenetruth.schema import STATUS_VALID
 from tests.estimators.structure_tensor.analytic import Plane
 from tests.nightly import by_night
 
@@ -18,7 +18,7 @@ STAGE = np.arange(5.0) - 2
 def median_errors(plane: Plane, frames: int, **settings: Any) -> tuple[dict[str, float], float]:
     estimate = st.estimate(plane.recording(STAGE, frames), **settings).sel(t=0)
     truth = plane.truth()
-    known = estimate["kind"].values == KIND_FULL
+    known = estimate["status"].values == STATUS_VALID
     return {
         name: float(np.median(np.abs(estimate[name].values - truth[name])[..., known]))
         for name in ("disparity", "flow", "divergence", "velocity")
@@ -63,7 +63,7 @@ def test_points_registered_by_hand_and_by_the_images_agree() -> None:
     by_hand = st.estimate(FAST.recording(STAGE, 9), working_point_px=2, flow_working_point_px=(4, -3))
     by_images = st.estimate(FAST.recording(STAGE, 9), working_point_px="auto", flow_working_point_px="auto")
     assert [2, 4, -3] in by_images.attrs["working_points_px"]
-    both = (by_hand["kind"].values == KIND_FULL) & (by_images["kind"].values == KIND_FULL)
+    both = (by_hand["status"].values == STATUS_VALID) & (by_images["status"].values == STATUS_VALID)
     assert both.sum() > 1000
     np.testing.assert_array_equal(by_hand["depth"].values[both], by_images["depth"].values[both])
 
@@ -76,15 +76,15 @@ def test_working_points_of_each_pixel_follow_a_slope() -> None:
     assert truth.min() < 7
     assert truth.max() > 12.5
     each = st.estimate(recording).isel(t=0)
-    known = each["kind"].values == KIND_FULL
+    known = each["status"].values == STATUS_VALID
     assert known.mean() >= 0.35
-    away = np.abs(each["working_point"].values - truth)[known]
+    away = np.abs(each["registration_disparity"].values - truth)[known]
     assert np.quantile(away, 0.95) <= 0.7
     error = np.abs(each["disparity"].values - truth)
     for single in (7, 9, 10, 11, 13):
         one = st.estimate(recording, working_point_px=single).isel(t=0)
         other = np.abs(one["disparity"].values - truth)
-        both = known & (one["kind"].values == KIND_FULL)
+        both = known & (one["status"].values == STATUS_VALID)
         # Where the single one is next to the disparity too, both are the same.
         assert np.sqrt(np.mean(error[both] ** 2)) <= np.sqrt(np.mean(other[both] ** 2)) + 1e-6
 
@@ -103,7 +103,7 @@ def test_coarse_to_fine_keeps_a_far_background_of_fine_texture(levels: int) -> N
     density = {}
     for number in (0, levels):
         found = st.estimate(recording.assign(image=image), tau="auto", pyramid_levels=number).sel(t=0).isel(behind)
-        known = found["kind"].values == KIND_FULL
+        known = found["status"].values == STATUS_VALID
         density[number] = known.mean()
         assert np.abs(found["depth"].values[known] / 1200.0 - 1).max() < 0.01
     assert density[0] > 0.9

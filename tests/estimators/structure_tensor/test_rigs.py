@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.filters import choose_acquisition_axes
-from scenetruth.schema import KIND_FULL, KIND_NONE
+from scenetruth.schema import STATUS_INVALID, STATUS_VALID
 from tests.estimators.structure_tensor.analytic import Plane
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def errors(recording: xr.Dataset, plane: Plane, **settings: Any) -> tuple[dict[s
     """Return the largest errors at the reference frame, relative where that makes sense, and the estimate."""
     estimate = st.estimate(recording, **settings).sel(t=0)
     truth = plane.truth()
-    known = estimate["kind"].values == KIND_FULL
+    known = estimate["status"].values == STATUS_VALID
     assert known.sum() >= 150
     result = {}
     for name in ("disparity", "flow", "divergence"):
@@ -101,10 +101,10 @@ def test_the_true_stage_positions_are_used() -> None:
 def test_a_single_time_gives_depth_alone() -> None:
     recording = PLANE.recording(positions(5), 1)
     estimate = st.estimate(recording, **WORKING_POINT).sel(t=0)
-    known = estimate["kind_disparity"].values == KIND_FULL
+    known = estimate["status_disparity"].values == STATUS_VALID
     assert known.sum() >= 150
-    assert (estimate["kind"].values == estimate["kind_disparity"].values).all()
-    assert (estimate["kind_motion"] == KIND_NONE).all()
+    assert (estimate["status"].values == estimate["status_disparity"].values).all()
+    assert (estimate["status_motion"] == STATUS_INVALID).all()
     for name in ("flow", "velocity", "divergence", "velocity_std"):
         assert np.isnan(estimate[name]).all(), name
     np.testing.assert_allclose(estimate["disparity"].values[known], PLANE.truth()["disparity"][known], atol=MANY)
@@ -114,9 +114,9 @@ def test_a_single_time_gives_depth_alone() -> None:
 def test_a_single_camera_gives_flow_and_divergence_alone() -> None:
     recording = PLANE.recording([0.0], 9)
     estimate = st.estimate(recording).sel(t=0)
-    known = estimate["kind_motion"].values == KIND_FULL
+    known = estimate["status_motion"].values == STATUS_VALID
     assert known.sum() >= 150
-    assert (estimate["kind"].values == estimate["kind_motion"].values).all()
+    assert (estimate["status"].values == estimate["status_motion"].values).all()
     for name in ("depth", "disparity", "velocity", "depth_std", "velocity_std", "disparity_std"):
         assert np.isnan(estimate[name]).all(), name
     truth = PLANE.truth()

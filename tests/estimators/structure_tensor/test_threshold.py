@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.schema import KIND_FULL
+from scenetruth.schema import STATUS_VALID
 
 NOISE = 0.002
 
@@ -25,7 +25,7 @@ def patterned(contrast: float, share: float = 1.0) -> xr.Dataset:
 
 def full(estimate: xr.Dataset) -> float:
     inner = estimate.isel(t=0, y=slice(14, -14), x=slice(14, -14))
-    return float((inner["kind"] == KIND_FULL).mean())
+    return float((inner["status"] == STATUS_VALID).mean())
 
 
 def test_dim_images_are_said_to_need_a_lower_threshold() -> None:

@@ -14,7 +14,7 @@ from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.filters import PAPER, choose_acquisition_axes, gaussian_window, transfer
 from scenetruth.estimators.structure_tensor.maps import STRIDE
 from scenetruth.estimators.structure_tensor.noise_model import propagate_noise, texture_transfer
-from scenetruth.schema import KIND_FULL
+from scenetruth.schema import STATUS_VALID
 from tests.estimators.structure_tensor.analytic import Plane
 from tests.nightly import by_night, nightly
 from tests.scenes import cube, plaid
@@ -127,7 +127,7 @@ def test_residuals_tell_of_errors_that_are_not_noise() -> None:
     recording, truth = st.simulate(cube(sensor="ideal"))
     estimate = st.estimate(recording)
     score = st.score(estimate, truth).regions["interior"]["depth"]
-    full = estimate["kind"].values == KIND_FULL
+    full = estimate["status"].values == STATUS_VALID
     assert score["rms"] is not None
     assert 0.3 <= score["rms"] / np.sqrt(np.nanmean(estimate["depth_std"].values[full] ** 2)) <= 3
 
@@ -225,7 +225,7 @@ def test_noise_of_the_constraint_against_filtering_noise() -> None:
 def test_error_bars_stand_where_the_estimate_is_full() -> None:
     recording, _ = st.simulate(cube(sensor="ideal"))
     estimate = st.estimate(recording)
-    full = estimate["kind"].values == KIND_FULL
+    full = estimate["status"].values == STATUS_VALID
     assert full.any()
     assert (estimate["depth_std"].values[full] >= 0).all()
     assert (estimate["velocity_std"].values[:, full] >= 0).all()

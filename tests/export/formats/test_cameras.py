@@ -138,7 +138,7 @@ def test_frames_other_than_the_reference_know_one_image_of_each_point(export: Ex
 
 
 def test_real_poses_need_a_truth(recording: xr.Dataset, tmp_path: Path) -> None:
-    estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), like=recording)
+    estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
     with pytest.raises(st.ExportError, match="poses: needs the poses that a truth tells"):
         st.export_data(recording, estimate, tmp_path / "x", "opencv_yaml", poses="real")
     with pytest.raises(st.ExportError, match=r"frame: must be one of the frames \[-1, 0, 1\] \(got 5\)"):

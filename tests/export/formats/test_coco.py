@@ -62,6 +62,6 @@ def test_parts_of_a_plant_have_it_as_supercategory(recording: xr.Dataset, truth:
 
 
 def test_estimates_know_no_objects(recording: xr.Dataset, tmp_path: str) -> None:
-    estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), like=recording)
+    estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
     with pytest.raises(st.ExportError, match="object_id: is missing: only a truth tells"):
         st.export_data(recording, estimate, f"{tmp_path}/x", "coco")

@@ -32,7 +32,7 @@ def test_every_map_is_there_with_its_components(export: Export, recording: xr.Da
             assert (values == 0).any()
         else:
             np.testing.assert_array_equal(values, expected.values.astype(values.dtype))
-    assert {"depth.Z", "velocity.Y", "flow_next.x", "normal.Z", "growth_principal.2", "object_id.V"} <= set(found)
+    assert {"depth.Z", "velocity.Y", "flow_next.x", "normal.Z", "principal_growth_rates.2", "object_id.V"} <= set(found)
     assert np.isnan(found["depth.Z"]).any()
 
 
@@ -50,7 +50,7 @@ def test_units_and_intrinsics_are_in_the_header(recording: xr.Dataset, truth: xr
 def test_colours_are_named_red_green_blue(tmp_path: str) -> None:
     images = np.random.default_rng(0).random((2, 1, 6, 8, 3)).astype(np.float32)
     recording = st.make_recording(images, focal_length_px=50, baseline_mm=2)
-    estimate = st.make_estimate(depth=np.full((1, 6, 8), 90.0), like=recording)
+    estimate = st.make_estimate(depth=np.full((1, 6, 8), 90.0), recording=recording)
     done = st.export_data(recording, estimate, f"{tmp_path}/exr", "exr")
     file = OpenEXR.File(str(done.folder / "s+0_t+0.exr"), separate_channels=True)
     for index, name in enumerate("RGB"):

@@ -84,7 +84,7 @@ def test_instantaneous_scene_flow_of_an_estimate(recording: xr.Dataset, tmp_path
     depth[:, :5] = np.nan
     velocity = np.zeros((3, 3, 48, 64))
     velocity[2] = -20.0
-    estimate = st.make_estimate(depth=depth, velocity=velocity, flow=np.full((2, 3, 48, 64), -1.5), like=recording)
+    estimate = st.make_estimate(depth=depth, velocity=velocity, flow=np.full((2, 3, 48, 64), -1.5), recording=recording)
     done = st.export_data(recording, estimate, f"{tmp_path}/kitti", "kitti", flow="instantaneous")
     first, second = (imageio.imread(done.folder / f"disp_occ_{n}" / "000000_10.png") for n in (0, 1))
     assert set(first[5:].ravel()) == {round(256 * FB / 100)}

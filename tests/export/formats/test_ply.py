@@ -68,6 +68,6 @@ def test_single_precision_and_no_points_without_depth(export: Export, recording:
     done = export("ply", coordinates="float32")
     vertex = plyfile.PlyData.read(done.folder / "s+0_t+0.ply")["vertex"]
     assert vertex["x"].dtype == np.float32
-    estimate = st.make_estimate(flow=np.zeros((2, 3, 48, 64)), like=recording)
+    estimate = st.make_estimate(flow=np.zeros((2, 3, 48, 64)), recording=recording)
     with pytest.raises(st.ExportError, match="depth: is missing, and disparity too: there are no points"):
         st.export_data(recording, estimate, f"{tmp_path}/none", "ply")

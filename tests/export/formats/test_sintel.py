@@ -46,7 +46,7 @@ def test_occlusions_are_those_of_the_next_frame(export: Export, truth: xr.Datase
     first, second = (imageio.imread(place / f"frame_{number:04d}.png") for number in (1, 2))
     assert not (place / "frame_0003.png").exists()
     # In the first frame nothing is earlier; what other images show of t = 0 is known from another map.
-    np.testing.assert_array_equal(first > 0, truth.occluded_in_t.sel(s=0, t=-1).values)
+    np.testing.assert_array_equal(first > 0, truth.occluded_in_time.sel(s=0, t=-1).values)
     surface = truth.object_id.sel(s=0, t=0).values >= 0
     expected = surface & ~truth.visible.sel(s=0, t=1).values
     assert 20 < expected.sum() < surface.sum() / 4

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_FULL, label, make_recording, read_intrinsics
+from scenetruth.schema import STATUS_VALID, label, make_recording, read_intrinsics
 from scenetruth.scoring import score, write_report
 from scenetruth.scoring.report import map_packing
 from scenetruth.scoring.report import viewer as content
@@ -59,8 +59,8 @@ def test_maps_are_those_of_the_data_sets(
         return np.asarray(values.values[0], dtype=np.float64)
 
     estimate, truth = full_case.estimate, full_case.truth
-    known = estimate["kind_disparity"].values[0] == KIND_FULL
-    known &= (estimate["kind_motion"].values[0] == KIND_FULL) | (component is None)
+    known = estimate["status_disparity"].values[0] == STATUS_VALID
+    known &= (estimate["status_motion"].values[0] == STATUS_VALID) | (component is None)
     expected = {
         "estimate": np.where(known, read(estimate, variable), np.nan),
         "truth": read(truth, variable),
@@ -82,9 +82,10 @@ def test_maps_are_those_of_the_data_sets(
 def test_all_that_both_data_sets_hold_is_there(viewer: Viewer) -> None:
     names = [one["name"] for one in viewer.plain["groups"]]
     assert names[:7] == ["depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y"]
-    assert {"velocity_endpoint", "flow_endpoint", "estimate.confidence", "estimate.kind_motion"} <= {*names}
+    assert {"velocity_endpoint", "flow_endpoint", "estimate.coherence", "estimate.status_motion"} <= {*names}
     assert group(viewer, "velocity_endpoint")["length_of"] == ("velocity_x", "velocity_y", "velocity_z")
-    assert group(viewer, "estimate.kind_motion")["codes"] == {"0": "none", "1": "normal", "2": "full"}
+    codes = {"0": "invalid", "1": "normal component only", "2": "valid", "3": "fallback"}
+    assert group(viewer, "estimate.status_motion")["codes"] == codes
     assert [one["name"] for one in viewer.plain["regions"]] == ["interior", "edges"]
     json.dumps(viewer.plain, allow_nan=False)
 
@@ -154,7 +155,7 @@ def test_the_worst_place_is_where_errors_were_put(full_case: Case) -> None:
     viewer = build_viewer(full_case.recording, wrong, full_case.truth, score(wrong, full_case.truth))
     place = viewer.worst["depth"]
     errors = wrong["depth"].values[0] - full_case.truth["depth"].values[0]
-    errors[wrong["kind_disparity"].values[0] != KIND_FULL] = np.nan
+    errors[wrong["status_disparity"].values[0] != STATUS_VALID] = np.nan
     # The squares of 32 px begin at the corner; most of what was put in is in one of them.
     square = errors[64:96, 32:64]
     assert place.rms == pytest.approx(np.sqrt(np.nanmean(square**2)), rel=1e-12)

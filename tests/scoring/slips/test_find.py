@@ -266,7 +266,7 @@ def test_part_of_an_image_and_a_truth_of_all_cameras(room: xr.Dataset) -> None:
 
 def test_where_the_estimate_claims_nothing_no_slip_is_seen(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=10)
-    wrong = right.assign(flow=-right["flow"], kind_motion=0 * right["depth"].fillna(0).astype(np.uint8))
+    wrong = right.assign(flow=-right["flow"], status_motion=0 * right["depth"].fillna(0).astype(np.uint8))
     assert detect_convention_mismatches(wrong, room) == []
 
 
@@ -359,13 +359,13 @@ def test_slips_show_in_what_make_estimate_derives(room: xr.Dataset) -> None:
     right = right_estimate(room, Errors(outliers=0), seed=17)
     assert (
         detect_convention_mismatches(
-            make_estimate(like=recording, depth=right["depth"], velocity=right["velocity"]), room
+            make_estimate(recording=recording, depth=right["depth"], velocity=right["velocity"]), room
         )
         == []
     )
-    metres = make_estimate(like=recording, depth=0.001 * right["depth"])
+    metres = make_estimate(recording=recording, depth=0.001 * right["depth"])
     assert named(detect_convention_mismatches(metres, room)) == {("depth", "metres")}
-    exchanged = make_estimate(like=recording, disparity=right["depth"])
+    exchanged = make_estimate(recording=recording, disparity=right["depth"])
     assert named(detect_convention_mismatches(exchanged, room)) == {("disparity", "depth"), ("depth", "disparity")}
 
 

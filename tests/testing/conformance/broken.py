@@ -125,7 +125,7 @@ class WrongUnits(Gradients):
 @caught_by("declared_outputs")
 class PromisesTooMuch(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
-        return make_estimate(like=recording, disparity=disparity, method=self.name)
+        return make_estimate(recording=recording, disparity=disparity, method=self.name)
 
 
 @caught_by("invalid_is_nan")
@@ -139,7 +139,7 @@ class ZeroForMissing(Gradients):
 class CertainOfEverything(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         std = np.where(np.isnan(disparity), np.nan, 0.0)
-        return make_estimate(like=recording, disparity=disparity, flow=flow, disparity_std=std, method=self.name)
+        return make_estimate(recording=recording, disparity=disparity, flow=flow, disparity_std=std, method=self.name)
 
 
 @caught_by("streaming")
@@ -148,7 +148,7 @@ class StreamsOtherwise(Gradients, StreamingMethod):
 
     def blank(self, recording: xr.Dataset, settings: Any) -> xr.Dataset:
         names = ["disparity", "flow", "depth_rate"]
-        return blank_estimate(names, like=recording, t=recording["t"].values)
+        return blank_estimate(names, recording=recording, t=recording["t"].values)
 
     def fill(self, recording: xr.Dataset, settings: Any, put: Put, progress: Progress | None) -> Mapping[str, Any]:
         found = super().estimate(recording, settings, progress)
@@ -224,7 +224,7 @@ class CountsColumnsFromTheArray(Gradients):
         along = ((np.arange(width) - c_x)[None, :], (np.arange(height) - c_y)[:, None])
         f = recording.attrs["focal_length_px"]
         velocity = np.stack([*((depth * u + at * rate) / f for u, at in zip(flow, along, strict=True)), rate])
-        return make_estimate(like=recording, depth=depth.values, velocity=velocity, flow=flow, method=self.name)
+        return make_estimate(recording=recording, depth=depth.values, velocity=velocity, flow=flow, method=self.name)
 
 
 @caught_by("principal_point")
@@ -262,7 +262,7 @@ class NothingIsFarAway(Gradients):
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
         product = recording.attrs["focal_length_px"] * recording.attrs["baseline_mm"]
         depth = np.clip(product / disparity, 100.0, 2000.0)
-        return make_estimate(like=recording, depth=depth, flow=flow, method=self.name)
+        return make_estimate(recording=recording, depth=depth, flow=flow, method=self.name)
 
 
 @caught_by("reversed_baseline")
@@ -321,4 +321,4 @@ class ContradictsItself(Gradients):
 
 @caught_by("exclusion_mask")
 class IgnoresTheMask(Gradients):
-    needs = Needs(cameras=2, frames=2, channels=1, mask=True)
+    needs = Needs(cameras=2, frames=2, channels=1, exclusion_mask=True)

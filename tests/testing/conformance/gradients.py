@@ -98,7 +98,7 @@ class Gradients(Method):
         return np.stack([xy * yt - yy * xt, xy * xt - xx * yt]) / determinant
 
     def made(self, recording: xr.Dataset, disparity: Array, flow: Array) -> xr.Dataset:
-        return make_estimate(like=recording, disparity=disparity, flow=flow, method=self.name)
+        return make_estimate(recording=recording, disparity=disparity, flow=flow, method=self.name)
 
 
 def _windowed(values: Array) -> Array:

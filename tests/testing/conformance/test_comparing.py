@@ -32,14 +32,14 @@ def estimate() -> xr.Dataset:
     truth = {name: item.values for name, item in PLANE.truth().items()}
     velocity = np.stack([truth[f"velocity_{axis}"] for axis in "xyz"])
     depth = np.where(np.arange(16) < 3, np.nan, truth["depth"])
-    return make_estimate(like=PLANE.recording(), depth=depth, velocity=velocity)
+    return make_estimate(recording=PLANE.recording(), depth=depth, velocity=velocity)
 
 
 def test_only_what_is_fully_known_counts(estimate: xr.Dataset) -> None:
     maps = scalar_maps(estimate)
     assert set(maps) == set(PLANE.truth())
     assert all(np.isnan(maps[name].values[..., :3]).all() for name in ("depth", "velocity_x", "flow_y"))
-    normal = estimate.assign(kind_motion=xr.full_like(estimate["kind_motion"], 1))
+    normal = estimate.assign(status_motion=xr.full_like(estimate["status_motion"], 1))
     fewer = scalar_maps(normal)
     assert not np.isfinite(fewer["flow_x"]).any()
     assert not np.isfinite(fewer["velocity_z"]).any()

@@ -29,7 +29,7 @@ class OwnEstimator(Method):
             if progress is not None:
                 progress("matching", done + 1, len(frames) - 1)
         disparity = np.where(np.multiply(disparity, recording.attrs["baseline_mm"]) > 0, disparity, np.nan)
-        return st.make_estimate(like=recording, t=frames[:-1], disparity=disparity, flow=np.moveaxis(flow, 0, 1))
+        return st.make_estimate(recording=recording, t=frames[:-1], disparity=disparity, flow=np.moveaxis(flow, 0, 1))
 
 
 def match(one, other, window_px=4.0, rounds=6):

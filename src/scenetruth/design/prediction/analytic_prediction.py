@@ -130,7 +130,7 @@ def compute_signals(setup: MethodSetup, look: SurfaceSamples) -> dict[str, Array
     velocity = look.points.q * setup.scene.stage.baseline_mm
     found = {f"flow_{axis}": flow[:, k] for k, axis in enumerate("xy")}
     found |= {f"velocity_{axis}": velocity[k] for k, axis in enumerate("xyz")}
-    found |= dict(zip(("growth_largest", "growth_least"), look.growth_principal, strict=True))
+    found |= dict(zip(("growth_largest", "growth_least"), look.principal_growth_rates, strict=True))
     return {**found, "velocity_endpoint": np.linalg.norm(velocity, axis=0), "growth_rate": look.growth}
 
 
@@ -210,14 +210,14 @@ def _describe_eigenvalue_bias(std: Mapping[str, Array], look: SurfaceSamples, fr
     """Tell what noise does to the largest and the least growth of length, where that matters."""
     if "growth_apart" not in std:
         return
-    largest, least = look.growth_principal
+    largest, least = look.principal_growth_rates
     bias = compute_eigenvalue_bias(0.5 * (largest - least), std["growth_apart"], std["growth_shear"])
-    known = np.isfinite(bias) & np.isfinite(std["growth_principal.0"])
+    known = np.isfinite(bias) & np.isfinite(std["principal_growth_rates.0"])
     if not known.any():
         return
     middle, noise = (
         weighted_median(each[known], look.share[known]) * 100.0 * _S_PER_H / frame_interval_s
-        for each in (bias, std["growth_principal.0"])
+        for each in (bias, std["principal_growth_rates.0"])
     )
     if middle > _LARGE_BIAS * noise:
         yield (

@@ -25,7 +25,7 @@ _DIMS = {
     "slope": "slope_component",
     "flow": "image_component",
     "velocity": "component",
-    "growth_principal": "principal",
+    "principal_growth_rates": "principal",
 }
 _UNITS = {
     "disparity": "px/step",
@@ -34,7 +34,7 @@ _UNITS = {
     "flow": "px/frame",
     "velocity": "mm/frame",
     "growth_rate": "1/frame",
-    "growth_principal": "1/frame",
+    "principal_growth_rates": "1/frame",
 }
 
 
@@ -97,8 +97,8 @@ def _signals(truth: xr.Dataset, setup: MethodSetup) -> dict[str, Array]:
     found = {f"flow_{axis}": truth["flow"].values[k] for k, axis in enumerate("xy")}
     found |= {f"velocity_{axis}": truth["velocity"].values[k] for k, axis in enumerate("xyz")}
     found["velocity_endpoint"] = np.linalg.norm(truth["velocity"].values, axis=0)
-    if "growth_principal" in truth:
-        found |= dict(zip(("growth_largest", "growth_least"), truth["growth_principal"].values, strict=True))
+    if "principal_growth_rates" in truth:
+        found |= dict(zip(("growth_largest", "growth_least"), truth["principal_growth_rates"].values, strict=True))
     return {**found, "growth_rate": truth["growth_rate"].values}
 
 

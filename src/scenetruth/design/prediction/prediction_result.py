@@ -342,7 +342,7 @@ _TABLE, _PICTURE = "prediction.csv", "prediction.png"
 _COLUMNS = 3
 # Of the values of a map, the share below which colours tell them apart: edges are far beyond.
 _MOST = 0.95
-_SHOWN = ("depth", "slope", "velocity", "growth_rate", "growth_principal", "flow")
+_SHOWN = ("depth", "slope", "velocity", "growth_rate", "principal_growth_rates", "flow")
 
 
 def write_prediction(prediction: Prediction, folder: Path, *, overwrite: bool = False) -> list[str]:

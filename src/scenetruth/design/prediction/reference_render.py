@@ -25,7 +25,7 @@ __all__ = ["ReferenceRender", "render_reference"]
 Array = NDArray[np.float64]
 
 _MAPS = ("depth", "velocity", "normal", "disparity", "flow", "mixed", "object_id", "growth_rate", "boundary_distance")
-_MORE_MAPS = ("growth_principal",)
+_MORE_MAPS = ("principal_growth_rates",)
 _CACHED_TIMES = 4
 
 
@@ -39,7 +39,7 @@ class ReferenceRender:
         Maps of the reference camera and frame, and ``visible`` of all images.
     recording
         Blank images, but for that of the reference camera and frame in all of them, without noise, as ``image`` in
-        shares of full scale and as ``ideal``.
+        shares of full scale and as ``radiance``.
     noise
         Of a grey value, as a share of full scale.
     noise_map, pattern_map, level_map
@@ -113,10 +113,10 @@ def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender
         stage_x_mm=stage.x_mm,
         stage_y_mm=stage.y_mm if stage.rows > 1 else None,
     )
-    recording = blank_recording(scene, {"full_scale": 1.0}, ideal=True)
+    recording = blank_recording(scene, {"full_scale": 1.0}, save_radiance=True)
     dims = recording["image"].dims
     same = np.broadcast_to(level.astype(np.float32), recording["image"].shape)
-    recording = recording.assign(image=(dims, same), ideal=(dims, same))
+    recording = recording.assign(image=(dims, same), radiance=(dims, same))
     return ReferenceRender(
         truth=truth,
         recording=recording,

@@ -31,8 +31,8 @@ _COMPONENTS = {
     "velocity_y": "velocity.1",
     "velocity_z": "velocity.2",
     "growth_rate": "growth_rate",
-    "growth_largest": "growth_principal.0",
-    "growth_least": "growth_principal.1",
+    "growth_largest": "principal_growth_rates.0",
+    "growth_least": "principal_growth_rates.1",
 }
 
 NAMES = {key: name for name, key in _COMPONENTS.items()}

@@ -181,7 +181,7 @@ class SurfaceSamples:
         By what factor each is brighter than its texture.
     growth
         Growth rate of the area around each, per frame, shape (n,).
-    growth_principal
+    principal_growth_rates
         Largest and least growth rate of length there, per frame, shape (2, n).
     piece, step_px, first_px
         A picture of the pieces of surface, shape (rows, columns); the distance of its pixels in those of the camera;
@@ -199,7 +199,7 @@ class SurfaceSamples:
     chart: Array
     light: Array
     growth: Array
-    growth_principal: Array
+    principal_growth_rates: Array
     piece: Numbers
     step_px: float
     first_px: tuple[float, float]
@@ -225,7 +225,7 @@ class SurfaceSamples:
         kept = np.isin(self.body, bodies)
         names = ("depth_mm", "normals", "body", "share", "chart", "light", "growth")
         parts: dict[str, Any] = {name: getattr(self, name)[kept] for name in names}
-        parts["growth_principal"] = self.growth_principal[:, kept]
+        parts["principal_growth_rates"] = self.principal_growth_rates[:, kept]
         return replace(self, points=self.points.at((np.flatnonzero(kept),)), **parts)
 
     def own_around(self, offsets_px: Array) -> Mask:
@@ -353,7 +353,7 @@ def sample_surface(scene: Scene, parts: Sequence[ObjectWorkload], folder: Path =
         chart=chart,
         light=light,
         growth=growth,
-        growth_principal=principal,
+        principal_growth_rates=principal,
         piece=piece,
         step_px=step,
         first_px=(float(places[0][0]), float(places[1][0])),

@@ -190,7 +190,7 @@ def compute_bound_std(
     Parameters
     ----------
     truth, recording
-        Of the point; the recording has ``ideal``.
+        Of the point; the recording has ``radiance``.
     window
         What the bound is of.
     step_px
@@ -331,8 +331,8 @@ def simulate_and_score(
     methods = list(contestants) or methods_from_scene(scene)
     measured, seen = SimulationResult(), list[_MethodErrors]()
     with ignore_scene_warnings():
-        with_ideal, truth = simulate(scene, ideal=bounded, limits=limits)
-        recording = with_ideal.drop_vars("ideal", errors="ignore")
+        with_radiance, truth = simulate(scene, save_radiance=bounded, limits=limits)
+        recording = with_radiance.drop_vars("radiance", errors="ignore")
         step_px = compute_step_px(recording)
         for one in methods:
             work = None
@@ -359,7 +359,7 @@ def simulate_and_score(
         if bounded:
             names = name_bounds(methods)
             stds = {
-                window: compute_bound_std(truth, with_ideal, window, step_px)
+                window: compute_bound_std(truth, with_radiance, window, step_px)
                 for window in {each.window for each in seen}
             }
             for each in seen:

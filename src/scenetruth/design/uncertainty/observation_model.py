@@ -72,7 +72,7 @@ class ObservationModel:
     scene
         The scene with all its errors.
     recording
-        Images without them, as shares of full scale or digital numbers, and ``ideal``, what the sensor was given.
+        Images without them, as shares of full scale or digital numbers, and ``radiance``, what the sensor was given.
     truth
         The truth at t = 0, of one camera.
     points

@@ -124,7 +124,7 @@ class RefinedPropagation:
             inside = (column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)
             shown[i] = usable & inside
         scale = float(recording.attrs["full_scale"])
-        shares = recording.assign(image=recording["image"] / scale, ideal=recording["image"] / scale)
+        shares = recording.assign(image=recording["image"] / scale, radiance=recording["image"] / scale)
         layers = compute_signed_textures(shares, views, points, shown, usable, GreyNoise(1.0))
         products = compute_pixel_information(points, views, shown, layers, self._model)
         gradient = tuple(gradient_along(sight.texture, axis) for axis in (1, 0))

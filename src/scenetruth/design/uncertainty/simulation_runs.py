@@ -222,7 +222,7 @@ def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Da
         images[m, n] = opened.read(image, previous)
         previous = image if chain.remembers else None
     dims = linear["image"].dims
-    recording = linear.assign(image=(dims, images, linear["image"].attrs), ideal=(dims, radiance))
+    recording = linear.assign(image=(dims, images, linear["image"].attrs), radiance=(dims, radiance))
     told = {"full_scale": float(chain.full_scale), "scene": json.dumps(scene.to_dict())}
     recording.attrs = {**{key: value for key, value in linear.attrs.items() if not key.endswith("_hash")}, **told}
     return recording, truth
@@ -240,7 +240,7 @@ def _errors(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
         for kind in run.kinds:
             all_sources()[kind].miscalibrate(recording, job.calibration, run.draw)
         try:
-            found = estimate(recording.drop_vars("ideal"), job.method, json.loads(job.settings))
+            found = estimate(recording.drop_vars("radiance"), job.method, json.loads(job.settings))
         except EstimateError:
             if not run.kinds:
                 raise

@@ -258,7 +258,7 @@ class Budget:
         """Return all figures, a row for each cause, quantity and region, and those of the whole.
 
         Columns are the fields of `Contribution`. Rows of the whole have the causes ``sum``, ``added``, ``everything``
-        and ``ideal``.
+        and ``radiance``.
         """
         import pandas as pd
 

@@ -209,8 +209,8 @@ class CommandMethod(Method):
     """A program of any language as a method.
 
     The recording is written into a fresh folder as images and camera.json, the program is run, and what it leaves in
-    another folder is read. Truth, scene and run stay out of its sight. The estimate has the attributes ``seconds`` and
-    ``peak_memory_mb``: the time that the program took, and the largest memory of it and all that it started.
+    another folder is read. Truth, scene and run stay out of its sight. The estimate has the attributes ``run_time_s``
+    and ``peak_memory_mb``: the time that the program took, and the largest memory of it and all that it started.
 
     Parameters
     ----------
@@ -231,8 +231,8 @@ class CommandMethod(Method):
     gives
         Which of depth, disparity, flow and velocity its results always hold, as far as it is known.
     needs
-        What a recording must hold; ``Needs(mask=True)`` says that the program leaves out the pixels that masks mark:
-        otherwise recordings that have a mask are refused.
+        What a recording must hold; ``Needs(exclusion_mask=True)`` says that the program leaves out the pixels that
+        masks mark: otherwise recordings that have a mask are refused.
 
     Raises
     ------
@@ -338,7 +338,7 @@ class CommandMethod(Method):
             problems += self._traces(words, place)
             raise EstimateError(problems, source=f"command of '{self.name}'")
         place.clear()
-        found.attrs |= {"seconds": ended.seconds, "peak_memory_mb": ended.peak_memory_mb}
+        found.attrs |= {"run_time_s": ended.seconds, "peak_memory_mb": ended.peak_memory_mb}
         return found
 
     def _traces(self, words: list[str], place: WorkingDirectory) -> list[Problem]:

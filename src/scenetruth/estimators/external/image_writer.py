@@ -69,7 +69,7 @@ def each_frame(recording: xr.Dataset) -> Iterator[tuple[NDArray[Any], NDArray[np
     >>> [image.shape for image, bad in each_frame(recording)]
     [(2, 30, 40), (2, 30, 40), (2, 30, 40)]
     """
-    images, mask = recording["image"], recording.get("mask")
+    images, mask = recording["image"], recording.get("exclusion_mask")
     for place in range(images.sizes["t"]):
         values = images.isel(t=place).values
         bad = np.zeros(values.shape[:3], dtype=np.bool_)
@@ -285,7 +285,7 @@ def _write_files(recording: xr.Dataset, folder: Path, form: ImageForm, scale: In
             name = f"s{s:+d}_t{t:+d}"
             write(folder / f"{name}.{form}", image[..., 0] if image.ndim == 3 and image.shape[-1] == 1 else image)
             if wrong.any():
-                masks.append(f"mask_{name}.png")
+                masks.append(f"exclusion_mask_{name}.png")
                 write_mask_png(folder / masks[-1], wrong)
         yield masks
 
@@ -311,7 +311,7 @@ def _write_tiff(file: Path, image: NDArray[Any]) -> None:
 
 
 def _write_arrays(recording: xr.Dataset, folder: Path, form: ImageForm, scale: IntensityScaling) -> Iterator[list[str]]:
-    """Write images.npy and, if anything is masked, mask.npy."""
+    """Write images.npy and, if anything is masked, exclusion_mask.npy."""
     shape = recording["image"].shape
     with ExitStack() as open_:
         images = open_.enter_context(ArrayFile(folder / "images.npy", np.float32, shape))
@@ -321,6 +321,6 @@ def _write_arrays(recording: xr.Dataset, folder: Path, form: ImageForm, scale: I
                 images.put(place, values)
             if bad.any():
                 if mask is None:
-                    mask = open_.enter_context(ArrayFile(folder / "mask.npy", np.uint8, shape[:4]))
+                    mask = open_.enter_context(ArrayFile(folder / "exclusion_mask.npy", np.uint8, shape[:4]))
                 mask.put(place, bad)
-            yield [] if mask is None else ["mask.npy"]
+            yield [] if mask is None else ["exclusion_mask.npy"]

@@ -84,7 +84,7 @@ def recording_key(recording: xr.Dataset) -> str:
 CAMERA_FILE = "camera.json"
 """Name of the file; it is written last, when all images are there."""
 
-EXCHANGE_VERSION = 1
+EXCHANGE_VERSION = 2
 """Version of the folders that programs are given, and of those that are read."""
 
 _FILES = {
@@ -103,7 +103,7 @@ _CONVENTIONS = {
     "depth_rate": "U_Z alone, in mm per frame, of the surface point",
     "unknown": "NaN; in .pfm +inf, in .flo 1e10",
     "image": "value = image_offset + image_scale * number in the file; full_scale is the largest possible value",
-    "masks": "not 0 where a pixel must not be used; images without a mask are good everywhere",
+    "exclusion_masks": "not 0 where a pixel must not be used; images without a mask are good everywhere",
 }
 
 
@@ -149,7 +149,7 @@ def describe_camera(
         "image_offset": scale.offset,
         "image_lossless": scale.lossless,
         "full_scale": float(recording.attrs["full_scale"]),
-        "masks": masks,
+        "exclusion_masks": masks,
         "part": {"first_column_px": grid.first_x, "first_row_px": grid.first_y, "pixel_step_px": grid.step_px},
         "conventions": _CONVENTIONS,
     }

@@ -185,7 +185,7 @@ QUANTITIES = {
     "depth_std": 1,
     "disparity_std": 1,
     "velocity_std": 3,
-    "kind": 1,
+    "status": 1,
 }
 """What results may hold, and of how many components."""
 

@@ -21,7 +21,7 @@ from scenetruth.estimators.protocol import Method, MethodSettings, Needs
 from scenetruth.estimators.registry import name_problems
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
-from scenetruth.schema import KIND_NONE, check_dataset, compute_pixel_grid, make_estimate, read_intrinsics
+from scenetruth.schema import STATUS_INVALID, check_dataset, compute_pixel_grid, make_estimate, read_intrinsics
 
 __all__ = [
     "ResultsFolder",
@@ -146,9 +146,9 @@ def type_problem(values: NDArray[Any], name: str) -> str:
         return f"holds complex numbers ({values.dtype}): write float32"
     if kind not in "fiub":
         return f"holds no numbers ({values.dtype}): write float32"
-    if name == "kind":
-        if kind == "b" or not np.isin(values, (0, 1, 2)).all():
-            return "must hold 0 (none), 1 (normal) or 2 (full), as uint8"
+    if name == "status":
+        if kind == "b" or not np.isin(values, (0, 1, 2, 3)).all():
+            return "must hold 0 (invalid), 1 (normal component only), 2 (valid) or 3 (fallback), as uint8"
     elif kind != "f":
         what = "booleans" if kind == "b" else "integers"
         return f"holds {what} ({values.dtype}): write float32 in the units of the quantity, NaN where nothing is known"
@@ -228,11 +228,11 @@ _REQUIRED_QUANTITIES = ("depth", "disparity", "flow", "velocity")
 _IN_PIXELS = ("disparity", "disparity_std", "flow")
 
 
-def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset:
+def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Dataset:
     """Return what a program has written as an estimate.
 
     A file for each quantity, ``depth``, ``disparity``, ``flow``, ``velocity``, ``depth_rate``, ``depth_std``,
-    ``disparity_std``, ``velocity_std``, ``kind``: ``NAME.npy``, ``NAME.npz``, ``NAME.pfm``, ``NAME.zarr``, or
+    ``disparity_std``, ``velocity_std``, ``status``: ``NAME.npy``, ``NAME.npz``, ``NAME.pfm``, ``NAME.zarr``, or
     ``flow.flo``; of one frame ``NAME_t+0.npy``. Arrays are (t, y, x) or (y, x); of components (c, t, y, x),
     (c, y, x), or with c last. ``results.json`` may tell ``t``, ``method`` and ``units``. Pixels are those of the
     images that `write_recording` wrote; units and signs are those of camera.json.
@@ -241,7 +241,7 @@ def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset
     ----------
     folder
         The folder.
-    like
+    recording
         The recording that the results belong to.
 
     Returns
@@ -273,7 +273,7 @@ def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset
     >>> recording = st.make_recording(np.zeros((2, 1, 30, 40)), focal_length_px=500, baseline_mm=5)
     >>> with TemporaryDirectory() as folder:
     ...     np.save(Path(folder, "disparity.npy"), np.full((30, 40), 2.5))
-    ...     found = read_results(folder, like=recording)
+    ...     found = read_results(folder, recording=recording)
     >>> found.depth.sel(t=0)[15, 20].item(), found.attrs["method"]
     (1000.0, 'external')
 
@@ -283,19 +283,19 @@ def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset
     ...     np.save(Path(folder, "disparity.npy"), np.full((40, 30), 2.5))
     ...     np.save(Path(folder, "fow.npy"), np.zeros((2, 30, 40)))
     ...     try:
-    ...         read_results(folder, like=recording)
+    ...         read_results(folder, recording=recording)
     ...     except st.EstimateError as error:
     ...         for problem in error.problems:
     ...             print(problem)
     fow.npy: has a name that means nothing; did you mean 'flow'? Put other files in a sub-folder
     disparity.npy: has the shape (40, 30), not (30, 40) or (t, 30, 40): it looks transposed: (x, y)
     """
-    check_dataset(like, "recording")
+    check_dataset(recording, "recording")
     place, problems = Path(folder), list[Problem]()
     files = find_results(place, problems)
-    note = read_metadata(place, read_intrinsics(like).frame_interval_s, problems)
-    if note.t is not None and (strange := sorted(set(note.t) - set(like["t"].values.tolist()))):
-        message = f"the recording has no such frames; it has {like['t'].values.tolist()}"
+    note = read_metadata(place, read_intrinsics(recording).frame_interval_s, problems)
+    if note.t is not None and (strange := sorted(set(note.t) - set(recording["t"].values.tolist()))):
+        message = f"the recording has no such frames; it has {recording['t'].values.tolist()}"
         problems.append(Problem(f"{METADATA_FILE}: t", message, strange))
         note = replace(note, t=None)
     found: dict[str, Frames] = {}
@@ -303,14 +303,14 @@ def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset
         frames: Frames = {}
         bad = len(problems)
         for item in items:
-            frames |= _frames_of(item, like, note, problems)
+            frames |= _frames_of(item, recording, note, problems)
         if len(problems) == bad:
-            found[name] = _in_our_units(name, frames, note, like, items, problems)
-    arrays, times = _together(found, like)
+            found[name] = _in_our_units(name, frames, note, recording, items, problems)
+    arrays, times = _together(found, recording)
     # Signs and contradictions are found there, also where files are missing or wrong.
     if not problems or any(name in found for name in _REQUIRED_QUANTITIES):
         try:
-            made = make_estimate(like=like, t=times, method=note.method or "external", **arrays)
+            made = make_estimate(recording=recording, t=times, method=note.method or "external", **arrays)
         except RecordingError as error:
             problems += [_by_file(problem, files, place) for problem in error.problems]
     if problems:
@@ -318,9 +318,9 @@ def read_results(folder: str | os.PathLike[str], like: xr.Dataset) -> xr.Dataset
     return made
 
 
-def _frames_of(item: ResultFile, like: xr.Dataset, note: ResultsMetadata, problems: list[Problem]) -> Frames:
+def _frames_of(item: ResultFile, recording: xr.Dataset, note: ResultsMetadata, problems: list[Problem]) -> Frames:
     """Return the maps of a file by their frames, shape (c, y, x); none, with problems noted, if it holds no such."""
-    path, size = item.path.name, (like.sizes["y"], like.sizes["x"])
+    path, size = item.path.name, (recording.sizes["y"], recording.sizes["x"])
     try:
         values = read_map(item.path, item.name)
         wrong = type_problem(values, item.name)
@@ -337,15 +337,15 @@ def _frames_of(item: ResultFile, like: xr.Dataset, note: ResultsMetadata, proble
         infinite = int((np.abs(maps) > np.finfo(np.float32).max).sum())
     if infinite:
         problems.append(Problem(path, f"holds {infinite} infinite values, or too large ones; unknown is NaN"))
-    times = _times_of(item, maps.shape[1], like, note, problems)
+    times = _times_of(item, maps.shape[1], recording, note, problems)
     return {t: maps[:, place] for place, t in enumerate(times)}
 
 
 def _times_of(
-    item: ResultFile, count: int, like: xr.Dataset, note: ResultsMetadata, problems: list[Problem]
+    item: ResultFile, count: int, recording: xr.Dataset, note: ResultsMetadata, problems: list[Problem]
 ) -> list[int]:
     """Return the frames that a file holds; none, with a problem noted, if that is open."""
-    path, recorded = item.path.name, [int(t) for t in like["t"].values]
+    path, recorded = item.path.name, [int(t) for t in recording["t"].values]
     if item.t is not None:
         if item.t not in recorded:
             problems.append(Problem(path, f"the recording has no such frame; it has {recorded}", item.t))
@@ -369,7 +369,12 @@ def _times_of(
 
 
 def _in_our_units(
-    name: str, frames: Frames, note: ResultsMetadata, like: xr.Dataset, items: list[ResultFile], problems: list[Problem]
+    name: str,
+    frames: Frames,
+    note: ResultsMetadata,
+    recording: xr.Dataset,
+    items: list[ResultFile],
+    problems: list[Problem],
 ) -> Frames:
     if frames and all(np.isnan(values).all() for values in frames.values()):
         names = ", ".join(item.path.name for item in items)
@@ -377,23 +382,23 @@ def _in_our_units(
     factor = note.factors.get(name, 1.0)
     if name in _IN_PIXELS:
         # Neighbours in an image that was thinned out are several pixels of the camera apart.
-        factor *= compute_pixel_grid(like).step_px
+        factor *= compute_pixel_grid(recording).step_px
     return frames if factor == 1 else {t: values * factor for t, values in frames.items()}
 
 
-def _together(found: Mapping[str, Frames], like: xr.Dataset) -> tuple[dict[str, Any], list[int]]:
+def _together(found: Mapping[str, Frames], recording: xr.Dataset) -> tuple[dict[str, Any], list[int]]:
     """Return arrays of the frames that any quantity has, as `make_estimate` takes them, and these frames."""
     times = sorted({t for frames in found.values() for t in frames})
-    size = (len(times), like.sizes["y"], like.sizes["x"])
+    size = (len(times), recording.sizes["y"], recording.sizes["x"])
     arrays: dict[str, Any] = {}
     for name, frames in found.items():
-        values = np.full((QUANTITIES[name], *size), KIND_NONE if name == "kind" else np.nan)
+        values = np.full((QUANTITIES[name], *size), STATUS_INVALID if name == "status" else np.nan)
         for place, t in enumerate(times):
             if t in frames:
                 values[:, place] = frames[t]
         arrays[name] = values if QUANTITIES[name] > 1 else values[0]
-    if "kind" in arrays:
-        arrays["kind"] = arrays["kind"].astype(np.uint8)
+    if "status" in arrays:
+        arrays["status"] = arrays["status"].astype(np.uint8)
     return arrays, times
 
 
@@ -452,7 +457,7 @@ class ResultsFolder(Method):
     ('by_hand', 2.5)
     """
 
-    needs = Needs(mask=True)
+    needs = Needs(exclusion_mask=True)
     reads_frames = True
 
     def __init__(self, folder: str | os.PathLike[str], name: str) -> None:

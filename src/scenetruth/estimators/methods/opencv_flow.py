@@ -34,13 +34,13 @@ class _OpencvFlow(StreamingMethod):
         return opencv_common.cv2_problems()
 
     def blank(self, recording: xr.Dataset, settings: opencv_common.FlowSettings) -> xr.Dataset:
-        return blank_estimate(["flow"], like=recording, t=recording["t"].values[:-1])
+        return blank_estimate(["flow"], recording=recording, t=recording["t"].values[:-1])
 
     def fill(
         self, recording: xr.Dataset, settings: opencv_common.FlowSettings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
         images = opencv_common.eight_bit_images(recording)
-        put_each("flow", opencv_common.flows(recording, images, settings, progress), put, like=recording)
+        put_each("flow", opencv_common.flows(recording, images, settings, progress), put, recording=recording)
         return {}
 
 

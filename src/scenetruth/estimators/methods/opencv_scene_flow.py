@@ -32,7 +32,7 @@ class _OpencvSceneFlow(StreamingMethod):
         return [*opencv_common.cv2_problems(), *opencv_common.camera_problems(recording, settings)]
 
     def blank(self, recording: xr.Dataset, settings: _Settings) -> xr.Dataset:
-        return blank_estimate(["disparity", "flow", "depth_rate"], like=recording, t=recording["t"].values[:-1])
+        return blank_estimate(["disparity", "flow", "depth_rate"], recording=recording, t=recording["t"].values[:-1])
 
     def fill(
         self, recording: xr.Dataset, settings: _Settings, put: Put, progress: Progress | None
@@ -43,9 +43,9 @@ class _OpencvSceneFlow(StreamingMethod):
         near = {0: next(disparities)}
         for place, flow in enumerate(opencv_common.flows(recording, images, settings, progress)):
             near[1] = next(disparities)
-            rate = compute_depth_rate(near, flow, like=recording)
+            rate = compute_depth_rate(near, flow, recording=recording)
             found = make_estimate(
-                like=recording, disparity=near[0], flow=flow, depth_rate=rate, t=recording["t"].values[place]
+                recording=recording, disparity=near[0], flow=flow, depth_rate=rate, t=recording["t"].values[place]
             )
             put_estimate(found, place, put)
             near = {-1: near[0], 0: near[1]}

@@ -34,13 +34,15 @@ class _OpencvStereo(StreamingMethod):
         return [*opencv_common.cv2_problems(), *opencv_common.camera_problems(recording, settings)]
 
     def blank(self, recording: xr.Dataset, settings: opencv_common.StereoSettings) -> xr.Dataset:
-        return blank_estimate(["disparity"], like=recording, t=recording["t"].values)
+        return blank_estimate(["disparity"], recording=recording, t=recording["t"].values)
 
     def fill(
         self, recording: xr.Dataset, settings: opencv_common.StereoSettings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
         images = opencv_common.eight_bit_images(recording)
-        put_each("disparity", opencv_common.disparities(recording, images, settings, progress), put, like=recording)
+        put_each(
+            "disparity", opencv_common.disparities(recording, images, settings, progress), put, recording=recording
+        )
         return {}
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from scenetruth.estimators.method_settings import PlaneSweepSettings
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import Put, blank_estimate, put_each
+from scenetruth.schema import REASONS, Put, blank_estimate, make_estimate, put_estimate
+from scenetruth.schema.validity import complete_validity
 
 __all__ = ["METHOD"]
 
@@ -31,14 +33,18 @@ class _PlaneSweep(StreamingMethod):
     needs = Needs(cameras=2)
 
     def blank(self, recording: xr.Dataset, settings: PlaneSweepSettings) -> xr.Dataset:
-        return blank_estimate(["disparity"], like=recording, t=recording["t"].values)
+        return blank_estimate(["disparity"], recording=recording, t=recording["t"].values)
 
     def fill(
         self, recording: xr.Dataset, settings: PlaneSweepSettings, put: Put, progress: Progress | None
     ) -> Mapping[str, Any]:
         from scenetruth.estimators.plane_sweep.disparity_sweep import estimate_disparities
 
-        put_each("disparity", estimate_disparities(recording, settings, progress), put, like=recording)
+        times = recording["t"].values
+        for place, (disparity, ambiguous) in enumerate(estimate_disparities(recording, settings, progress)):
+            found = make_estimate(recording=recording, disparity=disparity, t=times[place])
+            stated = found["invalid_reason"].copy(data=ambiguous[None] * np.uint8(REASONS.index("ambiguous_match")))
+            put_estimate(complete_validity(found.assign(invalid_reason=stated), recording), place, put)
         return {}
 
 

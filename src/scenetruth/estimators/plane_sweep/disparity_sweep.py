@@ -101,6 +101,8 @@ class DisparityResult:
     """The ranges that were searched."""
     far: NDArray[np.bool_]
     """Where disparity is nearer to zero than can be told, shape (y, x)."""
+    ambiguous: NDArray[np.bool_]
+    """Where another disparity costs less than ``distinctness`` times as much, shape (y, x)."""
 
 
 def sweep_disparity(
@@ -144,7 +146,7 @@ def sweep_disparity(
         searched = [(min(low * turn, high * turn), max(low * turn, high * turn)) for low, high in ranges]
     if not searched:
         nowhere = np.zeros(grey.shape[1:], dtype=np.bool_)
-        return DisparityResult(np.full(grey.shape[1:], np.nan), nowhere, [], nowhere)
+        return DisparityResult(np.full(grey.shape[1:], np.nan), nowhere, [], nowhere, nowhere)
     chosen = choose_hypotheses(grey, row, spread_hypotheses(searched, _step(row.farthest)))
     disparity = ndimage.median_filter(chosen.disparity, _MEDIAN_PX)
     # What is as far away as anything, or farther, has no depth.
@@ -152,7 +154,8 @@ def sweep_disparity(
     far = disparity <= least
     known = chosen.sure(distinctness) & ~far
     disparity = np.maximum(disparity, least) * turn
-    return DisparityResult(disparity, known, [(low * turn, high * turn) for low, high in searched], far)
+    ranges = [(low * turn, high * turn) for low, high in searched]
+    return DisparityResult(disparity, known, ranges, far, chosen.distinct <= distinctness)
 
 
 def _step(farthest: float) -> float:
@@ -165,8 +168,10 @@ def _step(farthest: float) -> float:
 
 def estimate_disparities(
     recording: xr.Dataset, settings: PlaneSweepSettings, progress: Progress | None
-) -> Iterator[NDArray[np.float64]]:
-    """Give the disparity of the reference camera in every frame, px per step of s, NaN where it is not known.
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.bool_]]]:
+    """Give the disparity of the reference camera in every frame, px per step of s, and where the match is ambiguous.
+
+    Disparity is NaN where it is not valid.
 
     Parameters
     ----------
@@ -200,4 +205,4 @@ def estimate_disparities(
         images = reader.frames(frame, frame + 1)[:, :, 0].astype(np.float32, copy=False)
         found = sweep_disparity(images, positions, baseline_mm, ranges, settings.distinctness)
         tell("sweep", frame + 1, frames)
-        yield np.where(found.known, found.disparity * step_px, np.nan)
+        yield np.where(found.known, found.disparity * step_px, np.nan), found.ambiguous

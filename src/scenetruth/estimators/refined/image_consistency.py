@@ -281,7 +281,7 @@ class ExclusionReport:
         """
         self._left_out |= {(*self._cameras[camera], self._t[first + frame]) for frame, camera in images}
 
-    def nothing_known(self, frame: int, reason: str) -> None:
+    def report_invalid_frame(self, frame: int, reason: str) -> None:
         """Note a frame of which nothing is known.
 
         Parameters
@@ -303,9 +303,9 @@ class ExclusionReport:
             more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
             message = (
                 f"images: {listed}{more} were left out: they do not show what the others show there; look for a camera "
-                "that was moved, a wrong file or a wrong exposure (attribute images_left_out)"
+                "that was moved, a wrong file or a wrong exposure (attribute excluded_images)"
             )
             warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
         for frame, reason in self._reasons.items():
             warnings.warn(f"frame {frame}: nothing is known: {reason}", EstimateWarning, stacklevel=_CALLER)
-        return {"images_left_out": [list(image) for image in named], "nothing_known": self._reasons}
+        return {"excluded_images": [list(image) for image in named], "frames_without_estimate": self._reasons}

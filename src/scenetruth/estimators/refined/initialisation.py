@@ -156,7 +156,7 @@ def initialise_by_structure_tensor(recording: xr.Dataset, frame: int, baseline_m
         fields[1:] = found["velocity"].values / baseline_mm
     elif frames > 1:
         fields[1:3] = found["flow"].values
-    known = (found["kind"].values == 2) & np.isfinite(fields).all(axis=0)
+    known = (found["status"].values == 2) & np.isfinite(fields).all(axis=0)
     if not known.any():
         message = "shows no texture in which the structure tensor finds depth and motion to start from"
         raise EstimateError([Problem("image", message)])

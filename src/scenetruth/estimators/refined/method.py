@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -20,7 +20,12 @@ from scenetruth.estimators.refined.output_maps import (
     make_invalid_maps,
 )
 from scenetruth.progress import Progress
-from scenetruth.schema import Put, blank_map, compute_pixel_grid, label, read_intrinsics
+from scenetruth.schema import REASONS, Put, blank_map, compute_pixel_grid, label, read_intrinsics
+from scenetruth.schema.validity import compute_validity, excluded_pixels
+
+if TYPE_CHECKING:
+    from scenetruth.estimators.refined.image_stack import ImageStack
+    from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 
 __all__ = ["blank_estimate", "fill_estimate"]
 
@@ -140,8 +145,9 @@ def fill_estimate(
                 # From the camera's pixels to columns.
                 start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
         except EstimateError as error:
-            noted.nothing_known(frames.output, error.problems[0].message)
-            for name, values in make_invalid_maps(cameras, len(taken), settings, images.shape).items():
+            noted.report_invalid_frame(frames.output, error.problems[0].message)
+            nothing = make_invalid_maps(cameras, len(taken), settings, images.shape)
+            for name, values in _state_defects(nothing, recording, reader, images, frames.output).items():
                 put(name, {"t": number}, values)
             if settings.corrections is not None:
                 for name, components in CORRECTIONS.items():
@@ -155,7 +161,8 @@ def fill_estimate(
         noted.leave_out(frames.first, images.left_out)
         if settings.outlines:
             found, beside = refit_discontinuities(images, start.fields, found, settings, told)
-        for name, values in compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm).items():
+        maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm)
+        for name, values in _state_defects(maps, recording, reader, images, frames.output).items():
             put(name, {"t": number}, values)
         if found.cameras is not None:
             for name, values in compute_correction_maps(found.cameras, images, grid.step_px).items():
@@ -164,7 +171,24 @@ def fill_estimate(
         curved.append(round(float(found.curved.mean()), 4))
         if told is not None:
             told(settings.rounds)
-    return {"rounds": rounds, "curved_share": curved, "pixels_masked": reader.counts, **noted.attributes()}
+    return {
+        "iterations": rounds,
+        "curved_fraction": curved,
+        "excluded_pixel_counts": reader.counts,
+        **noted.attributes(),
+    }
+
+
+def _state_defects(
+    maps: dict[str, Any], recording: xr.Dataset, reader: DefectFilteredFrames, images: ImageStack, frame: int
+) -> dict[str, Any]:
+    """Return the maps of a frame, with what is wrong with pixels of the reference image as reason for invalidity."""
+    excluded = excluded_pixels(recording, recording["t"].values[frame])
+    saturated = reader.saturated(frame, images.reference()[1])
+    stated = maps["invalid_reason"]
+    stated = stated if saturated is None else np.where(saturated, REASONS.index("saturated"), stated)
+    given = {"status": maps["status"], "invalid_reason": stated}
+    return maps | compute_validity(given, None if excluded is None else excluded[0])
 
 
 def _cameras(recording: xr.Dataset) -> list[int]:

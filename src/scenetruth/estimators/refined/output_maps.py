@@ -18,7 +18,8 @@ from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
-from scenetruth.schema.variables import KIND_FULL, KIND_NONE, KIND_NORMAL, MOTION_NONE
+from scenetruth.schema.validity import compute_validity
+from scenetruth.schema.variables import MOTION_NONE, REASONS, STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID
 
 __all__ = ["CORRECTIONS", "compute_correction_maps", "compute_maps", "list_map_types", "make_invalid_maps"]
 
@@ -43,6 +44,9 @@ _CLEAR_OF_ZERO = 6.0
 _CLEAR_OF_ZERO_PX = 1.0
 # If fewer pixels fit, over those that do not, none is told.
 _BY_CHANCE = 0.05
+_LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
+    REASONS.index(name) for name in ("low_texture", "ambiguous_match", "model_violation")
+)
 # Values of ``surface_model``.
 _NONE, _CONSTANT, _PLANE, _CURVED = range(4)
 
@@ -78,13 +82,14 @@ def list_map_types(
         if motion in ("auto", "growing", "affine"):
             found |= _with_std("growth_rate", ())
         if motion == "affine":
-            found |= _with_std("growth_principal", (2,))
-            found |= {"growth_direction": ((3,), single), "growth_direction_std": ((), single)}
+            found |= _with_std("principal_growth_rates", (2,))
+            found |= {"principal_growth_direction": ((3,), single), "principal_growth_direction_std": ((), single)}
     found |= {
         "residual": ((), single),
-        "images_used": ((), single),
-        "kind": ((), np.uint8),
-        "model_violation": ((), np.bool_),
+        "image_count": ((), single),
+        "status": ((), np.uint8),
+        "valid": ((), np.bool_),
+        "invalid_reason": ((), np.uint8),
     }
     return found
 
@@ -106,7 +111,7 @@ def make_invalid_maps(cameras: int, frames: int, settings: RefinedSettings, shap
     types = list_map_types(cameras, frames, settings).items()
     nothing = {name: np.zeros((*components, *shape), dtype=dtype) for name, (components, dtype) in types}
     for name, values in nothing.items():
-        if values.dtype.kind == "f" and name != "images_used":
+        if values.dtype.kind == "f" and name != "image_count":
             values[:] = np.nan
     return nothing
 
@@ -165,18 +170,24 @@ def compute_maps(
         most = np.maximum(settings.acceptance * fine_contrast(images, settings.window_sigma_px), shifted)
         known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count, images.spline)
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
+        reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
         # Where hardly anything fits, what does fits by chance.
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
+        reason[violated] = _MODEL_VIOLATION
         found: dict[str, Any] = {"residual": left}
         depth = focal * baseline_mm / d
         if cameras > 1:
-            known &= (depth > 0) & (std[0] < np.minimum(_LARGEST_STD_PX, np.abs(d) / _CLEAR_OF_ZERO))
+            certain = std[0] < np.minimum(_LARGEST_STD_PX, np.abs(d) / _CLEAR_OF_ZERO)
+            reason[known & ~certain] = _AMBIGUOUS
+            known &= (depth > 0) & certain
             found |= {"disparity": d * step_px, "disparity_std": std[0] * step_px}
             found |= {"depth": depth, "depth_std": depth / np.abs(d) * std[0]}
             found |= {"normal": _normal(theta, x, y, focal)}
         if frames > 1:
-            known &= np.abs(d) * std[3:5].max(axis=0) < _LARGEST_STD_PX
+            certain = np.abs(d) * std[3:5].max(axis=0) < _LARGEST_STD_PX
+            reason[known & ~certain] = _AMBIGUOUS
+            known &= certain
             rate = -d * q[2] / focal if cameras > 1 else 0.5 * (theta[7] + theta[11])
             moved = d * q[:2]
             found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
@@ -198,11 +209,15 @@ def compute_maps(
     # These are told everywhere.
     maps: dict[str, NDArray[Any]] = {
         "residual": left,
-        "images_used": fit.images,
+        "image_count": fit.images,
         "surface_model": np.where(known, order, _NONE),
         "motion_model": np.where(known, refined.motion, MOTION_NONE),
-        "kind": np.where(known, KIND_FULL, np.where(rough, KIND_NORMAL, KIND_NONE)),
-        "model_violation": violated,
+        **compute_validity(
+            {
+                "status": np.where(known, STATUS_VALID, np.where(rough, STATUS_FALLBACK, STATUS_INVALID)),
+                "invalid_reason": reason,
+            }
+        ),
     }
     types = list_map_types(cameras, frames, settings)
     for name, (components, _) in types.items():
@@ -299,8 +314,8 @@ def _element(fit: Fit, baseline_mm: float, spline: int) -> dict[str, Map]:
         "gaussian_curvature": 3,
         "rotation_rate": slice(4, 7),
         "growth_rate": 7,
-        "growth_principal": slice(8, 10),
+        "principal_growth_rates": slice(8, 10),
     }
     found = {name: values[part] for name, part in parts.items()}
     found |= {f"{name}_std": std[part] for name, part in parts.items()}
-    return found | {"growth_direction": direction, "growth_direction_std": std[10]}
+    return found | {"principal_growth_direction": direction, "principal_growth_direction_std": std[10]}

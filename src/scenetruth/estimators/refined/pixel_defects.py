@@ -59,6 +59,7 @@ class DefectFilteredFrames:
         digital = recording["image"].dtype.kind in "iu"
         self._white = float(recording.attrs["full_scale"]) if digital else None
         self._bad: dict[int, NDArray[np.uint8] | None] = {}
+        self._saturated: dict[int, Flags] = {}
         self._counts = np.zeros(len(CAUSES), dtype=np.int64)
         self._dead: Flags | None = None
         self._dead = self._find_dead()
@@ -120,6 +121,19 @@ class DefectFilteredFrames:
         nothing = np.broadcast_to(np.zeros((), dtype=np.uint8), (cameras, height, width))
         return [nothing if flags is None else flags for flags in found]
 
+    def saturated(self, frame: int, camera: int) -> Flags | None:
+        """Return the saturated pixels of one image, shape (y, x), or None if its frame has none.
+
+        Parameters
+        ----------
+        frame
+            Its place along t; `frames` has been called for it.
+        camera
+            Number of its camera.
+        """
+        found = self._saturated.get(frame)
+        return None if found is None else found[camera]
+
     def part(self, first: int, last: int) -> xr.Dataset:
         """Return the recording of successive frames with filled images, and without a mask.
 
@@ -128,7 +142,7 @@ class DefectFilteredFrames:
         first, last
             As of `frames`.
         """
-        part = self._recording.isel(t=slice(first, last)).drop_vars("mask", errors="ignore")
+        part = self._recording.isel(t=slice(first, last)).drop_vars("exclusion_mask", errors="ignore")
         images = self.frames(first, last)
         if not self.bad(first, last):
             return part
@@ -148,6 +162,8 @@ class DefectFilteredFrames:
             self._counts[cause] += np.count_nonzero(flags & ~earlier)
             earlier |= flags
         self._bad[frame] = spread_defects(earlier)
+        if found[2].any():
+            self._saturated[frame] = found[2]
 
     def _causes(self, frame: int, images: NDArray[Any]) -> Flags | None:
         """Return which pixels of a frame are bad for which cause, shape (4, s, y, x), or None if none is."""
@@ -167,9 +183,9 @@ class DefectFilteredFrames:
 
     def _masked(self, frame: int) -> Flags | None:
         """Return the user's mask of a frame, shape (s, y, x), of a grid row by row."""
-        if "mask" not in self._recording:
+        if "exclusion_mask" not in self._recording:
             return None
-        mask = self._recording["mask"]
+        mask = self._recording["exclusion_mask"]
         mask = mask.isel(t=frame) if "t" in mask.dims else mask
         sizes = self._recording["image"].sizes
         grid = [sizes.get(dim, 1) for dim in ("s_y", "s", "y", "x")]

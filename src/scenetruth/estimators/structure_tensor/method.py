@@ -49,7 +49,18 @@ from scenetruth.estimators.structure_tensor.registration import (
     registrations_from_coarse,
 )
 from scenetruth.progress import Progress
-from scenetruth.schema import KIND_FULL, PixelGrid, Put, blank_map, compute_pixel_grid, label, read_intrinsics
+from scenetruth.schema import (
+    REASONS,
+    STATUS_NORMAL,
+    STATUS_VALID,
+    PixelGrid,
+    Put,
+    blank_map,
+    compute_pixel_grid,
+    label,
+    read_intrinsics,
+)
+from scenetruth.schema.validity import compute_validity
 
 __all__ = ["LowTextureCount", "blank_estimate", "choose_registrations", "fill_estimate", "with_threshold"]
 
@@ -123,7 +134,7 @@ class LowTextureCount:
         for frame in range(maps.kind.shape[0]):
             first, third, fourth = (maps.eigenvalues[rank, frame] for rank in (0, 2, 3))
             clear = (third > _CLEAR * fourth) & (third > np.maximum(self._least, _LEAST_SHARE * first))
-            self._clear += int(((third <= self._tau) & clear & (maps.kind[frame] < KIND_FULL)).sum())
+            self._clear += int(((third <= self._tau) & clear & (maps.kind[frame] < STATUS_VALID)).sum())
             self._tried += int(np.isfinite(third).sum())
 
     def warn_if_many(self) -> None:
@@ -276,18 +287,26 @@ _MAPS: Mapping[str, tuple[tuple[int, ...], DTypeLike]] = {
     "disparity": ((), np.float32),
     "flow": ((2,), np.float32),
     "divergence": ((), np.float32),
-    "kind": ((), np.uint8),
-    "kind_disparity": ((), np.uint8),
-    "kind_motion": ((), np.uint8),
-    "model_violation": ((), np.bool_),
+    "status": ((), np.uint8),
+    "status_disparity": ((), np.uint8),
+    "status_motion": ((), np.uint8),
+    "valid": ((), np.bool_),
+    "invalid_reason": ((), np.uint8),
     "depth_std": ((), np.float32),
     "velocity_std": ((3,), np.float32),
     "disparity_std": ((), np.float32),
-    "confidence": ((), np.float32),
-    "working_point": ((), np.float32),
+    "coherence": ((), np.float32),
+    "registration_disparity": ((), np.float32),
     "eigenvalues": ((5,), np.float32),
 }
-_IN_PIXELS = ("disparity", "flow", "disparity_std", "working_point")
+_IN_PIXELS = ("disparity", "flow", "disparity_std", "registration_disparity")
+# Variables whose fields in `EstimateMaps` have other names, which the kernels use.
+_FIELDS = {
+    "status_disparity": "kind_disparity",
+    "status_motion": "kind_motion",
+    "coherence": "confidence",
+    "registration_disparity": "working_point",
+}
 
 
 def blank_estimate(recording: xr.Dataset, settings: StructureTensorSettings) -> xr.Dataset:
@@ -349,7 +368,7 @@ def fill_estimate(
         camera's pixels.
     put
         Takes the maps of `blank_estimate`. Pixels whose filters and window do not lie inside the registered images are
-        NaN with ``kind`` none. One camera gives no depth and no velocity, one frame neither flow nor velocity.
+        NaN with status 0. One camera gives no depth and no velocity, one frame neither flow nor velocity.
         Disparity and flow are in the camera's pixels.
     progress
         Called with (what, done, total).
@@ -400,7 +419,7 @@ def fill_estimate(
             dim.add(maps)
         values, counts = np.unique(maps.working_point[np.isfinite(maps.working_point)], return_counts=True)
         usual.update(dict(zip(values.astype(np.int64).tolist(), counts.tolist(), strict=True)))
-        _put(maps, int(group[0]) - rig.before, np.float32(grid.step_px), put, last=group is groups[-1])
+        _put(maps, int(group[0]) - rig.before, np.float32(grid.step_px), put, float(task.settings.tau))
         del maps
     if settings.tau != "auto":
         dim.warn_if_many()
@@ -451,10 +470,11 @@ def _later(progress: Progress, before: int, steps: int) -> Progress:
     return lambda what, done, _: progress(what, before + done, steps)
 
 
-def _put(maps: EstimateMaps, first: int, step: np.float32, put: Put, *, last: bool) -> None:
+def _put(maps: EstimateMaps, first: int, step: np.float32, put: Put, tau: float) -> None:
     """Put the maps of a group of frames in their places, from a place along t on, in the camera's pixels."""
+    validity = compute_validity({"status": maps.kind, "invalid_reason": _stated_reasons(maps, tau)})
     for name, (components, dtype) in _MAPS.items():
-        values = getattr(maps, name)
+        values = validity[name] if name in validity else getattr(maps, _FIELDS.get(name, name))
         if name in _IN_PIXELS and step != 1:
             values *= step
         for index in range(values.shape[len(components)]):
@@ -463,6 +483,23 @@ def _put(maps: EstimateMaps, first: int, step: np.float32, put: Put, *, last: bo
                 {"t": first + index},
                 values[(*(slice(None) for _ in components), index)].astype(dtype, copy=False),
             )
+
+
+def _stated_reasons(maps: EstimateMaps, tau: float) -> NDArray[np.uint8]:
+    """Return the reasons for invalidity that follow from the structure tensor; 0 where none follows.
+
+    Without the eigenvalues of a pixel, its filters and window do not lie inside the registered images. If the largest
+    is below the threshold, there is no texture. Where only the normal component of motion is estimated, the texture has
+    one direction. An eigenvalue beyond those that texture accounts for contradicts one surface in one motion.
+    """
+    largest = maps.eigenvalues[0]
+    # What is resampled may also lack a pixel because its neighbour has none.
+    border = REASONS.index("border" if maps.shift.size == 0 else "not_determined")
+    reason = np.where(np.isfinite(largest), 0, border).astype(np.uint8)
+    reason[largest <= tau] = REASONS.index("low_texture")
+    reason[maps.kind_motion == STATUS_NORMAL] = REASONS.index("ambiguous_match")
+    reason[maps.model_violation > 0] = REASONS.index("model_violation")
+    return reason
 
 
 def _median(counts: Mapping[int, int], otherwise: int) -> int:

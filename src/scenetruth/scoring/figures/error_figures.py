@@ -175,7 +175,7 @@ def draw_error_bars(
     for name in names:
         _draw_map(figure, places.pop(0), views, name)
     if names:
-        void_legend(figure, "no full estimate, or no standard deviation")
+        void_legend(figure, "no valid estimate, or no standard deviation")
         caption.append(
             f"The standard deviations that the estimator states, t = {views.frame}; scales are logarithmic and span "
             "the central 98 %."

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_NONE, Intrinsics, read_intrinsics
+from scenetruth.schema import REASONS, STATUS_INVALID, Intrinsics, read_intrinsics
 from scenetruth.scoring.alignment import align, check_alignable, check_estimate, check_recording, select_pixels
 from scenetruth.scoring.error_pairs import (
     PixelCoordinates,
@@ -77,16 +76,16 @@ class FigureArrays:
         Of the estimate.
     estimate, truth
         Maps by the names of `QUANTITIES`: the scalars that the estimate has, and those of them that the truth tells.
-        The estimate is NaN wherever its kind is not full (see `find_valid_pixels`). Without truth, that is empty.
+        The estimate is NaN wherever its status is not valid (see `find_valid_pixels`). Without truth, that is empty.
     mixed
         The truth's mixed pixels; none without truth.
     stds
         Standard deviations that the estimate states, by the names of `QUANTITIES`, in the units of the quantity, NaN
-        where its kind is not full.
-    confidence, model_violation
-        Of the estimate, or None.
-    kinds
-        Those of ``kind``, ``kind_disparity`` and ``kind_motion`` that the estimate has, by their names.
+        where its status is not valid.
+    coherence, reasons
+        Coherence and reason for invalidity of the estimate, or None.
+    statuses
+        Those of ``status``, ``status_disparity`` and ``status_motion`` that the estimate has, by their names.
     """
 
     frame: int
@@ -99,9 +98,9 @@ class FigureArrays:
     truth: Mapping[str, Map]
     mixed: Mask
     stds: Mapping[str, Map]
-    confidence: Map | None
-    model_violation: Mask | None
-    kinds: dict[str, NDArray[np.int64]]
+    coherence: Map | None
+    reasons: NDArray[np.int64] | None
+    statuses: dict[str, NDArray[np.int64]]
 
     def knows(self, name: str) -> bool:
         """Return whether the estimate of a quantity, a key of `QUANTITIES`, has any value."""
@@ -179,16 +178,18 @@ def collect_figure_arrays(recording: xr.Dataset, estimate: xr.Dataset, truth: xr
         ),
         mixed=np.zeros(grey.shape, dtype=bool) if truth is None else truth["mixed"].values[0].astype(bool),
         stds=_ReadWhenNeeded([name for name in names if has_std(estimate, name)], std),
-        confidence=estimate["confidence"].values[0].astype(np.float64) if "confidence" in estimate else None,
-        model_violation=_flags(estimate["model_violation"].values[0]) if "model_violation" in estimate else None,
-        kinds={
-            name: np.nan_to_num(estimate[name].values[0], nan=KIND_NONE).astype(np.int64)
-            for name in ("kind", "kind_disparity", "kind_motion")
+        coherence=estimate["coherence"].values[0].astype(np.float64) if "coherence" in estimate else None,
+        reasons=_codes(estimate, "invalid_reason", REASONS.index("not_determined"))
+        if "invalid_reason" in estimate
+        else None,
+        statuses={
+            name: _codes(estimate, name, STATUS_INVALID)
+            for name in ("status", "status_disparity", "status_motion")
             if name in estimate
         },
     )
 
 
-def _flags(values: NDArray[Any]) -> Mask:
-    """Return flags that may have been read as numbers, NaN where there is none."""
-    return np.asarray(np.nan_to_num(values).astype(bool))
+def _codes(estimate: xr.Dataset, name: str, otherwise: int) -> NDArray[np.int64]:
+    """Return codes that may have been read as floats, NaN where there is none."""
+    return np.asarray(np.nan_to_num(estimate[name].values[0], nan=otherwise).astype(np.int64))

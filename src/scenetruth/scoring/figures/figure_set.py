@@ -14,7 +14,7 @@ from scenetruth.scoring.figures.error_figures import draw_error_bars, draw_error
 from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
 from scenetruth.scoring.figures.figure_style import VECTOR_FORMATS, FigureInfo, also_as, style
 from scenetruth.scoring.figures.map_figures import (
-    draw_confidence,
+    draw_coherence,
     draw_depth,
     draw_disparity,
     draw_estimated_growth,
@@ -43,7 +43,7 @@ FIGURES = (
     "growth_rate",
     "error_histograms",
     "error_bars",
-    "confidence",
+    "coherence",
 )
 """Names of all figures, which are those of their files, in reading order."""
 
@@ -93,7 +93,7 @@ def plot_all(
         are left out: those of depth and of velocity, as by one camera or one frame; ``disparity.png`` and ``flow.png``
         are there where disparity is known but depth is not, and flow but velocity is not. Further ``error_bars.png``
         for an estimate without standard deviations, ``growth_rate.png`` where the truth says that nothing grows, and
-        ``confidence.png`` for an estimate that has neither ``confidence`` nor kinds nor ``model_violation``.
+        ``coherence.png`` for an estimate that has neither ``coherence`` nor a status nor ``invalid_reason``.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def _plan(
         ]
     plan += [
         ("error_bars", True, lambda: draw_error_bars(views, estimate, truth, score, target)),
-        ("confidence", True, lambda: draw_confidence(views, target)),
+        ("coherence", True, lambda: draw_coherence(views, target)),
     ]
     return {name: draw for name, wanted, draw in plan if wanted}
 

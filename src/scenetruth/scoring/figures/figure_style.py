@@ -170,9 +170,11 @@ def colorbar(figure: Any, drawn: Any, axes: Any, label: str, **options: Any) -> 
     return bar
 
 
-def void_legend(figure: Any, text: str = "no full estimate", extra: tuple[Any, ...] = ()) -> None:
+def void_legend(
+    figure: Any, text: str = "no valid estimate", extra: tuple[Any, ...] = (), columns: int | None = None
+) -> None:
     """Say below a figure what the colour `VOID` means, with the handles of further entries before it."""
-    figure.legend(handles=[*extra, swatch(VOID, text)], loc="outside lower left", ncols=1 + len(extra))
+    figure.legend(handles=[*extra, swatch(VOID, text)], loc="outside lower left", ncols=columns or 1 + len(extra))
 
 
 def swatch(colour: str, label: str) -> Any:

@@ -1,4 +1,4 @@
-"""Figures of maps: image, depth, disparity, optical flow, velocity, growth rate and confidence.
+"""Figures of maps: image, depth, disparity, optical flow, velocity, growth rate and coherence.
 
 Estimate, truth and error side by side, or the estimate alone.
 """
@@ -15,7 +15,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL, read_intrinsics
+from scenetruth.schema import (
+    REASONS,
+    STATUS_FALLBACK,
+    STATUS_INVALID,
+    STATUS_NORMAL,
+    STATUS_VALID,
+    read_intrinsics,
+)
 from scenetruth.scoring.alignment import align
 from scenetruth.scoring.error_pairs import percent_per_hour
 from scenetruth.scoring.figures.figure_arrays import FigureArrays
@@ -41,8 +48,8 @@ from scenetruth.scoring.score_result import Score
 from scenetruth.settings import ScoreSettings
 
 __all__ = [
+    "draw_coherence",
     "draw_comparison",
-    "draw_confidence",
     "draw_depth",
     "draw_disparity",
     "draw_estimated_growth",
@@ -87,7 +94,7 @@ def draw_comparison(views: FigureArrays, names: tuple[str, ...], file: Path, *, 
         _draw_quantity(figure, row, views, name, signed=signed)
     for axes in panels.flat:
         pixel_axes(axes, label_y=axes in panels[:, 0])
-    void_legend(figure, "no full estimate, or no surface" if views.truth else "no full estimate")
+    void_legend(figure, "no valid estimate, or no surface" if views.truth else "no valid estimate")
     save(figure, file)
     scale = "The scale is symmetric about zero. " if signed else ""
     if not views.truth:
@@ -235,11 +242,11 @@ def draw_velocity_z_row(views: FigureArrays, folder: Path) -> FigureInfo:
     axes.grid(axis="y")
     figure.legend(loc="outside lower left", ncols=4)
     save(figure, folder / "velocity_z_row.png")
-    caption = "The estimate along the marked row; gaps have no full estimate."
+    caption = "The estimate along the marked row; gaps have no valid estimate."
     if "truth" in lines:
         caption = (
             "Estimate and truth along the marked row. Grey bands mark mixed pixels, whose footprint crosses a "
-            "silhouette or a sharp edge; gaps have no full estimate."
+            "silhouette or a sharp edge; gaps have no valid estimate."
         )
     if outside:
         caption += f" {outside} estimate{'s lie' if outside > 1 else ' lies'} outside the range shown."
@@ -324,7 +331,7 @@ def _estimated(views: FigureArrays) -> _GrowthFigure | None:
         _STD,
         found - exact,
         "estimate − truth",
-        "no surface, or no full estimate",
+        "no surface, or no valid estimate",
         "It is what the estimate itself tells of every pixel.",
     )
 
@@ -367,7 +374,7 @@ def draw_estimated_growth(views: FigureArrays, estimate: xr.Dataset, folder: Pat
     drawn = show_map(axes, found, cmap="RdBu_r", vmin=-bound, vmax=bound, extent=views.grid.extent)
     colorbar(figure, drawn, axes, "growth of area [%/h]", extend="both")
     pixel_axes(axes)
-    void_legend(figure, "no full estimate" if own else "too little known in the window")
+    void_legend(figure, "no valid estimate" if own else "too little known in the window")
     save(figure, folder / "growth_rate.png")
     window = f"from depths and velocities in a Gaussian window of {settings.growth_window_px:g} px standard deviation"
     origin = "as the estimate itself tells it" if own else window
@@ -402,38 +409,63 @@ Mask = NDArray[np.bool_]
 Panel = Callable[[Any, Any], None]
 Extent = tuple[float, float, float, float]
 
-_CODES = {KIND_FULL: (BLUE, "full"), KIND_NORMAL: ("#e69f00", "normal"), KIND_NONE: (VOID, "none")}
-_TITLES = {"kind": "Kind", "kind_disparity": "Kind of disparity", "kind_motion": "Kind of motion"}
-_VIOLATED = "#b0006d"
+_CODES = {
+    STATUS_VALID: (BLUE, "valid"),
+    STATUS_NORMAL: ("#e69f00", "normal component only"),
+    STATUS_FALLBACK: ("#56b4e9", "fallback"),
+    STATUS_INVALID: (VOID, "invalid"),
+}
+_TITLES = {"status": "Status", "status_disparity": "Status of disparity", "status_motion": "Status of motion"}
+_REASON_COLOURS = {
+    "none": "#ffffff",
+    "border": "#bbbbbb",
+    "low_texture": "#8c6d31",
+    "ambiguous_match": "#e69f00",
+    "occlusion": "#009e73",
+    "model_violation": "#b0006d",
+    "masked": "#000000",
+    "saturated": "#f0e442",
+    "not_converged": "#cc79a7",
+    "not_determined": "#777777",
+}
 
 
-def draw_confidence(views: FigureArrays, folder: Path) -> FigureInfo | None:
-    """Draw confidence, kinds and model violation, or return None for an estimate that has none of them."""
-    # The kind of everything is the lesser of the other two, which say more.
-    kinds = {name: kind for name, kind in views.kinds.items() if name != "kind" or len(views.kinds) < 3}
+def draw_coherence(views: FigureArrays, folder: Path) -> FigureInfo | None:
+    """Draw coherence, status and reason for invalidity, or return None for an estimate that has none of them."""
+    # The status is the lower of the other two.
+    statuses = {name: status for name, status in views.statuses.items() if name != "status" or len(views.statuses) < 3}
     extent = views.grid.extent
     panels, legend, names = [], [], []
     caption = "What the estimator says about itself, without any look at the truth."
-    if views.confidence is not None:
-        panels.append(_confidence_panel(views.confidence, extent))
-        names.append("confidence")
-        caption += " The confidence is between 0 and 1; larger is better."
-    if kinds:
-        panels += [_kind_panel(name, kind, extent) for name, kind in kinds.items()]
-        names.append("kind")
-        legend += [swatch(_CODES[code][0], f"kind {_CODES[code][1]}") for code in (KIND_FULL, KIND_NORMAL)]
+    if views.coherence is not None:
+        panels.append(_coherence_panel(views.coherence, extent))
+        names.append("coherence")
+        caption += " The coherence is between 0 and 1; larger is better."
+    if statuses:
+        panels += [_status_panel(name, status, extent) for name, status in statuses.items()]
+        names.append("status")
+        shown = [
+            code for code in _CODES if code != STATUS_INVALID and any((one == code).any() for one in statuses.values())
+        ]
+        legend += [swatch(_CODES[code][0], _CODES[code][1]) for code in shown]
         caption += (
-            " The kind tells what could be estimated: everything (full), only the part along the grey value gradient "
-            "(normal: the aperture problem), or, by methods that fit surfaces, a rough disparity; or nothing (none). "
-            f"Shares of the image: {_shares(kinds)}."
+            " The status of a pixel is valid, normal component only (the component along the grey-value gradient, "
+            "because of the aperture problem), fallback (a coarser value, which is not scored) or invalid. "
+            f"Fractions of the image: {_fractions(statuses)}."
         )
-    if views.model_violation is not None:
-        panels.append(_violation_panel(views.image, views.model_violation, extent))
-        names.append("model violation")
-        legend.append(swatch(_VIOLATED, "model violation"))
-        caption += (
-            " The model is violated where the images contradict one surface in one motion, as at occlusions and edges "
-            f"of motion: {100 * np.mean(views.model_violation):.2f} % of the image, drawn on its grey values."
+    if views.reasons is not None:
+        counts = np.bincount(views.reasons.ravel(), minlength=len(REASONS))
+        panels.append(_reason_panel(views.reasons, extent))
+        names.append("reason for invalidity")
+        occurring = [(name, count) for name, count in zip(REASONS, counts.tolist(), strict=True) if count]
+        stated = [(name.replace("_", " "), name, count) for name, count in occurring if name != "none"]
+        legend += [swatch(_REASON_COLOURS[name], words) for words, name, _ in stated]
+        caption += " The reason for invalidity is white where the estimate is valid." + (
+            " Fractions of the image: "
+            + ", ".join(f"{words} {100 * count / views.reasons.size:.2f} %" for words, _, count in stated)
+            + "."
+            if stated
+            else ""
         )
     if not panels:
         return None
@@ -446,52 +478,52 @@ def draw_confidence(views: FigureArrays, folder: Path) -> FigureInfo | None:
         pixel_axes(place)
     for place in axes[len(panels) :]:
         place.remove()
-    void_legend(figure, "kind none, or no value" if kinds else "no value", tuple(legend))
-    save(figure, folder / "confidence.png")
+    void_legend(figure, "invalid, or no value" if statuses else "no value", tuple(legend), columns=2 * columns)
+    save(figure, folder / "coherence.png")
     *most, last = names
     title = f"{', '.join(most)} and {last}" if most else last
-    return FigureInfo("confidence.png", f"{title.capitalize()} of the estimate, t = {views.frame}", caption)
+    return FigureInfo("coherence.png", f"{title.capitalize()} of the estimate, t = {views.frame}", caption)
 
 
-def _shares(kinds: dict[str, NDArray[np.int64]]) -> str:
-    """Spell how much of the image is of every kind."""
+def _fractions(statuses: dict[str, NDArray[np.int64]]) -> str:
+    """Spell the fraction of the image that has each status."""
     return "; ".join(
-        (f"{_TITLES[name].lower()}, " if len(kinds) > 1 else "")
-        + ", ".join(f"{label} {100 * np.mean(kind == code):.1f} %" for code, (_, label) in _CODES.items())
-        for name, kind in kinds.items()
+        (f"{_TITLES[name].lower()}, " if len(statuses) > 1 else "")
+        + ", ".join(f"{label} {100 * np.mean(status == code):.1f} %" for code, (_, label) in _CODES.items())
+        for name, status in statuses.items()
     )
 
 
-def _confidence_panel(confidence: Map, extent: Extent) -> Panel:
+def _coherence_panel(coherence: Map, extent: Extent) -> Panel:
     def draw(figure: Any, axes: Any) -> None:
-        drawn = show_map(axes, confidence, cmap="cividis", vmin=0, vmax=1, extent=extent)
-        axes.set_title("Confidence")
-        colorbar(figure, drawn, axes, "confidence [1]")
+        drawn = show_map(axes, coherence, cmap="cividis", vmin=0, vmax=1, extent=extent)
+        axes.set_title("Coherence")
+        colorbar(figure, drawn, axes, "coherence [1]")
 
     return draw
 
 
-def _kind_panel(name: str, kind: NDArray[np.int64], extent: Extent) -> Panel:
+def _status_panel(name: str, status: NDArray[np.int64], extent: Extent) -> Panel:
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     colours = ListedColormap([_CODES[code][0] for code in sorted(_CODES)])
     norm = BoundaryNorm(np.arange(-0.5, len(_CODES)), len(_CODES))
 
     def draw(_: Any, axes: Any) -> None:
-        axes.imshow(kind, cmap=colours, norm=norm, extent=extent)
+        axes.imshow(status, cmap=colours, norm=norm, extent=extent)
         axes.set_title(_TITLES[name])
 
     return draw
 
 
-def _violation_panel(image: Map, violation: Mask, extent: Extent) -> Panel:
-    from matplotlib.colors import ListedColormap
+def _reason_panel(reasons: NDArray[np.int64], extent: Extent) -> Panel:
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    colours = ListedColormap([_REASON_COLOURS[name] for name in REASONS])
+    norm = BoundaryNorm(np.arange(-0.5, len(REASONS)), len(REASONS))
 
     def draw(_: Any, axes: Any) -> None:
-        # Pale, so that single violated pixels stand out.
-        axes.imshow(image, cmap="gray", alpha=0.35, extent=extent)
-        shown = np.ma.masked_where(~violation, violation)
-        axes.imshow(shown, cmap=ListedColormap([_VIOLATED]), extent=extent)
-        axes.set_title("Model violation")
+        axes.imshow(reasons, cmap=colours, norm=norm, extent=extent)
+        axes.set_title("Reason for invalidity")
 
     return draw

@@ -370,9 +370,9 @@ class MapPacker:
             "interior": (f"interior, {margin_px:g} px from edges", inside),
             "edges": ("edges (mixed pixels)", truth["mixed"].values[0, ::step, ::step].astype(bool)),
         }
-        if {"occluded_in_s", "occluded_in_t"} <= set(truth):
+        if {"occluded_across_cameras", "occluded_in_time"} <= set(truth):
             hidden = np.zeros(inside.shape, dtype=bool)
-            for name in ("occluded_in_s", "occluded_in_t"):
+            for name in ("occluded_across_cameras", "occluded_in_time"):
                 hidden |= np.nan_to_num(truth[name].values[0, ::step, ::step]).astype(bool)
             masks["hidden"] = (
                 "hidden from some camera or frame",

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_FULL, KIND_NONE, KIND_NORMAL, read_intrinsics
+from scenetruth.schema import STATUS_FALLBACK, STATUS_INVALID, STATUS_NORMAL, STATUS_VALID, read_intrinsics
 from scenetruth.scoring.error_pairs import (
     find_valid_pixels,
     has_quantity,
@@ -42,7 +42,12 @@ Map = NDArray[np.float64]
 
 _MAIN = ("depth", "disparity", "velocity", "flow", "growth", "windowed growth")
 """Groups of quantities that come before all others where there is not room for all."""
-_KINDS = {KIND_NONE: "none", KIND_NORMAL: "normal", KIND_FULL: "full"}
+_STATUSES = {
+    STATUS_INVALID: "invalid",
+    STATUS_NORMAL: "normal component only",
+    STATUS_VALID: "valid",
+    STATUS_FALLBACK: "fallback",
+}
 _MAP_DIMS = ("t", "y", "x")
 _INVALID = ("face_id", "mixed", "depth", "disparity", "growth_rate", "boundary_distance")
 """Variables of a truth that are shown otherwise, or whose numbers mean nothing."""
@@ -79,7 +84,7 @@ def build_layers(
 ) -> Iterator[ViewerLayers]:
     """Give the maps of one frame, those that tell most first.
 
-    An estimate is NaN wherever its kind is not full, as in the score.
+    An estimate is NaN wherever its status is not valid, as in the score.
 
     Parameters
     ----------
@@ -179,12 +184,12 @@ def _further(estimate: xr.Dataset, truth: xr.Dataset | None, step: int) -> Itera
                 continue
             words = name.replace("_", " ").capitalize()
             title = words if origin == "estimate" else f"{words} (truth)"
-            flags = values.dtype.kind in "iub" or name.startswith("kind") or name == "model_violation"
+            flags = values.dtype.kind in "iub" or name.startswith("status") or name in ("valid", "invalid_reason")
             if flags and values.dtype.kind == "f":
                 values = np.nan_to_num(values).astype(np.int64)
             codes = _codes(part[name]) if flags else {}
-            if name.startswith("kind"):
-                codes = _KINDS
+            if name.startswith("status"):
+                codes = _STATUSES
             units = str(part[name].attrs.get("units", "1"))
             yield ViewerLayers(f"{origin}.{name}", title, "", units, False, {"value": values}, codes)
 
@@ -220,7 +225,7 @@ def compute_display_ranges(layers: ViewerLayers) -> dict[str, Limits]:
         limits["value"] = value_limits(*values)
     if layers.codes:
         limits["value"] = (float(min(layers.codes)), float(max(layers.codes)))
-    elif layers.name.endswith(".confidence"):
+    elif layers.name.endswith(".coherence"):
         limits["value"] = (0.0, 1.0)
     if layers.name.startswith("growth") and "truth" in maps:
         # However noisy the estimate is, the truth shall be seen.

@@ -124,7 +124,7 @@ class ConformanceBench:
                 "the method was called",
                 "an xarray.Dataset",
                 f"a {type(found).__name__}",
-                "return scenetruth.make_estimate(like=recording, ...)",
+                "return scenetruth.make_estimate(recording=recording, ...)",
             )
         return found
 

@@ -275,7 +275,7 @@ def estimator_checks(
     ...     checks["exclusion_mask"]()
     ... except SkipTest as reason:
     ...     print(reason)
-    the method refuses recordings with a mask: it has no Needs(mask=True)
+    the method refuses recordings with a mask: it has no Needs(exclusion_mask=True)
     """
     bench = ConformanceBench(method, settings, size=size, cameras=cameras, frames=frames)
     return [EstimatorCheck(check, bench) for check in all_checks()]
@@ -327,7 +327,7 @@ def check_estimator(
     --------
     >>> print(check_estimator("plane_sweep", only=["deterministic", "exclusion_mask"]))
     plane_sweep: 1 of 2 checks passed, 0 failed, 1 skipped
-      skipped exclusion_mask: the method refuses recordings with a mask: it has no Needs(mask=True)
+      skipped exclusion_mask: the method refuses recordings with a mask: it has no Needs(exclusion_mask=True)
     """
     made = estimator_checks(method, settings, size=size, cameras=cameras, frames=frames)
     checks = {str(check): check for check in made}

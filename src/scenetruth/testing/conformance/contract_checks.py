@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scenetruth.errors import EstimateError, ScenetruthError
 from scenetruth.estimators import StreamingMethod, prepare, validate_settings
 from scenetruth.estimators.estimation import output_problems
-from scenetruth.schema import KIND_NONE, VARIABLES, IncrementalDataset
+from scenetruth.schema import STATUS_INVALID, STATUS_VALID, VARIABLES, IncrementalDataset
 from scenetruth.storage import load_store, open_store, save_store
 from scenetruth.testing.conformance.bench import ConformanceBench, conformance_check
 from scenetruth.testing.conformance.map_comparison import (
@@ -86,7 +86,7 @@ def check_output_schema(bench: ConformanceBench) -> None:
             "a part of the plain recording was estimated, without its first row and its first two columns",
             "an estimate of this part, of the form in docs/variables.md",
             "; ".join(dict.fromkeys(wrong)),
-            "return scenetruth.make_estimate(like=recording, ...), which puts all of that on plain arrays",
+            "return scenetruth.make_estimate(recording=recording, ...), which puts all of that on plain arrays",
         )
 
 
@@ -131,12 +131,12 @@ def check_input_unchanged(bench: ConformanceBench) -> None:
         )
 
 
-_STATUS_MAPS = {"kind_disparity": ("depth", "disparity"), "kind_motion": ("flow",)}
+_STATUS_MAPS = {"status_disparity": ("depth", "disparity"), "status_motion": ("flow",)}
 
 
 @conformance_check()
 def check_invalid_is_nan(bench: ConformanceBench) -> None:
-    """What is not known is NaN, not 0 or infinite; depths are positive; `kind` says the same as the maps."""
+    """Invalid is NaN, not 0 or infinite; depths are positive; `status` and `invalid_reason` agree with the maps."""
     blank = bench.plane.images()
     blank[:, :, :, -(blank.shape[3] // 3) :] = 0.5
     wrong = _invalid_values(bench.plain, bench)
@@ -150,9 +150,9 @@ def check_invalid_is_nan(bench: ConformanceBench) -> None:
     if wrong:
         raise CheckFailure(
             "the plain recording was estimated, and one whose right third is a single grey value",
-            "NaN wherever there is no estimate, and `kind` none exactly there",
+            "NaN wherever there is no estimate, and status 0 exactly there",
             "; ".join(wrong),
-            "write NaN where nothing is known; scenetruth.make_estimate makes the kinds from that",
+            "write NaN where nothing is known; scenetruth.make_estimate derives the status from that",
         )
 
 
@@ -167,15 +167,19 @@ def _invalid_values(found: xr.Dataset, bench: ConformanceBench) -> list[str]:
         if name in found:
             count = int((found[name].values * positive <= 0).sum())
             wrong += [f"{name} holds {count} values that are zero or of the wrong sign"] if count else []
-    for kind, names in _STATUS_MAPS.items():
+    for status, names in _STATUS_MAPS.items():
         for name in names:
-            if kind not in found or name not in found:
+            if status not in found or name not in found:
                 continue
             known = np.isfinite(found[name].values)
             # Of a flow, both components.
-            known = known if known.ndim == found[kind].ndim else known.all(axis=0)
-            count = int((known == (found[kind].values == KIND_NONE)).sum())
-            wrong += [f"{kind} and {name} contradict each other in {count} pixels"] if count else []
+            known = known if known.ndim == found[status].ndim else known.all(axis=0)
+            count = int((known == (found[status].values == STATUS_INVALID)).sum())
+            wrong += [f"{status} and {name} contradict each other in {count} pixels"] if count else []
+    valid = found["valid"].values
+    for name, says in (("status", found["status"] == STATUS_VALID), ("invalid_reason", found["invalid_reason"] == 0)):
+        count = int((says.values != valid).sum())
+        wrong += [f"{name} and valid contradict each other in {count} pixels"] if count else []
     return wrong
 
 

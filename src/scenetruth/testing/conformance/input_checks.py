@@ -59,8 +59,8 @@ _MASK_MARGIN_PX = 10
 @conformance_check(plain=False)
 def check_exclusion_mask(bench: ConformanceBench) -> None:
     """Pixels that the recording's mask marks are left out: what they hold does not spoil those around them."""
-    if not bench.method.needs.mask:
-        msg = "the method refuses recordings with a mask: it has no Needs(mask=True)"
+    if not bench.method.needs.exclusion_mask:
+        msg = "the method refuses recordings with a mask: it has no Needs(exclusion_mask=True)"
         raise NotApplicable(msg)
     images = bench.plane.images()
     height, width = bench.plane.size
@@ -82,7 +82,7 @@ def check_exclusion_mask(bench: ConformanceBench) -> None:
         {name: item.where(ring) for name, item in bench.maps.items()},
         done=f"a square of {_MASK_SIDE_PX} px in the middle of all images was masked and held a chequerboard",
         expectation=f"the same estimate up to {_MASK_MARGIN_PX} px around it, within three times the method's error",
-        remedy="give masked pixels no weight, or take mask=True from `needs`: such recordings are refused then",
+        remedy="give masked pixels no weight, or take exclusion_mask=True from `needs`, which refuses such recordings",
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import KIND_FULL, VARIABLES
+from scenetruth.schema import STATUS_VALID, VARIABLES
 
 __all__ = [
     "FLOOR",
@@ -73,11 +73,11 @@ _SCALARS: Mapping[str, tuple[str, int | None]] = {
     "velocity_y": ("velocity", 1),
     "velocity_z": ("velocity", 2),
 }
-_KINDS = {
-    "depth": ("kind_disparity",),
-    "disparity": ("kind_disparity",),
-    "flow": ("kind_motion",),
-    "velocity": ("kind_disparity", "kind_motion"),
+_STATUSES = {
+    "depth": ("status_disparity",),
+    "disparity": ("status_disparity",),
+    "flow": ("status_motion",),
+    "velocity": ("status_disparity", "status_motion"),
 }
 
 FLOOR = 2e-3
@@ -117,10 +117,10 @@ def scalar_maps(estimate: xr.Dataset) -> dict[str, xr.DataArray]:
             continue
         item = estimate.variables[variable]
         values = np.array(item.values if component is None else item.values[component], dtype=np.float64)
-        # As in scores, `kind` takes the place of either that is missing.
-        for kind in {kind if kind in estimate.variables else "kind" for kind in _KINDS[variable]}:
-            if kind in estimate.variables:
-                values[estimate.variables[kind].values != KIND_FULL] = np.nan
+        # As in scores, `status` takes the place of either that is missing.
+        for status in {one if one in estimate.variables else "status" for one in _STATUSES[variable]}:
+            if status in estimate.variables:
+                values[estimate.variables[status].values != STATUS_VALID] = np.nan
         values[~np.isfinite(values)] = np.nan
         found[name] = (item.dims if component is None else item.dims[1:], values)
     return build_maps(found, {dim: estimate.variables[dim].values for dim in ("t", "y", "x") if dim in estimate.coords})

@@ -31,10 +31,10 @@ def masks_in(folder: Path) -> NDArray[np.bool_]:
     """Return all masks, shape (s, t, y, x), after what camera.json lists."""
     camera = camera_in(folder)
     found = np.zeros((len(camera["s"]), len(camera["t"]), camera["height_px"], camera["width_px"]), dtype=bool)
-    for name in camera["masks"]:
-        if name == "mask.npy":
+    for name in camera["exclusion_masks"]:
+        if name == "exclusion_mask.npy":
             return np.asarray(np.load(folder / name) != 0)
-        s, t = (int(part[1:]) for part in name.removeprefix("mask_").removesuffix(".png").split("_"))
+        s, t = (int(part[1:]) for part in name.removeprefix("exclusion_mask_").removesuffix(".png").split("_"))
         found[camera["s"].index(s), camera["t"].index(t)] = _png(folder / name) != 0
     return found
 

@@ -54,7 +54,7 @@ CHANGES = {
     "moved crop": lambda recording: recording.assign_coords(x=recording["x"] + 1),
     "frames": lambda recording: recording.isel(t=slice(1, None)),
     "stage": lambda recording: recording.assign_coords(stage_x_mm=recording["stage_x_mm"] + 1),
-    "mask": lambda recording: recording.assign(mask=(("y", "x"), np.eye(36, 48) > 0)),
+    "mask": lambda recording: recording.assign(exclusion_mask=(("y", "x"), np.eye(36, 48) > 0)),
     "type": lambda recording: recording.assign(image=recording["image"].astype(np.uint16)),
 }
 

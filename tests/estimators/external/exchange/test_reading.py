@@ -83,18 +83,18 @@ def test_arrays_of_all_quantities_are_those_of_make_estimate(recording: xr.Datas
     arrays = maps()
     for name, values in arrays.items():
         np.save(tmp_path / f"{name}.npy", values)
-    same(read_results(tmp_path, recording), st.make_estimate(like=recording, **arrays))  # type: ignore[arg-type]
+    same(read_results(tmp_path, recording), st.make_estimate(recording=recording, **arrays))  # type: ignore[arg-type]
 
 
 def test_flow_and_the_rate_of_depth_make_velocity(recording: xr.Dataset, tmp_path: Path) -> None:
     arrays = {name: maps()[name] for name in ("depth", "flow")}
     arrays["depth_rate"] = np.full(SIZE, -0.5, dtype=np.float32)
-    arrays["kind"] = np.random.default_rng(6).integers(0, 3, SIZE).astype(np.uint8)
+    arrays["status"] = np.random.default_rng(6).integers(0, 3, SIZE).astype(np.uint8)
     for name, values in arrays.items():
         np.save(tmp_path / f"{name}.npy", values)
     found = read_results(tmp_path, recording)
-    same(found, st.make_estimate(like=recording, **arrays))  # type: ignore[arg-type]
-    assert {"velocity", "kind"} <= set(found.data_vars)
+    same(found, st.make_estimate(recording=recording, **arrays))  # type: ignore[arg-type]
+    assert {"velocity", "status"} <= set(found.data_vars)
 
 
 @pytest.mark.parametrize("last", [False, True])
@@ -106,7 +106,7 @@ def test_every_shape_means_the_same(
 ) -> None:
     values = maps()[name]
     values = values if frames else values[..., 1, :, :]
-    expected = st.make_estimate(like=recording, **{name: values})  # type: ignore[arg-type]
+    expected = st.make_estimate(recording=recording, **{name: values})  # type: ignore[arg-type]
     if last and name != "depth":
         values = np.moveaxis(values, 0, -1)
     np.save(tmp_path / f"{name}.npy", values.astype(dtype))
@@ -146,7 +146,7 @@ def test_every_form_of_file_means_the_same(
     for place, t in enumerate(frames):
         file = f"{name}{ending}" if frames == (0,) else f"{name}_t{t:+d}{ending}"
         write(tmp_path / file, values[..., place, :, :])
-    expected = st.make_estimate(like=recording, t=list(frames), **{name: values})  # type: ignore[arg-type]
+    expected = st.make_estimate(recording=recording, t=list(frames), **{name: values})  # type: ignore[arg-type]
     same(read_results(tmp_path, recording), expected)
 
 
@@ -173,7 +173,7 @@ def test_the_note_tells_frames_units_and_the_method(recording: xr.Dataset, tmp_p
     (tmp_path / "results.json").write_text(json.dumps({"t": [-1, 0], "method": "matcher 2.1", "units": units}))
     found = read_results(tmp_path, recording)
     names = ("depth", "depth_std", "velocity", "flow")
-    expected = st.make_estimate(like=recording, t=[-1, 0], **{name: arrays[name] for name in names})  # type: ignore[arg-type]
+    expected = st.make_estimate(recording=recording, t=[-1, 0], **{name: arrays[name] for name in names})  # type: ignore[arg-type]
     for name in names:
         # float32's rounding of the estimate, once before and once after the factor.
         np.testing.assert_allclose(found[name].values, expected[name].values, rtol=2e-7)
@@ -187,7 +187,7 @@ def test_pixels_of_thinned_out_images_are_those_of_their_columns(recording: xr.D
     arrays = {name: maps()[name][..., 1::2, 1::2] for name in ("disparity", "flow", "velocity", "disparity_std")}
     for name, values in arrays.items():
         np.save(tmp_path / f"{name}.npy", values / 2 if name != "velocity" else values)
-    same(read_results(tmp_path, part), st.make_estimate(like=part, **arrays))  # type: ignore[arg-type]
+    same(read_results(tmp_path, part), st.make_estimate(recording=part, **arrays))  # type: ignore[arg-type]
 
 
 def test_other_files_are_left_alone(recording: xr.Dataset, tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_other_files_are_left_alone(recording: xr.Dataset, tmp_path: Path) -> No
     (tmp_path / "preview.png").write_bytes(b"")
     (tmp_path / "cache").mkdir()
     np.save(tmp_path / "cache" / "features.npy", np.zeros(3))
-    same(read_results(tmp_path, recording), st.make_estimate(like=recording, depth=maps()["depth"]))
+    same(read_results(tmp_path, recording), st.make_estimate(recording=recording, depth=maps()["depth"]))
 
 
 def one(values: Any, name: str = "depth.npy") -> Callable[[Path], None]:
@@ -254,7 +254,7 @@ WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
     "no number": (one(DEPTH * np.nan), "nothing but NaN"),
     "negative": (one(-DEPTH), r"depth\.npy: must be positive: 5184 pixels are not"),
     "negative disparity": (one(-DEPTH, "disparity.npy"), r"disparity\.npy: must be positive .* change the sign"),
-    "kind": (one(np.full(SIZE, 3, dtype=np.uint8), "kind.npy"), r"kind\.npy: must hold 0 \(none\), 1"),
+    "status": (one(np.full(SIZE, 4, dtype=np.uint8), "status.npy"), r"status\.npy: must hold 0 \(invalid\), 1"),
     "no npy": (text("depth.npy", "1 2 3"), r"depth\.npy: is no \.npy file"),
     "cut npy": (text("depth.npy", b"\x93NUMPY\x01\x00"), r"depth\.npy: "),
     "no npz": (text("depth.npz", "PK"), r"depth\.npz: cannot be read"),

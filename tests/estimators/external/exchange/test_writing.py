@@ -100,7 +100,7 @@ def test_masks_and_values_that_are_no_numbers_are_told(
     shape: tuple[int, ...], form: Literal["png", "tiff", "npy"], recording_of: Make, tmp_path: Path
 ) -> None:
     mask = np.random.default_rng(3).random(shape) < 0.01
-    recording = recording_of(np.float32, 0, 1, mask=mask)
+    recording = recording_of(np.float32, 0, 1, exclusion_mask=mask)
     recording["image"][0, 2, 5, 6] = np.nan
     recording["image"][2, 0, 7, 8] = np.inf
     write_recording(recording, tmp_path / "in", form)
@@ -114,7 +114,7 @@ def test_masks_and_values_that_are_no_numbers_are_told(
 
 def test_images_without_a_mask_have_no_file_for_it(recording_of: Make, tmp_path: Path) -> None:
     write_recording(recording_of(np.uint8, 0, 255), tmp_path / "in")
-    assert camera_in(tmp_path / "in")["masks"] == []
+    assert camera_in(tmp_path / "in")["exclusion_masks"] == []
     assert not list((tmp_path / "in").glob("mask*"))
 
 

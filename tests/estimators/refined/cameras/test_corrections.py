@@ -35,7 +35,7 @@ def errors(seed: int, *, corrected: bool = True) -> dict[str, Array]:
     recording = PLANE.recording(CAMERAS, FRAMES, noise_std=NOISE, seed=seed, moved=off)
     found = st.estimate(recording, "refined", SETTINGS | ({"corrections": PRIORS} if corrected else {})).sel(t=0)
     truth = PLANE.truth()
-    inner = found["kind"].values == 2
+    inner = found["status"].values == 2
     inner[:16], inner[-16:], inner[:, :24], inner[:, -24:] = False, False, False, False
     out = {"share": np.array(inner[16:-16, 24:-24].mean())}
     # Where the reference image is, everything is told from there: its pixels show the plane from a camera that is

@@ -84,7 +84,7 @@ def test_every_pixel_is_told_of_its_own_surface(estimates: tuple[xr.Dataset, ...
     truth = np.where(away > 0, NEAR_MM, FAR_MM)
     motion = np.where(away > 0, np.array(NEAR.velocity_mm)[:, None], np.array(FAR.velocity_mm)[:, None])
     for where in (away > 1.5, (away < -1.5) & inner()):
-        known = (found["kind"].values == 2)[:, where]
+        known = (found["status"].values == 2)[:, where]
         assert known.mean() > 0.95
         error = np.abs(found["depth"].values - truth)[:, where][known]
         assert np.quantile(error, 0.98) < 2.0
@@ -92,7 +92,7 @@ def test_every_pixel_is_told_of_its_own_surface(estimates: tuple[xr.Dataset, ...
         assert np.quantile(off, 0.98) < 0.02
     # Whole windows see both at once.
     close = np.abs(away) < 5
-    right = (plain["kind"].values == 2) & (np.abs(plain["depth"].values - truth) < 2.0)
+    right = (plain["status"].values == 2) & (np.abs(plain["depth"].values - truth) < 2.0)
     assert right[:, close].mean() < 0.3
 
 
@@ -108,7 +108,7 @@ def test_error_bars_hold_beside_outlines(estimates: tuple[xr.Dataset, ...]) -> N
 
 def test_an_untextured_wall_is_told_from_the_board_before_it(estimates: tuple[xr.Dataset, ...]) -> None:
     """Windows beside the board hold its texture; the wall's own pixels show none, and are not told."""
-    known, away = estimates[2]["kind"].values == 2, distances()
+    known, away = estimates[2]["status"].values == 2, distances()
     assert known[:, away > 1.5].mean() > 0.9
     # The outline's own gradient reaches 3 px beyond it.
     assert known[:, away < -5].mean() < 0.02

@@ -108,7 +108,7 @@ def test_fewer_frames_are_used_where_all_do_not_agree() -> None:
     exact = truth["depth"], truth["velocity"]
     found = estimated(recording)
     assert np.mean(motion_of(found) == MOTION_ACCELERATED_IN_PART) > 0.9
-    assert inner(found)["images_used"].values.max() <= 25
+    assert inner(found)["image_count"].values.max() <= 25
     assert np.sqrt(np.mean(scaled(found, *exact) ** 2)) < 1.0 + SCATTER
     over_all = estimated(recording, acceleration=True, acceptance=100)
     assert np.sqrt(np.nanmean(scaled(over_all, *exact)[0] ** 2)) > 2.5

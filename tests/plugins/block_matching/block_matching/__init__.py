@@ -57,7 +57,7 @@ class BlockMatching(Method):
                 progress("match", len(found), recording.sizes["t"])
         # From columns of the array to pixels of the camera.
         disparity = np.stack(found) * compute_pixel_grid(recording).step_px
-        return st.make_estimate(like=recording, disparity=disparity)
+        return st.make_estimate(recording=recording, disparity=disparity)
 
     @staticmethod
     def _match(left: np.ndarray, right: np.ndarray, settings: Settings) -> np.ndarray:

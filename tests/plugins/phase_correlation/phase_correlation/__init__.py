@@ -54,7 +54,7 @@ class PhaseCorrelation(Method):
             if progress is not None:
                 progress("correlate", done, len(inner))
         found = np.stack(flow, axis=1) * compute_pixel_grid(recording).step_px
-        return st.make_estimate(like=recording, flow=found, t=inner)
+        return st.make_estimate(recording=recording, flow=found, t=inner)
 
 
 def _shift_of_blocks(before: np.ndarray, after: np.ndarray, side: int) -> np.ndarray:

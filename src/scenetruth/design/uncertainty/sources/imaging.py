@@ -54,7 +54,7 @@ class SensorSource(UncertaintySource):
         without, with_it = (chain.open(size, partial(generator_for, 1, "budget")) for chain in (perfect, alone))
 
         def change(s: int, t: int) -> ImageDisturbance:
-            image = LinearImage(sight.recording["ideal"].sel(s=s, t=t).values, 0, s, t)
+            image = LinearImage(sight.recording["radiance"].sel(s=s, t=t).values, 0, s, t)
             grey = np.asarray(with_it.read(image), dtype=np.float64) / alone.full_scale
             return ImageDisturbance(grey=sight.fetched(grey - without.read(image) / perfect.full_scale, s, t))
 

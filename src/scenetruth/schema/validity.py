@@ -1,0 +1,158 @@
+"""Status, validity and reason for invalidity of every pixel of an estimate, from its maps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from scenetruth.schema.variables import (
+    REASONS,
+    STATUS_FALLBACK,
+    STATUS_INVALID,
+    STATUS_NORMAL,
+    STATUS_VALID,
+    VARIABLES,
+)
+
+__all__ = [
+    "STATUS_SOURCES",
+    "VALIDITY_MAPS",
+    "complete_validity",
+    "compute_validity",
+    "excluded_pixels",
+    "lower_status",
+    "status_of_quantity",
+    "validity_variable",
+]
+
+Flags = NDArray[np.uint8]
+
+VALIDITY_MAPS = ("status", "valid", "invalid_reason")
+"""The variables that every estimate has."""
+
+STATUS_SOURCES = {"status_disparity": ("disparity", "depth"), "status_motion": ("flow", "velocity")}
+"""The quantities from which a status follows if a method does not give it; the first that there is."""
+
+# From the lowest status to the highest.
+_ORDER = (STATUS_INVALID, STATUS_FALLBACK, STATUS_NORMAL, STATUS_VALID)
+_RANKS = np.argsort(_ORDER).astype(np.uint8)
+_NOT_DETERMINED, _AMBIGUOUS, _MASKED = (REASONS.index(name) for name in ("not_determined", "ambiguous_match", "masked"))
+
+
+def lower_status(*maps: NDArray[Any]) -> Flags:
+    """Return the lowest status of every pixel: invalid, fallback, normal component only, valid.
+
+    Examples
+    --------
+    >>> lower_status(np.array([2, 3, 2]), np.array([1, 2, 0])).tolist()
+    [1, 3, 0]
+    """
+    ranks = [_RANKS[np.nan_to_num(values).astype(np.intp)] for values in maps]
+    return np.array(_ORDER, dtype=np.uint8)[np.minimum.reduce(ranks)]
+
+
+def status_of_quantity(values: NDArray[Any], *, components: bool) -> Flags:
+    """Return valid where all components of a quantity are finite, which come first, and invalid elsewhere."""
+    finite = np.isfinite(values)
+    return np.where(finite.all(axis=0) if components else finite, STATUS_VALID, STATUS_INVALID).astype(np.uint8)
+
+
+def compute_validity(maps: Mapping[str, NDArray[Any]], excluded: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+    """Return the status, the validity and the reason for invalidity of every pixel.
+
+    Parameters
+    ----------
+    maps
+        The maps of an estimate by name, components first. If there is no ``status``, it is the lower of those of
+        disparity and motion; these follow from where the quantities are finite, if the maps do not contain them.
+        ``invalid_reason`` is the reason that the method states, 0 where it states none.
+    excluded
+        Pixels of the reference image that the exclusion mask marks.
+
+    Returns
+    -------
+    dict
+        ``status`` and ``invalid_reason`` (uint8), ``valid`` (bool). The reason is ``none`` exactly where the estimate
+        is valid. Elsewhere it is ``masked`` for excluded pixels, then the stated reason, then ``ambiguous_match`` where
+        only the normal component is estimated, and ``not_determined`` otherwise.
+
+    Examples
+    --------
+    >>> found = compute_validity({"depth": np.array([1.0, np.nan, np.nan])}, np.array([True, True, False]))
+    >>> found["status"].tolist(), found["valid"].tolist(), [REASONS[code] for code in found["invalid_reason"]]
+    ([2, 0, 0], [True, False, False], ['none', 'masked', 'not_determined'])
+    """
+    if "status" in maps:
+        status = lower_status(maps["status"])
+    else:
+        parts = []
+        for name, quantities in STATUS_SOURCES.items():
+            given = next((quantity for quantity in quantities if quantity in maps), None)
+            if name in maps:
+                parts.append(maps[name])
+            elif given is not None:
+                parts.append(status_of_quantity(maps[given], components=_has_components(given)))
+        status = lower_status(*parts)
+    valid = status == STATUS_VALID
+    reason = np.where(status == STATUS_NORMAL, _AMBIGUOUS, _NOT_DETERMINED)
+    if "invalid_reason" in maps:
+        stated = np.nan_to_num(maps["invalid_reason"])
+        reason = np.where(stated > 0, stated, reason)
+    if excluded is not None:
+        reason = np.where(excluded, _MASKED, reason)
+    return {"status": status, "valid": valid, "invalid_reason": np.where(valid, 0, reason).astype(np.uint8)}
+
+
+def complete_validity(estimate: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
+    """Return an estimate with the variables of `VALIDITY_MAPS`, as of `compute_validity`.
+
+    Parameters
+    ----------
+    estimate
+        A checked estimate.
+    recording
+        Its recording, for the pixels that are excluded.
+    """
+    names = [name for name in ("status", "invalid_reason", *STATUS_SOURCES) if name in estimate]
+    names += [name for quantities in STATUS_SOURCES.values() for name in quantities if name in estimate]
+    found = compute_validity(
+        {name: estimate[name].values for name in names}, excluded_pixels(recording, estimate["t"].values)
+    )
+    return estimate.assign({name: validity_variable(name, values) for name, values in found.items()})
+
+
+def validity_variable(name: str, values: NDArray[Any]) -> xr.Variable:
+    """Return a map with the dimensions and attributes of its variable."""
+    entry = VARIABLES["estimate"][name]
+    attrs = {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
+    return xr.Variable(entry.dims, values, attrs)
+
+
+def excluded_pixels(recording: xr.Dataset, t: ArrayLike) -> NDArray[np.bool_] | None:
+    """Return the pixels of the reference camera that the exclusion mask marks, shape (t, y, x); None without a mask.
+
+    Parameters
+    ----------
+    recording
+        A checked recording.
+    t
+        Numbers of the frames.
+    """
+    if "exclusion_mask" not in recording:
+        return None
+    frames = np.atleast_1d(np.asarray(t))
+    mask = recording["exclusion_mask"]
+    for dim in ("s_y", "s"):
+        if dim in mask.dims:
+            places = recording[dim].values
+            mask = mask.isel({dim: int(np.argmin(np.abs(places)))})
+    values = mask.sel(t=frames).values if "t" in mask.dims else mask.values[None]
+    return np.asarray(np.broadcast_to(values, (len(frames), *values.shape[-2:])))
+
+
+def _has_components(name: str) -> bool:
+    return len(VARIABLES["estimate"][name].dims) > len(VARIABLES["estimate"]["depth"].dims)
