@@ -76,7 +76,7 @@ def _may_hold(prepared: OptimisationProblem, values: Mapping[str, Any]) -> bool:
     causes: Any = {**nothing, "depth_mm": depth, "frames": scene.frames.count}
     causes["window_sigma_px"] = getattr(scene.estimate.settings, "window_sigma_px", math.nan)
     region = prepared.task.objectives[0].region
-    blank = Prediction("envelope", "", (region,), 1.0, {}, {region: PredictionInputs(**causes)})
+    blank = Prediction("analytic", "", (region,), 1.0, {}, {region: PredictionInputs(**causes)})
     facts = RigContext(scene, blank, region, values, built.lens, built.camera, built.stage, built.f_number)
     told = [one for limit in prepared.task.limits for one in limit.checked(facts)]
     # What needs a prediction has no value here; depths in the image differ a little from that of the base scene.

@@ -216,7 +216,7 @@ def compared(number: int, folder: Path) -> list[list[Any]]:
     found: list[list[Any]] = []
     for method, count in NOISES.items():
         envelope, bound = (
-            predict(scene, level=level, method=method, window_sigma_px=sigma) for level in ("envelope", "bound")
+            predict(scene, model=model, method=method, window_sigma_px=sigma) for model in ("analytic", "maps")
         )
         assert bound.maps is not None
         half = chi2.median(count - 1) / (count - 1)

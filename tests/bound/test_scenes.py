@@ -51,7 +51,7 @@ def test_a_sensor_without_noise_needs_to_be_told_one() -> None:
 def test_a_truth_of_all_cameras_is_that_of_the_reference() -> None:
     scene = st.Scene.from_dict(copy.deepcopy(SCENE))
     (recording, one), (_, every) = (st.simulate(scene, truth_views=views) for views in ("reference", "all"))
-    found = [cramer_rao_bound(truth, recording, window_sigma_px=3.0, every_px=5) for truth in (one, every)]
+    found = [cramer_rao_bound(truth, recording, window_sigma_px=3.0, step_px=5) for truth in (one, every)]
     np.testing.assert_array_equal(found[0]["velocity_std"].values, found[1]["velocity_std"].values)
 
 

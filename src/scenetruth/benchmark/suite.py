@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +21,7 @@ from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
-from scenetruth.progress import Progress
+from scenetruth.progress import Progress, say
 from scenetruth.scene import Scene
 from scenetruth.simulation import simulate
 
@@ -35,15 +35,14 @@ _FOLDER = JobFolder(INDEX, "a comparison", "points")
 
 def compare(
     methods: Iterable[MethodLike] | MethodLike,
-    suite: str = "core",
-    folder: str | Path | None = None,
     *,
+    suite: str = "core",
     cases: Sequence[str] | None = None,
-    values: Sequence[float | str] | None = None,
+    levels: Sequence[float | str] | None = None,
+    output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> BenchmarkResult:
     """Find out how accurate methods are, over the cases of the metrology suite.
 
@@ -58,13 +57,13 @@ def compare(
         settings and a label.
     suite
         ``"core"``, for every day, or ``"full"``, with more values and more noises.
-    folder
-        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a
-        file for each scene. If not given, nothing is kept.
     cases
         Only these cases, by their kinds.
-    values
+    levels
         Only these values of what is varied, for a single case; labels where values have some, as names of scenes.
+    output
+        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a
+        file for each scene. If not given, nothing is kept.
     workers
         Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
         processors.
@@ -72,8 +71,6 @@ def compare(
         Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
 
     Returns
     -------
@@ -98,18 +95,18 @@ def compare(
     Examples
     --------
     >>> import scenetruth as st
-    >>> found = st.compare("structure_tensor", cases=["noise"], values=[0.005])
+    >>> found = st.compare("structure_tensor", cases=["noise"], levels=[0.005])
     >>> row = found.figure("noise", "structure_tensor", "flow_x", "rms")
     >>> bool(row.low < row.number < row.high), row.unit
     (True, 'px/frame')
     """
     contestants = read_methods(methods)
-    chosen = select_available_cases(suite, cases, values, notice)
+    chosen = select_available_cases(suite, cases, levels)
     resolve_workers(workers)
     _refuse_what_cannot_travel(contestants, workers, scheduler)
     identity = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
-    with _FOLDER.open(folder, identity, other=_describe_other, scheduler=scheduler) as place:
-        points = list_design_points(chosen, suite, values)
+    with _FOLDER.open(output, identity, other=_describe_other, scheduler=scheduler) as place:
+        points = list_design_points(chosen, suite, levels)
         job = BenchmarkTask(
             str((place / "points").resolve()),
             tuple(points),
@@ -117,9 +114,9 @@ def compare(
             tuple(sorted(collect_versions().items())),
         )
         missing = [number for number in range(len(points)) if not job.is_done(number)]
-        if notice is not None and len(missing) < len(points):
+        if len(missing) < len(points):
             kept = len(points) - len(missing)
-            notice(f"kept from earlier: {kept} of {len(points)} scenes; {len(missing)} to be measured")
+            say(f"kept from earlier: {kept} of {len(points)} scenes; {len(missing)} to be measured")
         done = for_each(
             missing,
             measure_point,
@@ -129,7 +126,7 @@ def compare(
             scheduler=scheduler,
             what="scenes",
             progress=progress,
-            notice=notice,
+            notice=say,
         )
         rows: list[BenchmarkRecord] = []
         failures = list(done.failed.values())
@@ -149,11 +146,11 @@ def compare(
             chosen,
             rows,
             failures,
-            None if folder is None else place,
+            None if output is None else place,
             [one.label for one in contestants if one.is_own],
             [f"{told} (at {count} of {len(points)} scenes)" for told, count in slips.most_common()],
         )
-        if folder is not None:
+        if output is not None:
             _write_tables(found, place)
             maps = {
                 (point.case, value): one
@@ -169,7 +166,6 @@ def select_available_cases(
     suite: str,
     cases: Sequence[str] | None,
     values: Sequence[float | str] | None,
-    notice: Callable[[str], None] | None = None,
 ) -> list[Case]:
     """Return the cases that are asked for; of all, those that a suite has and that can be measured here.
 
@@ -177,8 +173,6 @@ def select_available_cases(
     ----------
     suite, cases, values
         As of `compare`.
-    notice
-        Called with what is left out for want of something.
 
     Raises
     ------
@@ -201,10 +195,10 @@ def select_available_cases(
         problems += [problem for case in chosen for problem in _unfit(case, suite, values)]
     if problems:
         raise RecipeError(problems)
-    if not named and notice is not None:
+    if not named:
         for case in chosen:
             if case.lacks() and suite == "full":
-                notice(f"case {case.kind} is left out: it {case.lacks()}")
+                say(f"case {case.kind} is left out: it {case.lacks()}")
     return chosen if named else [case for case in chosen if case.values(suite) and not case.lacks()]
 
 

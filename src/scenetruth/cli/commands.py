@@ -271,7 +271,6 @@ def _run(
                 images=form,
                 helpers=helper or 0,
                 progress=reporter,
-                notice=reporter.say,
                 **wanted,
             )
         except SceneError as error:
@@ -301,7 +300,7 @@ def _runner(
     from scenetruth.resources.limits import limits_from
 
     allowed = limits_from(limits or ())
-    return PipelineRunner(RunDirectory(folder), overwrite, not allow_mismatch, reporter, reporter.say, helper, allowed)
+    return PipelineRunner(RunDirectory(folder), overwrite, not allow_mismatch, reporter, helper, allowed)
 
 
 def _print_scores(results: RunResult) -> None:
@@ -477,7 +476,7 @@ def _export_samples(folder: Path, output: Path, format: str, **wanted: Any) -> N
     from scenetruth.dataset.dataset_export import export_dataset
 
     with reporting() as reporter:
-        found = export_dataset(folder, output, format, progress=reporter, notice=reporter.say, **wanted)
+        found = export_dataset(folder, output, format, progress=reporter, **wanted)
     typer.echo(f"written: {output} ({found.done:,} samples, {found.present:,} were there)")
     if found.failed:
         raise typer.Exit(1)

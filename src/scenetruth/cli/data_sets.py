@@ -142,7 +142,6 @@ def run(
             extend=extend,
             limits=limits_from(limits or ()),
             progress=reporter,
-            notice=reporter.say,
         )
     _echo(f"written: {output}: {outcome.made:,} samples made, {outcome.present:,} were there")
     if outcome.made and outcome.folder.card.exists():
@@ -250,7 +249,6 @@ def estimate(
             scheduler=scheduler,
             retries=retries,
             progress=reporter,
-            notice=reporter.say,
         )
     _echo(f"{found.done:,} samples estimated and scored, {found.present:,} were before")
     if found.failed:

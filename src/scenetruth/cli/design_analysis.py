@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -90,7 +89,6 @@ def budget(
             workers=workers,
             scheduler=scheduler,
             progress=reporter,
-            notice=lambda line: print(line, file=sys.stderr),
         )
     if region not in found.regions:
         problem = Problem("--region", f"must be one of {', '.join(found.regions)}", region)
@@ -133,8 +131,8 @@ def _print_budget(found: Budget, region: str) -> None:
 class PredictionModel(StrEnum):
     """How much is computed."""
 
-    envelope = "envelope"
-    bound = "bound"
+    envelope = "analytic"
+    bound = "maps"
 
 
 class WindowMotion(StrEnum):
@@ -191,7 +189,7 @@ def predict(
     with reporting():
         found = predicted(
             loaded,
-            level=level.value,
+            model=level.value,
             method=method or own,
             window_sigma_px=window_sigma_px,
             motion=None if motion is None else motion.value,
@@ -352,7 +350,6 @@ def sweep(
             scheduler=scheduler,
             limits=limits_from(limits or ()),
             progress=reporter,
-            notice=lambda line: print(line, file=sys.stderr),
         )
     _print_best(found)
     typer.echo(f"written: {', '.join(str(output / name) for name in ('index.html', 'results.parquet', 'results.csv'))}")

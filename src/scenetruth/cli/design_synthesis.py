@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -58,7 +57,6 @@ def optimise(
             workers=workers,
             scheduler=scheduler,
             progress=reporter,
-            notice=lambda line: print(line, file=sys.stderr),
         )
     _print_front(found)
     _print_lines(*found.words())

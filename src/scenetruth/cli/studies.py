@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -124,7 +123,6 @@ def compare(
             workers=workers,
             scheduler=scheduler,
             progress=reporter,
-            notice=lambda line: print(line, file=sys.stderr),
         )
     _print_summary(found)
     made = ("index.html", "results.parquet", "results.csv", "summary.csv")

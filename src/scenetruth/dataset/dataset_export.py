@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from scenetruth.jobs.executors import resolve_workers
 from scenetruth.jobs.results import TaskResult, perform_task
 from scenetruth.jobs.scheduler import ParallelResult, for_each
 from scenetruth.pipeline import export_run
-from scenetruth.progress import Progress
+from scenetruth.progress import Progress, say
 
 __all__ = ["export_dataset", "try_export"]
 
@@ -35,7 +35,6 @@ def export_dataset(
     threads: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
     **options: Any,
 ) -> ParallelResult:
     """Write every sample of a data set in a format of others, each into a folder of its own: ``OUT/00000417``.
@@ -58,8 +57,6 @@ def export_dataset(
         As of `run_dataset`.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
     **options
         Options of the format.
 
@@ -97,7 +94,7 @@ def export_dataset(
         scheduler=scheduler,
         what="export",
         progress=progress,
-        notice=notice,
+        notice=say,
     )
     found.present -= len(tried)
     found.done += len(tried)

@@ -116,7 +116,7 @@ def precompile(
                 tell(f"{name}: {method}")
                 # What an extra brings may not be there.
                 with suppress(EstimateError):
-                    score(estimate(recording, method), truth, margin_px=2)
+                    score(estimate(recording, method), truth, settings={"interior_margin_px": 2})
     if progress is not None:
         progress("warm-up", steps, steps)
     return done

@@ -66,7 +66,7 @@ def test_what_noise_pushes_apart_is_told() -> None:
 def normalised(noises: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Errors of estimates over their prediction, in the middle, which all cameras see; and that prediction."""
     plain = rubber()
-    maps = predict(plain, level="bound", window_sigma_px=WINDOW, motion="affine").maps
+    maps = predict(plain, model="maps", window_sigma_px=WINDOW, motion="affine").maps
     assert maps is not None
     ideal, _ = st.simulate(st.Scene.from_dict(plain | {"sensor": "ideal"}))
     settings: dict[str, Any] = {"motion": "affine", "surface": "plane", "window_sigma_px": WINDOW, "window_frames": 5}

@@ -310,7 +310,7 @@ def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...]) -> Figu
     with ignore_scene_warnings():
         recording, truth = simulate(scene, truth_content="complete" if _is_further(objectives) else "standard")
         maps = estimate(recording, scene.estimate.method, scene.estimate.settings.model_dump())
-        found = score(maps, truth, **scene.score.model_dump())
+        found = score(maps, truth, settings=scene.score)
     figures: Figures = {}
     # Scores name single objects only where there are several: the interior is that of the only one.
     alone = len(scene.parts) == 1

@@ -48,7 +48,7 @@ from scenetruth.jobs.executors import TaskExecutor, create_executor, resolve_wor
 from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.results import compute_key
 from scenetruth.jobs.worker_setup import collect_versions
-from scenetruth.progress import Progress
+from scenetruth.progress import Progress, say
 from scenetruth.scene import Scene
 
 if TYPE_CHECKING:
@@ -64,13 +64,14 @@ _MOST_SHOWN = 24
 
 
 def optimise(
-    goal: DesignSpecLike,
-    folder: str | Path | None = None,
+    specification: DesignSpecLike,
     *,
+    overrides: Overrides = (),
+    seeds: int | Sequence[int] | None = None,
+    output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> DesignResult:
     """Find the rig that knows best what is to be known, within constraints.
 
@@ -81,9 +82,9 @@ def optimise(
 
     Parameters
     ----------
-    goal
+    specification
         The goal, its values, its file, or the name of one that is shipped.
-    folder
+    output
         Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
         ``recommended_preview.yaml``, ``front.csv``, ``screened.csv``, ``design.json``. If not given, nothing is kept.
     workers
@@ -93,8 +94,6 @@ def optimise(
         Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
 
     Returns
     -------
@@ -138,12 +137,11 @@ def optimise(
     """
     resolve_workers(workers)
     require_optional_libraries()
-    known = load_design_spec(goal)
+    known = load_design_spec(specification, overrides=overrides)
     prepared = prepare_problem(known)
-    say = notice or (lambda _: None)
     identity = {"format": 1, "key": _key(prepared), "title": known.title}
     other = "is of a design with another scene, other constraints or objectives; choose another folder"
-    with _FOLDER.open(folder, identity, other=other, scheduler=scheduler) as place:
+    with _FOLDER.open(output, identity, other=other, scheduler=scheduler) as place:
         run = _Run(known, prepared, place, progress, say)
         crew = create_executor(workers, 1, scheduler)
         try:
@@ -151,7 +149,7 @@ def optimise(
         finally:
             crew.close()
         design = run.answer(workers, scheduler)
-        if folder is not None:
+        if output is not None:
             design = replace(design, folder=place)
             with run.timed("page"):
                 write_design_files(design, place)

@@ -8,10 +8,10 @@ from typing import cast
 
 from scenetruth.bound.unknowns import Motion
 from scenetruth.design.prediction.analytic_prediction import predict_analytic
-from scenetruth.design.prediction.prediction_result import Level, PredictedValue, Prediction
+from scenetruth.design.prediction.prediction_result import Model, PredictedValue, Prediction
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
 from scenetruth.errors import Problem, SceneError
-from scenetruth.estimators.method_specs import MethodLike, read_method
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_method
 from scenetruth.resources import Limits, ObjectWorkload, limited_objects
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 
@@ -203,11 +203,12 @@ def _nice(value: float) -> float:
 
 def predict(
     scene: SceneLike,
-    level: Level = "envelope",
+    *,
     method: MethodLike | None = None,
+    model: Model = "analytic",
+    settings: Mapping[str, Any] | None = None,
     window_sigma_px: float | None = None,
     motion: Motion | None = None,
-    *,
     overrides: Overrides = (),
     limits: Limits | None = None,
 ) -> Prediction:
@@ -217,13 +218,15 @@ def predict(
     ----------
     scene
         The scene, its values, its file, or the name of one that is shipped.
-    level
-        ``"envelope"``: from geometry and the spectrum of the texture, in milliseconds. ``"bound"``: from one rendered
-        image without noise and the exact truth, in seconds, with maps.
     method
         The method of estimation: ``"refined"`` or ``"structure_tensor"``, or one of them with settings
         (`scenetruth.estimators.MethodSpec`); that of the scene if not given. If the scene estimates with it, its
         settings are the scene's.
+    model
+        ``"analytic"``: from geometry and the spectrum of the texture, in milliseconds. ``"maps"``: from one rendered
+        image without noise and the exact truth, in seconds, with maps.
+    settings
+        Settings of the method that replace its own.
     window_sigma_px
         Standard deviation of the window in px; that of the method's settings if not given.
     motion
@@ -260,15 +263,17 @@ def predict(
     >>> f"{depth.value:.2f} {depth.value_unit}"
     '0.04 mm'
     """
-    if level not in ("envelope", "bound"):
-        raise SceneError([Problem("level", "must be envelope or bound", level)])
+    if model not in ("analytic", "maps"):
+        raise SceneError([Problem("model", "must be analytic or maps", model)])
     known = load_scene(scene, overrides=overrides)
     parts = limited_objects(known, limits or Limits())
-    if method is not None:
-        known = known.model_copy(update={"estimate": read_method(method).choice(known.estimate)})
+    if method is not None or settings:
+        spec = read_method(known.estimate.method if method is None else method)
+        spec = MethodSpec(spec.method, {**spec.settings, **(settings or {})})
+        known = known.model_copy(update={"estimate": spec.choice(known.estimate)})
     name = known.estimate.method
     made = predict_analytic(known, name, window_sigma_px, motion, parts)
-    if level == "envelope":
+    if model == "analytic":
         return made
     # Compiled code is loaded for this one alone.
     from scenetruth.design.prediction.map_prediction import predict_maps

@@ -213,7 +213,7 @@ def compute_bound_std(
             surface=window.surface,
             motion=window.motion,
             brightness=window.brightness if grey else "fixed",
-            every_px=step_px,
+            step_px=step_px,
         ).sel(t=0)
     except RecordingError as error:
         return {}, "; ".join(map(str, error.problems))
@@ -346,7 +346,7 @@ def simulate_and_score(
                 continue
             if _is_further(maps, truth):
                 truth = make_truth(scene, truth_content="complete", limits=limits)
-            found = score(maps, truth, **scene.score.model_dump())
+            found = score(maps, truth, settings=scene.score)
             measured.figures[one.label] = _figures(found)
             measured.grows |= found.grows
             if keeps or bounded:
