@@ -144,7 +144,7 @@ def main() -> None:
             file = FOLDER / f"{name}.yaml"
             print(name, flush=True)
             folder = (given.folder or Path(scratch)) / name
-            design = optimise(file, folder, notice=print)
+            design = optimise(file, output=folder, notice=print)
             print(f"  seconds: {dict(design.seconds)}")
             for line in design.words():
                 print(f"  {line}")

@@ -14,7 +14,7 @@ from tests.scenes import cube
 
 
 @pytest.mark.parametrize(
-    "call", [st.simulate, st.make_truth, partial(st.run_scene, folder="nowhere")], ids=["simulate", "truth", "run"]
+    "call", [st.simulate, st.make_truth, partial(st.run_scene, output="nowhere")], ids=["simulate", "truth", "run"]
 )
 def test_wrong_arguments_are_named_together(
     call: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -10,6 +10,7 @@ from scenetruth.compilation import keep_compiled_code
 if TYPE_CHECKING:
     from scenetruth.benchmark import BenchmarkResult, compare
     from scenetruth.camera import two_point_correction
+    from scenetruth.dataset.dataset_export import export, verify
     from scenetruth.dataset.generation import run_dataset
     from scenetruth.dataset.reading import open_dataset
     from scenetruth.dataset.recipe_loader import Recipe, load_recipe
@@ -36,8 +37,8 @@ if TYPE_CHECKING:
         StoreError,
     )
     from scenetruth.estimators import estimate
-    from scenetruth.exporters import export_data, export_formats
-    from scenetruth.pipeline import RunDirectory, export_run, run_scene, verify_run
+    from scenetruth.exporters import export_formats
+    from scenetruth.pipeline import RunDirectory, run_scene
     from scenetruth.resources import Limits
     from scenetruth.scene import Scene, load_scene
     from scenetruth.schema import make_estimate, make_recording
@@ -80,9 +81,8 @@ __all__ = [
     "compare",
     "compute_growth_rate",
     "estimate",
-    "export_data",
+    "export",
     "export_formats",
-    "export_run",
     "load_recipe",
     "load_scene",
     "load_store",
@@ -100,7 +100,7 @@ __all__ = [
     "sweep",
     "track_points",
     "two_point_correction",
-    "verify_run",
+    "verify",
     "write_report",
 ]
 
@@ -129,11 +129,10 @@ _HOMES = {
     "load_store": "storage",
     "open_store": "storage",
     "RunDirectory": "pipeline",
-    "export_data": "exporters",
+    "export": "dataset.dataset_export",
     "export_formats": "exporters",
-    "export_run": "pipeline",
     "run_scene": "pipeline",
-    "verify_run": "pipeline",
+    "verify": "dataset.dataset_export",
     "save_store": "storage",
     "make_truth": "truth",
     "compute_growth_rate": "scoring",

@@ -305,7 +305,7 @@ class ExportError(_ProblemListError):
 
     See Also
     --------
-    scenetruth.export_run, scenetruth.export_data : Raise it.
+    scenetruth.export : Raises it.
 
     Examples
     --------
@@ -313,7 +313,7 @@ class ExportError(_ProblemListError):
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((3, 1, 20, 30)), focal_length_px=500, baseline_mm=5)
     >>> try:
-    ...     st.export_data(recording, None, "never_made", "gif")
+    ...     st.export((recording, None), "gif", output="never_made")
     ... except st.ExportError as error:
     ...     print(error.problems[0].path, error.problems[0].value)
     format gif
@@ -334,7 +334,7 @@ class MachineError(_ProblemListError):
     --------
     >>> import scenetruth as st
     >>> try:
-    ...     st.run_scene(st.load_scene("plane"), "never_made", limits=st.Limits(memory_gb=0.001))
+    ...     st.run_scene(st.load_scene("plane"), output="never_made", limits=st.Limits(memory_gb=0.001))
     ... except st.MachineError as error:
     ...     print(error.problems[0].path)
     memory of render
@@ -378,7 +378,7 @@ class StoreError(ScenetruthError):
 
     See Also
     --------
-    scenetruth.load_store, scenetruth.open_store, scenetruth.verify_run : Raise it.
+    scenetruth.load_store, scenetruth.open_store, scenetruth.verify : Raise it.
 
     Examples
     --------

@@ -26,7 +26,7 @@ def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
         "accept": [{"kind": "depth", "object": "tile", "at_most": 100}],
     }
     recipe = Recipe.from_dict(plain).sampler()
-    run_dataset(recipe.recipe, folder / "tiles", workers=1)
+    run_dataset(recipe.recipe, output=folder / "tiles", workers=1)
     return {"preview": write_preview(recipe, folder / "preview"), "card": write_card(folder / "tiles")}
 
 

@@ -42,7 +42,7 @@ def failing(recording: xr.Dataset) -> dict[str, Any]:
 
 def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
-    found = compare([nearest, failing], folder=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
+    found = compare([nearest, failing], output=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
     assert told[-1][1:] == (1, 1)
     assert found.figure("phase_of_flow", "nearest", "flow_x", "rms").number == 0
     assert len(found.failures) == 1
@@ -50,13 +50,13 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert "no idea" in found.failures[0]
     (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
     before = kept.stat().st_mtime_ns
-    again = compare([nearest, failing], folder=tmp_path / "c", **QUICK)
+    again = compare([nearest, failing], output=tmp_path / "c", **QUICK)
     assert kept.stat().st_mtime_ns > before, "what failed is tried again"
     assert [row for row in again.rows if row.quantity] == [row for row in found.rows if row.quantity]
     # A file that was not written to its end, or of another version, is made again.
     plain = json.loads(kept.read_text())
     kept.write_text(json.dumps({**plain, "key": "of another"}))
-    compare([nearest, failing], folder=tmp_path / "c", **QUICK)
+    compare([nearest, failing], output=tmp_path / "c", **QUICK)
     assert json.loads(kept.read_text())["key"] == plain["key"]
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {"results.parquet", "results.csv", "summary.csv"}
     frame = found.to_frame()
@@ -66,23 +66,22 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert len(frame) == len(found.rows)
 
 
-def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_path: Path) -> None:
-    told: list[str] = []
-    found = compare(nearest, folder=tmp_path / "c", **QUICK, notice=told.append)
+def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_path: Path, messages: list[str]) -> None:
+    found = compare(nearest, output=tmp_path / "c", **QUICK)
     (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
     before = kept.stat().st_mtime_ns
-    again = compare(nearest, folder=tmp_path / "c", **QUICK, notice=told.append)
+    again = compare(nearest, output=tmp_path / "c", **QUICK)
     assert kept.stat().st_mtime_ns == before
     assert again.rows == found.rows
-    assert told == ["kept from earlier: 1 of 1 scenes; 0 to be measured"]
+    assert messages == ["kept from earlier: 1 of 1 scenes; 0 to be measured"]
 
 
 def test_what_an_installed_method_refuses_is_not_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(type(find_method("plane_sweep")), "needs", Needs(cameras=99))
-    found = compare("plane_sweep", folder=tmp_path / "c", **QUICK)
+    found = compare("plane_sweep", output=tmp_path / "c", **QUICK)
     (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
     before = kept.stat().st_mtime_ns
-    again = compare("plane_sweep", folder=tmp_path / "c", **QUICK)
+    again = compare("plane_sweep", output=tmp_path / "c", **QUICK)
     assert found.failures
     assert again.failures == found.failures
     assert kept.stat().st_mtime_ns == before
@@ -126,7 +125,7 @@ def test_a_method_that_is_mended_is_measured_again(tmp_path: Path) -> None:
 
 
 def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
-    found = compare(nearest, "full", tmp_path / "c", cases=["gallery"], values=["plaid"])
+    found = compare(nearest, suite="full", output=tmp_path / "c", cases=["gallery"], levels=["plaid"])
     assert not found.failures
     # The pattern is 100 mm away, and moves by 1 mm, 0.1 px, per frame.
     assert found.figure("gallery", "nearest", "depth", "bias", "plaid").number == pytest.approx(620, rel=1e-6)
@@ -138,14 +137,14 @@ def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
     page = (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
     assert "--suite full --case gallery --value VALUE" in page
     with pytest.raises(RecipeError, match="must be one of cube, "):
-        compare(nearest, "full", cases=["gallery"], values=["ball"])
+        compare(nearest, suite="full", cases=["gallery"], levels=["ball"])
 
 
 @nightly
 def test_processes_find_the_same(tmp_path: Path) -> None:
     options: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0, 0.25]}
-    here = compare("structure_tensor", folder=tmp_path / "a", **options)
-    there = compare("structure_tensor", folder=tmp_path / "b", **options, workers=2)
+    here = compare("structure_tensor", output=tmp_path / "a", **options)
+    there = compare("structure_tensor", output=tmp_path / "b", **options, workers=2)
     assert not here.failures
     figures = [[row for row in one.rows if row.quantity] for one in (here, there)]
     assert figures[0] == figures[1]
@@ -158,7 +157,7 @@ def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
     assert "window_sigma_px" in str(error.value)
     assert "twice" in str(error.value)
     with pytest.raises(RecipeError) as told:
-        compare("refined", "huge", cases=["noize"], values=[1])
+        compare("refined", suite="huge", cases=["noize"], levels=[1])
     assert "huge" in str(told.value)
     assert "noize" in str(told.value)
     with pytest.raises(EstimateError, match="another process"):
@@ -166,10 +165,10 @@ def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a comparison"):
-        compare(nearest, folder=tmp_path / "mine", **QUICK)
-    compare(nearest, folder=tmp_path / "c", **QUICK)
+        compare(nearest, output=tmp_path / "mine", **QUICK)
+    compare(nearest, output=tmp_path / "c", **QUICK)
     with pytest.raises(OutputExistsError, match="another comparison"):
-        compare(["structure_tensor"], folder=tmp_path / "c", **QUICK)
+        compare(["structure_tensor"], output=tmp_path / "c", **QUICK)
 
 
 def test_methods_are_spelled_with_settings_and_labels() -> None:

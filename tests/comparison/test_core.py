@@ -48,7 +48,7 @@ Of = Callable[[str, float], dict[str, float]]
 @pytest.fixture(scope="module")
 def core() -> Iterator[BenchmarkResult]:
     with ignore_scene_warnings():
-        yield compare(METHODS, "core", workers=min(2, os.cpu_count() or 1))
+        yield compare(METHODS, suite="core", workers=min(2, os.cpu_count() or 1))
 
 
 @pytest.fixture(scope="module")

@@ -51,7 +51,7 @@ def test_what_comes_after_is_compiled_already() -> None:
     with announced_compilation(lambda name, before: compiled.append(name)):
         recording, truth = st.simulate(st.Scene.from_dict(SCENE))
         for method in ("structure_tensor", "refined"):
-            st.score(st.estimate(recording, method), truth, margin_px=2)
+            st.score(st.estimate(recording, method), truth, settings={"interior_margin_px": 2})
     assert not compiled
 
 

@@ -21,7 +21,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "two_point_correction",
             "run_scene",
             "RunDirectory",
-            "verify_run",
+            "verify",
         )
     },
     "data": {"scenetruth": ("make_recording", "make_estimate", "save_store", "load_store", "open_store")},
@@ -69,7 +69,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "PatternAssessment",
         ),
     },
-    "export": {"scenetruth": ("export_run", "export_data", "export_formats")},
+    "export": {"scenetruth": ("export", "export_formats")},
     "testing": {
         "scenetruth.testing": (
             "estimator_checks",

@@ -51,14 +51,12 @@ def run(
         limits,
         stages=("render", "estimate", "score", "report")[: 4 if report else 3],
         methods=methods or (),
-        truth_views=truth.value,
-        truth_poses=truth_poses.value,
-        truth_content=truth_content.value,
+        truth=(truth.value, truth_poses.value, truth_content.value),
         save_radiance=ideal,
-        images=images,
+        save_images=images,
         overwrite=overwrite,
         figures=figures or None,
-        figures_also=_beside_png(figures_format),
+        figure_formats=("png", *_beside_png(figures_format)),
         helpers=options.helpers() if report else 0,
     )
     _print_results(results)
@@ -86,11 +84,9 @@ def render(
         output,
         limits,
         stages=("render",),
-        truth_views=truth.value,
-        truth_poses=truth_poses.value,
-        truth_content=truth_content.value,
+        truth=(truth.value, truth_poses.value, truth_content.value),
         save_radiance=ideal,
-        images=images,
+        save_images=images,
         overwrite=overwrite,
     )
     _echo(f"written: {results.folder.recording}, {results.folder.truth}")
@@ -235,20 +231,20 @@ def _run(
     output: Path,
     limits: list[str] | None,
     *,
-    images: options.ImageForm | None,
+    save_images: options.ImageForm | None,
     methods: Sequence[str] = (),
     helpers: int = 0,
     **wanted: Any,
 ) -> RunResult:
-    """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_scene`."""
+    """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_pipeline`."""
     from scenetruth.cli.console import reporting
     from scenetruth.errors import SceneError
     from scenetruth.pipeline import open_figure_worker
 
-    form: Literal["png", "tiff"] | None = None if images is None else images.value
+    form: Literal["png", "tiff"] | None = None if save_images is None else save_images.value
     with reporting() as reporter, open_figure_worker(helpers) as helper:
         # Libraries take seconds to load when they are read from disk for the first time: both processes do so at once.
-        from scenetruth.pipeline import run_scene
+        from scenetruth.pipeline import run_pipeline
         from scenetruth.resources.limits import limits_from
         from scenetruth.scene import load_scene
 
@@ -263,12 +259,12 @@ def _run(
             changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
         loaded, allowed = load_scene(file, overrides=changes), limits_from(limits or ())
         try:
-            return run_scene(
+            return run_pipeline(
                 loaded,
                 output,
                 methods=chosen,
                 limits=allowed,
-                images=form,
+                save_images=form,
                 helpers=helper or 0,
                 progress=reporter,
                 **wanted,
@@ -463,7 +459,17 @@ def export(
     if problems or folder is None or format is None or output is None:
         raise ExportError(problems)
     if (folder / "dataset.json").exists():
-        _export_samples(folder, output, format, workers=workers, scheduler=scheduler, method=method, **chosen)
+        _export_samples(
+            folder,
+            output,
+            format,
+            workers=workers,
+            scheduler=scheduler,
+            method=method,
+            row=row,
+            overwrite=overwrite,
+            **chosen,
+        )
         return
     done = export_run(folder, output, format, method=method, row=row, overwrite=overwrite, **chosen)
     for note in done.notes:

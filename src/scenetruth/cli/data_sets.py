@@ -132,13 +132,13 @@ def run(
     with _naming(recipe), reporting() as reporter:
         outcome = run_dataset(
             sampler.recipe,
-            output,
+            output=output,
             workers=workers,
             threads=threads,
             scheduler=scheduler,
-            part=Partition.read(part),
+            partition=Partition.read(part),
             retries=retries,
-            recycle=recycle,
+            max_tasks_per_worker=recycle,
             extend=extend,
             limits=limits_from(limits or ()),
             progress=reporter,
@@ -243,7 +243,7 @@ def estimate(
         found = estimate_dataset(
             folder,
             method,
-            chosen,
+            settings=chosen,
             workers=workers,
             threads=threads,
             scheduler=scheduler,

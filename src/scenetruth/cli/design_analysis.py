@@ -80,11 +80,11 @@ def budget(
     with reporting() as reporter:
         found = make_budget(
             loaded,
-            output,
+            output=output,
             method=method,
             calibration=known,
-            draws=draws,
-            confirm=confirm,
+            seeds=draws,
+            simulated_share=confirm,
             region=region,
             workers=workers,
             scheduler=scheduler,
@@ -341,10 +341,10 @@ def sweep(
         found = make_sweep(
             scenes,
             varied,
-            parse_methods(methods) if methods else None,
-            output,
+            methods=parse_methods(methods) if methods else None,
+            output=output,
             seeds=counted,
-            sobol=sobol,
+            sobol_points=sobol,
             overrides=overrides or (),
             workers=workers,
             scheduler=scheduler,

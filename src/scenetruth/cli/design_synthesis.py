@@ -53,7 +53,7 @@ def optimise(
     with reporting() as reporter:
         found = find_rig(
             wanted,
-            output,
+            output=output,
             workers=workers,
             scheduler=scheduler,
             progress=reporter,

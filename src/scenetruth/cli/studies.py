@@ -116,10 +116,10 @@ def compare(
     with reporting() as reporter:
         found = compare_methods(
             parse_methods(chosen),
-            suite.value,
-            output,
+            suite=suite.value,
             cases=case or None,
-            values=value or None,
+            levels=value or None,
+            output=output,
             workers=workers,
             scheduler=scheduler,
             progress=reporter,

@@ -34,6 +34,7 @@ from scenetruth.resources import (
     limited_objects,
     refuse_resources,
 )
+from scenetruth.scene import Overrides
 
 __all__ = [
     "DatasetRunResult",

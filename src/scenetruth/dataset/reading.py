@@ -327,7 +327,7 @@ def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | Non
     >>> far = {"objects.0.pose.position_mm.2": {"kind": "list", "values": [90, 100, 110]}}
     >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 3, "vary": far})
     >>> with TemporaryDirectory() as folder:
-    ...     _ = st.run_dataset(recipe, f"{folder}/walls")
+    ...     _ = st.run_dataset(recipe, output=f"{folder}/walls")
     ...     near = st.open_dataset(f"{folder}/walls").select("depth_max_mm < 105")
     ...     print(len(near), near[0].values, near.stack("depth").max("sample").values[0, 12, 15])
     2 {'objects.0.pose.position_mm.2': 90.0} 100.0

@@ -246,8 +246,10 @@ def _run_stages(
         of_methods = [choice.model_dump(mode="json") for choice in choices]
         rest = [list(stages), truth.views, truth.poses, truth.content, save_radiance, save_images]
         drawn = [None if figures is None else sorted(figures), sorted(figures_also)]
-        of_methods += [one.fingerprint for one in specs if one.fingerprint]
-        asked = digest([own_release(), scene.model_dump(mode="json"), scene_hash(scene), of_methods, rest, drawn])
+        own_code = [one.fingerprint for one in specs if one.fingerprint]
+        asked = digest(
+            [own_release(), scene.model_dump(mode="json"), scene_hash(scene), of_methods, rest, drawn, *own_code]
+        )
     with (
         open_figure_worker(helpers if "report" in stages else 0) as helper,
         _compiling_in_parallel(helper, scene, choices if {"render", "estimate"} <= set(stages) else ()),

@@ -6,7 +6,7 @@ Wrong sign, unit, origin or order, and shifts by a whole or half a pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np

@@ -37,7 +37,7 @@ def test_figures_are_those_of_a_score() -> None:
     made = Scene.from_dict({**scene(), "estimate": {"method": "structure_tensor"}})
     found = simulate_objectives(made, (DEPTH, OF_WALL, NOTHING))
     recording, truth = st.simulate(made)
-    told = st.score(st.estimate(recording), truth, interior_margin_px=0.0).regions["interior"]["depth"]
+    told = st.score(st.estimate(recording), truth, settings={"interior_margin_px": 0.0}).regions["interior"]["depth"]
     assert found["Depth"]["rms"] == told["rms"]
     # The only object is all that there is; what nothing is told of is left out.
     assert found["Depth of wall"] == found["Depth"]

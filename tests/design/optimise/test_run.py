@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(folder: Path) -> DesignResult:
-    return optimise(goal(**CONFIRMED), folder, workers=1)
+    return optimise(goal(**CONFIRMED), output=folder, workers=1)
 
 
 def test_it_is_as_good_as_the_best_of_a_grid(found: DesignResult) -> None:
@@ -151,7 +151,7 @@ def test_what_was_killed_goes_on_to_the_same_end(found: DesignResult, folder: Pa
     (copy / "predictions.jsonl").write_text("".join(lines[: len(lines) // 2]) + lines[-1][:20])
     for name in ("design.json", "index.html", "recommended.yaml"):
         (copy / name).unlink()
-    again = optimise(goal(**CONFIRMED), copy, workers=1)
+    again = optimise(goal(**CONFIRMED), output=copy, workers=1)
     assert again.screened.equals(found.screened)
     assert replace(again.recommended, scene={}) == replace(found.recommended, scene={})
     assert yaml.safe_load((copy / "recommended.yaml").read_text()) == yaml.safe_load(
@@ -176,10 +176,10 @@ def test_goals_that_cannot_be_met_say_why() -> None:
 
 def test_folders_of_others_are_left_alone(folder: Path, found: DesignResult, tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError, match="another scene, other constraints"):
-        optimise(goal(constraints=[]), folder, workers=1)
+        optimise(goal(constraints=[]), output=folder, workers=1)
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a design"):
-        optimise(goal(), tmp_path, workers=1)
+        optimise(goal(), output=tmp_path, workers=1)
 
 
 def test_libraries_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,7 +49,7 @@ from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.results import compute_key
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.progress import Progress, say
-from scenetruth.scene import Scene
+from scenetruth.scene import Overrides, Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +67,6 @@ def optimise(
     specification: DesignSpecLike,
     *,
     overrides: Overrides = (),
-    seeds: int | Sequence[int] | None = None,
     output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
@@ -84,6 +83,8 @@ def optimise(
     ----------
     specification
         The goal, its values, its file, or the name of one that is shipped.
+    overrides
+        Changes of the specification, as of `scenetruth.load_scene`.
     output
         Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
         ``recommended_preview.yaml``, ``front.csv``, ``screened.csv``, ``design.json``. If not given, nothing is kept.

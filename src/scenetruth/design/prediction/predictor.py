@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import cast
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, cast
 
 from scenetruth.bound.unknowns import Motion
 from scenetruth.design.prediction.analytic_prediction import predict_analytic

@@ -279,7 +279,7 @@ def _write(found: Sweep, job: SweepTask, again: str) -> None:
 
 
 def _command(
-    scenes: Any, vary: Mapping[str, Any], seeds: Any, sobol: int, overrides: Sequence[str], contestants: Any
+    scenes: Any, vary: Mapping[str, Any], seeds: Any, sobol: int, overrides: Overrides, contestants: Any
 ) -> str:
     """Return the command that makes the sweep again; an empty text if scenes or methods are not files and names."""
     files = [scenes] if isinstance(scenes, str | Path) else scenes
@@ -292,7 +292,12 @@ def _command(
         words += ["--vary", f"{path}={values if isinstance(values, str) else ','.join(map(format_level, values))}"]
     for one in contestants:
         words += ["--method", one.spelled]
-    for override in overrides:
+    changes = (
+        [f"{path}={json.dumps(value)}" for path, value in overrides.items()]
+        if isinstance(overrides, Mapping)
+        else overrides
+    )
+    for override in changes:
         words += ["--set", override]
     words += ["--seeds", str(seeds) if isinstance(seeds, int) else ",".join(map(str, seeds))]
     words += ["--sobol", str(sobol)] if sobol else []

@@ -79,8 +79,8 @@ def budget(
 
     The part of a cause is what the estimate changes by, pixel by pixel, when this cause alone is switched on. What
     ideal images leave (slanted and curved surfaces, edges, the method's own bias) counts once. All parts are predicted
-    by propagation; the largest are simulated, until they make up a share ``simulated_share`` of the sum of squares, and so is
-    the scene with everything on. What is done stays in the folder, and is not done again.
+    by propagation; the largest are simulated, until they make up a share ``simulated_share`` of the sum of squares, and
+    so is the scene with everything on. What is done stays in the folder, and is not done again.
 
     Parameters
     ----------

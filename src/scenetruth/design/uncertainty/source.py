@@ -58,7 +58,7 @@ class Calibration(FrozenModel):
     >>> scene |= {"frames": {"count": 3}, "render": {"backend": "raycast"}, "score": {"interior_margin_px": 0}}
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2.2}, "sensor": {"noise_std": 0.002}}
     >>> known = Calibration(focal_length_percent=0.1, principal_point_px=0, baseline_percent=0.02)
-    >>> found = budget(scene, method="structure_tensor", calibration=known, draws=1, confirm=0)
+    >>> found = budget(scene, method="structure_tensor", calibration=known, seeds=1, simulated_share=0)
     >>> for cause in ("focal_length", "baseline"):
     ...     part = found.part(cause, "depth")
     ...     print(f"{part.title}, {part.size}: {part.predicted:.2f} {part.unit}")
