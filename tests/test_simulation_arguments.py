@@ -20,10 +20,10 @@ def test_wrong_arguments_are_named_together(
     call: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(st.SceneError) as caught:
+    with pytest.raises(st.ArgumentError) as caught:
         call(cube(), truth_views="al", truth_poses=None, truth_content=2, progress=3)
     names = [problem.path for problem in caught.value.problems]
     assert sorted(names) == ["progress", "truth_content", "truth_poses", "truth_views"]
-    with pytest.raises(st.SceneError, match=r"scene: must be a scene, its values, .* \(got 'int'\)"):
+    with pytest.raises(st.ArgumentError, match=r"scene: must be a scene, its values, .* \(got 'int'\)"):
         call(3)
     assert list(tmp_path.iterdir()) == []

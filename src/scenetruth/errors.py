@@ -10,6 +10,7 @@ from typing import Any
 __all__ = [
     "ArgumentError",
     "BackendUnavailableError",
+    "DesignSpecError",
     "EstimateError",
     "EstimateWarning",
     "ExportError",
@@ -174,10 +175,6 @@ class _ProblemListError(ScenetruthError):
         return type(self), (self.problems, self.source)
 
 
-class ArgumentError(ScenetruthError, ValueError):
-    """An argument of a Python function that is not acceptable."""
-
-
 class SceneError(_ProblemListError):
     """A scene that cannot be made; lists every problem with its path.
 
@@ -224,6 +221,46 @@ class RecipeError(_ProblemListError):
     """
 
     _noun = "recipe"
+
+
+class DesignSpecError(RecipeError):
+    """A design specification that cannot be followed; lists every problem with its path.
+
+    See Also
+    --------
+    scenetruth.optimise : Raises it.
+
+    Examples
+    --------
+    >>> from scenetruth.design import DesignSpec
+    >>> try:
+    ...     DesignSpec.from_dict({"scene": "cube"})
+    ... except DesignSpecError as error:
+    ...     print("objectives" in [problem.path for problem in error.problems])
+    True
+    """
+
+    _noun = "goal"
+
+
+class ArgumentError(_ProblemListError, ValueError):
+    """Arguments of a call that are impossible; lists every one.
+
+    See Also
+    --------
+    scenetruth.simulate, scenetruth.run_scene, scenetruth.compare : Raise it.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> try:
+    ...     st.make_truth("plane", truth_views="al")
+    ... except st.ArgumentError as error:
+    ...     print(error.problems[0].path, isinstance(error, ValueError))
+    truth_views True
+    """
+
+    _noun = "call"
 
 
 class RecordingError(_ProblemListError):

@@ -78,6 +78,8 @@ def simulate(
 
     Raises
     ------
+    ArgumentError
+        If an argument is impossible; lists all that are.
     SceneError
         If the scene cannot be made or passes a bound, or nothing of it can be seen.
     BackendUnavailableError

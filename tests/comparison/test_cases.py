@@ -12,7 +12,7 @@ from scenetruth.benchmark.benchmark_tasks import list_design_points
 from scenetruth.benchmark.cases import scenes
 from scenetruth.benchmark.cases.case import SUITES, Case, all_cases, select_cases
 from scenetruth.benchmark.suite import select_available_cases
-from scenetruth.errors import RecipeError
+from scenetruth.errors import ArgumentError
 from scenetruth.scene import Scene
 from scenetruth.scoring import QUANTITIES
 from scenetruth.scoring.regions import visible_throughout
@@ -70,7 +70,7 @@ def test_steps_lie_where_the_truth_has_them() -> None:
 
 
 def test_unknown_cases_are_named() -> None:
-    with pytest.raises(RecipeError, match="no such case; known: blur, brightness"):
+    with pytest.raises(ArgumentError, match="no such case; known: blur, brightness"):
         select_cases(["noize", "blurr"])
 
 
@@ -80,7 +80,7 @@ def test_values_are_named_and_found_by_their_names(case: Case) -> None:
     labels = [case.label_of(value) for value in values]
     assert len(set(labels)) == len(values)
     assert [case.value_of(label) for label in labels] == pytest.approx(values, rel=1e-5)
-    with pytest.raises(RecipeError, match="must be"):
+    with pytest.raises(ArgumentError, match="must be"):
         case.value_of("nothing")
 
 
@@ -99,7 +99,7 @@ def test_what_cannot_be_measured_here_is_left_out_in_words(
     monkeypatch: pytest.MonkeyPatch, messages: list[str]
 ) -> None:
     assert [case.kind for case in select_available_cases("full", None, None)] == [case.kind for case in CASES]
-    with pytest.raises(RecipeError, match="no values in the suite core"):
+    with pytest.raises(ArgumentError, match="no values in the suite core"):
         select_available_cases("core", ["gallery"], None)
     monkeypatch.setattr(scenes, "scene_files", tuple)
     kinds = {case.kind for case in select_available_cases("full", None, None)}
@@ -108,5 +108,5 @@ def test_what_cannot_be_measured_here_is_left_out_in_words(
         "case gallery is left out: it needs the folder scenes/, which only a checkout of the project has:"
         " run it from one"
     ]
-    with pytest.raises(RecipeError, match="needs the folder scenes/"):
+    with pytest.raises(ArgumentError, match="needs the folder scenes/"):
         select_available_cases("full", ["gallery"], None)

@@ -17,14 +17,14 @@ import scenetruth as st
 from scenetruth.benchmark import compare
 from scenetruth.benchmark.cases.case import BenchmarkRecord
 from scenetruth.benchmark.suite import write_recordings
-from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError
 from scenetruth.estimators import Needs, find_method
 from scenetruth.estimators.external import ResultsFolder
 from scenetruth.estimators.method_specs import MethodSpec, parse_method, parse_methods
 from tests.cli.calling import scenetruth
 from tests.nightly import nightly
 
-QUICK: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0]}
+QUICK: dict[str, Any] = {"cases": ["phase_of_flow"], "levels": [0.0]}
 
 
 def nearest(recording: xr.Dataset, depth_mm: float = 720.0) -> dict[str, Any]:
@@ -136,13 +136,13 @@ def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
     assert "growth_rate" not in set(table["quantity"])
     page = (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
     assert "--suite full --case gallery --value VALUE" in page
-    with pytest.raises(RecipeError, match="must be one of cube, "):
+    with pytest.raises(ArgumentError, match="must be one of cube, "):
         compare(nearest, suite="full", cases=["gallery"], levels=["ball"])
 
 
 @nightly
 def test_processes_find_the_same(tmp_path: Path) -> None:
-    options: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0, 0.25]}
+    options: dict[str, Any] = {"cases": ["phase_of_flow"], "levels": [0.0, 0.25]}
     here = compare("structure_tensor", output=tmp_path / "a", **options)
     there = compare("structure_tensor", output=tmp_path / "b", **options, workers=2)
     assert not here.failures
@@ -156,7 +156,7 @@ def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
     assert "no_such" in str(error.value)
     assert "window_sigma_px" in str(error.value)
     assert "twice" in str(error.value)
-    with pytest.raises(RecipeError) as told:
+    with pytest.raises(ArgumentError) as told:
         compare("refined", suite="huge", cases=["noize"], levels=[1])
     assert "huge" in str(told.value)
     assert "noize" in str(told.value)

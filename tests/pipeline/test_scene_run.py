@@ -209,7 +209,7 @@ def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path, m
 
 
 def test_figures_may_be_chosen_and_are_checked_before_any_work(tmp_path: Path) -> None:
-    with pytest.raises(st.SceneError, match="figures: must be some of image, surface"):
+    with pytest.raises(st.ArgumentError, match="figures: must be some of image, surface"):
         run_scene(cube(**SMALL), output=tmp_path / "x", figures=["dept"])
     assert not (tmp_path / "x").exists()
 

@@ -18,11 +18,11 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "simulate",
             "make_truth",
             "track_points",
-            "two_point_correction",
             "run_scene",
             "RunDirectory",
             "verify",
-        )
+        ),
+        "scenetruth.camera": ("two_point_correction",),
     },
     "data": {"scenetruth": ("make_recording", "make_estimate", "save_store", "load_store", "open_store")},
     "estimation": {
@@ -33,6 +33,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "StreamingMethod",
             "EstimationTask",
             "MethodSettings",
+            "MethodSpec",
             "Needs",
             "MethodEntry",
             "method_entries",
@@ -48,22 +49,33 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "recording_key",
         ),
     },
-    "scoring": {"scenetruth": ("score", "Score", "compute_growth_rate", "write_report")},
+    "scoring": {
+        "scenetruth": ("score", "Score", "compute_growth_rate", "write_report", "detect_convention_mismatches")
+    },
     "comparison": {
-        "scenetruth": ("compare", "BenchmarkResult"),
-        "scenetruth.bound": ("cramer_rao_bound", "closed_form_bound", "ClosedFormBound", "texture_gradient"),
+        "scenetruth": ("compare", "BenchmarkResult", "cramer_rao_bound"),
+        "scenetruth.bound": ("closed_form_bound", "ClosedFormBound", "texture_gradient"),
     },
     "datasets": {"scenetruth": ("load_recipe", "Recipe", "run_dataset", "open_dataset")},
     "design": {
-        "scenetruth": ("predict", "Prediction", "sweep", "Sweep", "Budget", "DesignResult"),
+        "scenetruth": (
+            "predict",
+            "Prediction",
+            "sweep",
+            "Sweep",
+            "budget",
+            "Budget",
+            "optimise",
+            "DesignResult",
+            "generate_pattern",
+            "assess_pattern",
+        ),
         "scenetruth.design.prediction": ("PredictedValue", "PredictionInputs", "recommend"),
-        "scenetruth.design.uncertainty": ("budget", "Calibration"),
-        "scenetruth.design.optimisation": ("optimise", "load_design_spec", "DesignSpec"),
+        "scenetruth.design.uncertainty": ("Calibration",),
+        "scenetruth.design.optimisation": ("load_design_spec", "DesignSpec"),
         "scenetruth.design.optimisation.report.design_report": ("write_design_page",),
         "scenetruth.design.patterns": (
-            "generate_pattern",
             "export_pattern",
-            "assess_pattern",
             "Pattern",
             "PatternRig",
             "PatternAssessment",
@@ -84,6 +96,8 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
     "errors": {
         "scenetruth": (
             "ScenetruthError",
+            "ArgumentError",
+            "DesignSpecError",
             "Problem",
             "SceneError",
             "RecipeError",

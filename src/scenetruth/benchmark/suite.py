@@ -13,7 +13,7 @@ from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, list_design_poin
 from scenetruth.benchmark.cases.case import SUITES, BenchmarkRecord, Case, all_cases, select_cases
 from scenetruth.benchmark.design_point import add_noise, ignore_scene_warnings, read_error_maps
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
-from scenetruth.errors import EstimateError, Problem, RecipeError
+from scenetruth.errors import ArgumentError, EstimateError, Problem
 from scenetruth.estimators.external import recording_key, write_recording
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
@@ -83,7 +83,7 @@ def compare(
         If the number of workers is impossible, or a scheduler has no folder.
     EstimateError
         If there is no such method, a setting is impossible, or a function cannot be sent to another process.
-    RecipeError
+    ArgumentError
         If there is no such suite, case or value, or a case needs what is not there.
     OutputExistsError
         If the folder holds a comparison of other methods, or something else.
@@ -176,7 +176,7 @@ def select_available_cases(
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         If there is no such suite, case or value, values are given for several cases, or a case that is named has none
         in the suite, or needs what is not there.
     """
@@ -184,17 +184,17 @@ def select_available_cases(
     if suite not in SUITES:
         problems.append(Problem("suite", f"must be one of {', '.join(SUITES)}", suite))
     if values is not None and (cases is None or len(cases) != 1):
-        problems.append(Problem("values", "are those of one case: name it", list(values)))
+        problems.append(Problem("levels", "are those of one case: name it", list(values)))
     chosen: list[Case] = []
     try:
         chosen = select_cases(cases)
-    except RecipeError as error:
+    except ArgumentError as error:
         problems += error.problems
     named = cases is not None
     if named and not problems:
         problems += [problem for case in chosen for problem in _unfit(case, suite, values)]
     if problems:
-        raise RecipeError(problems)
+        raise ArgumentError(problems)
     if not named:
         for case in chosen:
             if case.lacks() and suite == "full":
@@ -215,7 +215,7 @@ def _unfit(case: Case, suite: str, values: Sequence[float | str] | None) -> Iter
         for value in values:
             try:
                 case.value_of(value)
-            except RecipeError as error:
+            except ArgumentError as error:
                 yield from error.problems
 
 
@@ -276,7 +276,7 @@ def write_recordings(
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         If there is no such suite or case.
     """
     if Path(folder).is_file():

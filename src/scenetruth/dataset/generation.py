@@ -121,22 +121,22 @@ def run_dataset(
         The folder of the data set.
     overrides
         Changes of the recipe, as of `load_scene`.
-    workers
-        Processes of this machine: 1, the default, for none besides this process, -1 for all processors.
-    threads
-        Threads of each process that is started.
-    scheduler
-        Address of a Dask scheduler, whose workers are taken instead. They must see the folder by the same path.
     partition
         Which part to make, for several machines that share the folder; all if not given.
     retries
         How often a sample that failed is tried again.
+    threads
+        Threads of each process that is started.
+    scheduler
+        Address of a Dask scheduler, whose workers are taken instead. They must see the folder by the same path.
     max_tasks_per_worker
         Samples after which a process is started anew.
     extend
         Whether the data set may get more samples than it had.
     limits
         Bounds of what a sample may ask for and take; those by default if not given.
+    workers
+        Processes of this machine: 1, the default, for none besides this process, -1 for all processors.
     progress
         Called with (what, done, total).
 

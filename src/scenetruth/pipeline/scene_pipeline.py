@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from scenetruth.compilation import announced_compilation
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.estimators import MethodChoice
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, offered_methods, read_methods
 from scenetruth.pipeline.figure_worker import FigureWorker, open_figure_worker
@@ -97,6 +97,8 @@ def run_scene(
 
     Raises
     ------
+    ArgumentError
+        If an argument is impossible; lists all that are.
     SceneError
         If the scene cannot be made, passes a bound, or a method cannot estimate its recording; before any work.
     MachineError
@@ -221,7 +223,7 @@ def _run_stages(
     _refuse_unknown_figures(figures)
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:
-        raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
+        raise ArgumentError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
     choices = method_choices(scene, specs)
     # A scene names no code: module:function stays beside its own method.
     is_named = not specs or (isinstance(specs[0].method, str) and ":" not in specs[0].method)
@@ -315,4 +317,4 @@ def _refuse_unknown_figures(figures: Collection[str] | None) -> None:
 
     unknown = sorted(set(figures) - set(FIGURES))
     if unknown:
-        raise SceneError([Problem("figures", f"must be some of {', '.join(FIGURES)}", unknown)])
+        raise ArgumentError([Problem("figures", f"must be some of {', '.join(FIGURES)}", unknown)])

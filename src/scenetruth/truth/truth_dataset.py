@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import ImageAcquisition, Schedule, Stage
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.provenance import build_schedule, intrinsics_from, provenance_attributes
@@ -188,6 +188,8 @@ def make_truth(
 
     Raises
     ------
+    ArgumentError
+        If an argument is impossible; lists all that are.
     SceneError
         If the scene cannot be made or passes a bound, or nothing of it can be seen.
 
@@ -220,7 +222,7 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
 
     Raises
     ------
-    SceneError
+    ArgumentError
         With all that are wrong.
     """
     problems = argument_problems(
@@ -233,7 +235,7 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
         message = "must be a scene, its values, its file, or the name of one that is shipped"
         problems.insert(0, Problem("scene", message, type(scene).__name__))
     if problems:
-        raise SceneError(problems)
+        raise ArgumentError(problems)
 
 
 def truth_from_world(

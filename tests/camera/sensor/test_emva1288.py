@@ -94,7 +94,7 @@ def test_two_point_correction_takes_the_pattern_out() -> None:
     sensor = made("noisy")
     dark, flat = stacks(sensor, 0.0, 60).mean(axis=0), stacks(sensor, 0.4, 60).mean(axis=0)
     images = stacks(sensor, 0.2, 60)
-    corrected = st.two_point_correction(images, dark, flat).mean(axis=0)
+    corrected = st.camera.two_point_correction(images, dark, flat).mean(axis=0)
     raw = images.mean(axis=0)
     assert corrected.std() < 0.3 * raw.std()
     # Every pixel now responds like the mean of all.
@@ -103,9 +103,9 @@ def test_two_point_correction_takes_the_pattern_out() -> None:
 
 def test_two_point_correction_of_images_that_do_not_fit() -> None:
     with pytest.raises(ValueError, match="must have the shape"):
-        st.two_point_correction(np.ones((2, 3, 4)), np.zeros((3, 4)), np.ones((3, 5)))
+        st.camera.two_point_correction(np.ones((2, 3, 4)), np.zeros((3, 4)), np.ones((3, 5)))
     with pytest.raises(ValueError, match="flat must be brighter"):
-        st.two_point_correction(np.ones((3, 4)), np.ones((3, 4)), np.ones((3, 4)))
+        st.camera.two_point_correction(np.ones((3, 4)), np.ones((3, 4)), np.ones((3, 4)))
 
 
 def test_bayer_filters() -> None:

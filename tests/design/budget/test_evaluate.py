@@ -15,7 +15,7 @@ from scenetruth.benchmark.design_point import ignore_scene_warnings
 from scenetruth.design.uncertainty import Budget, Calibration, budget
 from scenetruth.design.uncertainty.simulation_runs import BudgetTask, SimulationRun, simulate_run
 from scenetruth.design.uncertainty.source import resolve_calibration, restrict_sources
-from scenetruth.errors import EstimateError, OutputExistsError, RecipeError, SceneError
+from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError, SceneError
 from tests.design.budget.scenes import laboratory
 from tests.nightly import nightly
 
@@ -163,11 +163,11 @@ def test_runs_are_what_simulations_of_their_scenes_are() -> None:
 
 
 def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None:
-    with pytest.raises(RecipeError) as error:
+    with pytest.raises(ArgumentError) as error:
         budget(scene, calibration={"focal_percent": 1.0}, seeds=0, simulated_share=2.0, region="object_nothing")
     for word in ("draws", "confirm", "focal_percent", "focal_length_percent", "object_nothing"):
         assert word in str(error.value)
-    with pytest.raises(RecipeError, match="typical"):
+    with pytest.raises(ArgumentError, match="typical"):
         resolve_calibration("exact")
     with pytest.raises(SceneError, match=r"stage\.rows"):
         budget(laboratory({"stage.rows": 2, "stage.row_spacing_mm": 5.0}, everything=False))

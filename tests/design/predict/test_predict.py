@@ -139,7 +139,7 @@ def test_nothing_is_known_of_a_surface_without_texture(model: Any) -> None:
 def test_what_is_wrong_is_told_at_once() -> None:
     with pytest.raises(st.SceneError, match=r"(?s)method: .*refined.*window_sigma_px.*motion: must be one of"):
         predict(wall(), method="guess", window_sigma_px=-1.0, motion="odd")  # type: ignore[arg-type]
-    with pytest.raises(st.SceneError, match="model: must be analytic or maps"):
+    with pytest.raises(st.ArgumentError, match="model: must be analytic or maps"):
         predict(wall(), model="exact")  # type: ignore[arg-type]
     with pytest.raises(st.SceneError, match="sensor: has no noise"):
         predict(wall(sensor="ideal"))

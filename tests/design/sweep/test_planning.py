@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from scenetruth.design.sweeps.sweep_plan import SweepError, build_plan
-from scenetruth.errors import RecipeError, SceneError
+from scenetruth.errors import ArgumentError, SceneError
 from scenetruth.scene import Scene
 from tests.design.sweep.small import scene
 
@@ -119,5 +119,5 @@ def test_scenes_are_called_by_their_files(tmp_path: Path) -> None:
     (tmp_path / "two.yaml").write_text("camera: 3")
     with pytest.raises(SceneError, match=r"two\.yaml"):
         build_plan(files, {"stage.baseline_mm": [1, 2]})
-    with pytest.raises(RecipeError, match="at least one scene"):
+    with pytest.raises(ArgumentError, match="at least one scene"):
         build_plan([], {"stage.baseline_mm": [1, 2]})

@@ -22,7 +22,7 @@ import scenetruth as st
 from scenetruth.design.sweeps import Sweep, sweep
 from scenetruth.design.sweeps.point_simulation import bound_window_from_method
 from scenetruth.design.sweeps.sweep_plan import build_plan
-from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError
 from scenetruth.estimators.method_specs import MethodSpec, parse_methods
 from tests.design.sweep.small import DEPTH_MM, METHOD, failing, nearest, scene
 from tests.nightly import nightly
@@ -251,7 +251,7 @@ def test_what_only_a_complete_truth_tells_is_scored() -> None:
 
 def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
     done: list[str] = []
-    with pytest.raises(RecipeError) as error:
+    with pytest.raises(ArgumentError) as error:
         sweep(
             scene(),
             {"objects.0.pose.position_mm": [[0, 0, 500], [900, 0, 500]], "camera.width": [64, 20]},

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from scenetruth.design.prediction import PredictedValue
-from scenetruth.errors import RecipeError
+from scenetruth.errors import DesignSpecError
 
 __all__ = [
     "STATISTICS",
@@ -32,12 +32,6 @@ __all__ = [
     "compute_prediction_interval",
     "compute_rig_interval",
 ]
-
-
-class DesignSpecError(RecipeError):
-    """A goal that cannot be followed or met; lists every problem with its path."""
-
-    _noun = "goal"
 
 
 Statistic = Literal["typical", "rms", "percentile_95"]

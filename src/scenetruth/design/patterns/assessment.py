@@ -189,7 +189,7 @@ def assess_pattern(
 
     Raises
     ------
-    PatternError
+    ArgumentError
         If the picture cannot be used, or a number is impossible.
 
     See Also

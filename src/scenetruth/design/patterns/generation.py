@@ -142,7 +142,7 @@ def generate_pattern(
 
     Raises
     ------
-    PatternError
+    ArgumentError
         With everything that is wrong.
     SceneError
         If the scene cannot be made.

@@ -10,7 +10,7 @@ from scenetruth.bound.unknowns import Motion
 from scenetruth.design.prediction.analytic_prediction import predict_analytic
 from scenetruth.design.prediction.prediction_result import Model, PredictedValue, Prediction
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_method
 from scenetruth.resources import Limits, ObjectWorkload, limited_objects
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
@@ -244,6 +244,8 @@ def predict(
 
     Raises
     ------
+    ArgumentError
+        If an argument is impossible; lists all that are.
     SceneError
         If the scene cannot be made or passes a bound, nothing of it is seen, its sensor has no noise, or an argument is
         impossible; lists all that is wrong.
@@ -264,7 +266,7 @@ def predict(
     '0.04 mm'
     """
     if model not in ("analytic", "maps"):
-        raise SceneError([Problem("model", "must be analytic or maps", model)])
+        raise ArgumentError([Problem("model", "must be analytic or maps", model)])
     known = load_scene(scene, overrides=overrides)
     parts = limited_objects(known, limits or Limits())
     if method is not None or settings:

@@ -19,14 +19,14 @@ from scenetruth.dataset.distributions import (
 )
 from scenetruth.dataset.sampler import UniformDraws
 from scenetruth.design.sweeps.factors import Factor, format_level, parse_factors
-from scenetruth.errors import Problem, RecipeError, SceneError
+from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
 
 __all__ = ["MOST_SIMULATIONS", "SweepError", "SweepPlan", "SweepPoint", "build_plan"]
 
 
-class SweepError(RecipeError):
+class SweepError(ArgumentError):
     """A sweep that cannot be made; lists every problem with its path."""
 
     _noun = "sweep"

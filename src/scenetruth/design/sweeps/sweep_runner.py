@@ -196,7 +196,7 @@ def sweep(
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         If what varies cannot be: paths that lead nowhere or vary nothing, values that make no scene. Lists all.
     ArgumentError
         If the number of workers is impossible, or a scheduler has no folder.

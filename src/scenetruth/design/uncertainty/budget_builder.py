@@ -41,7 +41,7 @@ from scenetruth.design.uncertainty.source import (
 )
 from scenetruth.design.uncertainty.sources.imaging import SensorSource
 from scenetruth.design.uncertainty.uncertainty_budget import Budget
-from scenetruth.errors import EstimateError, Problem, RecipeError, SceneError
+from scenetruth.errors import ArgumentError, EstimateError, Problem, SceneError
 from scenetruth.estimators.method_specs import MethodLike, offered_methods, read_method
 from scenetruth.jobs.executors import resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
@@ -125,7 +125,7 @@ def budget(
         If the scene cannot be made, or has several rows of cameras.
     EstimateError
         If there is no such method, or ideal images cannot be estimated by it.
-    RecipeError
+    ArgumentError
         If an argument is impossible.
     ArgumentError
         If the number of workers is impossible, or a scheduler has no folder.
@@ -171,10 +171,10 @@ def budget(
         problems.append(Problem("region", f"must be one of {', '.join(regions)}", region))
     try:
         known = resolve_calibration(calibration)
-    except RecipeError as error:
+    except ArgumentError as error:
         problems += error.problems
     if problems:
-        raise RecipeError(problems, source="an error budget")
+        raise ArgumentError(problems, source="an error budget")
     if whole.stage.rows > 1:
         message = "the budget is of one row of positions; leave rows out"
         raise SceneError([Problem("stage.rows", message, whole.stage.rows)])

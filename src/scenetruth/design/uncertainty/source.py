@@ -14,7 +14,7 @@ from scenetruth.camera import build_sensor_chain
 from scenetruth.design.uncertainty.observation_model import Disturbance, ObservationModel
 from scenetruth.design.uncertainty.propagation import Errors, Propagation
 from scenetruth.discovery import classes_in
-from scenetruth.errors import Problem, RecipeError
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.scene import Scene
 from scenetruth.validated_model import FrozenModel, NonNegative
 
@@ -85,7 +85,7 @@ def resolve_calibration(given: Any) -> Calibration:
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         With everything that is wrong with it.
     """
     if isinstance(given, Calibration):
@@ -94,7 +94,7 @@ def resolve_calibration(given: Any) -> Calibration:
         return Calibration() if given == "typical" else _PERFECT
     if not isinstance(given, Mapping):
         message = f"must be 'typical', 'perfect', or a mapping of {', '.join(Calibration.model_fields)}"
-        raise RecipeError([Problem("calibration", message, given)], source="an error budget")
+        raise ArgumentError([Problem("calibration", message, given)], source="an error budget")
     try:
         return Calibration.model_validate({**_PERFECT.model_dump(), **given})
     except ValidationError as error:
@@ -108,7 +108,7 @@ def resolve_calibration(given: Any) -> Calibration:
             )
             for entry in error.errors(include_url=False)
         ]
-        raise RecipeError(problems, source="an error budget") from error
+        raise ArgumentError(problems, source="an error budget") from error
 
 
 Group = Literal["images", "stage", "calibration", "surface"]
