@@ -54,7 +54,7 @@ def test_what_cannot_be_is_found_before_any_work(tmp_path: Path) -> None:
         run_scene(cube(**SMALL, frames={"count": 1}), output=tmp_path / "x", methods=("opencv_flow",))
     with pytest.raises(st.EstimateError, match="no such method"):
         run_scene(cube(**SMALL), output=tmp_path / "x", methods=("guess",))
-    with pytest.raises(st.SceneError, match="must be some of render, estimate, score, report"):
+    with pytest.raises(st.ArgumentError, match="must be some of render, estimate, score, report"):
         run_scene(cube(**SMALL), output=tmp_path / "x", stages=("rendre",))  # type: ignore[arg-type]
     assert not (tmp_path / "x").exists()
 

@@ -249,7 +249,7 @@ def write_recordings(
     suite: str = "core",
     *,
     cases: Sequence[str] | None = None,
-    values: Sequence[float | str] | None = None,
+    levels: Sequence[float | str] | None = None,
     images: Literal["png", "tiff", "npy"] = "png",
     progress: Progress | None = None,
 ) -> list[Path]:
@@ -262,7 +262,7 @@ def write_recordings(
     ----------
     folder
         Where they go.
-    suite, cases, values
+    suite, cases, levels
         Which, as of `compare`.
     images
         How images are written; see `scenetruth.estimators.external.write_recording`.
@@ -281,7 +281,7 @@ def write_recordings(
     """
     if Path(folder).is_file():
         raise EstimateError([Problem("recordings", "must be a folder", folder)])
-    points = list_design_points(select_available_cases(suite, cases, values), suite, values)
+    points = list_design_points(select_available_cases(suite, cases, levels), suite, levels)
     written = []
     for done, point in enumerate(points):
         if progress is not None:

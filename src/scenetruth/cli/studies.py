@@ -101,7 +101,7 @@ def compare(
 
         with reporting() as reporter:
             written = write_recordings(
-                recordings, suite.value, cases=case or None, values=value or None, progress=reporter
+                recordings, suite.value, cases=case or None, levels=value or None, progress=reporter
             )
         typer.echo(f"written: {len(written)} recordings in {recordings}")
         return

@@ -165,7 +165,7 @@ def test_runs_are_what_simulations_of_their_scenes_are() -> None:
 def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None:
     with pytest.raises(ArgumentError) as error:
         budget(scene, calibration={"focal_percent": 1.0}, seeds=0, simulated_share=2.0, region="object_nothing")
-    for word in ("draws", "confirm", "focal_percent", "focal_length_percent", "object_nothing"):
+    for word in ("seeds", "simulated_share", "focal_percent", "focal_length_percent", "object_nothing"):
         assert word in str(error.value)
     with pytest.raises(ArgumentError, match="typical"):
         resolve_calibration("exact")
