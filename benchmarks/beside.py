@@ -25,7 +25,7 @@ _FAR = 6.0
 
 def scene_of(name: str, changes: Sequence[str]) -> st.Scene:
     """Return a scene of the library with changes."""
-    return st.load_scene(SCENES / f"{name}.yaml", list(changes))
+    return st.load_scene(SCENES / f"{name}.yaml", overrides=list(changes))
 
 
 def estimated(recording: xr.Dataset, method: str, scene: st.Scene) -> xr.Dataset:

@@ -54,7 +54,7 @@ def rows(name: str, setup: str, changes: Sequence[str], folder: str) -> dict[str
     more, calibration = SETUPS[setup]
     found = budget(
         scene_of(name, [*SMALL, *more, *changes]),
-        Path(folder) / f"{name}.{setup}",
+        output=Path(folder) / f"{name}.{setup}",
         calibration=calibration,  # type: ignore[arg-type]
         draws=DRAWS,
     )
@@ -65,7 +65,7 @@ def effect(name: str, changes: Sequence[str], folder: str) -> dict[str, Any]:
     """Make the budget of the whole cube with one effect, by one draw."""
     scene = scene_of("cube", [*IDEAL, *EFFECTS[name], "render.supersampling=2", *changes])
     place = Path(folder) / re.sub(r"\W+", "_", f"effect.{name}")
-    return _told(budget(scene, place, calibration="perfect", draws=1, confirm=1.0))
+    return _told(budget(scene, output=place, calibration="perfect", seeds=1, simulated_share=1.0))
 
 
 def _told(found: Any) -> dict[str, Any]:

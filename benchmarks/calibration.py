@@ -92,7 +92,9 @@ def main() -> None:
         row(f"plane, {cameras} cameras, {frames} frames", recording, truth, seeds, inner, **REFINED)
     if given.small:
         return
-    recording, maps = st.simulate(st.load_scene(SCENES / "cube.yaml", ["sensor=ideal", "render.backend=raycast"]))
+    recording, maps = st.simulate(
+        st.load_scene(SCENES / "cube.yaml", overrides=["sensor=ideal", "render.backend=raycast"])
+    )
     inner = {"y": slice(200, 400, 8), "x": slice(120, 520, 8)}
     exact = maps.sel(t=0).isel(inner)
     truth = {"depth": exact["depth"].values, "velocity": exact["velocity"].values}

@@ -39,7 +39,7 @@ from scenetruth.dataset.catalogue import CatalogueWriter
 from scenetruth.dataset.fingerprint import begin_dataset
 from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import build_sample_scene, make_sample, try_sample
 from scenetruth.jobs.executors import ProcessExecutor
@@ -61,11 +61,11 @@ CUBES: dict[str, Any] = {
 
 
 def cubes(samples: int) -> Sampler:
-    return recipe_from_plain({**copy.deepcopy(CUBES), "samples": samples})
+    return Recipe.from_dict({**copy.deepcopy(CUBES), "samples": samples}).sampler()
 
 
 def tiles(samples: int) -> Sampler:
-    return recipe_from_plain({**copy.deepcopy(RECIPE), "samples": samples})
+    return Recipe.from_dict({**copy.deepcopy(RECIPE), "samples": samples}).sampler()
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -111,7 +111,7 @@ def throughput(folder: Path, samples: int = 200) -> None:
     limit_threads(1)
     for count in (1, 2):
         clock = Clock()
-        run_dataset(sampler, folder / f"by{count}", workers=count, progress=clock)
+        run_dataset(sampler.recipe, output=folder / f"by{count}", workers=count, progress=clock)
         steady[count] = clock.steady_s(2 * count)
         print(f"{count} processes: {steady[count]:.3f} s per sample", flush=True)
     print(f"two processes are {steady[1] / steady[2]:.2f} times as fast as one")
@@ -134,10 +134,10 @@ def cluster(folder: Path, samples: int = 100) -> None:
     steady = {}
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as found:
         clock = Clock()
-        run_dataset(sampler, folder / "dask", scheduler=found.scheduler_address, progress=clock)
+        run_dataset(sampler.recipe, output=folder / "dask", scheduler=found.scheduler_address, progress=clock)
         steady["dask"] = clock.steady_s(6)
     clock = Clock()
-    run_dataset(sampler, folder / "pool", workers=2, progress=clock)
+    run_dataset(sampler.recipe, output=folder / "pool", workers=2, progress=clock)
     steady["pool"] = clock.steady_s(6)
     print(
         f"Dask {steady['dask']:.3f}, pool {steady['pool']:.3f} s per sample: {steady['dask'] / steady['pool'] - 1:+.1%}"
@@ -146,12 +146,12 @@ def cluster(folder: Path, samples: int = 100) -> None:
 
 def tiny(folder: Path, samples: int = 2000) -> None:
     clock = Clock()
-    run_dataset(tiles(samples), folder / "tiny", workers=2, progress=clock)
+    run_dataset(tiles(samples).recipe, output=folder / "tiny", workers=2, progress=clock)
     part = samples // 10
     each = [(clock.at[(n + 1) * part] - clock.at[max(n * part, 5)]) / part for n in range(10)]
     print("s per sample, by tenths of the run:", ", ".join(f"{one:.4f}" for one in each), flush=True)
     start = time.perf_counter()
-    outcome = run_dataset(tiles(samples), folder / "tiny", workers=2)
+    outcome = run_dataset(tiles(samples).recipe, output=folder / "tiny", workers=2)
     print(f"to find {outcome.present} samples done: {time.perf_counter() - start:.2f} s")
 
 
@@ -166,7 +166,7 @@ def resume(folder: Path, samples: int = 10_000) -> None:
     writer.flush()
     for what in ("the first time, with all rows joined", "again"):
         start = time.perf_counter()
-        outcome = run_dataset(sampler, places.path, workers=1)
+        outcome = run_dataset(sampler.recipe, output=places.path, workers=1)
         print(f"to find {outcome.present} samples done, {what}: {time.perf_counter() - start:.2f} s", flush=True)
 
 
@@ -201,7 +201,7 @@ def kills(folder: Path, samples: int = 200, wanted: int = 100) -> None:
     print("killed:", counts, f"; {read_status(killed).done} of {samples} samples were there", flush=True)
     while subprocess.run(command, check=False, capture_output=True).returncode:
         time.sleep(1)
-    run_dataset(recipe_from_plain({**copy.deepcopy(RECIPE), "samples": samples}), folder / "calm", workers=2)
+    run_dataset(Recipe.from_dict({**copy.deepcopy(RECIPE), "samples": samples}), output=folder / "calm", workers=2)
     same = contents(killed) == contents(folder / "calm")
     once = pq.read_table(DatasetFolder(killed).catalogue)["sample"].to_pylist() == list(range(samples))
     left = len(list(killed.rglob(".*")))

@@ -36,7 +36,7 @@ from scenetruth.errors import SceneError
 from scenetruth.jobs.executors import create_executor
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 
 DESIGNS = ("leaf_growth", "cube_depth", "sheet_motion")
 FOLDER = Path(__file__).parents[1] / "scenes" / "designs"
@@ -69,7 +69,7 @@ def _may_hold(prepared: OptimisationProblem, values: Mapping[str, Any]) -> bool:
     base = prepared.task.base
     try:
         built = build_rig(base, values)
-        scene = scene_from_plain(built.plain)
+        scene = Scene.from_dict(built.plain)
     except SceneError:
         return False
     depth = float(values.get("working_distance_mm", base.depth_mm))
@@ -77,7 +77,7 @@ def _may_hold(prepared: OptimisationProblem, values: Mapping[str, Any]) -> bool:
     causes: Any = {**nothing, "depth_mm": depth, "frames": scene.frames.count}
     causes["window_sigma_px"] = getattr(scene.estimate.settings, "window_sigma_px", math.nan)
     region = prepared.task.objectives[0].region
-    blank = Prediction("envelope", "", (region,), 1.0, {}, {region: PredictionInputs(**causes)})
+    blank = Prediction("analytic", "", (region,), 1.0, {}, {region: PredictionInputs(**causes)})
     facts = RigContext(scene, blank, region, values, built.lens, built.camera, built.stage, built.f_number)
     told = [one for limit in prepared.task.limits for one in limit.checked(facts)]
     # What needs a prediction has no value here; depths in the image differ a little from that of the base scene.
@@ -113,7 +113,7 @@ def order_kept(design: DesignResult) -> None:
 def other_seeds(design: DesignResult, count: int, max_size_px: int | None, folder: Path) -> None:
     """Print how many recordings with other seeds lie in the intervals of the recommended rig."""
     rig = design.recommended
-    light = reduce_scene(scene_from_plain(rig.scene), design.objectives[0].region, max_size_px)
+    light = reduce_scene(Scene.from_dict(rig.scene), design.objectives[0].region, max_size_px)
     first = int(rig.scene["seed"]) + 1000
     seeds = tuple(range(first, first + count))
     versions = tuple(sorted(collect_versions().items()))
@@ -145,7 +145,7 @@ def main() -> None:
             file = FOLDER / f"{name}.yaml"
             print(name, flush=True)
             folder = (given.folder or Path(scratch)) / name
-            design = optimise(file, folder, notice=print)
+            design = optimise(file, output=folder, notice=print)
             print(f"  seconds: {dict(design.seconds)}")
             for line in design.words():
                 print(f"  {line}")

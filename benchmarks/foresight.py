@@ -96,7 +96,7 @@ def measured(name: str, changes: Sequence[str], options: Sequence[str], folder: 
 
 def foreseen(name: str, changes: Sequence[str], options: Sequence[str]) -> StageForecast:
     """Foresee the same."""
-    scene = st.load_scene(SCENES / f"{name}.yaml", list(changes))
+    scene = st.load_scene(SCENES / f"{name}.yaml", overrides=list(changes))
     views = scene.stage.positions * scene.stage.rows if "all" in options else 1
     parts, problems = list_object_workloads(scene)
     assert not problems
@@ -119,7 +119,7 @@ def main() -> None:
                 if wanted and case not in wanted:
                     continue
                 if painted:
-                    build_scene(st.load_scene(SCENES / f"{name}.yaml", list(changes)))
+                    build_scene(st.load_scene(SCENES / f"{name}.yaml", overrides=list(changes)))
                 expected = foreseen(name, changes, options)
                 found = measured(name, changes, options, Path(temporary, f"{painted} {number}"))
                 cells = [

@@ -133,7 +133,7 @@ def recipe() -> dict[str, Any]:
 
 def scene_of(number: int) -> dict[str, Any]:
     """Return the plain values of a scene: a cube shows an edge, and windows differ from scene to scene."""
-    plain = dict(st.recipe_from_plain(recipe()).draw(number).plain)
+    plain = dict(st.Recipe.from_dict(recipe()).sampler().draw(number).plain)
     if plain["objects"][0]["name"] == "cube":
         plain["objects"][0]["pose"]["rotations"][0]["angle_deg"] += 45
     plain["score"] = {**plain["score"], "interior_margin_px": 2 * window_of(number) + 1}
@@ -173,7 +173,7 @@ def measured(number: int, folder: Path) -> Mapping[str, Array]:
     file = folder / f"scene_{number:02d}.npz"
     if file.is_file():
         return dict(np.load(file))
-    scene = st.scene_from_plain(scene_of(number))
+    scene = st.Scene.from_dict(scene_of(number))
     ideal, whole = st.simulate(scene.model_copy(update={"sensor": "ideal"}), truth_content="complete")
     truth, sigma = whole.sel(t=0), window_of(number)
     kept = {name: truth[name].values for name in ("object_id", "boundary_distance")}
@@ -205,7 +205,7 @@ def compared(number: int, folder: Path) -> list[list[Any]]:
     from scipy.stats import chi2
 
     kept, sigma = measured(number, folder), window_of(number)
-    scene = st.scene_from_plain(scene_of(number))
+    scene = st.Scene.from_dict(scene_of(number))
     body, margin = kept["object_id"], scene.score.interior_margin_px
     # Near the image's border windows are cut, and not all images show what the reference does.
     border = ~mask_interior(xr.Dataset(coords={"y": range(body.shape[0]), "x": range(body.shape[1])}), margin)
@@ -216,7 +216,7 @@ def compared(number: int, folder: Path) -> list[list[Any]]:
     found: list[list[Any]] = []
     for method, count in NOISES.items():
         envelope, bound = (
-            predict(scene, level=level, method=method, window_sigma_px=sigma) for level in ("envelope", "bound")
+            predict(scene, model=model, method=method, window_sigma_px=sigma) for model in ("analytic", "maps")
         )
         assert bound.maps is not None
         half = chi2.median(count - 1) / (count - 1)

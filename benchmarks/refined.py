@@ -95,7 +95,7 @@ def main() -> None:
     print(f"| {head} |\n|{head.count('|') * '---|'}---|")
     outlines: list[str] = []
     for label, name, changes, wanted in chosen:
-        scene = st.load_scene(SCENES / f"{name}.yaml", list(changes))
+        scene = st.load_scene(SCENES / f"{name}.yaml", overrides=list(changes))
         recording, truth = st.simulate(scene)
         numbers = [n for n, each in enumerate(json.loads(truth.attrs["object_names"])) if each.startswith(wanted)]
         one = truth.sel(t=0)

@@ -22,7 +22,7 @@ from scenetruth.errors import BackendUnavailableError
 from scenetruth.raycast import Topology
 from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.texture import SurfaceTexture
 from scenetruth.scene.texture.image_textures import Picture
@@ -111,7 +111,7 @@ def relief(folder: Path) -> Scene:
     (folder / "relief.obj").write_text("\n".join(lines))
     noise = gaussian_filter(np.random.default_rng(4).normal(size=(600, 800)), 1.5)
     imwrite(folder / "relief.png", np.clip(128 + 40 * noise / noise.std(), 0, 255).astype(np.uint8))
-    return scene_from_plain(
+    return Scene.from_dict(
         {
             "camera": {"width": 640, "height": 480, "focal_length_px": 5016},
             "stage": {"positions": 1, "baseline_mm": 5},
@@ -292,7 +292,9 @@ def _at_centres(case: Case, points: Map) -> Map:
 def main() -> None:
     """Print a table for the cube, the plane, and a mesh from a file."""
     with TemporaryDirectory() as folder:
-        cases = {name: Case(load_scene(SCENES / f"{name}.yaml", ["sensor=ideal"])) for name in ("cube", "plane")}
+        cases = {
+            name: Case(load_scene(SCENES / f"{name}.yaml", overrides=["sensor=ideal"])) for name in ("cube", "plane")
+        }
         cases["imported relief"] = Case(relief(Path(folder)))
     for name, case in cases.items():
         with RaycastRenderer(case.bilinear_world(), case.scene.camera, case.scene.background, 4) as renderer:

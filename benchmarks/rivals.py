@@ -60,7 +60,7 @@ def compare(recording: xr.Dataset, truth: xr.Dataset) -> Iterator[list[str]]:
 
 def main() -> None:
     """Render the cube as its scene file says, and print the table."""
-    recording, truth = st.simulate(st.load_scene(SCENE, ["render.backend=raycast"]))
+    recording, truth = st.simulate(st.load_scene(SCENE, overrides=["render.backend=raycast"]))
     print("| method |", " | ".join(f"{name}, {unit}" for name, unit in COLUMNS.items()), "| s per frame |")
     print("|---" * (len(COLUMNS) + 2) + "|")
     for row in compare(recording, truth):

@@ -174,7 +174,7 @@ def main() -> None:
     head = f"scene | method | bad, % | up to {OUTLINE_PX} px from edges | farther | untextured | missing | wrong | s"
     print(f"| {head} |\n|{9 * '---|'}")
     for name in chosen:
-        recording, truth = st.simulate(st.scene_from_plain(scene_of(name)))
+        recording, truth = st.simulate(st.Scene.from_dict(scene_of(name)))
         one = truth.sel(t=0)
         for method, found, seconds in estimates(recording, one["disparity"].values):
             print(f"| {' | '.join([name, method, *row(found, one), f'{seconds:.2f}'])} |", flush=True)

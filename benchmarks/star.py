@@ -55,7 +55,7 @@ def settings_of(name: str, sigma_px: float) -> tuple[str, dict[str, object]]:
 
 def periods_px(scene: st.Scene) -> Array:
     """Return the period at every column, in px."""
-    plain = scene.to_plain()
+    plain = scene.to_dict()
     (sheet,), camera = plain["objects"], plain["camera"]
     pixel_mm = sheet["pose"]["position_mm"][2] / camera["focal_length_px"]
     first, last = sheet["deformation"][0]["period_mm"]

@@ -30,7 +30,7 @@ _TRIM_THRESHOLD, _MMAP_MAX = -1, -4
 @pytest.fixture(scope="module")
 def recording() -> xr.Dataset:
     """Return the recording of the cube, rendered with one ray per pixel to be quick."""
-    made, _ = simulate(load_scene(SCENE, ["render.backend=raycast", "render.supersampling=1"]))
+    made, _ = simulate(load_scene(SCENE, overrides=["render.backend=raycast", "render.supersampling=1"]))
     return made
 
 

@@ -14,7 +14,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.raycast import RayCaster, Topology
 from scenetruth.raycast import ray_caster as caster_module
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.mesh import MeshModel, TriangleMesh
 from scenetruth.truth import GeometryPass, truth_maps
@@ -37,7 +37,7 @@ def sheet(cells: int, size_mm: float = 60.0) -> TriangleMesh:
 
 @pytest.fixture(scope="module", params=[71, 224, 707], ids=["1e4", "1e5", "1e6"])
 def case(request: pytest.FixtureRequest) -> tuple[Scene, BuiltScene, Topology]:
-    scene = scene_from_plain(
+    scene = Scene.from_dict(
         {
             "camera": {"width": 640, "height": 480, "focal_length_px": 6500},
             "stage": {"positions": 5, "baseline_mm": 5.0},

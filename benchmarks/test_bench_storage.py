@@ -18,7 +18,7 @@ SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
 @pytest.fixture(scope="module")
 def made() -> dict[str, xr.Dataset]:
     """Return recording (13.8 MB) and truth (246 MB) of the cube."""
-    recording, truth = simulate(load_scene(SCENE, ["render.backend=raycast", "render.supersampling=1"]))
+    recording, truth = simulate(load_scene(SCENE, overrides=["render.backend=raycast", "render.supersampling=1"]))
     return {"recording": recording, "truth": truth}
 
 

@@ -43,9 +43,9 @@ def test_complete_truth_of_a_rosette(benchmark: BenchmarkFixture, resolution_mm:
         "objects.0.mesh.resolution_mm=8",
         "objects.1.mesh.resolution_mm=8",
     ]
-    scene = load_scene(SCENES / "rosette.yaml", changes)
+    scene = load_scene(SCENES / "rosette.yaml", overrides=changes)
     world = build_scene(scene)
-    one = load_scene(SCENES / "rosette.yaml", [*changes, "frames.count=1"])
+    one = load_scene(SCENES / "rosette.yaml", overrides=[*changes, "frames.count=1"])
     make_truth(one, truth_content="complete")  # compiles the kernels
     arguments = (scene, world, "reference", "real", "complete", {})
     truth = benchmark.pedantic(truth_from_world, arguments, rounds=1)

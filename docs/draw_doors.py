@@ -36,13 +36,13 @@ svg {{ background: #fff }} text {{ fill: {INK}; font: 13px "DejaVu Sans", sans-s
 
 def data_set() -> None:
     """Draw some samples of a recipe: what the camera sees, and how the leaf grows."""
-    draws = st.load_recipe(RECIPE)
+    draws = st.load_recipe(RECIPE).sampler()
     figure, axes = plt.subplots(2, len(SAMPLES), figsize=(4.6, 1.6), layout="constrained")
     for column, number in enumerate(SAMPLES):
-        plain = draws.draw(number).scene().to_plain()
+        plain = draws.draw(number).scene().to_dict()
         plain["frames"]["count"] = plain["stage"]["positions"] = 1
         plain["render"]["backend"] = "raycast"
-        recording, truth = st.simulate(st.scene_from_plain(plain))
+        recording, truth = st.simulate(st.Scene.from_dict(plain))
         growth = 60 * 100 * truth["growth_rate"].sel(t=0).values
         axes[0, column].imshow(recording["image"].sel(s=0, t=0), cmap="gray")
         shown = axes[1, column].imshow(np.where(growth > 0, growth, np.nan), cmap="magma", vmin=0, vmax=5)
@@ -71,7 +71,7 @@ def accuracy() -> None:
 
 def rig() -> None:
     """Draw a recommended rig to scale."""
-    drawing = draw_side_views(compute_side_view(st.load_scene(RIG).to_plain(), 1.5, "object_leaf"))[0]
+    drawing = draw_side_views(compute_side_view(st.load_scene(RIG).to_dict(), 1.5, "object_leaf"))[0]
     svg = drawing.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
     start = svg.index(">") + 1
     (DOCS / "door_design.svg").write_text(svg[:start] + STYLE + svg[start:], encoding="utf-8")

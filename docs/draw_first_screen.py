@@ -22,7 +22,7 @@ METHOD = {"motion": "growing", "surface": "plane", "noise": "estimated"}
 
 def main() -> None:
     """Render the rosette, estimate, and draw one image beside its truth and the error of depth."""
-    scene = st.load_scene(ROOT / "scenes" / "rosette.yaml", FEW)
+    scene = st.load_scene(ROOT / "scenes" / "rosette.yaml", overrides=FEW)
     recording, truth = st.simulate(scene)
     found = st.estimate(recording, "refined", METHOD).sel(t=0)
     image, truth = recording["image"].sel(s=0, t=0), truth.sel(t=0)

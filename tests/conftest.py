@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import atexit
 import gc
+import logging
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 
+import pytest
 from hypothesis import settings
 
 # Tests make every texture anew, once for all of their processes, and leave nothing outside their folders.
@@ -23,6 +26,24 @@ os.environ.pop("COLUMNS", None)
 settings.register_profile("without_deadlines", deadline=None, max_examples=50)
 settings.register_profile("nightly", parent=settings.get_profile("without_deadlines"), max_examples=10_000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "without_deadlines"))
+
+
+@pytest.fixture
+def messages() -> Iterator[list[str]]:
+    """What the package logs while a test runs."""
+    found: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            found.append(record.getMessage())
+
+    logger, collector = logging.getLogger("scenetruth"), Collector()
+    before = logger.level
+    logger.addHandler(collector)
+    logger.setLevel(logging.INFO)
+    yield found
+    logger.setLevel(before)
+    logger.removeHandler(collector)
 
 
 def pytest_collection_finish() -> None:

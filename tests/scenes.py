@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene import Scene, load_scene
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -27,7 +27,7 @@ def small(file: Path, parts: int = 4, **changes: Any) -> Scene:
     lens = {"focal_length_px": camera.focal_px / parts, "focal_length_mm": "null", "pixel_pitch_um": "null"}
     values = [f"camera.{name}={value}" for name, value in {**size, **lens}.items()]
     more = [f"{name.replace('__', '.')}={value}" for name, value in changes.items()]
-    return load_scene(file, [*values, *plants, *objects, "sensor=ideal", *more])
+    return load_scene(file, overrides=[*values, *plants, *objects, "sensor=ideal", *more])
 
 
 def cube(**changes: Any) -> Scene:
@@ -51,7 +51,7 @@ def cube(**changes: Any) -> Scene:
         "render": {"backend": "raycast", "supersampling": 2},
         "seed": 7,
     }
-    return scene_from_plain(plain | changes)
+    return Scene.from_dict(plain | changes)
 
 
 def plaid(wavelength_px: float, velocity: tuple[float, float, float], **changes: Any) -> Scene:
@@ -74,4 +74,4 @@ def plaid(wavelength_px: float, velocity: tuple[float, float, float], **changes:
         "render": {"backend": "raycast", "supersampling": 1},
         "estimate": {"working_point_px": 0},
     }
-    return scene_from_plain(plain | changes)
+    return Scene.from_dict(plain | changes)

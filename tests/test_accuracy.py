@@ -29,7 +29,7 @@ Data = tuple[xr.Dataset, xr.Dataset]
 
 
 def cube_data(backend: str) -> Data:
-    return st.simulate(st.load_scene(SCENES / "cube.yaml", ["sensor=ideal", f"render.backend={backend}"]))
+    return st.simulate(st.load_scene(SCENES / "cube.yaml", overrides=["sensor=ideal", f"render.backend={backend}"]))
 
 
 def cube_scores(data: Data, *divergences: Literal["paper", "consistent"]) -> Scores:

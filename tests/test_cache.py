@@ -14,8 +14,8 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from scenetruth import cache
 from scenetruth.cache import cache_folder, entry_key, load_or_compute, read_entry, source_hash, write_entry
 from scenetruth.random_streams import generator_for
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.scene_loader import scene_from_plain
 
 VALUES = {"image": np.arange(12, dtype=np.float32).reshape(3, 4), "place": np.array([1.5, -2.0])}
 
@@ -195,7 +195,7 @@ def test_textures_are_the_same_with_and_without(folder: Path, monkeypatch: pytes
     ]
     for item in objects:
         item["pose"] = {"position_mm": [0, 0, 100]}
-    scene = scene_from_plain(
+    scene = Scene.from_dict(
         {
             "camera": {"width": 8, "height": 8, "focal_length_px": 20},
             "stage": {"positions": 2, "baseline_mm": 5},

@@ -24,7 +24,7 @@ def resident_pages():
     return int(Path("/proc/self/statm").read_text().split()[1])
 
 for number in range(500):
-    st.simulate(st.scene_from_plain({**plain, "seed": number}))
+    st.simulate(st.Scene.from_dict({**plain, "seed": number}))
     if number in (99, 499):
         print(resident_pages())
 """

@@ -29,7 +29,7 @@ def test_recording_and_truth_describe_the_scene() -> None:
     assert recording["image"].dtype == np.float32
     assert truth["depth"].shape == (2, 120, 160)
     for dataset in (recording, truth):
-        assert json.loads(dataset.attrs["scene"]) == scene.to_plain()
+        assert json.loads(dataset.attrs["scene"]) == scene.to_dict()
         assert dataset.attrs["scene_hash"] == scene_hash(scene)
         assert dataset.attrs["focal_length_px"] == 1254
         assert json.loads(dataset.attrs["versions"])["scenetruth"] == st.__version__
@@ -65,7 +65,7 @@ def hashes_of(scenes: list[tuple[str, Any]]) -> dict[str, str]:
     """Return the hashes of what is made of scenes, in their order."""
     found = {}
     for name, plain in scenes:
-        recording, truth = st.simulate(st.scene_from_plain(plain))
+        recording, truth = st.simulate(st.Scene.from_dict(plain))
         data = recording["image"].values.tobytes() + truth["depth"].values.tobytes()
         found[name] = hashlib.sha256(data).hexdigest()
     return found
@@ -74,7 +74,7 @@ def hashes_of(scenes: list[tuple[str, Any]]) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def hashes() -> list[dict[str, str]]:
     """Return the hashes of all scenes by this process and by another one, which takes them in the opposite order."""
-    scenes = [(name, cube(**{**SMALL, **changes}).to_plain()) for name, changes in REPEATED.items()]
+    scenes = [(name, cube(**{**SMALL, **changes}).to_dict()) for name, changes in REPEATED.items()]
     code = (
         "import sys, json\n"
         "from tests.test_simulation import hashes_of\n"

@@ -119,7 +119,7 @@ def test_the_opengl_backend_puts_turned_cameras_in_the_same_place() -> None:
 
 
 def still_plaid(stage: dict[str, Any], **changes: Any) -> Scene:
-    item = {**plaid({}).to_plain()["objects"][0], "motion": []}
+    item = {**plaid({}).to_dict()["objects"][0], "motion": []}
     return plaid({"positions": 1, **stage}, objects=[item], frames={"count": 1}, **changes)
 
 

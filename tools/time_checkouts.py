@@ -23,7 +23,7 @@ import sys, time, warnings
 import scenetruth as st
 warnings.simplefilter("ignore")
 scene = st.load_scene(sys.argv[1])
-one = st.load_scene(sys.argv[1], ["frames.count=1"])
+one = st.load_scene(sys.argv[1], overrides=["frames.count=1"])
 st.simulate(one)
 start = time.perf_counter()
 recording, truth = st.simulate(scene)
@@ -43,7 +43,7 @@ ESTIMATE = """
 import sys, time, warnings
 import scenetruth as st
 warnings.simplefilter("ignore")
-recording, _ = st.simulate(st.load_scene(sys.argv[1], ["render.backend=raycast", "render.supersampling=1"]))
+recording, _ = st.simulate(st.load_scene(sys.argv[1], overrides=["render.backend=raycast", "render.supersampling=1"]))
 times = []
 for _ in range(6):
     start = time.perf_counter()

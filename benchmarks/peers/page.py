@@ -75,8 +75,8 @@ def main() -> None:
     started = time.perf_counter()
     found = st.compare(
         [*METHODS, *(peer_method(given.folder, name) for name in peers)],
-        given.suite,
-        given.output,
+        suite=given.suite,
+        output=given.output,
         cases=None if given.all else given.case or CASES,
         workers=given.workers,
         progress=_Progress(),

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 def windy(start_s: float = 0.0, rate_hz: float = RATE_HZ, seed: int = 11) -> Scene:
     """Return the scene as it is from ``start_s`` on, with so many frames per second."""
-    plain = st.load_scene(FILE).to_plain() | {"seed": seed}
+    plain = st.load_scene(FILE).to_dict() | {"seed": seed}
     plain["frames"]["frame_interval_s"] = 1 / rate_hz
     for motion in plain["objects"][0]["motion"]:
         curve = motion["distance_mm"] if motion["kind"] == "shift" else motion["angle_deg"]
@@ -45,12 +45,12 @@ def windy(start_s: float = 0.0, rate_hz: float = RATE_HZ, seed: int = 11) -> Sce
         else:
             curve["start"] += curve["rate_per_frame"] * start_s * RATE_HZ
             curve["rate_per_frame"] *= RATE_HZ / rate_hz
-    return st.scene_from_plain(plain)
+    return st.Scene.from_dict(plain)
 
 
 def tracked(seconds: Array) -> Array:
     """Return where points of the leaf are at these times, shape (times, 3, points)."""
-    scene = st.load_scene(FILE, ["frames.count=1", "stage.positions=1"])
+    scene = st.load_scene(FILE, overrides=["frames.count=1", "stage.positions=1"])
     truth = st.make_truth(scene).isel(y=slice(None, None, 8), x=slice(None, None, 8))
     points = st.track_points(scene, truth, seconds * RATE_HZ)
     return points[:, :, truth["object_id"].sel(t=0).values == 0]

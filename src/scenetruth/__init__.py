@@ -9,16 +9,20 @@ from scenetruth.compilation import keep_compiled_code
 
 if TYPE_CHECKING:
     from scenetruth.benchmark import BenchmarkResult, compare
-    from scenetruth.camera import two_point_correction
+    from scenetruth.bound import cramer_rao_bound
+    from scenetruth.dataset.dataset_export import export, verify
     from scenetruth.dataset.generation import run_dataset
     from scenetruth.dataset.reading import open_dataset
-    from scenetruth.dataset.recipe_loader import load_recipe, recipe_from_plain
-    from scenetruth.design.optimisation import DesignResult
+    from scenetruth.dataset.recipe_loader import Recipe, load_recipe
+    from scenetruth.design.optimisation import DesignResult, optimise
+    from scenetruth.design.patterns import assess_pattern, generate_pattern
     from scenetruth.design.prediction import Prediction, predict
     from scenetruth.design.sweeps import Sweep, sweep
-    from scenetruth.design.uncertainty import Budget
+    from scenetruth.design.uncertainty import Budget, budget
     from scenetruth.errors import (
+        ArgumentError,
         BackendUnavailableError,
+        DesignSpecError,
         EstimateError,
         EstimateWarning,
         ExportError,
@@ -36,12 +40,12 @@ if TYPE_CHECKING:
         StoreError,
     )
     from scenetruth.estimators import estimate
-    from scenetruth.exporters import export_data, export_formats
-    from scenetruth.pipeline import RunDirectory, export_run, run_scene, verify_run
+    from scenetruth.exporters import export_formats
+    from scenetruth.pipeline import RunDirectory, run_scene
     from scenetruth.resources import Limits
-    from scenetruth.scene import Scene, load_scene, scene_from_plain
+    from scenetruth.scene import Scene, load_scene
     from scenetruth.schema import make_estimate, make_recording
-    from scenetruth.scoring import Score, compute_growth_rate, score, write_report
+    from scenetruth.scoring import Score, compute_growth_rate, detect_convention_mismatches, score, write_report
     from scenetruth.simulation import simulate
     from scenetruth.storage import load_store, open_store, save_store
     from scenetruth.truth import make_truth, track_points
@@ -51,10 +55,12 @@ if TYPE_CHECKING:
 keep_compiled_code()
 
 __all__ = [
+    "ArgumentError",
     "BackendUnavailableError",
     "BenchmarkResult",
     "Budget",
     "DesignResult",
+    "DesignSpecError",
     "EstimateError",
     "EstimateWarning",
     "ExportError",
@@ -64,6 +70,7 @@ __all__ = [
     "OutputExistsError",
     "Prediction",
     "Problem",
+    "Recipe",
     "RecipeError",
     "RecordingError",
     "RenderError",
@@ -76,12 +83,16 @@ __all__ = [
     "ScoreError",
     "StoreError",
     "Sweep",
+    "assess_pattern",
+    "budget",
     "compare",
     "compute_growth_rate",
+    "cramer_rao_bound",
+    "detect_convention_mismatches",
     "estimate",
-    "export_data",
+    "export",
     "export_formats",
-    "export_run",
+    "generate_pattern",
     "load_recipe",
     "load_scene",
     "load_store",
@@ -90,22 +101,26 @@ __all__ = [
     "make_truth",
     "open_dataset",
     "open_store",
+    "optimise",
     "predict",
-    "recipe_from_plain",
     "run_dataset",
     "run_scene",
     "save_store",
-    "scene_from_plain",
     "score",
     "simulate",
     "sweep",
     "track_points",
-    "two_point_correction",
-    "verify_run",
+    "verify",
     "write_report",
 ]
 
 _HOMES = {
+    "budget": "design.uncertainty",
+    "optimise": "design.optimisation",
+    "generate_pattern": "design.patterns",
+    "assess_pattern": "design.patterns",
+    "cramer_rao_bound": "bound",
+    "detect_convention_mismatches": "scoring",
     "Budget": "design.uncertainty",
     "BenchmarkResult": "benchmark",
     "DesignResult": "design.optimisation",
@@ -117,11 +132,10 @@ _HOMES = {
     "compare": "benchmark",
     "load_recipe": "dataset.recipe_loader",
     "open_dataset": "dataset.reading",
-    "recipe_from_plain": "dataset.recipe_loader",
+    "Recipe": "dataset.recipe_loader",
     "run_dataset": "dataset.generation",
     "Scene": "scene",
     "load_scene": "scene",
-    "scene_from_plain": "scene",
     "simulate": "simulation",
     "make_estimate": "schema",
     "make_recording": "schema",
@@ -131,23 +145,26 @@ _HOMES = {
     "load_store": "storage",
     "open_store": "storage",
     "RunDirectory": "pipeline",
-    "export_data": "exporters",
+    "export": "dataset.dataset_export",
     "export_formats": "exporters",
-    "export_run": "pipeline",
     "run_scene": "pipeline",
-    "verify_run": "pipeline",
+    "verify": "dataset.dataset_export",
     "save_store": "storage",
     "make_truth": "truth",
     "compute_growth_rate": "scoring",
     "track_points": "truth",
     "write_report": "scoring",
-    "two_point_correction": "camera",
 }
+
+_NAMESPACES = ("bound", "camera", "dataset", "design", "errors", "estimators", "testing")
+"""Packages with more names, which need not be imported by themselves."""
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return _installed_version()
+    if name in _NAMESPACES:
+        return import_module(f"scenetruth.{name}")
     if name not in __all__:
         msg = f"module 'scenetruth' has no attribute '{name}'"
         raise AttributeError(msg)

@@ -10,6 +10,7 @@ from typing import Any
 __all__ = [
     "ArgumentError",
     "BackendUnavailableError",
+    "DesignSpecError",
     "EstimateError",
     "EstimateWarning",
     "ExportError",
@@ -174,28 +175,24 @@ class _ProblemListError(ScenetruthError):
         return type(self), (self.problems, self.source)
 
 
-class ArgumentError(ScenetruthError, ValueError):
-    """An argument of a Python function that is not acceptable."""
-
-
 class SceneError(_ProblemListError):
     """A scene that cannot be made; lists every problem with its path.
 
     See Also
     --------
     Problem : One of its ``problems``.
-    scenetruth.load_scene, scenetruth.scene_from_plain : Raise it.
+    scenetruth.load_scene, scenetruth.Scene.from_dict : Raise it.
 
     Examples
     --------
     All that is wrong is told at once, each with the path of its field:
 
     >>> import scenetruth as st
-    >>> plain = st.load_scene("plane").to_plain()
+    >>> plain = st.load_scene("plane").to_dict()
     >>> plain["camera"]["width"] = -3
     >>> plain["stage"]["baseline_mm"] = "wide"
     >>> try:
-    ...     st.scene_from_plain(plain)
+    ...     st.Scene.from_dict(plain)
     ... except st.SceneError as error:
     ...     for problem in error.problems:
     ...         print(f"{problem.path}: {problem.value!r}")
@@ -211,19 +208,59 @@ class RecipeError(_ProblemListError):
 
     See Also
     --------
-    scenetruth.load_recipe, scenetruth.recipe_from_plain : Raise it.
+    scenetruth.load_recipe, scenetruth.Recipe.from_dict : Raise it.
 
     Examples
     --------
     >>> import scenetruth as st
     >>> try:
-    ...     st.recipe_from_plain({"base": "cube", "samples": 0})
+    ...     st.Recipe.from_dict({"base": "cube", "samples": 0}).sampler()
     ... except st.RecipeError as error:
     ...     print([problem.path for problem in error.problems])
     ['name', 'samples']
     """
 
     _noun = "recipe"
+
+
+class DesignSpecError(RecipeError):
+    """A design specification that cannot be followed; lists every problem with its path.
+
+    See Also
+    --------
+    scenetruth.optimise : Raises it.
+
+    Examples
+    --------
+    >>> from scenetruth.design import DesignSpec
+    >>> try:
+    ...     DesignSpec.from_dict({"scene": "cube"})
+    ... except DesignSpecError as error:
+    ...     print("objectives" in [problem.path for problem in error.problems])
+    True
+    """
+
+    _noun = "goal"
+
+
+class ArgumentError(_ProblemListError, ValueError):
+    """Arguments of a call that are impossible; lists every one.
+
+    See Also
+    --------
+    scenetruth.simulate, scenetruth.run_scene, scenetruth.compare : Raise it.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> try:
+    ...     st.make_truth("plane", truth_views="al")
+    ... except st.ArgumentError as error:
+    ...     print(error.problems[0].path, isinstance(error, ValueError))
+    truth_views True
+    """
+
+    _noun = "call"
 
 
 class RecordingError(_ProblemListError):
@@ -288,7 +325,7 @@ class ScoreError(_ProblemListError):
     >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
     >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 1, "baseline_mm": 5}, "frames": {"count": 1}}
-    >>> truth = st.make_truth(st.scene_from_plain(plain))
+    >>> truth = st.make_truth(st.Scene.from_dict(plain))
     >>> recording = st.make_recording(np.zeros((1, 1, 30, 40)), focal_length_px=61, baseline_mm=5)
     >>> try:
     ...     st.score(st.make_estimate(depth=truth.depth, recording=recording), truth, recording)
@@ -305,7 +342,7 @@ class ExportError(_ProblemListError):
 
     See Also
     --------
-    scenetruth.export_run, scenetruth.export_data : Raise it.
+    scenetruth.export : Raises it.
 
     Examples
     --------
@@ -313,7 +350,7 @@ class ExportError(_ProblemListError):
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((3, 1, 20, 30)), focal_length_px=500, baseline_mm=5)
     >>> try:
-    ...     st.export_data(recording, None, "never_made", "gif")
+    ...     st.export((recording, None), "gif", output="never_made")
     ... except st.ExportError as error:
     ...     print(error.problems[0].path, error.problems[0].value)
     format gif
@@ -334,7 +371,7 @@ class MachineError(_ProblemListError):
     --------
     >>> import scenetruth as st
     >>> try:
-    ...     st.run_scene(st.load_scene("plane"), "never_made", limits=st.Limits(memory_gb=0.001))
+    ...     st.run_scene(st.load_scene("plane"), output="never_made", limits=st.Limits(memory_gb=0.001))
     ... except st.MachineError as error:
     ...     print(error.problems[0].path)
     memory of render
@@ -378,7 +415,7 @@ class StoreError(ScenetruthError):
 
     See Also
     --------
-    scenetruth.load_store, scenetruth.open_store, scenetruth.verify_run : Raise it.
+    scenetruth.load_store, scenetruth.open_store, scenetruth.verify : Raise it.
 
     Examples
     --------

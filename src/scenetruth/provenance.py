@@ -101,7 +101,7 @@ def scene_hash(scene: Scene) -> str:
     scene
         The scene; relative paths of its files count from the current folder.
     """
-    plain = scene.to_plain()
+    plain = scene.to_dict()
     for where, file in collect_input_files(scene):
         place: Any = plain
         *path, last = where.split(".")
@@ -125,7 +125,7 @@ def provenance_attributes(scene: Scene) -> dict[str, Any]:
         except PackageNotFoundError:
             continue
     return {
-        "scene": json.dumps(scene.to_plain()),
+        "scene": json.dumps(scene.to_dict()),
         "scene_hash": scene_hash(scene),
         "seed": scene.seed,
         "versions": json.dumps(versions),

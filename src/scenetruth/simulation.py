@@ -18,6 +18,7 @@ from scenetruth.provenance import blank_recording, build_schedule, provenance_at
 from scenetruth.random_streams import generator_for
 from scenetruth.render import choose_renderer
 from scenetruth.resources import Limits, refuse_beyond_limits
+from scenetruth.scene import Overrides, SceneLike, load_scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.scene_models import Scene
@@ -30,8 +31,9 @@ __all__ = ["simulate", "simulate_into"]
 
 
 def simulate(
-    scene: Scene,
+    scene: SceneLike,
     *,
+    overrides: Overrides = (),
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
@@ -45,7 +47,9 @@ def simulate(
     Parameters
     ----------
     scene
-        The scene.
+        The scene, its values, its file, or the name of one that is shipped.
+    overrides
+        Changes of the scene, as of `load_scene`.
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
     truth_poses
@@ -74,6 +78,8 @@ def simulate(
 
     Raises
     ------
+    ArgumentError
+        If an argument is impossible; lists all that are.
     SceneError
         If the scene cannot be made or passes a bound, or nothing of it can be seen.
     BackendUnavailableError
@@ -99,13 +105,14 @@ def simulate(
     >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
     >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 2}, "render": {"backend": "raycast"}}
-    >>> recording, truth = simulate(st.scene_from_plain(plain))
+    >>> recording, truth = simulate(st.Scene.from_dict(plain))
     >>> dict(recording.image.sizes), recording.attrs["render_backend"]
     ({'s': 3, 't': 2, 'y': 30, 'x': 40}, 'raycast')
     >>> truth.depth.dims, truth.depth.sel(t=0)[15, 20].item(), truth.disparity.sel(t=0)[15, 20].item()
     (('t', 'y', 'x'), 100.0, 3.0)
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
+    scene = load_scene(scene, overrides=overrides)
     refuse_beyond_limits(scene, limits)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
     if folder is not None:
@@ -143,7 +150,7 @@ def simulate_into(
     """
     import yaml
 
-    text = yaml.safe_dump(scene.to_plain(), sort_keys=False, allow_unicode=True)
+    text = yaml.safe_dump(scene.to_dict(), sort_keys=False, allow_unicode=True)
     (folder / SCENE).write_text(text, encoding="utf-8")
     work = _Work(scene, save_radiance=save_radiance, progress=progress)
     (recorded, measured), zipped = _stores(folder, scene), scene.storage.form == "zip"

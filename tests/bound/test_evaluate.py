@@ -249,7 +249,7 @@ def test_windows_keep_to_one_object() -> None:
 
 def test_every_nth_pixel_is_the_same() -> None:
     plane = plane_of(size=(41, 50))
-    whole, part = bound_of(plane), bound_of(plane, every_px=4)
+    whole, part = bound_of(plane), bound_of(plane, step_px=4)
     xr.testing.assert_allclose(part, whole.isel(y=slice(None, None, 4), x=slice(None, None, 4)))
 
 
@@ -285,8 +285,8 @@ def test_what_cannot_be_known_is_missing() -> None:
 def test_all_that_is_wrong_is_listed() -> None:
     plane = plane_of()
     truth, recording = truth_of(plane), plane.recording(3, 3)
-    with pytest.raises(RecordingError, match=r"(?s)motion.*noise_std.*window_sigma_px.*every_px"):
-        cramer_rao_bound(truth, recording, motion="wild", noise_std=0.0, window_sigma_px=-1.0, every_px=0)  # type: ignore[arg-type]
+    with pytest.raises(RecordingError, match=r"(?s)motion.*noise_std.*window_sigma_px.*step_px"):
+        cramer_rao_bound(truth, recording, motion="wild", noise_std=0.0, window_sigma_px=-1.0, step_px=0)  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match=r"(?s)truth\.normal.*recording\.s: has one camera"):
         cramer_rao_bound(truth.drop_vars("normal"), recording.sel(s=[0]), noise_std=1.0)
     visible = np.ones((1, 1, *plane.size), dtype=bool)

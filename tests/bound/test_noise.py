@@ -24,7 +24,7 @@ def still(sensor: Any, frames: int = 40) -> xr.Dataset:
     scene["frames"] = {"count": frames}
     scene["stage"] = {"positions": 2, "baseline_mm": 5}
     scene["sensor"] = sensor
-    return st.simulate(st.scene_from_plain(scene))[0]
+    return st.simulate(st.Scene.from_dict(scene))[0]
 
 
 @pytest.mark.parametrize(

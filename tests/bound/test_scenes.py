@@ -17,7 +17,7 @@ from tests.nightly import nightly
 
 def test_a_scene_has_a_bound_on_its_surfaces() -> None:
     scene = copy.deepcopy(SCENE)
-    recording, truth = st.simulate(st.scene_from_plain(scene), save_radiance=True)
+    recording, truth = st.simulate(st.Scene.from_dict(scene), save_radiance=True)
     at = truth.sel(t=0)
     found = cramer_rao_bound(truth, recording, window_sigma_px=3.0)
     noisy = cramer_rao_bound(truth, recording.drop_vars("radiance"), window_sigma_px=3.0)
@@ -40,7 +40,7 @@ def test_a_scene_has_a_bound_on_its_surfaces() -> None:
 def test_a_sensor_without_noise_needs_to_be_told_one() -> None:
     scene = copy.deepcopy(SCENE)
     scene["sensor"] = "ideal"
-    recording, truth = st.simulate(st.scene_from_plain(scene), save_radiance=True)
+    recording, truth = st.simulate(st.Scene.from_dict(scene), save_radiance=True)
     with pytest.raises(st.RecordingError, match="noise_std"):
         cramer_rao_bound(truth, recording)
     found = cramer_rao_bound(truth, recording, noise_std=0.01, window_sigma_px=3.0)
@@ -49,9 +49,9 @@ def test_a_sensor_without_noise_needs_to_be_told_one() -> None:
 
 
 def test_a_truth_of_all_cameras_is_that_of_the_reference() -> None:
-    scene = st.scene_from_plain(copy.deepcopy(SCENE))
+    scene = st.Scene.from_dict(copy.deepcopy(SCENE))
     (recording, one), (_, every) = (st.simulate(scene, truth_views=views) for views in ("reference", "all"))
-    found = [cramer_rao_bound(truth, recording, window_sigma_px=3.0, every_px=5) for truth in (one, every)]
+    found = [cramer_rao_bound(truth, recording, window_sigma_px=3.0, step_px=5) for truth in (one, every)]
     np.testing.assert_array_equal(found[0]["velocity_std"].values, found[1]["velocity_std"].values)
 
 
@@ -59,7 +59,7 @@ def test_bright_pixels_have_more_noise() -> None:
     """Of a sensor with shot noise, the bound lies between those of its least and its largest noise."""
     scene = copy.deepcopy(SCENE)
     scene["sensor"] = {"kind": "emva1288", "preset": "industrial_cmos"}
-    recording, truth = st.simulate(st.scene_from_plain(scene), save_radiance=True)
+    recording, truth = st.simulate(st.Scene.from_dict(scene), save_radiance=True)
     clean = recording["image"].values.astype(np.float64)
     least, most = (np.sqrt(0.39 * (grey - 16)) for grey in (np.quantile(clean, 0.01), clean.max()))
     low, own, high = (
@@ -75,7 +75,7 @@ def test_bright_pixels_have_more_noise() -> None:
 def test_parts_of_different_scenes_are_refused() -> None:
     first, second = copy.deepcopy(SCENE), copy.deepcopy(SCENE)
     second["objects"][1]["pose"]["position_mm"][2] = 90
-    (recording, _), (_, truth) = (st.simulate(st.scene_from_plain(each)) for each in (first, second))
+    (recording, _), (_, truth) = (st.simulate(st.Scene.from_dict(each)) for each in (first, second))
     with pytest.raises(st.MismatchError):
         cramer_rao_bound(truth, recording)
 

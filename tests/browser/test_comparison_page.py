@@ -16,7 +16,7 @@ from tests.browser.pages import opened, reads_well
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("comparison") / "c"
     methods = ["structure_tensor", "plane_sweep", "opencv_scene_flow"]
-    compare(methods, folder=place, cases=["contrast", "occlusion", "star"])
+    compare(methods, output=place, cases=["contrast", "occlusion", "star"])
     return place
 
 

@@ -11,7 +11,7 @@ import pytest
 from scenetruth.dataset.generation import run_dataset
 from scenetruth.dataset.pages.card import write_card
 from scenetruth.dataset.pages.preview_page import write_preview
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from tests.browser.pages import opened, reads_well
 from tests.dataset.conftest import RECIPE
 
@@ -25,8 +25,8 @@ def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
         "splits": {"train": 1, "test": 1},
         "acceptance": [{"kind": "depth", "object": "tile", "max": 100}],
     }
-    recipe = recipe_from_plain(plain)
-    run_dataset(recipe, folder / "tiles", workers=1)
+    recipe = Recipe.from_dict(plain).sampler()
+    run_dataset(recipe.recipe, output=folder / "tiles", workers=1)
     return {"preview": write_preview(recipe, folder / "preview"), "card": write_card(folder / "tiles")}
 
 

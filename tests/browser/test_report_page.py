@@ -28,14 +28,18 @@ def case() -> Case:
 
 @pytest.fixture(scope="module")
 def file(case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    result = score(case.estimate, case.truth, case.recording, margin_px=6)
+    result = score(case.estimate, case.truth, case.recording, settings={"interior_margin_px": 6})
     few = ("image", "velocity_z_row")
-    return write_report(case.recording, case.estimate, case.truth, result, tmp_path_factory.mktemp("with"), figures=few)
+    return write_report(
+        case.estimate, case.truth, case.recording, score=result, output=tmp_path_factory.mktemp("with"), figures=few
+    )
 
 
 @pytest.fixture(scope="module")
 def file_without_truth(case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_report(case.recording, case.estimate, folder=tmp_path_factory.mktemp("without"), figures=("image",))
+    return write_report(
+        case.estimate, recording=case.recording, output=tmp_path_factory.mktemp("without"), figures=("image",)
+    )
 
 
 def open_page(browser: Any, file: Path, **options: Any) -> Iterator[Any]:
@@ -413,7 +417,11 @@ def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px:
 def test_what_data_sets_say_is_text_and_nothing_else(browser: Any, case: Case, tmp_path: Path) -> None:
     odd = case.estimate["depth"].assign_attrs(units="<img src=x onerror=alert(1)>")
     page_file = write_report(
-        case.recording, case.estimate.assign({"<b>odd</b>": odd}), folder=tmp_path, figures=("image",), check=False
+        case.estimate.assign({"<b>odd</b>": odd}),
+        recording=case.recording,
+        output=tmp_path,
+        figures=("image",),
+        allow_mismatch=True,
     )
     for page in open_page(browser, page_file):
         page.select_option("#profile-quantity", "estimate.<b>odd</b>")
@@ -425,7 +433,11 @@ def test_what_data_sets_say_is_text_and_nothing_else(browser: Any, case: Case, t
 def test_an_estimate_that_knows_nothing_has_a_page_of_images(browser: Any, case: Case, tmp_path: Path) -> None:
     nothing = case.estimate[["depth"]] * np.nan
     page_file = write_report(
-        case.recording, nothing.assign_attrs(case.estimate.attrs), folder=tmp_path, figures=("image",), check=False
+        nothing.assign_attrs(case.estimate.attrs),
+        recording=case.recording,
+        output=tmp_path,
+        figures=("image",),
+        allow_mismatch=True,
     )
     for page in open_page(browser, page_file):
         point_at(page, 90, 50)

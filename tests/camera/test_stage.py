@@ -36,7 +36,7 @@ def test_positions_come_as_a_list_too() -> None:
 @pytest.mark.parametrize("plain", [LISTED, {**LISTED, "errors": {"preset": "screw_stage", "yaw_urad": 3}}])
 def test_a_list_survives_a_round_trip(plain: dict[str, Any]) -> None:
     scene = cube(stage=plain)
-    assert st.scene_from_plain(scene.to_plain()) == scene
+    assert st.Scene.from_dict(scene.to_dict()) == scene
 
 
 def test_the_schema_knows_both_spellings() -> None:
@@ -141,15 +141,15 @@ NO_NUMBER = ["stage.positions=null", "stage.baseline_mm=null"]
 def test_what_no_stage_can_do_is_named(overrides: list[str], message: str) -> None:
     listed = any("positions_mm" in text for text in overrides)
     with pytest.raises(st.SceneError, match=message) as caught:
-        st.load_scene(SCENES / "cube.yaml", [*(NO_NUMBER if listed else []), *overrides])
+        st.load_scene(SCENES / "cube.yaml", overrides=[*(NO_NUMBER if listed else []), *overrides])
     assert len(caught.value.problems) == 1
 
 
 def test_a_scan_may_take_all_the_time_there_is() -> None:
-    scene = st.load_scene(SCENES / "cube.yaml", ["stage.time_per_position_s=0.2", "stage.scan=bidirectional"])
+    scene = st.load_scene(SCENES / "cube.yaml", overrides=["stage.time_per_position_s=0.2", "stage.scan=bidirectional"])
     assert scene.stage.scan_interval_s == scene.frames.frame_interval_s
     slow = ["stage.time_per_position_s=9", "frames.count=1"]
-    assert st.load_scene(SCENES / "cube.yaml", slow).stage.time_per_position_s == 9
+    assert st.load_scene(SCENES / "cube.yaml", overrides=slow).stage.time_per_position_s == 9
 
 
 @pytest.mark.parametrize(("count", "expected"), [(1, [0]), (2, [0, 1]), (5, [-2, -1, 0, 1, 2])])

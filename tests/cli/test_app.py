@@ -36,7 +36,7 @@ FEW = ("--set", "frames.count=2")
 def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("scene") / "small.yaml"
     sensor, frames = {"bit_depth": 8, "noise_std": 0.01}, {"count": 5}
-    plain = cube(sensor=sensor, frames=frames, estimate={"working_point_px": 9}).to_plain()
+    plain = cube(sensor=sensor, frames=frames, estimate={"working_point_px": 9}).to_dict()
     file.write_text(yaml.safe_dump(plain))
     return file
 

@@ -20,7 +20,7 @@ RED = "\x1b[31mred\x1b[0m [bold]b[/bold] :smile:"
 
 
 def scene_file(folder: Path, **changes: Any) -> Path:
-    plain = cube().to_plain()
+    plain = cube().to_dict()
     plain["camera"] |= {"width": 40, "height": 30, "focal_length_px": 313.0}
     file = folder / "scene.yaml"
     file.write_text(yaml.safe_dump(plain | changes))
@@ -35,7 +35,7 @@ def test_descriptions_are_printed_as_they_are_but_for_what_acts(tmp_path: Path) 
 
 
 def test_names_that_act_on_a_terminal_are_refused_and_told_harmlessly(tmp_path: Path) -> None:
-    item = cube().to_plain()["objects"][0] | {"name": RED}
+    item = cube().to_dict()["objects"][0] | {"name": RED}
     done = scenetruth("check", scene_file(tmp_path, objects=[item]))
     assert done.returncode == 2
     assert "objects.0.name: must hold printable characters only" in done.stderr
@@ -43,7 +43,7 @@ def test_names_that_act_on_a_terminal_are_refused_and_told_harmlessly(tmp_path: 
 
 
 def test_names_with_brackets_are_printed_as_they_are(tmp_path: Path) -> None:
-    item = cube().to_plain()["objects"][0] | {"name": "[red]cube[/red] [/nonsense]"}
+    item = cube().to_dict()["objects"][0] | {"name": "[red]cube[/red] [/nonsense]"}
     done = scenetruth("check", scene_file(tmp_path, objects=[item]))
     assert done.returncode == 0, done.stderr
     assert "object '[red]cube[/red] [/nonsense]'" in done.stdout

@@ -22,7 +22,7 @@ SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "frames"
 
 
 def write_scene(file: Path, **changes: object) -> Path:
-    file.write_text(yaml.safe_dump(cube(**SMALL, **changes).to_plain()))
+    file.write_text(yaml.safe_dump(cube(**SMALL, **changes).to_dict()))
     return file
 
 

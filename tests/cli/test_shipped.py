@@ -149,4 +149,4 @@ def test_all_of_them_are_listed() -> None:
 def test_recipes_say_how_many_scenes_they_make() -> None:
     listed = scenetruth("list", "recipes").stdout
     for name in RECIPES.files():
-        assert f" {st.load_recipe(name).recipe.count:,} scenes " in listed
+        assert f" {st.load_recipe(name).count:,} scenes " in listed

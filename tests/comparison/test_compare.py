@@ -16,15 +16,15 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.benchmark import compare
 from scenetruth.benchmark.cases.case import BenchmarkRecord
-from scenetruth.benchmark.method_specs import parse_methods
 from scenetruth.benchmark.suite import write_recordings
-from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError
 from scenetruth.estimators import Needs, find_method
 from scenetruth.estimators.external import ResultsFolder
+from scenetruth.estimators.method_specs import MethodSpec, parse_method, parse_methods
 from tests.cli.calling import scenetruth
 from tests.nightly import nightly
 
-QUICK: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0]}
+QUICK: dict[str, Any] = {"cases": ["phase_of_flow"], "levels": [0.0]}
 
 
 def nearest(recording: xr.Dataset, depth_mm: float = 720.0) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def failing(recording: xr.Dataset) -> dict[str, Any]:
 
 def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
-    found = compare([nearest, failing], folder=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
+    found = compare([nearest, failing], output=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
     assert told[-1][1:] == (1, 1)
     assert found.figure("phase_of_flow", "nearest", "flow_x", "rmse").value == 0
     assert len(found.failures) == 1
@@ -50,13 +50,13 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert "no idea" in found.failures[0]
     (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
     before = kept.stat().st_mtime_ns
-    again = compare([nearest, failing], folder=tmp_path / "c", **QUICK)
+    again = compare([nearest, failing], output=tmp_path / "c", **QUICK)
     assert kept.stat().st_mtime_ns > before, "what failed is tried again"
     assert [row for row in again.rows if row.quantity] == [row for row in found.rows if row.quantity]
     # A file that was not written to its end, or of another version, is made again.
     plain = json.loads(kept.read_text())
     kept.write_text(json.dumps({**plain, "key": "of another"}))
-    compare([nearest, failing], folder=tmp_path / "c", **QUICK)
+    compare([nearest, failing], output=tmp_path / "c", **QUICK)
     assert json.loads(kept.read_text())["key"] == plain["key"]
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {"results.parquet", "results.csv", "summary.csv"}
     frame = found.to_frame()
@@ -66,23 +66,22 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert len(frame) == len(found.rows)
 
 
-def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_path: Path) -> None:
-    told: list[str] = []
-    found = compare(nearest, folder=tmp_path / "c", **QUICK, notice=told.append)
+def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_path: Path, messages: list[str]) -> None:
+    found = compare(nearest, output=tmp_path / "c", **QUICK)
     (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
     before = kept.stat().st_mtime_ns
-    again = compare(nearest, folder=tmp_path / "c", **QUICK, notice=told.append)
+    again = compare(nearest, output=tmp_path / "c", **QUICK)
     assert kept.stat().st_mtime_ns == before
     assert again.rows == found.rows
-    assert told == ["kept from earlier: 1 of 1 scenes; 0 to be measured"]
+    assert messages == ["kept from earlier: 1 of 1 scenes; 0 to be measured"]
 
 
 def test_what_an_installed_method_refuses_is_not_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(type(find_method("plane_sweep")), "needs", Needs(cameras=99))
-    found = compare("plane_sweep", folder=tmp_path / "c", **QUICK)
+    found = compare("plane_sweep", output=tmp_path / "c", **QUICK)
     (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
     before = kept.stat().st_mtime_ns
-    again = compare("plane_sweep", folder=tmp_path / "c", **QUICK)
+    again = compare("plane_sweep", output=tmp_path / "c", **QUICK)
     assert found.failures
     assert again.failures == found.failures
     assert kept.stat().st_mtime_ns == before
@@ -126,7 +125,7 @@ def test_a_method_that_is_mended_is_measured_again(tmp_path: Path) -> None:
 
 
 def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
-    found = compare(nearest, "full", tmp_path / "c", cases=["gallery"], values=["plaid"])
+    found = compare(nearest, suite="full", output=tmp_path / "c", cases=["gallery"], levels=["plaid"])
     assert not found.failures
     # The pattern is 100 mm away, and moves by 1 mm, 0.1 px, per frame.
     assert found.figure("gallery", "nearest", "depth", "bias", "plaid").value == pytest.approx(620, rel=1e-6)
@@ -137,15 +136,15 @@ def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
     assert "growth_rate" not in set(table["quantity"])
     page = (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
     assert "--suite full --case gallery --level VALUE" in page
-    with pytest.raises(RecipeError, match="must be one of cube, "):
-        compare(nearest, "full", cases=["gallery"], values=["ball"])
+    with pytest.raises(ArgumentError, match="must be one of cube, "):
+        compare(nearest, suite="full", cases=["gallery"], levels=["ball"])
 
 
 @nightly
 def test_processes_find_the_same(tmp_path: Path) -> None:
-    options: dict[str, Any] = {"cases": ["phase_of_flow"], "values": [0.0, 0.25]}
-    here = compare("structure_tensor", folder=tmp_path / "a", **options)
-    there = compare("structure_tensor", folder=tmp_path / "b", **options, workers=2)
+    options: dict[str, Any] = {"cases": ["phase_of_flow"], "levels": [0.0, 0.25]}
+    here = compare("structure_tensor", output=tmp_path / "a", **options)
+    there = compare("structure_tensor", output=tmp_path / "b", **options, workers=2)
     assert not here.failures
     figures = [[row for row in one.rows if row.quantity] for one in (here, there)]
     assert figures[0] == figures[1]
@@ -153,12 +152,12 @@ def test_processes_find_the_same(tmp_path: Path) -> None:
 
 def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
     with pytest.raises(EstimateError) as error:
-        compare(["no_such", "refined[window_sigma: 4]", "structure_tensor", "structure_tensor"])
+        compare(parse_methods(["no_such", "refined[window_sigma: 4]", "structure_tensor", "structure_tensor"]))
     assert "no_such" in str(error.value)
     assert "window_sigma_px" in str(error.value)
     assert "twice" in str(error.value)
-    with pytest.raises(RecipeError) as told:
-        compare("refined", "huge", cases=["noize"], values=[1])
+    with pytest.raises(ArgumentError) as told:
+        compare("refined", suite="huge", cases=["noize"], levels=[1])
     assert "huge" in str(told.value)
     assert "noize" in str(told.value)
     with pytest.raises(EstimateError, match="another process"):
@@ -166,21 +165,18 @@ def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a comparison"):
-        compare(nearest, folder=tmp_path / "mine", **QUICK)
-    compare(nearest, folder=tmp_path / "c", **QUICK)
+        compare(nearest, output=tmp_path / "mine", **QUICK)
+    compare(nearest, output=tmp_path / "c", **QUICK)
     with pytest.raises(OutputExistsError, match="another comparison"):
-        compare(["structure_tensor"], folder=tmp_path / "c", **QUICK)
+        compare(["structure_tensor"], output=tmp_path / "c", **QUICK)
 
 
 def test_methods_are_spelled_with_settings_and_labels() -> None:
     found = parse_methods(["refined[window_sigma_px: 4, motion: rigid]", "fine=structure_tensor[window_sigma_px: 3]"])
     assert [one.label for one in found] == ["refined[motion: rigid, window_sigma_px: 4]", "fine"]
     assert found[0].settings == {"window_sigma_px": 4, "motion": "rigid"}
-    assert parse_methods(found[1].spelled)[0] == found[1]
-    assert (
-        parse_methods({"method": "refined", "label": "mine", "motion": "rigid"})[0].spelled
-        == "mine=refined[motion: rigid]"
-    )
+    assert parse_method(found[1].spelled) == found[1]
+    assert MethodSpec("refined", {"motion": "rigid"}, "mine").spelled == "mine=refined[motion: rigid]"
 
 
 def test_the_command(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from scenetruth.benchmark.cases.case import BOUND, all_cases
 from scenetruth.benchmark.design_point import ignore_scene_warnings
 from scenetruth.bound import cramer_rao_bound
 from scenetruth.estimators import method_entries
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scoring.regions import visible_throughout
 from tests.nightly import whole_core
 
@@ -48,7 +48,7 @@ Of = Callable[[str, float], dict[str, float]]
 @pytest.fixture(scope="module")
 def core() -> Iterator[BenchmarkResult]:
     with ignore_scene_warnings():
-        yield compare(METHODS, "core", workers=min(2, os.cpu_count() or 1))
+        yield compare(METHODS, suite="core", workers=min(2, os.cpu_count() or 1))
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def bounds() -> Of:
 def _bounds(kind: str, value: float) -> dict[str, float]:
     case = all_cases()[kind]
     with ignore_scene_warnings():
-        recording, truth = st.simulate(scene_from_plain(case.scene(value)))
+        recording, truth = st.simulate(Scene.from_dict(case.scene(value)))
         bound = cramer_rao_bound(
             truth,
             recording,
@@ -163,7 +163,7 @@ def test_growth_is_as_certain_as_the_bound(core: BenchmarkResult) -> None:
     case = all_cases()["growth"]
     for minutes in case.core:
         with ignore_scene_warnings():
-            recording, truth = st.simulate(scene_from_plain(case.scene(minutes)))
+            recording, truth = st.simulate(Scene.from_dict(case.scene(minutes)))
             bound = cramer_rao_bound(truth, recording, noise_std=case.noise_std(minutes), motion="growing").sel(t=0)
         std = float(bound["growth_rate_std"].median()) * 60 / minutes * 100
         # Growth over 20 px is a mean over more than the window that the bound has.

@@ -11,7 +11,7 @@ import scenetruth as st
 from scenetruth.benchmark.cases.case import ALL, COMMON_VALID, METHOD_VALID, BenchmarkRecord, CaseEstimates, all_cases
 from scenetruth.benchmark.cases.reference_scene import apply_changes
 from scenetruth.benchmark.error_statistics import compute_statistic_records
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scoring.regions import visible_throughout
 from scenetruth.simulation import simulate
 
@@ -19,7 +19,7 @@ from scenetruth.simulation import simulate
 def made(kind: str, value: float) -> tuple[xr.Dataset, xr.Dataset]:
     # Maps of the truth at t = 0 are the same with fewer images.
     few = apply_changes(all_cases()[kind].scene(value), {"frames.count": 2, "stage.positions": 2})
-    recording, whole = simulate(scene_from_plain(few))
+    recording, whole = simulate(Scene.from_dict(few))
     throughout = visible_throughout(whole)
     return recording, whole.sel(t=[0]).assign(seen_throughout=(("y", "x"), throughout))
 

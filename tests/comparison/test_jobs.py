@@ -22,7 +22,7 @@ def test_figures_are_of_what_the_files_of_a_scene_hold(tmp_path: Path, monkeypat
     shutil.copytree(SCENES / "finite_elements", tmp_path / "finite_elements")
 
     def scene(case: GalleryCase, value: float) -> Mapping[str, Any]:
-        return load_scene(tmp_path / ("finite_elements.yaml" if value == 0 else "gone.yaml")).to_plain()
+        return load_scene(tmp_path / ("finite_elements.yaml" if value == 0 else "gone.yaml")).to_dict()
 
     monkeypatch.setattr(GalleryCase, "scene", scene)
     job = BenchmarkTask(str(tmp_path), (DesignPoint("gallery", (0.0,), 1),), (), ())

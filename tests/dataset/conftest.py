@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.sampler import Sampler
 
 SCENE: dict[str, Any] = {
@@ -50,6 +50,6 @@ def plain() -> dict[str, Any]:
 @pytest.fixture
 def sampler_with() -> Callable[..., Sampler]:
     def make(**changes: Any) -> Sampler:
-        return recipe_from_plain({**copy.deepcopy(RECIPE), **changes})
+        return Recipe.from_dict({**copy.deepcopy(RECIPE), **changes}).sampler()
 
     return make

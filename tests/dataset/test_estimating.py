@@ -11,7 +11,7 @@ import pytest
 import scenetruth as st
 from scenetruth.dataset.dataset_estimation import estimate_dataset
 from scenetruth.dataset.generation import run_dataset, verify_dataset
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import EstimateError
 from tests.dataset.conftest import RECIPE, SCENE
 
@@ -22,7 +22,7 @@ FIVE_FRAMES = {**copy.deepcopy(SCENE), "frames": {"count": 5}}
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
     plain = {**copy.deepcopy(RECIPE), "base": FIVE_FRAMES, "samples": 2, "layout": request.param}
-    run_dataset(recipe_from_plain(plain), folder, workers=1)
+    run_dataset(Recipe.from_dict(plain), output=folder, workers=1)
     return folder
 
 
@@ -53,22 +53,23 @@ def test_what_has_a_score_is_not_estimated_again_nor_mixed_with_other_settings(m
     assert settings == st.estimators.choose({"method": method}).settings.model_dump(mode="json")
     name, value = next((key, one) for key, one in settings.items() if isinstance(one, int | float) and one > 1)
     with pytest.raises(EstimateError, match="has scores with other settings"):
-        estimate_dataset(made, method, {name: type(value)(value + 1)}, workers=1)
+        estimate_dataset(made, method, settings={name: type(value)(value + 1)}, workers=1)
 
 
 WALL = "def f(recording):\n    return {'depth': 0.0 * recording.image[0].values + DEPTH}\n"
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_method_that_is_mended_is_measured_again(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_method_that_is_mended_is_measured_again(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: list[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    told: list[str] = []
 
     def estimate(depth: str, numbers: list[int] | None = None) -> tuple[int, int, int]:
         (tmp_path / "wall_of_datasets.py").write_text(WALL.replace("DEPTH", depth))
         sys.modules.pop("wall_of_datasets", None)
-        found = estimate_dataset(made, "wall_of_datasets:f", workers=1, numbers=numbers, notice=told.append)
+        found = estimate_dataset(made, "wall_of_datasets:f", workers=1, numbers=numbers)
         return found.done, found.present, len(found.failed)
 
     def biases() -> list[float]:
@@ -78,9 +79,9 @@ def test_a_method_that_is_mended_is_measured_again(made: Path, tmp_path: Path, m
     assert estimate("100") == (2, 0, 0)
     before = np.array(biases())
     assert estimate("100") == (0, 2, 0)
-    told.clear()
+    messages.clear()
     assert estimate("120", [0]) == (1, 0, 0)
-    assert told == ["the code of 'wall_of_datasets:f' has changed: 2 scores of what it was are made again"]
+    assert messages == ["the code of 'wall_of_datasets:f' has changed: 2 scores of what it was are made again"]
     assert np.isnan(biases()).tolist() == [False, True], "no table mixes both"
     assert estimate("120") == (1, 1, 0)
     np.testing.assert_allclose(np.array(biases()) - before, 20, atol=1e-3)

@@ -9,7 +9,7 @@ import pytest
 import scenetruth as st
 from scenetruth.dataset.dataset_export import export_dataset
 from scenetruth.dataset.generation import run_dataset
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import ExportError, Problem, StoreError
 from scenetruth.pipeline import export_run
 from tests.dataset.conftest import RECIPE
@@ -19,7 +19,7 @@ from tests.dataset.conftest import RECIPE
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
     plain = {**copy.deepcopy(RECIPE), "samples": 3, "layout": request.param, "samples_per_shard": 2}
-    run_dataset(recipe_from_plain(plain), folder, workers=1)
+    run_dataset(Recipe.from_dict(plain), output=folder, workers=1)
     return folder
 
 
@@ -40,13 +40,12 @@ def test_what_cannot_be_is_told_first(made: Path, tmp_path: Path) -> None:
         export_dataset(made, made / "new", "npz", workers=1)
 
 
-def test_what_no_sample_has_is_told_before_any_work(made: Path, tmp_path: Path) -> None:
+def test_what_no_sample_has_is_told_before_any_work(made: Path, tmp_path: Path, messages: list[str]) -> None:
     """A truth of standard content has no finite flow."""
-    told: list[str] = []
     with pytest.raises(ExportError, match=r"every sample.*\n.*flow_next: is missing") as caught:
-        export_dataset(made, tmp_path / "flo", "flo", workers=1, notice=told.append)
+        export_dataset(made, tmp_path / "flo", "flo", workers=1)
     assert len(caught.value.problems) == 1
-    assert told == []
+    assert messages == []
     assert not (tmp_path / "flo").exists()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.dataset.recipe_loader import load_recipe, recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe, load_recipe
 from scenetruth.dataset.recipe_validation import refuse_recipe, try_draws
 from scenetruth.dataset.sampler import HELD_OUT, Sampler
 from scenetruth.errors import RecipeError
@@ -88,7 +88,7 @@ def test_ladders_change_one_factor_and_nothing_else(sampler_with: Make) -> None:
 def test_several_bases_are_drawn_by_their_weights(plain: dict[str, Any]) -> None:
     other = {**copy.deepcopy(SCENE), "description": "other"}
     plain |= {"base": [{"scene": SCENE, "weight": 3}, {"scene": other}], "samples": 400}
-    sampler = recipe_from_plain(plain)
+    sampler = Recipe.from_dict(plain).sampler()
     share = sum(sampler.attempt(number, 0).base for number in range(400)) / 400
     # Three standard deviations of a share of 400.
     assert abs(share - 0.25) < 3 * (0.25 * 0.75 / 400) ** 0.5
@@ -195,7 +195,7 @@ def test_a_file_names_itself_and_paths_count_from_it(tmp_path: Any) -> None:
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SCENE), encoding="utf-8")
     file = tmp_path / "recipe.yaml"
     file.write_text(yaml.safe_dump({**RECIPE, "base": "scene.yaml"}), encoding="utf-8")
-    assert load_recipe(file).draw(2) == recipe_from_plain(RECIPE).draw(2)
+    assert load_recipe(file).sampler().draw(2) == Recipe.from_dict(RECIPE).sampler().draw(2)
     file.write_text("name: [", encoding="utf-8")
     with pytest.raises(RecipeError, match=r"recipe\.yaml"):
-        load_recipe(file)
+        load_recipe(file).sampler()

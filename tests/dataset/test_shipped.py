@@ -18,7 +18,7 @@ def test_there_are_some() -> None:
 
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
 def test_recipe_can_be_followed(path: Path) -> None:
-    sampler = load_recipe(path)
+    sampler = load_recipe(path).sampler()
     refuse_recipe(sampler, tried=2)
     recipe = sampler.recipe
     assert recipe.name == path.stem

@@ -39,10 +39,10 @@ def test_a_worker_without_gl_is_told_and_no_sample_is_set_aside(
         patch("scenetruth.render.backend_selection._pyrender", side_effect=missing),
         pytest.raises(MachineError, match=r"workers: .* cannot make samples of this data set.*OSMesa|libosmesa6"),
     ):
-        run_dataset(sampler, folder.path, workers=workers)
+        run_dataset(sampler.recipe, output=folder.path, workers=workers)
     assert (read_status(folder.path).done, read_status(folder.path).failed) == (0, {})
     changed(folder, backend="raycast", platform="auto")
-    assert run_dataset(sampler, folder.path, workers=1).made == 2
+    assert run_dataset(sampler.recipe, output=folder.path, workers=1).made == 2
 
 
 def test_other_versions_make_other_samples(tmp_path: Path, sampler_with: Callable[..., Sampler]) -> None:

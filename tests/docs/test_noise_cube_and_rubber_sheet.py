@@ -37,6 +37,8 @@ def test_one_camera_cannot_tell_strain_from_coming_nearer() -> None:
     """0.066 mm of 660 mm are 1e-4: along X the flow of both is the same."""
     one, still = "stage.positions=1", "objects.0.deformation=[]"
     nearer = "objects.0.motion=[{kind: velocity, velocity_mm_per_frame: [0, 0, -0.066]}]"
-    pulled, moved = (predict(load_scene(SCENES / "rubber_sheet.yaml", set_)) for set_ in ((one,), (one, still, nearer)))
+    pulled, moved = (
+        predict(load_scene(SCENES / "rubber_sheet.yaml", overrides=set_)) for set_ in ((one,), (one, still, nearer))
+    )
     assert "growth_principal_1" not in pulled.quantities
     assert moved.figure("flow_x").signal == pytest.approx(pulled.figure("flow_x").signal, rel=2e-3)

@@ -20,7 +20,7 @@ from pydantic import BaseModel
 import scenetruth
 import scenetruth.testing
 from scenetruth.cli.app import app
-from scenetruth.dataset.recipe_model import Recipe
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.design.optimisation import DesignSpec
 from scenetruth.scene import Scene
 from scenetruth_site.api import API, api_in_markdown, documented_names

@@ -36,7 +36,7 @@ def scene(**changes: Any) -> Scene:
         "render": {"backend": "raycast", "supersampling": 4},
         "seed": 3,
     }
-    return st.scene_from_plain(plain | changes)
+    return st.Scene.from_dict(plain | changes)
 
 
 @pytest.fixture(scope="session")
@@ -67,6 +67,6 @@ def export(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> Export:
     """Write the scene in a format, into a folder of that name."""
 
     def write(format: str, **options: Any) -> ExportResult:
-        return st.export_data(recording, truth, tmp_path / format, format, **options)
+        return st.export((recording, truth), format, output=tmp_path / format, **options)
 
     return write

@@ -54,8 +54,8 @@ def test_a_run_is_exported_as_its_data_sets_are(recording: xr.Dataset, truth: xr
     st.save_store(recording, tmp_path / "run" / "recording.zarr")
     st.save_store(truth, tmp_path / "run" / "truth.zarr")
     for kind in load_formats():
-        one = st.export_run(tmp_path / "run", tmp_path / kind, kind)
-        other = st.export_data(recording, truth, tmp_path / "again" / kind, kind)
+        one = st.export(tmp_path / "run", kind, output=tmp_path / kind)
+        other = st.export((recording, truth), kind, output=tmp_path / "again" / kind)
         assert one.files == other.files
         for name in one.files:
             # No file holds when it was written, or in which order variables came.
@@ -104,7 +104,7 @@ def test_unknown_formats_and_options_are_told_with_what_there_is(export: Export)
 def test_everything_that_is_missing_is_told_at_once(tmp_path: Path) -> None:
     recording, truth = st.simulate(tiny())
     with pytest.raises(st.ExportError) as info:
-        st.export_data(recording, truth, tmp_path / "x", "kitti", left=1)
+        st.export((recording, truth), "kitti", output=tmp_path / "x", left=1)
     told = problems_of(info)
     assert set(told) == {"flow_next", "displacement_next", "left"}
     assert "--truth-content complete" in told["flow_next"]
@@ -116,14 +116,14 @@ def test_everything_that_is_missing_is_told_at_once(tmp_path: Path) -> None:
 def test_estimates_lack_finite_flow_and_other_variables(recording: xr.Dataset, tmp_path: Path) -> None:
     estimate = st.make_estimate(disparity=np.full((3, 48, 64), 3.0), recording=recording)
     with pytest.raises(st.ExportError) as info:
-        st.export_data(recording, estimate, tmp_path / "x", "spring")
+        st.export((recording, estimate), "spring", output=tmp_path / "x")
     assert set(problems_of(info)) == {"flow_next", "flow_previous", "displacement_next", "displacement_previous"}
     assert "take flow='instantaneous'" in problems_of(info)["flow_next"]
     with pytest.raises(st.ExportError, match=r"velocity: is missing; flow='instantaneous' needs velocity") as info:
-        st.export_data(recording, estimate, tmp_path / "x", "spring", flow="instantaneous")
+        st.export((recording, estimate), "spring", output=tmp_path / "x", flow="instantaneous")
     assert set(problems_of(info)) == {"flow", "velocity"}
     # Disparity alone is enough for pairs: d = f B / Z.
-    done = st.export_data(recording, estimate, tmp_path / "pfm", "pfm")
+    done = st.export((recording, estimate), "pfm", output=tmp_path / "pfm")
     told = json.loads((done.folder / "export.json").read_text())
     assert told["from"].startswith("estimate by")
 
@@ -140,7 +140,7 @@ def test_unequal_and_falling_stages_have_the_disparity_of_the_pair(tmp_path: Pat
     for places, left, right, apart in (([-3.0, 0.0, 8.0], 0, 1, 8.0), ([5.0, 0.0, -2.0], 0, -1, 5.0)):
         stage = {"positions_mm": places}
         recording, truth = st.simulate(tiny(stage=stage), truth_views="all")
-        done = st.export_data(recording, truth, tmp_path / f"{apart}", "npz")
+        done = st.export((recording, truth), "npz", output=tmp_path / f"{apart}")
         source = ExportSource(recording, truth)
         pair = source.pair(left)
         assert pair == CameraPair(left, right, apart)
@@ -152,28 +152,28 @@ def test_a_grid_of_rows_is_taken_row_by_row(tmp_path: Path) -> None:
     stage = {"positions": 2, "baseline_mm": 4.0, "rows": 3, "row_spacing_mm": 5.0}
     recording, truth = st.simulate(tiny(stage=stage), truth_views="all")
     with pytest.raises(st.ExportError, match=r"s_y: must be one row of cameras.*--row N.*got \[-1, 0, 1\]"):
-        st.export_data(recording, truth, tmp_path / "x", "ply")
+        st.export((recording, truth), "ply", output=tmp_path / "x")
     st.save_store(recording, tmp_path / "run" / "recording.zarr")
     st.save_store(truth, tmp_path / "run" / "truth.zarr")
-    done = st.export_run(tmp_path / "run", tmp_path / "y", "opencv_yaml", row=1)
+    done = st.export(tmp_path / "run", "opencv_yaml", output=tmp_path / "y", row=1)
     assert "data: [ -4.0, -5.0, 0.0 ]" in (done.folder / "s+1.yml").read_text()
     with pytest.raises(st.ExportError, match=r"row: must be one of the rows \[-1, 0, 1\] \(got 4\)"):
-        st.export_run(tmp_path / "run", tmp_path / "z", "ply", row=4)
+        st.export(tmp_path / "run", "ply", output=tmp_path / "z", row=4)
 
 
 def test_a_truth_of_the_reference_belongs_to_its_own_row(tmp_path: Path) -> None:
     stage = {"positions": 2, "baseline_mm": 4.0, "rows": 2, "row_spacing_mm": 5.0}
     recording, truth = st.simulate(tiny(stage=stage))
-    assert st.export_data(recording.sel(s_y=0), truth.sel(s_y=0), tmp_path / "x", "ply").files
+    assert st.export((recording.sel(s_y=0), truth.sel(s_y=0)), "ply", output=tmp_path / "x").files
     with pytest.raises(st.ExportError, match=r"s_y: is that of other cameras than the truth's, which is of row 0"):
-        st.export_data(recording.sel(s_y=1), truth.sel(s_y=1), tmp_path / "y", "ply")
+        st.export((recording.sel(s_y=1), truth.sel(s_y=1)), "ply", output=tmp_path / "y")
     st.save_store(recording, tmp_path / "run" / "recording.zarr")
     st.save_store(
         st.make_estimate(depth=np.full((2, 16, 20), 90.0), recording=recording), tmp_path / "run" / "estimate.zarr"
     )
-    assert st.export_run(tmp_path / "run", tmp_path / "z", "ply", row=0, method="structure_tensor").files
+    assert st.export(tmp_path / "run", "ply", output=tmp_path / "z", row=0, method="structure_tensor").files
     with pytest.raises(st.ExportError, match=r"row: must be 0: the estimate is of that row"):
-        st.export_run(tmp_path / "run", tmp_path / "z", "ply", row=1, method="structure_tensor")
+        st.export(tmp_path / "run", "ply", output=tmp_path / "z", row=1, method="structure_tensor")
 
 
 def test_one_format_among_all_is_described() -> None:
@@ -188,9 +188,9 @@ def test_pairs_that_are_none_are_refused_or_told(tmp_path: Path) -> None:
     camera = {"width": 20, "height": 16, "focal_length_px": 30, "distortion": {"k1": -0.1}}
     recording, truth = st.simulate(tiny(stage=stage, camera=camera))
     with pytest.raises(st.ExportError) as info:
-        st.export_data(recording, truth, tmp_path / "x", "pfm")
+        st.export((recording, truth), "pfm", output=tmp_path / "x")
     assert set(problems_of(info)) == {"camera.distortion", "camera_position_mm", "image_time_s"}
-    done = st.export_data(recording, truth, tmp_path / "x", "pfm", planned=True)
+    done = st.export((recording, truth), "pfm", output=tmp_path / "x", planned=True)
     assert len(done.notes) == 3
     assert "up to" in done.notes[1]
 
@@ -200,42 +200,42 @@ def test_rows_taken_from_different_places_are_no_points(tmp_path: Path) -> None:
     recording, truth = st.simulate(tiny(shutter=shutter))
     for kind in ("ply", "colmap"):
         with pytest.raises(st.ExportError, match=r"shutter.stage_speed_mm_per_s: moves the camera.*\(got 20.0\)"):
-            st.export_data(recording, truth, tmp_path / "x", kind)
-    assert st.export_data(recording, truth, tmp_path / "x", "exr").files
+            st.export((recording, truth), kind, output=tmp_path / "x")
+    assert st.export((recording, truth), "exr", output=tmp_path / "x").files
 
 
 def test_a_lens_that_cam_files_do_not_know_is_told(tmp_path: Path) -> None:
     camera = {"width": 20, "height": 16, "focal_length_px": 30, "distortion": {"k1": -0.1}}
     recording, truth = st.simulate(tiny(camera=camera), truth_content="complete")
-    done = st.export_data(recording, truth, tmp_path / "x", "sintel")
+    done = st.export((recording, truth), "sintel", output=tmp_path / "x")
     assert "the lens distorts" in done.notes[0]
 
 
 def test_pixels_and_runs_must_be_the_same(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
     with pytest.raises(st.ExportError, match=r"x: has 32 pixels that are not the 64.*recording\.sel\(x=maps\.x\)"):
-        st.export_data(recording, truth.isel(x=slice(0, None, 2)), tmp_path / "x", "exr")
+        st.export((recording, truth.isel(x=slice(0, None, 2))), "exr", output=tmp_path / "x")
     with pytest.raises(st.ExportError, match=r"x: has 62 pixels"):
-        st.export_data(recording, truth.isel(x=slice(2, None)), tmp_path / "x", "exr")
+        st.export((recording, truth.isel(x=slice(2, None))), "exr", output=tmp_path / "x")
     other = truth.assign_attrs(recording_hash="0" * 16)
     with pytest.raises(st.MismatchError):
-        st.export_data(recording, other, tmp_path / "x", "exr")
+        st.export((recording, other), "exr", output=tmp_path / "x")
     with pytest.raises(st.ExportError) as info:
-        st.export_data(recording.drop_vars("image"), truth.drop_vars("depth"), tmp_path / "x", "exr")
+        st.export((recording.drop_vars("image"), truth.drop_vars("depth")), "exr", output=tmp_path / "x")
     assert {"recording.image", "truth.depth"} <= set(problems_of(info))
 
 
 def test_one_frame_has_no_flow(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
     with pytest.raises(st.ExportError, match=r"t: needs two frames in succession"):
-        st.export_data(recording.sel(t=[0]), truth.sel(t=[0]), tmp_path / "x", "flo")
-    assert st.export_data(recording.sel(t=[0]), truth.sel(t=[0]), tmp_path / "x", "pfm").files
+        st.export((recording.sel(t=[0]), truth.sel(t=[0])), "flo", output=tmp_path / "x")
+    assert st.export((recording.sel(t=[0]), truth.sel(t=[0])), "pfm", output=tmp_path / "x").files
 
 
 def test_a_run_without_truth_names_the_estimate(recording: xr.Dataset, tmp_path: Path) -> None:
     st.save_store(recording, tmp_path / "run" / "recording.zarr")
     with pytest.raises(st.StoreError, match=r"truth.zarr: no such store.*--method NAME"):
-        st.export_run(tmp_path / "run", tmp_path / "x", "npz")
+        st.export(tmp_path / "run", "npz", output=tmp_path / "x")
     with pytest.raises(st.StoreError, match=r"recording\.zarr"):
-        st.export_run(tmp_path / "nothing", tmp_path / "x", "npz")
+        st.export(tmp_path / "nothing", "npz", output=tmp_path / "x")
 
 
 def test_an_export_is_replaced_only_when_told_and_foreign_files_stay(export: Export, tmp_path: Path) -> None:

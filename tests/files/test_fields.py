@@ -59,9 +59,9 @@ def test_the_files_of_a_scene_are_found_whatever_its_kinds() -> None:
 
 
 def test_files_of_a_series_are_found() -> None:
-    plain = st.load_scene(SCENES / "finite_elements.yaml").to_plain()
+    plain = st.load_scene(SCENES / "finite_elements.yaml").to_dict()
     plain["objects"][0]["deformation"] = [{"kind": "meshes", "files": ["one.obj", "two.obj"]}]
     plain["objects"][0]["texture"] = {"kind": "image", "file": "pattern.png"}
-    found = dict(collect_input_files(st.scene_from_plain(plain)))
+    found = dict(collect_input_files(st.Scene.from_dict(plain)))
     assert found["objects.0.texture.file"] == Path("pattern.png")
     assert found["objects.0.deformation.0.files.1"] == Path("two.obj")

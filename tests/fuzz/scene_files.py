@@ -80,7 +80,7 @@ def base_trees() -> list[dict[str, Any]]:
         for plant in tree.get("plants", ()):
             plant["leaves"] = 2
         _coarsen(tree)
-    lit = cube(frames={"count": 2}, camera={"width": 40, "height": 30, "focal_length_px": 313}).to_plain()
+    lit = cube(frames={"count": 2}, camera={"width": 40, "height": 30, "focal_length_px": 313}).to_dict()
     lit["lighting"] = {
         "ambient": 0.2,
         "lights": [
@@ -90,7 +90,7 @@ def base_trees() -> list[dict[str, Any]]:
         "flicker": {"amplitude": 0.1, "period_frames": 7},
     }
     lit["sensor"] = {"kind": "emva1288", "preset": next(iter(PRESETS))}
-    flat = plaid(8.0, (0.1, 0.0, 0.0), camera={"width": 24, "height": 20, "focal_length_px": 10}).to_plain()
+    flat = plaid(8.0, (0.1, 0.0, 0.0), camera={"width": 24, "height": 20, "focal_length_px": 10}).to_dict()
     flat["optics"] = {"psf": {"kind": "gaussian", "sigma_px": 0.7}, "vignetting": {"coefficients": [-0.1, 0, 0]}}
     flat["shutter"] = {"exposure_time_s": 0.1}
     return [*trees, lit, flat, _everything(), _everything(), *(_grown(kind) for kind in ("rosette", "seedling"))]

@@ -54,7 +54,7 @@ def try_scene(file: Path, smaller: float = 1.0) -> str:
             _is_told(error)
             return "refused"
         repr(scene), scene._repr_html_(), hash(scene)
-        assert st.scene_from_plain(scene.to_plain()) == scene
+        assert st.Scene.from_dict(scene.to_dict()) == scene
         try:
             parts = limited_objects(scene, Limits())
             estimate_cost(compute_workload(scene, parts), ["render"], slower=1.0)

@@ -19,7 +19,7 @@ import yaml
 
 from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import MachineError
 from scenetruth.jobs.executors import DaskExecutor
 from tests.dataset.conftest import RECIPE
@@ -43,7 +43,7 @@ def cluster() -> Iterator[Any]:
 @nightly
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_makes_the_same_samples_though_a_worker_is_killed(cluster: Any, tmp_path: Path) -> None:
-    sampler = recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 6})
+    sampler = Recipe.from_dict({**copy.deepcopy(RECIPE), "samples": 6}).sampler()
     killed: list[int] = []
 
     def kill(what: str, done: int, total: int) -> None:
@@ -51,10 +51,12 @@ def test_a_cluster_makes_the_same_samples_though_a_worker_is_killed(cluster: Any
             killed.append(cluster.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 
-    outcome = run_dataset(sampler, tmp_path / "cluster", scheduler=cluster.scheduler_address, progress=kill)
+    outcome = run_dataset(
+        sampler.recipe, output=tmp_path / "cluster", scheduler=cluster.scheduler_address, progress=kill
+    )
     assert outcome.made == 6
     assert killed
-    run_dataset(sampler, tmp_path / "here", workers=1)
+    run_dataset(sampler.recipe, output=tmp_path / "here", workers=1)
     assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
     assert read_status(tmp_path / "cluster").missing == 0
     assert DatasetFolder(tmp_path / "cluster").catalogue.exists()
@@ -92,7 +94,7 @@ def test_without_its_scheduler_a_run_ends_and_goes_on_with_another(tmp_path: Pat
     status = read_status(folder)
     assert (status.done, status.failed) == (30, {})
     assert list(folder.rglob(".*")) == []
-    run_dataset(recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 30}), tmp_path / "here", workers=1)
+    run_dataset(Recipe.from_dict({**copy.deepcopy(RECIPE), "samples": 30}), output=tmp_path / "here", workers=1)
     assert contents(folder) == contents(tmp_path / "here")
 
 

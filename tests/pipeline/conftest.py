@@ -15,7 +15,7 @@ SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "estimat
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "one"
-    results = run_scene(cube(**SMALL), folder, methods=("structure_tensor", "opencv_flow"))
+    results = run_scene(cube(**SMALL), output=folder, methods=("structure_tensor", "opencv_flow"))
     assert not results.failures
     assert set(results.scores) == {"structure_tensor", "opencv_flow"}
     return folder

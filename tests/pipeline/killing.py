@@ -42,7 +42,7 @@ import scenetruth as st
 from scenetruth.pipeline import run_scene
 from scenetruth.scene import load_scene
 STAGES = sys.argv[3].split(",")
-run_scene(load_scene(sys.argv[1]), sys.argv[2], stages=STAGES)
+run_scene(load_scene(sys.argv[1]), output=sys.argv[2], stages=STAGES)
 print("ready", flush=True)
 for line in sys.stdin:
     file, folder = line.rstrip("\\n").split("\\t")
@@ -52,7 +52,7 @@ for line in sys.stdin:
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
         continue
     try:
-        run_scene(load_scene(file), folder, stages=STAGES, overwrite=True)
+        run_scene(load_scene(file), output=folder, stages=STAGES, overwrite=True)
         os._exit(0)
     except st.ScenetruthError as error:
         print(error, file=sys.stderr)
@@ -195,7 +195,7 @@ class Killer:
         """Everything under a final name is whole, and of one run."""
         if not target.exists():
             return "nothing"
-        assert [verdict for verdict in st.verify_run(target) if verdict.problem] == []
+        assert [verdict for verdict in st.verify(target) if verdict.problem] == []
         here = digests(target)
         here.pop("thesis.txt", None)
         for expected in self.expected:

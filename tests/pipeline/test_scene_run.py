@@ -40,22 +40,22 @@ def test_methods_stand_side_by_side(finished: Path) -> None:
 
 def test_stages_can_be_taken_up_later(finished: Path, tmp_path: Path) -> None:
     scene = cube(**SMALL)
-    run_scene(scene, tmp_path / "x", stages=("render",))
-    results = run_scene(scene, tmp_path / "x", stages=("estimate", "score"))
+    run_scene(scene, output=tmp_path / "x", stages=("render",))
+    results = run_scene(scene, output=tmp_path / "x", stages=("estimate", "score"))
     again = st.load_store(tmp_path / "x" / "estimate.zarr", "estimate")
     xr.testing.assert_identical(again, st.load_store(finished / "estimate.zarr", "estimate"))
     assert results.scores["structure_tensor"].metadata["recording_hash"] == again.attrs["recording_hash"]
     with pytest.raises(st.MismatchError, match=r"recording\.zarr: was made from another scene"):
-        run_scene(cube(**SMALL, seed=9), tmp_path / "x", stages=("estimate",), overwrite=True)
+        run_scene(cube(**SMALL, seed=9), output=tmp_path / "x", stages=("estimate",), overwrite=True)
 
 
 def test_what_cannot_be_is_found_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(st.SceneError, match=r"frames\.count: 'opencv_flow' needs 2 frames"):
-        run_scene(cube(**SMALL, frames={"count": 1}), tmp_path / "x", methods=("opencv_flow",))
+        run_scene(cube(**SMALL, frames={"count": 1}), output=tmp_path / "x", methods=("opencv_flow",))
     with pytest.raises(st.EstimateError, match="no such method"):
-        run_scene(cube(**SMALL), tmp_path / "x", methods=("guess",))
-    with pytest.raises(st.SceneError, match="must be some of render, estimate, score, report"):
-        run_scene(cube(**SMALL), tmp_path / "x", stages=("rendre",))  # type: ignore[arg-type]
+        run_scene(cube(**SMALL), output=tmp_path / "x", methods=("guess",))
+    with pytest.raises(st.ArgumentError, match="must be some of render, estimate, score, report"):
+        run_scene(cube(**SMALL), output=tmp_path / "x", stages=("rendre",))  # type: ignore[arg-type]
     assert not (tmp_path / "x").exists()
 
 
@@ -93,7 +93,10 @@ def with_methods(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("with_methods")
 def test_a_method_that_fails_keeps_no_other_from_its_work(tmp_path: Path) -> None:
     results = run_scene(
-        cube(**SMALL), tmp_path / "x", methods=("broken", "structure_tensor"), stages=("render", "estimate", "score")
+        cube(**SMALL),
+        output=tmp_path / "x",
+        methods=("broken", "structure_tensor"),
+        stages=("render", "estimate", "score"),
     )
     assert set(results.scores) == {"structure_tensor"}
     assert "method 'broken': failed: ArithmeticError: out of luck" in str(results.failures["broken"])
@@ -111,48 +114,50 @@ def test_a_method_that_fails_keeps_no_other_from_its_work(tmp_path: Path) -> Non
 @pytest.mark.usefixtures("with_methods")
 def test_an_interrupt_keeps_what_is_finished(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        run_scene(cube(**SMALL), tmp_path / "x", methods=("flat", "endless"), figures=["image"])
+        run_scene(cube(**SMALL), output=tmp_path / "x", methods=("flat", "endless"), figures=["image"])
     assert {"recording.zarr", "truth.zarr", "estimate.zarr", "score.json", "report.html"} <= names(tmp_path / "x")
     assert not [name for name in names(tmp_path / "x") if "endless" in name or "partial" in name]
 
 
 @pytest.mark.usefixtures("with_methods")
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: list[str]
+) -> None:
     folder = tmp_path / "x"
     asked: dict[str, Any] = {"methods": ("structure_tensor", "endless"), "figures": ["image"]}
     with pytest.raises(KeyboardInterrupt):
-        run_scene(cube(**SMALL), folder, **asked)
+        run_scene(cube(**SMALL), output=folder, **asked)
     # Another question is not gone on with.
     for other in ({"methods": ("structure_tensor",)}, {"truth_content": "complete"}, {"figures": ["depth"]}):
         with pytest.raises(st.OutputExistsError):
-            run_scene(cube(**SMALL), folder, **{**asked, **other})
+            run_scene(cube(**SMALL), output=folder, **{**asked, **other})
     with pytest.raises(st.OutputExistsError):
-        run_scene(cube(**SMALL, seed=9), folder, **asked)
+        run_scene(cube(**SMALL, seed=9), output=folder, **asked)
 
     monkeypatch.setattr(Endless, "estimate", Flat.estimate)
     kept = ("recording.zarr", "truth.zarr", "estimate.zarr", "report.html")
     before = {name: (folder / name).stat().st_ino for name in kept}
-    told: list[str] = []
-    results = run_scene(cube(**SMALL), folder, **asked, notice=told.append)
-    assert told[0] == "goes on with the run that was interrupted: images and truth are there"
+    messages.clear()
+    results = run_scene(cube(**SMALL), output=folder, **asked)
+    assert messages[0] == "goes on with the run that was interrupted: images and truth are there"
     assert {name: (folder / name).stat().st_ino for name in kept} == before
     assert set(results.scores) == {"structure_tensor", "endless"}
     # Nothing is left to go on with.
     assert ".unfinished" not in names(folder)
     with pytest.raises(st.OutputExistsError):
-        run_scene(cube(**SMALL), folder, **asked)
+        run_scene(cube(**SMALL), output=folder, **asked)
 
 
 @pytest.mark.usefixtures("with_methods")
 def test_a_stage_on_its_own_ends_what_could_be_gone_on_with(tmp_path: Path) -> None:
     folder = tmp_path / "x"
     with pytest.raises(KeyboardInterrupt):
-        run_scene(cube(**SMALL), folder, methods=("endless",))
+        run_scene(cube(**SMALL), output=folder, methods=("endless",))
     assert ".unfinished" in names(folder)
-    run_scene(cube(**SMALL), folder, stages=("estimate",), methods=("flat",))
+    run_scene(cube(**SMALL), output=folder, stages=("estimate",), methods=("flat",))
     assert ".unfinished" not in names(folder)
     with pytest.raises(st.OutputExistsError):
-        run_scene(cube(**SMALL), folder, methods=("endless",))
+        run_scene(cube(**SMALL), output=folder, methods=("endless",))
 
 
 def test_a_score_of_another_estimate_is_not_reported(finished: Path, tmp_path: Path) -> None:
@@ -160,10 +165,10 @@ def test_a_score_of_another_estimate_is_not_reported(finished: Path, tmp_path: P
     shutil.copytree(finished, tmp_path / "x")
     (tmp_path / "x" / "report.html").unlink()
     changed = scene.model_copy(
-        update={"estimate": st.scene_from_plain(scene.to_plain() | {"estimate": {"window_sigma_px": 4.0}}).estimate}
+        update={"estimate": st.Scene.from_dict(scene.to_dict() | {"estimate": {"window_sigma_px": 4.0}}).estimate}
     )
-    run_scene(changed, tmp_path / "x", stages=("estimate",), overwrite=True)
-    results = run_scene(changed, tmp_path / "x", stages=("report",), overwrite=True)
+    run_scene(changed, output=tmp_path / "x", stages=("estimate",), overwrite=True)
+    results = run_scene(changed, output=tmp_path / "x", stages=("report",), overwrite=True)
     assert "belongs to another estimate" in str(results.failures["structure_tensor"])
     assert not (tmp_path / "x" / "report.html").exists()
 
@@ -179,20 +184,19 @@ def test_real_images_are_reported_without_a_truth(tmp_path: Path) -> None:
         runner.score("structure_tensor", runner.score_settings())
 
 
-def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path) -> None:
+def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path, messages: list[str]) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)
-    said: list[str] = []
 
     def report(**options: Any) -> bool:
         """Report, and tell whether anything was drawn."""
         before = (run / "report.html").stat().st_mtime_ns
-        with PipelineRunner(RunDirectory(run), options.pop("overwrite", False), notice=said.append) as runner:
+        with PipelineRunner(RunDirectory(run), options.pop("overwrite", False)) as runner:
             runner.report("structure_tensor", **options)
         return (run / "report.html").stat().st_mtime_ns != before
 
     assert not report()
-    assert said == [f"{run / 'report.html'} is as new"]
+    assert messages == [f"{run / 'report.html'} is as new"]
     # Another choice of figures, or another score, makes another page, which replaces the old one only if allowed.
     with pytest.raises(st.OutputExistsError):
         report(figures=["depth"])
@@ -205,13 +209,15 @@ def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path) -
 
 
 def test_figures_may_be_chosen_and_are_checked_before_any_work(tmp_path: Path) -> None:
-    with pytest.raises(st.SceneError, match="figures: must be some of image, surface"):
-        run_scene(cube(**SMALL), tmp_path / "x", figures=["dept"])
+    with pytest.raises(st.ArgumentError, match="figures: must be some of image, surface"):
+        run_scene(cube(**SMALL), output=tmp_path / "x", figures=["dept"])
     assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize(("method", "seen"), [("structure_tensor", False), ("refined", True)])
-def test_growth_that_is_smaller_than_its_error_is_told(tmp_path: Path, method: str, seen: bool) -> None:
+def test_growth_that_is_smaller_than_its_error_is_told(
+    tmp_path: Path, method: str, seen: bool, messages: list[str]
+) -> None:
     # On a surface that faces the camera, the structure tensor takes growth for motion towards it.
     wall: dict[str, Any] = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [120, 120]}}
     wall |= {"pose": {"position_mm": [0, 0, 100]}, "texture": {"kind": "noise", "wavelength_mm": [5, 20]}}
@@ -219,10 +225,9 @@ def test_growth_that_is_smaller_than_its_error_is_told(tmp_path: Path, method: s
     changes: dict[str, Any] = {"camera": {"width": 96, "height": 80, "focal_length_px": 96}, "objects": [wall]}
     changes |= {"stage": {"positions": 5, "baseline_mm": 1}, "sensor": {"bit_depth": None, "noise_std": 0.01}}
     changes |= {"frames": {"count": 9, "frame_interval_s": 7200}, "score": {"interior_margin_px": 2}}
-    told: list[str] = []
     stages: Any = ("render", "estimate", "score")
-    run_scene(cube(**changes), tmp_path / "x", methods=(method,), stages=stages, notice=told.append)
-    notes = [line for line in told if line.startswith(f"growth is not seen by '{method}'")]
+    run_scene(cube(**changes), output=tmp_path / "x", methods=(method,), stages=stages)
+    notes = [line for line in messages if line.startswith(f"growth is not seen by '{method}'")]
     assert bool(notes) is not seen
     for note in notes:
         assert note.endswith("by more than 1 %/h, where 1 %/h are there (rms); --method refined sees more")

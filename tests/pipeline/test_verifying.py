@@ -13,15 +13,15 @@ from tests.scenes import cube
 
 
 def problems(folder: Path) -> dict[str, str]:
-    return {verdict.path.name: verdict.problem for verdict in st.verify_run(folder) if verdict.problem}
+    return {verdict.path.name: verdict.problem for verdict in st.verify(folder) if verdict.problem}
 
 
 def test_a_whole_run_is_whole(finished: Path) -> None:
     assert problems(finished) == {}
-    looked_at = {verdict.path.name for verdict in st.verify_run(finished)}
+    looked_at = {verdict.path.name for verdict in st.verify(finished)}
     stores = {"recording.zarr", "truth.zarr", "estimate.zarr", "estimate.opencv_flow.zarr"}
     assert looked_at == stores | {"scene.yaml", "score.json", "score.opencv_flow.json"}
-    assert [verdict.path.name for verdict in st.verify_run(finished / "truth.zarr")] == ["truth.zarr"]
+    assert [verdict.path.name for verdict in st.verify(finished / "truth.zarr")] == ["truth.zarr"]
 
 
 def test_damage_is_named(finished: Path, tmp_path: Path) -> None:
@@ -48,6 +48,6 @@ def test_parts_of_another_run_are_named(finished: Path, tmp_path: Path) -> None:
 
 def test_nothing_to_verify(tmp_path: Path) -> None:
     with pytest.raises(st.StoreError, match="holds no results of scenetruth"):
-        st.verify_run(tmp_path)
+        st.verify(tmp_path)
     with pytest.raises(st.StoreError, match="no such folder"):
-        st.verify_run(tmp_path / "nothing")
+        st.verify(tmp_path / "nothing")

@@ -49,9 +49,9 @@ def test_what_comes_after_is_compiled_already() -> None:
     assert {of for _, _, of in told} == {len(done)}
     compiled: list[str] = []
     with announced_compilation(lambda name, before: compiled.append(name)):
-        recording, truth = st.simulate(st.scene_from_plain(SCENE))
+        recording, truth = st.simulate(st.Scene.from_dict(SCENE))
         for method in ("structure_tensor", "refined"):
-            st.score(st.estimate(recording, method), truth, margin_px=2)
+            st.score(st.estimate(recording, method), truth, settings={"interior_margin_px": 2})
     assert not compiled
 
 
@@ -65,7 +65,7 @@ def test_the_command_says_when_all_is_done(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.filterwarnings("ignore::scenetruth.SceneWarning")
 @pytest.mark.parametrize("sensor", [{"bit_depth": 8}, {"bit_depth": 12}, "ideal"], ids=str)
 def test_a_method_that_was_compiled_beforehand_compiles_no_more(sensor: object, tmp_path: Path) -> None:
-    scene = st.scene_from_plain({**SCENE, "sensor": sensor})
+    scene = st.Scene.from_dict({**SCENE, "sensor": sensor})
     compile_method(
         "structure_tensor", scene.estimate.settings.model_dump(mode="json"), build_sensor_chain(scene.sensor).dtype.name
     )
@@ -97,7 +97,7 @@ def test_the_last_of_the_truth_was_compiled_beforehand() -> None:
     kernels = [getattr(visibility_kernels, name) for name in names]
     known = [list(kernel.signatures) for kernel in kernels]
     assert all(known)
-    st.simulate(st.scene_from_plain(SCENE))
+    st.simulate(st.Scene.from_dict(SCENE))
     assert [kernel.signatures for kernel in kernels] == known
 
 
@@ -111,7 +111,7 @@ def test_the_second_process_compiles_beside_a_first_run_alone(monkeypatch: pytes
         def compile_last_of_truth(self) -> None:
             asked.append(("", ""))
 
-    scene = st.scene_from_plain(SCENE)
+    scene = st.Scene.from_dict(SCENE)
     told: list[Callable[[str, int], None]] = []
 
     @contextmanager

@@ -75,10 +75,10 @@ def test_hidden_edges_are_not_marked() -> None:
         "texture": {"kind": "uniform"},
     }
     scene = cube()
-    plain = scene.to_plain()
-    from scenetruth.scene import scene_from_plain
+    plain = scene.to_dict()
+    from scenetruth.scene import Scene
 
-    both = scene_from_plain({**plain, "objects": [*plain["objects"], screen]})
+    both = Scene.from_dict({**plain, "objects": [*plain["objects"], screen]})
     world = build_scene(both)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 0.0)
     truth = truth_maps(geometry, both.camera, Viewpoint.on_axis(0.0), 5.0)

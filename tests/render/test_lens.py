@@ -12,7 +12,7 @@ from scipy.special import erf
 from scenetruth.camera import AiryPsf, GaussianPsf, Viewpoint
 from scenetruth.errors import BackendUnavailableError, SceneError
 from scenetruth.render import choose_renderer
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 
 FOCAL, DEPTH = 500.0, 500.0
@@ -35,7 +35,7 @@ def edge(x_px: float, *, speed: float = 0.0, depth: float = DEPTH, **changes: An
         ],
         "render": {"backend": "raycast", "supersampling": 16},
     }
-    return scene_from_plain(plain | changes)
+    return Scene.from_dict(plain | changes)
 
 
 def image_of(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> NDArray[np.float32]:

@@ -60,7 +60,7 @@ def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_raycast_never_loads_opengl() -> None:
     code = (
         "import sys, scenetruth as st\n"
-        f"scene = st.load_scene({str(SCENES / 'plaid.yaml')!r}, ['frames.count=1'])\n"
+        f"scene = st.load_scene({str(SCENES / 'plaid.yaml')!r}, overrides=['frames.count=1'])\n"
         "recording, truth = st.simulate(scene)\n"
         "print(recording.attrs['render_backend'], 'OpenGL' in sys.modules, 'pyrender' in sys.modules)"
     )
@@ -81,11 +81,11 @@ def test_each_platform_renders_the_cube_where_it_runs(platform: str) -> None:
         f"reason = opengl._why_not({platform!r})\n"
         "if reason is not None:\n"
         "    sys.exit(print('not here:', reason))\n"
-        "recording, truth = st.simulate(st.scene_from_plain(json.loads(sys.stdin.read())))\n"
+        "recording, truth = st.simulate(st.Scene.from_dict(json.loads(sys.stdin.read())))\n"
         "image = recording.image.values\n"
         "print(recording.attrs['render_backend'], image.max() > 0.7, 0.1 < image.mean() < 0.5)"
     )
-    given = json.dumps(scene.to_plain())
+    given = json.dumps(scene.to_dict())
     done = subprocess.run([sys.executable, "-c", code], input=given, capture_output=True, text=True, check=True)
     if done.stdout.startswith("not here:"):
         pytest.skip(f"{platform}: {done.stdout}")

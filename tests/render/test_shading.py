@@ -205,7 +205,7 @@ def test_without_shadows_nothing_is_shaded() -> None:
 
 def test_a_cube_does_not_shade_its_own_lit_sides() -> None:
     sun = {"kind": "directional", "direction": [0.2, 0.4, 1], "irradiance": 1.0}
-    item = cube().to_plain()["objects"][0] | {"texture": {"kind": "uniform", "radiance": 1.0}}
+    item = cube().to_dict()["objects"][0] | {"texture": {"kind": "uniform", "radiance": 1.0}}
     images = [render_raycast(cube(objects=[item], lighting={"lights": [sun], "shadows": on})) for on in (True, False)]
     assert (images[0] == images[1]).all()
     assert len(np.unique(images[0][images[0] > 0])) > 3
@@ -277,7 +277,7 @@ def test_backends_agree_within_a_hundredth() -> None:
         "pose": {"position_mm": [0, 0, 740]},
         "texture": {"kind": "noise", "wavelength_mm": [3.2, 12.0]},
     }
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     lighting = {"ambient": 0.1, "lights": [spot, sun]}
     scene = cube(objects=[item, wall], lighting=lighting, render={"backend": "raycast", "supersampling": 4})
     for t, x_mm in ((0.0, 0.0), (-4.0, 10.0)):
@@ -291,7 +291,7 @@ def test_the_spotlight_scene_runs_and_its_brightness_changes() -> None:
     # Longer waves than the scene's, which a quarter of the pixels could not resolve.
     changes.append("objects.0.texture.wavelength_mm=[3.2, 16]")
     more = ["render.backend=raycast", "stage.positions=1", "sensor=ideal", "render.supersampling=2"]
-    scene = st.load_scene(SCENES / "cube_spotlight.yaml", [*changes, *more])
+    scene = st.load_scene(SCENES / "cube_spotlight.yaml", overrides=[*changes, *more])
     recording, truth = st.simulate(scene)
     image, ids = recording["image"].values[0], truth["object_id"].values
     left = [float(image[n, :, :75][ids[n, :, :75] == 0].mean()) for n in range(3)]

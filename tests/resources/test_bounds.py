@@ -17,11 +17,11 @@ from scenetruth.resources.enforcement import refuse_beyond_limits
 from scenetruth.resources.limits import Limits, limits_from
 from tests.scenes import cube
 
-CUBE = cube(frames={"count": 3}).to_plain()
+CUBE = cube(frames={"count": 3}).to_dict()
 
 
 def scene(**sections: Any) -> st.Scene:
-    return st.scene_from_plain({**CUBE, **sections})
+    return st.Scene.from_dict({**CUBE, **sections})
 
 
 def item(**fields: Any) -> dict[str, Any]:

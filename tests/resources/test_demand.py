@@ -44,9 +44,9 @@ LEAVES: list[dict[str, Any]] = [
 
 
 def with_mesh(mesh: dict[str, Any], **fields: Any) -> st.Scene:
-    plain = cube().to_plain()
+    plain = cube().to_dict()
     plain["objects"][0] |= {"mesh": mesh, "texture": {"kind": "uniform"}, **fields}
-    return st.scene_from_plain(plain)
+    return st.Scene.from_dict(plain)
 
 
 @pytest.mark.parametrize("mesh", MESHES, ids=lambda mesh: f"{mesh['kind']} {len(mesh)}")

@@ -105,7 +105,7 @@ MEASURED: dict[str, tuple[list[str], float, float]] = {
 @pytest.mark.parametrize("name", MEASURED)
 def test_memory_and_disk_are_within_a_factor_of_what_was_measured(name: str) -> None:
     changes, memory, disk = MEASURED[name]
-    scene = st.load_scene(SCENES / f"{name}.yaml", [*changes, "render.backend=pyrender"])
+    scene = st.load_scene(SCENES / f"{name}.yaml", overrides=[*changes, "render.backend=pyrender"])
     found = estimate_cost(compute_workload(scene, list_object_workloads(scene)[0]), ["render"], 1.0)
     assert 1 / 1.5 < found.memory_bytes / memory < 1.5
     assert 1 / 1.5 < found.disk_bytes / disk < 1.5

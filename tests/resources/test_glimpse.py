@@ -58,7 +58,7 @@ def test_few_moments_of_many_are_looked_at_with_both_ends() -> None:
 
 
 def test_of_many_objects_some_are_looked_at_and_the_others_named() -> None:
-    item = cube().to_plain()["objects"][0] | {"texture": {"kind": "uniform"}}
+    item = cube().to_dict()["objects"][0] | {"texture": {"kind": "uniform"}}
     scene = cube(objects=[item | {"name": f"cube-{number}"} for number in range(250)])
     glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
     assert 50 <= len(glimpse.world.bodies) <= 100
@@ -92,7 +92,7 @@ def test_objects_without_interior_are_named_as_the_truth_does(width_px: int, wid
 
 
 def test_motions_that_cannot_be_are_told() -> None:
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     growth = {"kind": "growth", "rate_per_hour": -1e3}
     item |= {"mesh": {"kind": "plane", "size_mm": [40, 40], "resolution_mm": 1}, "deformation": [growth]}
     scene = cube(objects=[item], frames={"count": 9, "frame_interval_s": 60})

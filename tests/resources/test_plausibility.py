@@ -23,7 +23,7 @@ GROWTH = "objects.0.deformation=[{kind: growth, "
     ],
 )
 def test_values_in_another_unit_are_told_with_the_right_one(scene: str, override: str, told: str) -> None:
-    (message,) = find_unit_errors(st.load_scene(scene, [override]))
+    (message,) = find_unit_errors(st.load_scene(scene, overrides=[override]))
     assert told in message
 
 
@@ -40,7 +40,7 @@ def test_values_in_another_unit_are_told_with_the_right_one(scene: str, override
     ],
 )
 def test_what_is_rare_but_right_is_not_warned_of(scene: str, overrides: list[str]) -> None:
-    assert find_unit_errors(st.load_scene(scene, overrides)) == []
+    assert find_unit_errors(st.load_scene(scene, overrides=overrides)) == []
 
 
 def test_no_scene_of_the_library_is_warned_of() -> None:

@@ -53,7 +53,7 @@ def test_where_nothing_can_be_written_is_told_and_not_as_lack_of_disk() -> None:
 def test_a_run_is_refused_before_it_leaves_anything(tmp_path: Path) -> None:
     for limits, what in ((Limits(memory_gb=0.1), "memory of render"), (Limits(hours=1e-6), "time")):
         with pytest.raises(st.MachineError, match=what):
-            st.run_scene(cube(), tmp_path / "run", stages=("render",), limits=limits)
+            st.run_scene(cube(), output=tmp_path / "run", stages=("render",), limits=limits)
     with pytest.raises(st.SceneError, match="--limit frames="):
-        st.run_scene(cube(), tmp_path / "run", limits=Limits(frames=3))
+        st.run_scene(cube(), output=tmp_path / "run", limits=Limits(frames=3))
     assert list(tmp_path.iterdir()) == []

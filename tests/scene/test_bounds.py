@@ -18,7 +18,7 @@ from scenetruth.scene.scene_report import check_scene
 from scenetruth.validated_model import LARGEST, SMALLEST
 from tests.scenes import cube
 
-PLAIN = cube(frames={"count": 3}, camera={"width": 40, "height": 30, "focal_length_px": 313}).to_plain()
+PLAIN = cube(frames={"count": 3}, camera={"width": 40, "height": 30, "focal_length_px": 313}).to_dict()
 PLAIN["objects"][0]["texture"] = {"kind": "uniform"}
 
 
@@ -43,7 +43,7 @@ def leaf(**fields: Any) -> dict[str, Any]:
 
 
 def made(plain: dict[str, Any]) -> None:
-    scene = st.scene_from_plain(plain)
+    scene = st.Scene.from_dict(plain)
     check_scene(scene, build_scene(scene))
 
 
@@ -139,19 +139,19 @@ def test_what_leads_to_no_scene_is_refused(plain: dict[str, Any], message: str) 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**32, 2**63 - 1])
 def test_seeds_of_63_bits_are_taken(seed: int) -> None:
-    scene = st.scene_from_plain(changed(seed=seed))
+    scene = st.Scene.from_dict(changed(seed=seed))
     assert build_scene(scene).bodies
 
 
 @given(some.floats(min_value=SMALLEST, max_value=LARGEST) | some.just(0.0) | some.floats(-LARGEST, -SMALLEST))
 def test_numbers_within_bounds_are_taken_as_they_are(value: float) -> None:
-    scene = st.scene_from_plain(changed(objects__0__pose={"position_mm": [value, 0, 700]}))
+    scene = st.Scene.from_dict(changed(objects__0__pose={"position_mm": [value, 0, 700]}))
     assert scene.objects[0].pose.position_mm[0] == value
 
 
 def test_light_from_where_the_lens_folds_is_told_before_rendering() -> None:
     camera = {"width": 60, "height": 60, "focal_length_px": 100, "distortion": {"k1": -0.5}}
-    st.scene_from_plain(changed(camera=camera))
+    st.Scene.from_dict(changed(camera=camera))
     plain = changed(camera=camera, optics={"psf": {"kind": "gaussian", "sigma_px": 5.0}})
     refuse(plain, r"optics\.psf: spreads light from around the image, where distortion folds the image")
 
@@ -167,5 +167,5 @@ def test_refined_cameras_may_be_larger_than_those_of_scenes() -> None:
 def test_a_plant_at_the_bound_of_places_has_leaves() -> None:
     leaf = {"kind": "leaf", "length_mm": 30, "resolution_mm": 2, "petiole": {"length_mm": 20, "diameter_mm": 2}}
     plant = {"name": "p", "kind": "rosette", "leaf": leaf, "leaves": 4, "texture": {"kind": "leaf"}}
-    scene = st.scene_from_plain(PLAIN | {"plants": [plant | {"position_mm": [LARGEST, 0, 600]}]})
+    scene = st.Scene.from_dict(PLAIN | {"plants": [plant | {"position_mm": [LARGEST, 0, 600]}]})
     assert max(part.pose.position_mm[0] for _, part in scene.parts) > LARGEST

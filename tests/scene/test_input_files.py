@@ -33,7 +33,7 @@ def scene_of(
     mesh: dict[str, Any], texture: dict[str, Any], deformation: list[dict[str, Any]] | None = None
 ) -> st.Scene:
     item = {"name": "it", "mesh": mesh, "texture": texture, "deformation": deformation or []}
-    return st.scene_from_plain(
+    return st.Scene.from_dict(
         {
             "camera": {"width": 20, "height": 20, "focal_length_px": 20},
             "stage": {"positions": 2, "baseline_mm": 1},
@@ -127,7 +127,7 @@ def test_all_files_that_are_missing_are_told_together(tmp_path: Path) -> None:
     BOX.export(tmp_path / "one.ply")
     other = scene.objects[0].model_dump(mode="json")
     other |= {"name": "other", "mesh": {"kind": "file", "file": "one.ply"}, "texture": {"kind": "uniform"}}
-    scene = st.scene_from_plain({**scene.to_plain(), "objects": [scene.to_plain()["objects"][0], other]})
+    scene = st.Scene.from_dict({**scene.to_dict(), "objects": [scene.to_dict()["objects"][0], other]})
     expected = ["0.mesh.file", "0.texture.file", "0.deformation.0.files.1", "1.deformation.0.files.1"]
     for refuse in (build_scene, lambda scene, folder: refuse_beyond_limits(scene, folder=folder)):
         with pytest.raises(st.SceneError, match=r"0\.mesh\.file: no such mesh file") as caught:

@@ -56,7 +56,7 @@ def lit(*lights: dict[str, Any], **lighting: Any) -> st.Scene:
 def test_what_is_wrong_is_named(override: str, message: str) -> None:
     overrides = [f"lighting.{override}", *(["lighting.flicker.period_frames=3"] if "flicker" in override else [])]
     with pytest.raises(st.SceneError, match=message):
-        st.load_scene(SCENES / "cube_spotlight.yaml", overrides)
+        st.load_scene(SCENES / "cube_spotlight.yaml", overrides=overrides)
 
 
 def test_a_scene_without_lighting_is_unlit() -> None:
@@ -130,7 +130,7 @@ def test_a_light_that_moves_into_an_object_is_refused() -> None:
 
 @given(offset=some.tuples(*[some.floats(-40, 40)] * 3))
 def test_inside_a_box_is_inside(offset: tuple[float, float, float]) -> None:
-    item = cube().to_plain()["objects"][0] | {"motion": [], "texture": {"kind": "uniform"}}
+    item = cube().to_dict()["objects"][0] | {"motion": [], "texture": {"kind": "uniform"}}
     place = Rotation.from_rotvec([np.deg2rad(20), 0, 0]) * Rotation.from_rotvec([0, np.deg2rad(45), 0])
     position = place.apply(offset) + CENTRE
     light = {**POINT, "position_mm": position.tolist()}
@@ -146,7 +146,7 @@ def test_meshes_whose_triangles_face_anywhere_have_an_inside_and_open_ones_none(
     faces[::3] = faces[::3, ::-1]
     trimesh.Trimesh(ball.vertices, faces, process=False).export(tmp_path / "ball.ply")
     trimesh.Trimesh(ball.vertices, faces[1:], process=False).export(tmp_path / "open.ply")
-    item = cube().to_plain()["objects"][0] | {"motion": []}
+    item = cube().to_dict()["objects"][0] | {"motion": []}
     found = {}
     for name in ("ball", "open"):
         mesh = {"kind": "file", "file": str(tmp_path / f"{name}.ply")}

@@ -23,8 +23,8 @@ ALL_SCENES = sorted(SCENES.glob("*.yaml"))
 def test_scenes_of_the_repository_load_and_survive_a_round_trip(file: Path) -> None:
     scene = st.load_scene(file)
     assert scene.description
-    assert st.scene_from_plain(scene.to_plain()) == scene
-    assert st.scene_from_plain(yaml.safe_load(yaml.safe_dump(scene.to_plain()))) == scene
+    assert st.Scene.from_dict(scene.to_dict()) == scene
+    assert st.Scene.from_dict(yaml.safe_load(yaml.safe_dump(scene.to_dict()))) == scene
 
 
 @pytest.mark.parametrize(
@@ -32,12 +32,12 @@ def test_scenes_of_the_repository_load_and_survive_a_round_trip(file: Path) -> N
 )
 def test_what_is_not_the_default_survives_a_round_trip(changes: dict[str, Any]) -> None:
     scene = cube(**changes)
-    assert st.scene_from_plain(json.loads(json.dumps(scene.to_plain()))) == scene
+    assert st.Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
 
 
 def test_yaml_and_python_are_equal(tmp_path: Path) -> None:
     scene = cube()
-    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene.to_plain()))
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene.to_dict()))
     assert st.load_scene(tmp_path / "scene.yaml") == scene
 
 
@@ -66,7 +66,7 @@ def test_yaml_and_python_are_equal(tmp_path: Path) -> None:
 )
 def test_what_is_wrong_is_named(override: str, message: str) -> None:
     with pytest.raises(st.SceneError, match=message) as caught:
-        st.load_scene(SCENES / "cube.yaml", [override])
+        st.load_scene(SCENES / "cube.yaml", overrides=[override])
     assert "cube.yaml" in str(caught.value)
     assert len(caught.value.problems) == 1
 
@@ -74,13 +74,13 @@ def test_what_is_wrong_is_named(override: str, message: str) -> None:
 def test_all_problems_at_once() -> None:
     wrong = ["camera.widht=3", "sensor.noise_std=-1", "objects.0.texture.kind=foo", "frames.count=x"]
     with pytest.raises(st.SceneError) as caught:
-        st.load_scene(SCENES / "cube.yaml", wrong)
+        st.load_scene(SCENES / "cube.yaml", overrides=wrong)
     paths = sorted(problem.path for problem in caught.value.problems)
     assert paths == ["camera.widht", "frames.count", "objects.0.texture", "sensor.noise_std"]
 
 
 def test_names_must_be_unique() -> None:
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     with pytest.raises(st.SceneError, match="objects: names must be unique; used more than once: cube"):
         cube(objects=[item, item])
 
@@ -108,7 +108,7 @@ def test_missing_file(tmp_path: Path) -> None:
 
 def test_overrides_reach_into_lists_and_new_sections() -> None:
     overrides = ["objects.0.motion.0.velocity_mm_per_frame=[1, 2, 3]", "render.supersampling=2", "sensor=ideal"]
-    scene = st.load_scene(SCENES / "plaid.yaml", overrides)
+    scene = st.load_scene(SCENES / "plaid.yaml", overrides=overrides)
     assert scene.objects[0].motion[0].velocity_mm_per_frame == (1, 2, 3)  # type: ignore[attr-defined]
     assert scene.render.supersampling == 2
 
@@ -126,7 +126,7 @@ def test_overrides_reach_into_lists_and_new_sections() -> None:
 )
 def test_overrides_that_do_not_fit(override: str, message: str) -> None:
     with pytest.raises(st.SceneError, match=message):
-        st.load_scene(SCENES / "cube.yaml", [override])
+        st.load_scene(SCENES / "cube.yaml", overrides=[override])
 
 
 plain_values = some.recursive(
@@ -158,14 +158,14 @@ plain_values = some.recursive(
     value=plain_values,
 )
 def test_any_value_gives_a_scene_or_a_scene_error(path: str, value: object) -> None:
-    plain = cube().to_plain()
+    plain = cube().to_dict()
     with contextlib.suppress(st.SceneError):
         apply_overrides(plain, [f"{path}={yaml.safe_dump(value, default_flow_style=True)}"])
-        assert isinstance(st.scene_from_plain(plain), st.Scene)
+        assert isinstance(st.Scene.from_dict(plain), st.Scene)
 
 
 def test_relative_paths_count_from_the_scene_file(tmp_path: Path) -> None:
-    plain = cube().to_plain()
+    plain = cube().to_dict()
     plain["objects"][0]["texture"] = {"kind": "image", "file": "pattern.png"}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(plain))
     texture = st.load_scene(tmp_path / "scene.yaml").objects[0].texture

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import scenetruth as st
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.motion.motion_presets import MOTION_PRESETS
 from tests.scene.moving import sheet
@@ -34,8 +34,8 @@ def scene(leaf: Path, frames: dict[str, Any] | None = None, **changes: Any) -> s
         "pose": {"position_mm": [0, 0, 660]},
         **changes,
     }
-    plain = cube().to_plain() | {"objects": [item], "frames": frames or {"count": 9, "frame_interval_s": 3600}}
-    return scene_from_plain(plain)
+    plain = cube().to_dict() | {"objects": [item], "frames": frames or {"count": 9, "frame_interval_s": 3600}}
+    return Scene.from_dict(plain)
 
 
 ROLL = {"kind": "unrolling", "length_mm": 40, "radius_mm": 3, "tightening": 0.05}
@@ -225,7 +225,7 @@ def test_presets_fill_in_what_is_not_given(leaf: Path) -> None:
     assert (fast["rate_per_hour"], fast["base_to_tip"], fast["diel_amplitude"]) == (0.03, (1, 1), 0.5)
     turned = made.objects[0].motion[0].model_dump()
     assert turned["angle_deg"] == {"kind": "linear", "start": 0, "rate_per_frame": 0.2}
-    assert scene_from_plain(made.to_plain()) == made
+    assert Scene.from_dict(made.to_dict()) == made
 
 
 def test_every_figure_of_a_preset_has_a_source_and_the_page_tells_them() -> None:

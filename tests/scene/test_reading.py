@@ -195,7 +195,7 @@ def test_paths_that_are_none(path: object) -> None:
 def test_overrides_are_bounded_alike(override: str, message: str) -> None:
     started = time.process_time()
     with pytest.raises(st.SceneError, match=message) as caught:
-        st.load_scene(SCENES / "cube.yaml", [override])
+        st.load_scene(SCENES / "cube.yaml", overrides=[override])
     assert len(str(caught.value)) < 3000
     assert time.process_time() - started < 5
 
@@ -224,21 +224,21 @@ def test_thousands_of_wrong_fields_are_told_soon(tmp_path: Path) -> None:
 )
 def test_plain_values_that_are_none(plain: object, message: str) -> None:
     with pytest.raises(st.SceneError, match=message):
-        st.scene_from_plain(plain)  # type: ignore[arg-type]
+        st.Scene.from_dict(plain)  # type: ignore[arg-type]
 
 
 def test_plain_values_that_never_end() -> None:
     endless: dict[str, object] = {}
     endless["camera"] = [endless]
     with pytest.raises(st.SceneError, match=r"camera\.0: contains itself"):
-        st.scene_from_plain(endless)
+        st.Scene.from_dict(endless)
     deep: object = 1
     for _ in range(10_000):
         deep = [deep]
     with pytest.raises(st.SceneError, match=f"is nested more than {MAX_DEPTH} deep"):
-        st.scene_from_plain({"camera": deep})
+        st.Scene.from_dict({"camera": deep})
     wide: list[object] = ["x"]
     for _ in range(60):
         wide = [wide, wide]
     with pytest.raises(st.SceneError, match="nested more than"):
-        st.scene_from_plain({"camera": wide})
+        st.Scene.from_dict({"camera": wide})

@@ -13,7 +13,7 @@ from tests.scenes import SCENES
 
 def message_of(override: str) -> str:
     with pytest.raises(st.SceneError) as caught:
-        st.load_scene(SCENES / "cube.yaml", [override])
+        st.load_scene(SCENES / "cube.yaml", overrides=[override])
     path = override.partition("=")[0]
     # A wrong kind is told of the whole, and a wrong key of a part where the part was to begin.
     found = [item for item in caught.value.problems if item.path.startswith(path) or path.startswith(item.path)]
@@ -63,12 +63,12 @@ def test_what_was_meant_is_told(override: str, end: str) -> None:
 
 @pytest.mark.parametrize(("wrong", "right"), [("object", "objects"), ("plnts", "plants"), ("camra", "camera")])
 def test_what_seems_missing_is_first_told_under_the_name_it_has(wrong: str, right: str) -> None:
-    plain = st.load_scene(SCENES / ("rosette.yaml" if right == "plants" else "cube.yaml")).to_plain()
+    plain = st.load_scene(SCENES / ("rosette.yaml" if right == "plants" else "cube.yaml")).to_dict()
     if right == "plants":
         plain["objects"] = []
     plain[wrong] = plain.pop(right)
     with pytest.raises(st.SceneError) as caught:
-        st.scene_from_plain(plain)
+        st.Scene.from_dict(plain)
     first, *others = caught.value.problems
     assert first.path == wrong
     assert first.message == f"unknown key; did you mean '{right}'?"
@@ -104,7 +104,7 @@ def test_no_key_is_suggested_to_itself(place: tuple[str | int, ...]) -> None:
 
 def test_missing_field_called_like_its_kind_has_its_path() -> None:
     with pytest.raises(st.SceneError, match=r"sensor\.effects\.0\.gamma: is missing"):
-        st.load_scene(SCENES / "cube.yaml", ["sensor={kind: chain, effects: [{kind: gamma}]}"])
+        st.load_scene(SCENES / "cube.yaml", overrides=["sensor={kind: chain, effects: [{kind: gamma}]}"])
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_missing_field_called_like_its_kind_has_its_path() -> None:
     ],
 )
 def test_words_of_scenes_may_be_in_any_case(override: str, path: str, value: object) -> None:
-    found: object = st.load_scene(SCENES / "cube.yaml", [override])
+    found: object = st.load_scene(SCENES / "cube.yaml", overrides=[override])
     for part in path.split("."):
         found = found[int(part)] if isinstance(found, tuple) else getattr(found, part)
     assert found == value

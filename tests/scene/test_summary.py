@@ -49,7 +49,7 @@ def test_the_table_tells_of_the_parts(changes: dict[str, Any], text: str) -> Non
 
 
 def test_names_cannot_inject_markup() -> None:
-    item = cube().to_plain()["objects"][0] | {"name": "<script>"}
+    item = cube().to_dict()["objects"][0] | {"name": "<script>"}
     html = cube(description="<b>", objects=[item])._repr_html_()
     assert "&lt;b&gt;" in html
     assert "&lt;script&gt;" in html

@@ -21,7 +21,7 @@ from tests.scenes import SCENES, cube
 
 
 def with_object(**changes: Any) -> st.Scene:
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     return cube(objects=[{**item, **changes}])
 
 
@@ -95,9 +95,9 @@ def test_image_textures_stand_upright(tmp_path: Path, backend: str, source: str)
     if source == "plane":
         mesh = {"kind": "plane", "size_mm": [40, 40]}
     scene = with_object(mesh=mesh, texture=texture, motion=[], pose={"position_mm": [0, 0, 660]})
-    scene = st.scene_from_plain(
+    scene = st.Scene.from_dict(
         {
-            **scene.to_plain(),
+            **scene.to_dict(),
             "frames": {"count": 1},
             "stage": {"positions": 1, "baseline_mm": 5},
             "render": {"backend": backend},
@@ -126,10 +126,10 @@ def test_vertex_colours_are_interpolated(tmp_path: Path, backend: str) -> None:
         texture={"kind": "embedded"},
         motion=[],
         pose={"position_mm": [0, 0, 660]},
-    ).to_plain()
+    ).to_dict()
     plain |= {"frames": {"count": 1}, "stage": {"positions": 1, "baseline_mm": 5}, "render": {"backend": backend}}
     try:
-        recording, _ = st.simulate(st.scene_from_plain(plain))
+        recording, _ = st.simulate(st.Scene.from_dict(plain))
     except st.BackendUnavailableError as error:
         pytest.skip(str(error))
     row = recording["image"].values[0, 0, 60]
@@ -176,7 +176,7 @@ def test_image_on_a_mesh_without_uv(tmp_path: Path) -> None:
 
 
 def test_all_objects_that_cannot_be_made_are_named() -> None:
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     broken = [
         {**item, "name": "one", "mesh": {"kind": "file", "file": "/no.obj"}},
         {**item, "name": "two", "texture": {"kind": "image", "file": "/no.png"}},

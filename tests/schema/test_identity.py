@@ -74,7 +74,7 @@ def test_parts_of_different_runs_are_refused_by_both_names(runs: list[dict[str, 
         check_same_run(parts)
     with pytest.raises(st.MismatchError, match="truth"):
         st.score(other["estimate"], one["truth"])
-    st.score(other["estimate"], one["truth"], check=False)
+    st.score(other["estimate"], one["truth"], allow_mismatch=True)
 
 
 def test_a_truth_without_images_belongs_to_those_of_its_scene(runs: list[dict[str, xr.Dataset]]) -> None:

@@ -139,10 +139,10 @@ def test_parts_that_are_no_data_sets() -> None:
         with pytest.raises(
             st.ScoreError, match=r"must be an xarray\.Dataset|must be a Score|progress: must be callable"
         ):
-            st.write_report(recording, estimate, **more)
+            st.write_report(estimate, recording=recording, **more)
     with pytest.raises(st.ScoreError, match=r"must be an xarray\.Dataset"):
         st.compute_growth_rate(None)  # type: ignore[arg-type]
-    with pytest.raises(st.SceneError, match="must be a Scene"):
+    with pytest.raises(st.SceneError, match="must be given by its path"):
         st.track_points(None, found, [0])  # type: ignore[arg-type]
 
 

@@ -148,7 +148,7 @@ def test_what_one_camera_or_one_frame_cannot_tell_is_left_out(
     reduce: Callable[[Case], Case], expected: list[str], tmp_path: Path
 ) -> None:
     case = reduce(with_error_bars(make_case(48, 36, 380.0)))
-    result = score(case.estimate, case.truth, margin_px=3)
+    result = score(case.estimate, case.truth, settings={"interior_margin_px": 3})
     figures = plot_all(case.recording, case.estimate, case.truth, result, tmp_path)
     assert [figure.file for figure in figures] == expected
 
@@ -172,7 +172,7 @@ def test_what_the_estimate_does_not_hold_is_left_out(
     small_case: Case, held: tuple[str, ...], expected: list[str], tmp_path: Path
 ) -> None:
     case, estimate = small_case, small_case.estimate[[*held]]
-    result = score(estimate, case.truth, margin_px=3)
+    result = score(estimate, case.truth, settings={"interior_margin_px": 3})
     figures = plot_all(case.recording, estimate, case.truth, result, tmp_path / "with")
     assert [figure.file for figure in figures] == expected
     assert_legible(tmp_path / "with")
@@ -309,7 +309,7 @@ def error_bars_title(case: Case, estimate: xr.Dataset, folder: Path) -> str | No
 def test_growth_is_drawn_where_the_truth_knows_it(known: bool, tmp_path: Path) -> None:
     case = make_growing_case(80, 60, 620.0)
     truth = case.truth if known else case.truth.drop_vars("growth_rate")
-    result = score(case.estimate, truth, growth_window_px=6)
+    result = score(case.estimate, truth, settings={"growth_window_px": 6})
     figure = draw_growth(
         collect_figure_arrays(case.recording, case.estimate, truth), case.estimate, truth, result, tmp_path
     )
@@ -325,7 +325,7 @@ def test_growth_is_drawn_where_the_truth_knows_it(known: bool, tmp_path: Path) -
 
 def test_growth_of_windows_that_hold_nothing_is_not_drawn(tmp_path: Path) -> None:
     case = make_growing_case(80, 60, 620.0)
-    result = score(case.estimate, case.truth, growth_window_px=200)
+    result = score(case.estimate, case.truth, settings={"growth_window_px": 200})
     assert (
         draw_growth(
             collect_figure_arrays(case.recording, case.estimate, case.truth),

@@ -209,7 +209,9 @@ def test_estimate_of_the_truth_has_the_bias_of_the_window_only() -> None:
     # The rate rises by 2 %/h over 144 px. At a straight border half a Gaussian is left, whose slope is that of
     # (2 / pi)^1/2 / (2 - 4 / pi) = 1.10 standard deviations further in; pixels are a tenth wider on one side.
     assert 1e-4 < np.abs(bias).max() < 1.10 * 1.1 * 2 * 8 / 144
-    result = score(case.estimate, case.truth, margin_px=24, growth_window_px=8).regions["interior"]
+    result = score(case.estimate, case.truth, settings={"interior_margin_px": 24, "growth_window_px": 8}).regions[
+        "interior"
+    ]
     assert result["growth_rate_windowed"]["rmse"] == 0.0
     # Whole windows average a rate that is linear on the leaf, nearly so in the image.
     assert abs(result["growth_rate"]["bias"] or 1) < 0.02
@@ -220,7 +222,7 @@ def test_growth_is_scored_in_percent_per_hour() -> None:
     case = make_growing_case()
     factor = 100 * 3600 / 60
     faster = case.estimate.assign(velocity=1.5 * case.estimate["velocity"])
-    result = score(faster, case.truth, growth_window_px=8)
+    result = score(faster, case.truth, settings={"growth_window_px": 8})
     expected = compute_growth_rate(faster, ScoreSettings(growth_window_px=8)).values * factor
     error = expected - case.truth["growth_rate"].values * factor
     error = error[np.isfinite(error)]
@@ -233,7 +235,7 @@ def test_growth_is_scored_in_percent_per_hour() -> None:
     assert values["rms_z"] is None
     assert result.to_frame().loc[("all", "growth_rate"), "units"] == "%/h"
     hourly = [dataset.assign_attrs(frame_interval_s=3600.0) for dataset in (faster, case.truth)]
-    slow = score(*hourly, growth_window_px=8).regions["all"]["growth_rate"]
+    slow = score(*hourly, settings={"growth_window_px": 8}).regions["all"]["growth_rate"]
     assert slow["rmse"] == pytest.approx(float(values["rmse"] or 0) / 60)
 
 
@@ -260,7 +262,7 @@ def test_growth_is_left_out_where_it_cannot_be_scored() -> None:
 def test_impossible_settings_are_refused(name: str, value: Any) -> None:
     case = make_growing_case(16, 12, 150.0)
     with pytest.raises(ScoreError, match=name):
-        score(case.estimate, case.truth, **{name: value})
+        score(case.estimate, case.truth, settings={name: value})
 
 
 def test_a_large_frame_takes_little_time() -> None:

@@ -36,10 +36,10 @@ def in_parts(monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
 
 @pytest.mark.parametrize("frames", [1, 2])
 def test_scores_are_those_of_all_frames_at_once(case: Case, monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
-    whole = st.score(case.estimate, case.truth, case.recording, margin_px=3)
+    whole = st.score(case.estimate, case.truth, case.recording, settings={"interior_margin_px": 3})
     in_parts(monkeypatch, frames)
     assert alignment.count_blocks(case.estimate) == -(-len(FRAMES) // frames)
-    found = st.score(case.estimate, case.truth, case.recording, margin_px=3)
+    found = st.score(case.estimate, case.truth, case.recording, settings={"interior_margin_px": 3})
     assert list(found.regions) == list(whole.regions)
     assert "object_two" in whole.regions
     assert "object_three" not in whole.regions
@@ -88,8 +88,8 @@ def test_stores_are_scored_without_being_loaded(case: Case, tmp_path: Path, monk
         st.save_store(dataset, tmp_path / f"{name}.zarr")
     opened = {name: st.open_store(tmp_path / f"{name}.zarr") for name in ("recording", "truth", "estimate")}
     in_parts(monkeypatch, 2)
-    whole = st.score(case.estimate, case.truth, case.recording, margin_px=3)
-    found = st.score(opened["estimate"], opened["truth"], opened["recording"], margin_px=3)
+    whole = st.score(case.estimate, case.truth, case.recording, settings={"interior_margin_px": 3})
+    found = st.score(opened["estimate"], opened["truth"], opened["recording"], settings={"interior_margin_px": 3})
     assert found.regions == whole.regions
     most = max(
         (variable.values.nbytes for variable in opened["truth"].variables.values() if variable._in_memory), default=0

@@ -64,7 +64,9 @@ def page(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
     case = full_case
     recording = case.recording.assign_attrs(scene=json.dumps({"description": "a wedge", "note": "</pre><script>"}))
     result = score(case.estimate, case.truth, metadata=METADATA)
-    return write_report(recording, case.estimate, case.truth, result, tmp_path_factory.mktemp("report") / "run")
+    return write_report(
+        case.estimate, case.truth, recording, score=result, output=tmp_path_factory.mktemp("report") / "run"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +146,7 @@ def test_data_from_elsewhere_have_a_report_too(tmp_path: Path) -> None:
     case = make_case(32, 24, 250.0)
     estimate = case.estimate[["disparity"]]
     # Without a score, it is made.
-    text = write_report(case.recording, estimate, case.truth, folder=tmp_path, figures=ONE).read_text(encoding="utf-8")
+    text = write_report(estimate, case.truth, case.recording, output=tmp_path, figures=ONE).read_text(encoding="utf-8")
     assert "The scene in full" not in text
     assert "<h1>Estimate against truth</h1>" in text
     assert format_number(score(estimate, case.truth).regions["all"]["disparity"]["rmse"]) in text
@@ -172,7 +174,7 @@ def test_page_tells_what_the_estimate_holds(
     content = build_score_content(result)
     assert set(cards) <= {card["title"] for card in content["headlines"]}
     page = write_report(
-        full_case.recording, full_case.estimate[[*held]], full_case.truth, result, tmp_path, figures=ONE
+        full_case.estimate[[*held]], full_case.truth, full_case.recording, score=result, output=tmp_path, figures=ONE
     )
     reader = read(page)
     for entry in QUANTITIES.values():
@@ -196,7 +198,7 @@ def page_without_truth(full_case: Case, tmp_path_factory: pytest.TempPathFactory
     recording = full_case.recording.assign_attrs(render_fallback_reason=REASON)
     # What all the others show and say without a truth: `test_without_truth_the_estimate_is_drawn_alone`.
     few = ("depth", "coherence", "error_histograms")
-    return write_report(recording, full_case.estimate, folder=tmp_path_factory.mktemp("report"), figures=few)
+    return write_report(full_case.estimate, recording=recording, output=tmp_path_factory.mktemp("report"), figures=few)
 
 
 def test_page_without_truth_says_so(page_without_truth: Path) -> None:
@@ -259,18 +261,22 @@ def test_growth_of_what_moves_rigidly_is_not_shown(tmp_path: Path) -> None:
     rounding = case.truth.assign(growth_rate=1e-17 * case.truth["growth_rate"] / case.truth["growth_rate"].max())
     # What growth follows from.
     estimate = case.estimate[["depth", "velocity"]]
-    result = score(estimate, rounding, case.recording, growth_window_px=4)
+    result = score(estimate, rounding, case.recording, settings={"growth_window_px": 4})
     assert result.regions["all"]["growth_rate"]["count"]
     assert not result.grows
-    page = write_report(case.recording, estimate, rounding, result, tmp_path, figures=("image", "growth_rate"))
+    page = write_report(
+        estimate, rounding, case.recording, score=result, output=tmp_path, figures=("image", "growth_rate")
+    )
     assert "Growth rate" not in page.read_text(encoding="utf-8")
     assert [path.name for path in (tmp_path / "figures").iterdir()] == ["image.png"]
 
 
 def test_growth_is_reported_where_it_is_scored(tmp_path: Path) -> None:
     case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
-    result = score(case.estimate, case.truth, case.recording, growth_window_px=6, margin_px=3)
-    page = write_report(case.recording, case.estimate, case.truth, result, tmp_path, figures=("image", "growth_rate"))
+    result = score(case.estimate, case.truth, case.recording, settings={"growth_window_px": 6, "interior_margin_px": 3})
+    page = write_report(
+        case.estimate, case.truth, case.recording, score=result, output=tmp_path, figures=("image", "growth_rate")
+    )
     reader = read(page)
     text = " ".join(reader.text)
     assert "Growth rate, windowed, RMSE" in text

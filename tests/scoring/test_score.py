@@ -75,15 +75,15 @@ def test_regions_are_those_that_the_truth_can_tell() -> None:
     truth = case.truth.drop_vars(["occluded_across_cameras", "normal"])
     assert tuple(score(case.estimate, truth).regions) == ("all", "interior", *EDGES)
     bounds: dict[str, Any] = {"slope_classes_deg": (0, 22.5, 90), "edge_classes_px": (3,)}
-    named = score(case.estimate, case.truth, **bounds).regions
+    named = score(case.estimate, case.truth, settings=bounds).regions
     assert tuple(named) == ("all", "interior", *hidden, "slope_0_22.5", "slope_22.5_90", "boundary_3_inf")
-    for regions in (everything, score(case.estimate, case.truth, **bounds)):
+    for regions in (everything, score(case.estimate, case.truth, settings=bounds)):
         assert Score.from_json(regions.to_json()) == regions
 
 
 def test_growth_comes_before_the_outliers() -> None:
     case = make_growing_case(48, 36, 380.0)
-    result = score(with_outliers(case.estimate), case.truth, growth_window_px=4)
+    result = score(with_outliers(case.estimate), case.truth, settings={"growth_window_px": 4})
     for values in result.regions.values():
         assert tuple(values) == (*NAMES[:-1], *GROWTH, "outliers")
     assert Score.from_json(result.to_json()) == result
@@ -121,7 +121,7 @@ def test_recording_that_does_not_belong_is_refused(case: Case) -> None:
 )
 def test_impossible_settings_are_refused(case: Case, settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ScoreError, match=message):
-        score(case.estimate, case.truth, **settings)
+        score(case.estimate, case.truth, settings=settings)
 
 
 def test_perfect_estimate_has_full_marks(case: Case) -> None:
@@ -226,7 +226,10 @@ def test_estimate_without_kind_counts_wherever_it_is_finite(case: Case) -> None:
 
 
 def test_margin_shrinks_the_interior(case: Case) -> None:
-    counts = [score(case.estimate, case.truth, margin_px=m).regions["interior"]["depth"]["count"] for m in (0, 5, 500)]
+    counts = [
+        score(case.estimate, case.truth, settings={"interior_margin_px": m}).regions["interior"]["depth"]["count"]
+        for m in (0, 5, 500)
+    ]
     assert counts[0] > counts[1] > counts[2] == 0  # type: ignore[operator]
 
 
@@ -397,7 +400,7 @@ def test_score_is_a_table_in_a_notebook(full_case: Case) -> None:
 
 def test_notebook_shows_growth_only_where_something_grows(case: Case) -> None:
     growing = make_growing_case(48, 36, 380.0)
-    result = score(growing.estimate, growing.truth, growth_window_px=4, margin_px=3)
+    result = score(growing.estimate, growing.truth, settings={"growth_window_px": 4, "interior_margin_px": 3})
     assert "Growth rate, windowed" in result._repr_html_()
     assert "growth_rate_windowed 0 %/h" in repr(result)
     assert "Growth" not in score(case.estimate, case.truth)._repr_html_()

@@ -16,15 +16,15 @@ PACKED = {"storage": {"form": "zip", "truth": "float32"}}
 
 
 def test_all_stores_of_a_run_are_zip_files(tmp_path: Path) -> None:
-    results = st.run_scene(cube(**SMALL, **PACKED), tmp_path / "x", stages=("render", "estimate", "score"))
+    results = st.run_scene(cube(**SMALL, **PACKED), output=tmp_path / "x", stages=("render", "estimate", "score"))
     names = {"scene.yaml", "recording.zarr.zip", "truth.zarr.zip", "estimate.zarr.zip", "score.csv", "score.json"}
     assert {path.name for path in (tmp_path / "x").iterdir()} == names
-    assert {verdict.problem for verdict in st.verify_run(tmp_path / "x")} == {""}
+    assert {verdict.problem for verdict in st.verify(tmp_path / "x")} == {""}
     assert st.RunDirectory(tmp_path / "x").estimated() == ["structure_tensor"]
     assert not results.failures
     with pytest.raises(st.OutputExistsError):
-        st.run_scene(cube(**SMALL, **PACKED), tmp_path / "x", stages=("render",))
-    st.run_scene(cube(**SMALL), tmp_path / "x", stages=("render",), overwrite=True)
+        st.run_scene(cube(**SMALL, **PACKED), output=tmp_path / "x", stages=("render",))
+    st.run_scene(cube(**SMALL), output=tmp_path / "x", stages=("render",), overwrite=True)
     assert {path.name for path in (tmp_path / "x").iterdir()} == {"scene.yaml", "recording.zarr", "truth.zarr"}
 
 

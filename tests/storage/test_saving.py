@@ -78,7 +78,7 @@ class _Counting:
 
 def test_the_scene_travels_with_the_data(data: dict[str, xr.Dataset]) -> None:
     for dataset in data.values():
-        assert st.scene_from_plain(json.loads(dataset.attrs["scene"])).camera.width == 48
+        assert st.Scene.from_dict(json.loads(dataset.attrs["scene"])).camera.width == 48
 
 
 @pytest.mark.parametrize("kind", KINDS)

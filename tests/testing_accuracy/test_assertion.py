@@ -57,7 +57,9 @@ def broken(check: Callable[..., st.Score], **given: Any) -> str:
 def test_limits_around_what_the_score_tells_are_kept_and_broken(
     case: Case, check: Callable[..., st.Score], statistic: str
 ) -> None:
-    values = st.score(case.estimate, case.truth, case.recording, margin_px=MARGIN_PX).regions["interior"]
+    values = st.score(case.estimate, case.truth, case.recording, settings={"interior_margin_px": MARGIN_PX}).regions[
+        "interior"
+    ]
     # Far more than rounding, far less than any error.
     looser = 1 - 1e-9 if statistic in ("density", "count", "coverage_2_std") else 1 + 1e-9
     known = {
@@ -76,7 +78,9 @@ def test_limits_around_what_the_score_tells_are_kept_and_broken(
 
 def test_growth_is_limited_in_either_unit() -> None:
     case = make_growing_case(80, 60, 600.0, velocity_noise=0.001)
-    error = st.score(case.estimate, case.truth, margin_px=MARGIN_PX).regions["interior"]["growth_rate"]["rmse"]
+    error = st.score(case.estimate, case.truth, settings={"interior_margin_px": MARGIN_PX}).regions["interior"][
+        "growth_rate"
+    ]["rmse"]
     assert error is not None
     for limit in ({"growth_percent_per_hour": 1.01 * error}, {"growth_per_hour": 0.0101 * error}):
         alone(case.estimate, case.truth, margin_px=MARGIN_PX, **limit)
@@ -102,7 +106,9 @@ def test_all_that_is_broken_is_told_and_what_is_kept_too(check: Callable[..., st
 def test_the_pixels_of_the_region_are_counted(case: Case, check: Callable[..., st.Score]) -> None:
     for region in ("all", "interior", "nonoccluded", "contrast_high"):
         text = broken(check, region=region, depth_mm=0.0)
-        values = st.score(case.estimate, case.truth, case.recording, margin_px=MARGIN_PX).regions[region]["depth"]
+        values = st.score(
+            case.estimate, case.truth, case.recording, settings={"interior_margin_px": MARGIN_PX}
+        ).regions[region]["depth"]
         count, density = values["count"], values["density"]
         assert count is not None
         assert density is not None
@@ -337,5 +343,5 @@ def test_what_is_around_takes_note_and_offers_a_folder(
 
 def test_the_score_is_returned(case: Case, check: Callable[..., st.Score]) -> None:
     found = check(depth_mm=1e3)
-    assert found == st.score(case.estimate, case.truth, case.recording, margin_px=MARGIN_PX)
+    assert found == st.score(case.estimate, case.truth, case.recording, settings={"interior_margin_px": MARGIN_PX})
     assert set(found.regions["interior"]) & set(QUANTITIES)

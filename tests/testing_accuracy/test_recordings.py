@@ -60,7 +60,7 @@ def kitchen(before: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ki
 
 def test_a_recording_is_that_of_the_scene_and_made_once(kitchen: Kitchen) -> None:
     made = kitchen.open()(SMALL, "seed=3", save_radiance=True)
-    recording, truth = st.simulate(st.scene_from_plain({**SMALL, "seed": 3}), save_radiance=True)
+    recording, truth = st.simulate(st.Scene.from_dict({**SMALL, "seed": 3}), save_radiance=True)
     xr.testing.assert_identical(made.recording.drop_attrs(), recording.drop_attrs())
     xr.testing.assert_identical(made.truth.drop_attrs(), truth.drop_attrs())
     assert made.recording.attrs["recording_hash"] == recording.attrs["recording_hash"]
@@ -177,7 +177,7 @@ def test_warnings_are_told_each_time(kitchen: Kitchen) -> None:
 
 
 def test_scenes_are_found_by_path_and_by_name(kitchen: Kitchen, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = st.scene_from_plain(SMALL)
+    scene = st.Scene.from_dict(SMALL)
     expected = kitchen.open()(scene).recording
     (kitchen.root / "scenes").mkdir()
     file = kitchen.root / "scenes" / "tiny.yaml"

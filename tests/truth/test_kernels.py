@@ -54,10 +54,10 @@ def test_maps_are_those_of_plain_numpy(distortion: Distortion | None, turn: tupl
         "texture": {"kind": "uniform"},
         "motion": [{"kind": "rotation", "axis": [0, 1, 0], "rate_deg_per_frame": 2}],
     }
-    from scenetruth.scene import scene_from_plain
+    from scenetruth.scene import Scene
 
-    plain = scene.to_plain()
-    world = build_scene(scene_from_plain({**plain, "objects": [*plain["objects"], screen]}))
+    plain = scene.to_dict()
+    world = build_scene(Scene.from_dict({**plain, "objects": [*plain["objects"], screen]}))
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces), 1.5)
     camera = scene.camera.model_copy(update={"distortion": distortion})
     viewpoint = Viewpoint(np.array([3.0, -1.0, 2.0]), Rotation.from_rotvec(turn).as_matrix())

@@ -58,7 +58,7 @@ def analytic_box_depth(scene: Scene, x_mm: float, t: float) -> Array:
     ids=["small", "whole"],
 )
 def test_cube_against_the_analytic_box_for_every_camera_and_frame(size: list[str]) -> None:
-    scene = load_scene(SCENES / "cube.yaml", [*size, "sensor=ideal", PLAIN])
+    scene = load_scene(SCENES / "cube.yaml", overrides=[*size, "sensor=ideal", PLAIN])
     world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
     unsure = worst = 0.0
@@ -142,7 +142,7 @@ SMALL = ["camera.width=160", "camera.height=120", "sensor=ideal", PLAIN]
     ],
 )
 def test_depth_disparity_flow_and_reprojection_agree(file: str, changes: list[str]) -> None:
-    worst = identities(load_scene(SCENES / file, changes))
+    worst = identities(load_scene(SCENES / file, overrides=changes))
     assert worst["reprojection"] <= 1e-9
     assert worst["disparity"] <= 1e-9
     # The central difference itself loses rounding / step: 1e-13 px * 1e3.
@@ -159,7 +159,7 @@ def test_every_scene_of_the_library_agrees_with_itself(file: Path) -> None:
 
 
 def test_velocity_of_a_turning_plane_moves_the_surface_points() -> None:
-    scene = load_scene(SCENES / "plane.yaml", [*SMALL, "camera.focal_length_px=1254"])
+    scene = load_scene(SCENES / "plane.yaml", overrides=[*SMALL, "camera.focal_length_px=1254"])
     world = build_scene(scene)
     before, now, after = (world.at(t) for t in (-1e-4, 0.0, 1e-4))
     difference = (after.vertices_mm - before.vertices_mm) / 2e-4

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, truth_maps
 
@@ -28,7 +28,7 @@ POSITION, SPIN_DEG, SPEED, TILT_DEG = np.array([1.0, -2.0, 660.0]), 1.5, np.arra
 
 def scene_of(mesh: dict[str, Any], width: int = 80, height: int = 60) -> Scene:
     """Return a tilted object that shifts and turns about Z; 1 px is 1 mm at 660 mm."""
-    return scene_from_plain(
+    return Scene.from_dict(
         {
             "camera": {"width": width, "height": height, "focal_length_px": 660},
             "stage": {"positions": 3, "baseline_mm": 5},
@@ -208,7 +208,7 @@ def test_stairs_are_exact(risers: bool) -> None:
     mesh = {"kind": "stairs", "tread_mm": [16, 40], "steps_mm": [30, -60, 40], "risers": risers}
     scene = scene_of(mesh, width=96, height=64)
     item = scene.objects[0].model_copy(update={"pose": {"position_mm": (0.0, 0.0, 660.0)}, "motion": ()})
-    scene = scene_from_plain({**scene.to_plain(), "objects": [item.model_dump(warnings=False)]})
+    scene = Scene.from_dict({**scene.to_dict(), "objects": [item.model_dump(warnings=False)]})
     world = build_scene(scene)
     topology = Topology.of(world.at(0).vertices_mm, world.faces)
     # Treads at 0, 30, -30, 10 mm: the middle between the nearest and the farthest is the origin.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import TruthOptions, make_truth, truth_from_world
 from tests.nightly import nightly
@@ -48,7 +48,7 @@ def gate(**changes: Any) -> Scene:
         ],
         "render": {"backend": "raycast"},
     }
-    return scene_from_plain(plain | changes)
+    return Scene.from_dict(plain | changes)
 
 
 def seen_by_force(points: Array, own: NDArray[np.int64], sides: Array, corners: Array, x_mm: float) -> tuple[Any, Any]:
@@ -217,7 +217,7 @@ def rosette(width: int, height: int, resolution_mm: float, count: int = 3) -> Sc
         ],
         "render": {"backend": "raycast"},
     }
-    return scene_from_plain(plain)
+    return Scene.from_dict(plain)
 
 
 @nightly

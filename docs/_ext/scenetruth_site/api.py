@@ -12,17 +12,17 @@ from pydantic import BaseModel
 __all__ = ["API", "api_in_markdown", "documented_names"]
 
 API: dict[str, dict[str, tuple[str, ...]]] = {
-    "scenes": {"scenetruth": ("load_scene", "scene_from_plain", "Scene", "Limits")},
+    "scenes": {"scenetruth": ("load_scene", "Scene", "Limits")},
     "simulation": {
         "scenetruth": (
             "simulate",
             "make_truth",
             "track_points",
-            "two_point_correction",
             "run_scene",
             "RunDirectory",
-            "verify_run",
-        )
+            "verify",
+        ),
+        "scenetruth.camera": ("two_point_correction",),
     },
     "data": {"scenetruth": ("make_recording", "make_estimate", "save_store", "load_store", "open_store")},
     "estimation": {
@@ -33,6 +33,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "StreamingMethod",
             "EstimationTask",
             "MethodSettings",
+            "MethodSpec",
             "Needs",
             "MethodEntry",
             "method_entries",
@@ -48,29 +49,39 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "recording_key",
         ),
     },
-    "scoring": {"scenetruth": ("score", "Score", "compute_growth_rate", "write_report")},
-    "comparison": {
-        "scenetruth": ("compare", "BenchmarkResult"),
-        "scenetruth.bound": ("cramer_rao_bound", "closed_form_bound", "ClosedFormBound", "texture_gradient"),
+    "scoring": {
+        "scenetruth": ("score", "Score", "compute_growth_rate", "write_report", "detect_convention_mismatches")
     },
-    "datasets": {"scenetruth": ("load_recipe", "recipe_from_plain", "run_dataset", "open_dataset")},
+    "comparison": {
+        "scenetruth": ("compare", "BenchmarkResult", "cramer_rao_bound"),
+        "scenetruth.bound": ("closed_form_bound", "ClosedFormBound", "texture_gradient"),
+    },
+    "datasets": {"scenetruth": ("load_recipe", "Recipe", "run_dataset", "open_dataset")},
     "design": {
-        "scenetruth": ("predict", "Prediction", "sweep", "Sweep", "Budget", "DesignResult"),
+        "scenetruth": (
+            "predict",
+            "Prediction",
+            "sweep",
+            "Sweep",
+            "budget",
+            "Budget",
+            "optimise",
+            "DesignResult",
+            "generate_pattern",
+            "assess_pattern",
+        ),
         "scenetruth.design.prediction": ("PredictedValue", "PredictionInputs", "recommend"),
-        "scenetruth.design.uncertainty": ("budget", "Calibration"),
-        "scenetruth.design.optimisation": ("optimise", "load_design_spec", "design_spec_from_dict", "DesignSpec"),
+        "scenetruth.design.uncertainty": ("Calibration",),
+        "scenetruth.design.optimisation": ("load_design_spec", "DesignSpec"),
         "scenetruth.design.optimisation.report.design_report": ("write_design_page",),
         "scenetruth.design.patterns": (
-            "generate_pattern",
             "export_pattern",
-            "assess_pattern",
-            "pattern_rig_from_scene",
             "Pattern",
             "PatternRig",
             "PatternAssessment",
         ),
     },
-    "export": {"scenetruth": ("export_run", "export_data", "export_formats")},
+    "export": {"scenetruth": ("export", "export_formats")},
     "testing": {
         "scenetruth.testing": (
             "estimator_checks",
@@ -85,6 +96,8 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
     "errors": {
         "scenetruth": (
             "ScenetruthError",
+            "ArgumentError",
+            "DesignSpecError",
             "Problem",
             "SceneError",
             "RecipeError",

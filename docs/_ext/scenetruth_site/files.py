@@ -42,7 +42,7 @@ def _scene() -> Schema:
 
 
 def _recipe() -> Schema:
-    from scenetruth.dataset.recipe_model import Recipe
+    from scenetruth.dataset.recipe_loader import Recipe
 
     return Recipe.model_json_schema()
 

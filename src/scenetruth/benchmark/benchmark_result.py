@@ -128,7 +128,7 @@ class BenchmarkResult:
     ...     return {"depth": np.full(recording["image"].shape[-2:], 500.0)}
     >>> def far(recording):
     ...     return {"depth": np.full(recording["image"].shape[-2:], 800.0)}
-    >>> found = st.compare([near, far], cases=["disparity"], values=[1.3])
+    >>> found = st.compare([near, far], cases=["disparity"], levels=[1.3])
     >>> found
     BenchmarkResult(methods=['near', 'far'], folder=None, own=[])
     >>> found.summary().round(2).to_dict("index")

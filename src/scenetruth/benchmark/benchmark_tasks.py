@@ -9,12 +9,12 @@ from typing import Any
 
 from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, all_cases
 from scenetruth.benchmark.design_point import DesignPoint, PointResult, measure, write_error_maps
-from scenetruth.benchmark.method_specs import MethodSpec
 from scenetruth.errors import SceneError
+from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.input_files import collect_input_files
 from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task
 from scenetruth.provenance import content_hash
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 
 __all__ = [
     "BenchmarkTask",
@@ -113,7 +113,7 @@ def compute_point_key(job: BenchmarkTask, number: int) -> str:
 def _hash_files(scene: Mapping[str, Any]) -> list[str]:
     """Return hashes of what the files hold that a scene names: their paths stay when they change."""
     try:
-        return [content_hash(file) for _, file in collect_input_files(scene_from_plain(scene))]
+        return [content_hash(file) for _, file in collect_input_files(Scene.from_dict(scene))]
     except SceneError:
         # Whoever makes the scene says what is wrong with it.
         return []
@@ -126,7 +126,7 @@ def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
     def work() -> dict[str, Any]:
         found = measure(all_cases()[point.case], point, job.contestants)
         plain = {
-            "rows": [row.to_plain() for row in found.rows],
+            "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,
             "settled": found.settled,
             "slips": {label: told for label, told in found.slips.items() if told},

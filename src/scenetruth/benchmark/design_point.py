@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from scenetruth.benchmark.cases.case import BOUND, METHOD_VALID, BenchmarkRecord, Case, CaseEstimates, all_cases
 from scenetruth.benchmark.error_statistics import compute_statistic_records
-from scenetruth.benchmark.method_specs import MethodSpec
 from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, ScoreError
 from scenetruth.estimators import prepare
+from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.jobs.results import refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scoring import detect_convention_mismatches, get_units
 from scenetruth.scoring.error_pairs import EstimateTruthPairs
 from scenetruth.scoring.regions import visible_throughout
@@ -228,7 +228,7 @@ def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -
     first = point.values[0]
     noise_std = case.noise_std(first)
     with ignore_scene_warnings():
-        ideal, whole = simulate(scene_from_plain(case.scene(first)))
+        ideal, whole = simulate(Scene.from_dict(case.scene(first)))
         truth = whole.sel(t=[0])
         truth = truth.assign(seen_throughout=(("y", "x"), visible_throughout(whole)))
         found = []

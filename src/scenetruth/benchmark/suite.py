@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,16 +13,16 @@ from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, list_design_poin
 from scenetruth.benchmark.cases.case import SUITES, BenchmarkRecord, Case, all_cases, select_cases
 from scenetruth.benchmark.design_point import add_noise, ignore_scene_warnings, read_error_maps
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
-from scenetruth.benchmark.method_specs import MethodLike, MethodSpec, parse_methods
-from scenetruth.errors import EstimateError, Problem, RecipeError
+from scenetruth.errors import ArgumentError, EstimateError, Problem
 from scenetruth.estimators.external import recording_key, write_recording
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
-from scenetruth.progress import Progress
-from scenetruth.scene import scene_from_plain
+from scenetruth.progress import Progress, say
+from scenetruth.scene import Scene
 from scenetruth.simulation import simulate
 
 __all__ = ["INDEX", "compare", "select_available_cases", "write_recordings"]
@@ -35,15 +35,14 @@ _FOLDER = JobFolder(INDEX, "a comparison", "points")
 
 def compare(
     methods: Iterable[MethodLike] | MethodLike,
-    suite: str = "core",
-    folder: str | Path | None = None,
     *,
+    suite: str = "core",
     cases: Sequence[str] | None = None,
-    values: Sequence[float | str] | None = None,
+    levels: Sequence[float | str] | None = None,
+    output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> BenchmarkResult:
     """Find out how accurate methods are, over the cases of the metrology suite.
 
@@ -54,17 +53,17 @@ def compare(
     Parameters
     ----------
     methods
-        One or several: names, ``"module:function"``, methods or functions; with settings in brackets,
-        ``"refined[window_sigma_px: 4]"``, and labels before them, ``"fine=refined[window_sigma_px: 4]"``.
+        One or several: names, ``"module:function"``, methods or functions, or `scenetruth.estimators.MethodSpec` with
+        settings and a label.
     suite
         ``"core"``, for every day, or ``"full"``, with more values and more noises.
-    folder
-        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a
-        file for each scene. If not given, nothing is kept.
     cases
         Only these cases, by their kinds.
-    values
+    levels
         Only these values of what is varied, for a single case; labels where values have some, as names of scenes.
+    output
+        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a
+        file for each scene. If not given, nothing is kept.
     workers
         Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
         processors.
@@ -72,8 +71,6 @@ def compare(
         Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
 
     Returns
     -------
@@ -86,7 +83,7 @@ def compare(
         If the number of workers is impossible, or a scheduler has no folder.
     EstimateError
         If there is no such method, a setting is impossible, or a function cannot be sent to another process.
-    RecipeError
+    ArgumentError
         If there is no such suite, case or value, or a case needs what is not there.
     OutputExistsError
         If the folder holds a comparison of other methods, or something else.
@@ -98,18 +95,18 @@ def compare(
     Examples
     --------
     >>> import scenetruth as st
-    >>> found = st.compare("structure_tensor", cases=["noise"], values=[0.005])
+    >>> found = st.compare("structure_tensor", cases=["noise"], levels=[0.005])
     >>> row = found.figure("noise", "structure_tensor", "flow_x", "rmse")
     >>> bool(row.ci_low < row.value < row.ci_high), row.unit
     (True, 'px/frame')
     """
-    contestants = parse_methods(methods)
-    chosen = select_available_cases(suite, cases, values, notice)
+    contestants = read_methods(methods)
+    chosen = select_available_cases(suite, cases, levels)
     resolve_workers(workers)
     _refuse_what_cannot_travel(contestants, workers, scheduler)
     identity = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
-    with _FOLDER.open(folder, identity, other=_describe_other, scheduler=scheduler) as place:
-        points = list_design_points(chosen, suite, values)
+    with _FOLDER.open(output, identity, other=_describe_other, scheduler=scheduler) as place:
+        points = list_design_points(chosen, suite, levels)
         job = BenchmarkTask(
             str((place / "points").resolve()),
             tuple(points),
@@ -117,9 +114,9 @@ def compare(
             tuple(sorted(collect_versions().items())),
         )
         missing = [number for number in range(len(points)) if not job.is_done(number)]
-        if notice is not None and len(missing) < len(points):
+        if len(missing) < len(points):
             kept = len(points) - len(missing)
-            notice(f"kept from earlier: {kept} of {len(points)} scenes; {len(missing)} to be measured")
+            say(f"kept from earlier: {kept} of {len(points)} scenes; {len(missing)} to be measured")
         done = for_each(
             missing,
             measure_point,
@@ -129,7 +126,7 @@ def compare(
             scheduler=scheduler,
             what="scenes",
             progress=progress,
-            notice=notice,
+            notice=say,
         )
         rows: list[BenchmarkRecord] = []
         failures = list(done.failed.values())
@@ -149,11 +146,11 @@ def compare(
             chosen,
             rows,
             failures,
-            None if folder is None else place,
+            None if output is None else place,
             [one.label for one in contestants if one.is_own],
             [f"{told} (at {count} of {len(points)} scenes)" for told, count in slips.most_common()],
         )
-        if folder is not None:
+        if output is not None:
             _write_tables(found, place)
             maps = {
                 (point.case, value): one
@@ -169,7 +166,6 @@ def select_available_cases(
     suite: str,
     cases: Sequence[str] | None,
     values: Sequence[float | str] | None,
-    notice: Callable[[str], None] | None = None,
 ) -> list[Case]:
     """Return the cases that are asked for; of all, those that a suite has and that can be measured here.
 
@@ -177,12 +173,10 @@ def select_available_cases(
     ----------
     suite, cases, values
         As of `compare`.
-    notice
-        Called with what is left out for want of something.
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         If there is no such suite, case or value, values are given for several cases, or a case that is named has none
         in the suite, or needs what is not there.
     """
@@ -190,21 +184,21 @@ def select_available_cases(
     if suite not in SUITES:
         problems.append(Problem("suite", f"must be one of {', '.join(SUITES)}", suite))
     if values is not None and (cases is None or len(cases) != 1):
-        problems.append(Problem("values", "are those of one case: name it", list(values)))
+        problems.append(Problem("levels", "are those of one case: name it", list(values)))
     chosen: list[Case] = []
     try:
         chosen = select_cases(cases)
-    except RecipeError as error:
+    except ArgumentError as error:
         problems += error.problems
     named = cases is not None
     if named and not problems:
         problems += [problem for case in chosen for problem in _unfit(case, suite, values)]
     if problems:
-        raise RecipeError(problems)
-    if not named and notice is not None:
+        raise ArgumentError(problems)
+    if not named:
         for case in chosen:
             if case.lacks() and suite == "full":
-                notice(f"case {case.kind} is left out: it {case.lacks()}")
+                say(f"case {case.kind} is left out: it {case.lacks()}")
     return chosen if named else [case for case in chosen if case.values(suite) and not case.lacks()]
 
 
@@ -221,7 +215,7 @@ def _unfit(case: Case, suite: str, values: Sequence[float | str] | None) -> Iter
         for value in values:
             try:
                 case.value_of(value)
-            except RecipeError as error:
+            except ArgumentError as error:
                 yield from error.problems
 
 
@@ -255,7 +249,7 @@ def write_recordings(
     suite: str = "core",
     *,
     cases: Sequence[str] | None = None,
-    values: Sequence[float | str] | None = None,
+    levels: Sequence[float | str] | None = None,
     images: Literal["png", "tiff", "npy"] = "png",
     progress: Progress | None = None,
 ) -> list[Path]:
@@ -268,7 +262,7 @@ def write_recordings(
     ----------
     folder
         Where they go.
-    suite, cases, values
+    suite, cases, levels
         Which, as of `compare`.
     images
         How images are written; see `scenetruth.estimators.external.write_recording`.
@@ -282,12 +276,12 @@ def write_recordings(
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         If there is no such suite or case.
     """
     if Path(folder).is_file():
         raise EstimateError([Problem("recordings", "must be a folder", folder)])
-    points = list_design_points(select_available_cases(suite, cases, values), suite, values)
+    points = list_design_points(select_available_cases(suite, cases, levels), suite, levels)
     written = []
     for done, point in enumerate(points):
         if progress is not None:
@@ -295,7 +289,7 @@ def write_recordings(
         case = all_cases()[point.case]
         noise_std = case.noise_std(point.values[0])
         with ignore_scene_warnings():
-            ideal = simulate(scene_from_plain(case.scene(point.values[0])))[0]
+            ideal = simulate(Scene.from_dict(case.scene(point.values[0])))[0]
         for seed in range(point.seeds if noise_std else 1):
             recording = add_noise(ideal, noise_std, case.kind, seed)
             place = Path(folder) / recording_key(recording)

@@ -49,7 +49,7 @@ _NEEDED = ("depth", "velocity", "normal", "mixed")
 
 
 def setting_problems(
-    words: Mapping[str, str], noise_std: float | None, window_sigma_px: float, every_px: int
+    words: Mapping[str, str], noise_std: float | None, window_sigma_px: float, step_px: int
 ) -> list[Problem]:
     """Return what is wrong with the settings of `cramer_rao_bound`.
 
@@ -57,7 +57,7 @@ def setting_problems(
     ----------
     words
         Its settings that are one of some words, by name.
-    noise_std, window_sigma_px, every_px
+    noise_std, window_sigma_px, step_px
         The others.
     """
     choices = {"surface": Surface, "motion": Motion, "window": Window, "brightness": Brightness}
@@ -69,8 +69,8 @@ def setting_problems(
     for name, value in (("noise_std", noise_std), ("window_sigma_px", window_sigma_px)):
         if value is not None and not (isinstance(value, int | float | np.number) and 0 < value < np.inf):
             problems.append(Problem(name, "must be a positive number", value))
-    if not isinstance(every_px, int | np.integer) or every_px < 1:
-        problems.append(Problem("every_px", "must be a whole number of at least 1", every_px))
+    if not isinstance(step_px, int | np.integer) or step_px < 1:
+        problems.append(Problem("step_px", "must be a whole number of at least 1", step_px))
     return problems
 
 
@@ -137,7 +137,7 @@ def cramer_rao_bound(
     surface: Surface = "plane",
     motion: Motion = "rigid",
     brightness: Brightness = "fixed",
-    every_px: int = 1,
+    step_px: int = 1,
 ) -> xr.Dataset:
     """Compute how precisely depth and motion can be known from all images, at every pixel of the reference.
 
@@ -175,7 +175,7 @@ def cramer_rao_bound(
     brightness
         ``"per_image"``: every image has an unknown gain and offset in a window, as far as depth and motion can be
         confused with them; grey images only.
-    every_px
+    step_px
         The bound is computed in every n-th row and column.
 
     Returns
@@ -213,7 +213,7 @@ def cramer_rao_bound(
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
     >>> plain = {"camera": {"width": 60, "height": 50, "focal_length_px": 60}, "objects": [wall], "sensor": "ideal"}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 3}, "render": {"backend": "raycast"}}
-    >>> recording, truth = st.simulate(st.scene_from_plain(plain))
+    >>> recording, truth = st.simulate(st.Scene.from_dict(plain))
     >>> bound = cramer_rao_bound(truth, recording, noise_std=0.01)
     >>> at = bound.sel(t=0).isel(y=25, x=30)
     >>> at.depth_std.round(2).item(), at.velocity_std.values.round(3).tolist(), at.image_count.item()
@@ -226,7 +226,7 @@ def cramer_rao_bound(
     2.0
     """
     settings = {"surface": surface, "motion": motion, "window": window, "brightness": brightness}
-    problems = setting_problems(settings, noise_std, window_sigma_px, every_px)
+    problems = setting_problems(settings, noise_std, window_sigma_px, step_px)
     if problems:
         raise RecordingError(problems, source="the Cramér-Rao bound")
     check_dataset(truth, "truth")
@@ -239,9 +239,9 @@ def cramer_rao_bound(
     scene = _Scene(truth, recording, noise)
     ways = 2 * len(compute_brightness_modes(scene.views)) if brightness == "per_image" else 0
     model = WindowUnknowns(surface, motion, moving=recording.sizes["t"] > 1, brightness=ways)
-    maps = scene.bound(model, window_weights(window, window_sigma_px), every_px)
+    maps = scene.bound(model, window_weights(window, window_sigma_px), step_px)
     more = {"window_sigma_px": float(window_sigma_px), **settings, "noise_std": scene.noise_std()}
-    return _labelled(maps, scene, model, every_px, more)
+    return _labelled(maps, scene, model, step_px, more)
 
 
 def bound_maps(
@@ -250,7 +250,7 @@ def bound_maps(
     noise: GreyNoise,
     model: WindowUnknowns,
     window_sigma_px: float,
-    every_px: int = 1,
+    step_px: int = 1,
 ) -> dict[str, Map]:
     """Return the bound of any model with any noise; see `cramer_rao_bound`, which checks what it is given.
 
@@ -262,7 +262,7 @@ def bound_maps(
         Of the images, in grey values of the recording.
     model
         What is unknown in a window.
-    window_sigma_px, every_px
+    window_sigma_px, step_px
         As of `cramer_rao_bound`; the window is Gaussian.
 
     Returns
@@ -270,7 +270,7 @@ def bound_maps(
     dict
         Maps as of `compute_functionals`, each of shape (y, x).
     """
-    return _Scene(truth, recording, noise).bound(model, window_weights("gaussian", window_sigma_px), every_px)
+    return _Scene(truth, recording, noise).bound(model, window_weights("gaussian", window_sigma_px), step_px)
 
 
 class _Scene:
@@ -298,12 +298,12 @@ class _Scene:
         weights = np.concatenate([layer.weight[layer.weight > 0] for layer in self.layers])
         return float(1.0 / np.sqrt(weights.mean())) if weights.size else float("nan")
 
-    def bound(self, model: WindowUnknowns, weights: Map, every_px: int) -> dict[str, Map]:
+    def bound(self, model: WindowUnknowns, weights: Map, step_px: int) -> dict[str, Map]:
         """Return the maps of the least standard deviations, each of shape (..., y, x)."""
         products = compute_pixel_information(self.points, self.views, self.shown, self.layers, model)
         shape = self.pieces.shape
         found: dict[str, Map] = {}
-        for part in compute_window_sums(products, self.pieces, weights, model, every_px):
+        for part in compute_window_sums(products, self.pieces, weights, model, step_px):
             for first in range(0, len(part.rows), _WINDOWS_PER_BATCH):
                 some = slice(first, first + _WINDOWS_PER_BATCH)
                 at = part.rows[some], part.columns[some]
@@ -323,18 +323,18 @@ class _Scene:
                 {name: np.zeros(0) for name in compute_functionals(nothing, self.intrinsics, model)}
             )
             found = {name: np.full(shape, np.nan) for name in names}
-        return {name: values[::every_px, ::every_px] for name, values in found.items()}
+        return {name: values[::step_px, ::step_px] for name, values in found.items()}
 
 
 def _labelled(
-    maps: dict[str, Map], scene: _Scene, model: WindowUnknowns, every_px: int, attrs: dict[str, Any]
+    maps: dict[str, Map], scene: _Scene, model: WindowUnknowns, step_px: int, attrs: dict[str, Any]
 ) -> xr.Dataset:
     """Return the maps with names, coordinates and units."""
     pixels = ("t", "y", "x")
     dataset = xr.Dataset(
         coords={
             "t": ("t", [0]),
-            **{dim: (dim, scene.truth[dim].values[::every_px]) for dim in ("y", "x")},
+            **{dim: (dim, scene.truth[dim].values[::step_px]) for dim in ("y", "x")},
         }
     )
     for name, (dim, units, what) in _OUTPUTS.items():
@@ -346,7 +346,7 @@ def _labelled(
         stacked = np.stack(parts)[:, None] if dim else parts[0][None]
         dims = (dim, *pixels) if dim else pixels
         dataset[f"{name}_std"] = (dims, stacked, {"units": units, "long_name": _STATED.format(what)})
-    shown = scene.shown.sum(axis=0)[None, ::every_px, ::every_px].astype(np.float32)
+    shown = scene.shown.sum(axis=0)[None, ::step_px, ::step_px].astype(np.float32)
     told = {"units": "1", "long_name": "number of images that show the surface point of the pixel"}
     dataset["image_count"] = (pixels, shown, told)
     kept = ("scene_hash", "recording_hash")

@@ -206,7 +206,7 @@ class WindowSums:
 
 
 def compute_window_sums(
-    products: Map, pieces: NDArray[np.int64], weights: Map, model: WindowUnknowns, every_px: int
+    products: Map, pieces: NDArray[np.int64], weights: Map, model: WindowUnknowns, step_px: int
 ) -> Iterator[WindowSums]:
     """Sum up products over the windows around pixels, piece by piece and band by band.
 
@@ -220,7 +220,7 @@ def compute_window_sums(
         As of `window_weights`.
     model
         Tells which powers of the distance are needed.
-    every_px
+    step_px
         Only pixels in each n-th row and column are wanted.
     """
     from scipy.ndimage import find_objects
@@ -238,8 +238,8 @@ def compute_window_sums(
             mask = pieces[around, left:right] == number
             wanted = np.zeros_like(mask)
             above = around.start
-            rows = slice(first + (-first) % every_px - above, last - above, every_px)
-            columns = slice((-left) % every_px, None, every_px)
+            rows = slice(first + (-first) % step_px - above, last - above, step_px)
+            columns = slice((-left) % step_px, None, step_px)
             wanted[rows, columns] = mask[rows, columns]
             if not wanted.any():
                 continue

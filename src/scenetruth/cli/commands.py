@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from scenetruth.cli.console import ProgressReporter
-    from scenetruth.estimators import MethodChoice
+    from scenetruth.estimators import MethodLike, MethodSpec
     from scenetruth.pipeline import FigureWorker, PipelineRunner, RunResult
 
 __all__ = ["register_export", "register_info", "register_runs"]
@@ -58,15 +58,13 @@ def run(
         stages=("render", "estimate", "score", "report")[: 4 if report else 3],
         methods=methods or (),
         settings=settings or (),
-        truth_views=truth_views.value,
-        truth_poses=_TRUTH_POSES[truth_poses.value],
-        truth_content=truth_content.value,
+        truth=(truth_views.value, _TRUTH_POSES[truth_poses.value], truth_content.value),
         save_radiance=save_radiance,
-        images=save_images,
+        save_images=save_images,
         overwrite=overwrite,
         check=not allow_mismatch,
         figures=figures or None,
-        figures_also=_beside_png(figure_formats),
+        figure_formats=("png", *_beside_png(figure_formats)),
         helpers=options.helpers() if report else 0,
     )
     _print_results(results)
@@ -99,11 +97,9 @@ def render(
         output,
         limits,
         stages=("render",),
-        truth_views=truth_views.value,
-        truth_poses=_TRUTH_POSES[truth_poses.value],
-        truth_content=truth_content.value,
+        truth=(truth_views.value, _TRUTH_POSES[truth_poses.value], truth_content.value),
         save_radiance=save_radiance,
-        images=save_images,
+        save_images=save_images,
         overwrite=overwrite,
     )
     print_wrote((results.folder.recording, results.folder.truth))
@@ -289,13 +285,13 @@ def _run(
     output: Path,
     limits: list[str] | None,
     *,
-    images: options.ImageFormat | None,
+    save_images: options.ImageFormat | None,
     methods: Sequence[str] = (),
     settings: Sequence[str] = (),
     helpers: int = 0,
     **wanted: Any,
 ) -> RunResult:
-    """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_scene`."""
+    """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_pipeline`."""
     from scenetruth.cli.console import reporting
     from scenetruth.errors import EstimateError, Problem, SceneError
     from scenetruth.pipeline import open_figure_worker
@@ -303,15 +299,15 @@ def _run(
     options.read_settings(settings)
     if settings and len(methods) > 1:
         raise EstimateError([Problem("--setting", "is ambiguous with several methods; give --method once", settings)])
-    form: Literal["png", "tiff"] | None = None if images is None else images.value
+    form: Literal["png", "tiff"] | None = None if save_images is None else save_images.value
     with reporting() as reporter, open_figure_worker(helpers) as helper:
         # Libraries take seconds to load when they are read from disk for the first time: both processes do so at once.
-        from scenetruth.pipeline import run_scene
+        from scenetruth.pipeline import run_pipeline
         from scenetruth.resources.limits import limits_from
         from scenetruth.scene import load_scene
 
         changes = [*(overrides or ()), *_estimate_fields(settings)]
-        chosen: list[str | MethodChoice] = list(methods)
+        chosen: list[MethodLike] = list(dict.fromkeys(methods))
         # A field of the section `estimate` is a setting of the method that is given.
         if len(methods) == 1 and ":" in methods[0]:
             fields = [change for change in changes if change.startswith("estimate.")]
@@ -319,31 +315,31 @@ def _run(
             chosen = [_with_settings(methods[0], fields)]
         elif len(methods) == 1 and methods[0] != load_scene(file).estimate.method:
             changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
-        loaded, allowed = load_scene(file, changes), limits_from(limits or ())
+        loaded, allowed = load_scene(file, overrides=changes), limits_from(limits or ())
         try:
-            return run_scene(
+            return run_pipeline(
                 loaded,
                 output,
                 methods=chosen,
                 limits=allowed,
-                images=form,
+                save_images=form,
                 helpers=helper or 0,
                 progress=reporter,
-                notice=reporter.say,
                 **wanted,
             )
         except SceneError as error:
             raise SceneError(error.problems, source=file) from error
 
 
-def _with_settings(method: str, fields: Sequence[str]) -> MethodChoice:
-    """Return a choice of code, which no scene may name."""
-    from scenetruth.estimators import choose
+def _with_settings(method: str, fields: Sequence[str]) -> MethodSpec:
+    """Return code, which no scene may name, with its settings."""
+    from scenetruth.estimators import MethodSpec
     from scenetruth.scene.scene_loader import apply_overrides
 
     alone: dict[str, Any] = {"estimate": {"method": method}}
     apply_overrides(alone, fields)
-    return choose(alone["estimate"])
+    settings = alone["estimate"]
+    return MethodSpec(settings.pop("method"), settings)
 
 
 def _runner(
@@ -358,7 +354,7 @@ def _runner(
     from scenetruth.resources.limits import limits_from
 
     allowed = limits_from(limits or ())
-    return PipelineRunner(RunDirectory(folder), overwrite, not allow_mismatch, reporter, reporter.say, helper, allowed)
+    return PipelineRunner(RunDirectory(folder), overwrite, not allow_mismatch, reporter, helper, allowed)
 
 
 def _print_scores(results: RunResult, region: str) -> None:
@@ -415,7 +411,7 @@ def check(
     from scenetruth.resources.limits import limits_from
     from scenetruth.scene import load_scene
 
-    print_check(load_scene(scene, overrides or ()), scene, limits_from(limits or ()), as_json=as_json)
+    print_check(load_scene(scene, overrides=overrides or ()), scene, limits_from(limits or ()), as_json=as_json)
 
 
 def list_(kind: options.Listed, *, as_json: options.Json = False) -> None:
@@ -503,7 +499,7 @@ def _export_samples(dataset: Path, output: Path, format: str, **wanted: Any) -> 
     from scenetruth.dataset.dataset_export import export_dataset
 
     with reporting() as reporter:
-        result = export_dataset(dataset, output, format, progress=reporter, notice=reporter.say, **wanted)
+        result = export_dataset(dataset, output, format, progress=reporter, **wanted)
     print_wrote(output, f"{result.done:,} samples; {result.present:,} existing samples were reused")
     if result.failed:
         raise typer.Exit(1)

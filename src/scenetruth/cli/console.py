@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import signal
 import sys
@@ -29,6 +30,7 @@ from rich.progress import (
 from scenetruth.cli.messages import Verbosity, verbosity
 from scenetruth.compilation import announced_compilation, check_environment
 from scenetruth.errors import EstimateWarning, ScenetruthError, SceneWarning, visible
+from scenetruth.progress import LOGGER
 
 if TYPE_CHECKING:
     from scenetruth.scoring import Score
@@ -164,12 +166,36 @@ def reporting() -> Iterator[ProgressReporter]:
     with Progress(*columns, console=Console(stderr=True, quiet=quiet)) as progress:
         reporter = ProgressReporter(progress)
         reporter.begin_start()
-        with _no_silence(reporter):
+        with _no_silence(reporter), _printed_messages(reporter):
             try:
                 with announced_compilation(reporter.compiles):
                     yield reporter
             finally:
                 reporter.finish()
+
+
+class _ReporterHandler(logging.Handler):
+    """Prints messages of the package above the bars."""
+
+    def __init__(self, reporter: ProgressReporter) -> None:
+        super().__init__(logging.INFO)
+        self._reporter = reporter
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._reporter.say(record.getMessage())
+
+
+@contextmanager
+def _printed_messages(reporter: ProgressReporter) -> Iterator[None]:
+    """Let the package's messages be printed while the block runs."""
+    handler, before = _ReporterHandler(reporter), LOGGER.level
+    LOGGER.addHandler(handler)
+    LOGGER.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        LOGGER.setLevel(before)
+        LOGGER.removeHandler(handler)
 
 
 @contextmanager

@@ -100,18 +100,17 @@ def run(
     sampler = _load(recipe, overrides)
     with _naming(recipe), reporting() as reporter:
         outcome = run_dataset(
-            sampler,
-            output,
+            sampler.recipe,
+            output=output,
             workers=workers,
             threads=threads,
             scheduler=scheduler,
-            part=Partition.read(partition),
+            partition=Partition.read(partition),
             retries=retries,
-            recycle=max_tasks_per_worker,
+            max_tasks_per_worker=max_tasks_per_worker,
             extend=extend,
             limits=limits_from(limits or ()),
             progress=reporter,
-            notice=reporter.say,
         )
     print_wrote(output, f"{outcome.made:,} samples; {outcome.present:,} existing samples were reused")
     if outcome.made and outcome.folder.card.exists():
@@ -182,13 +181,12 @@ def estimate(
         found = estimate_dataset(
             dataset,
             method,
-            chosen,
+            settings=chosen,
             workers=workers,
             threads=threads,
             scheduler=scheduler,
             retries=retries,
             progress=reporter,
-            notice=reporter.say,
         )
     print_wrote(dataset, f"{found.done:,} scores; {found.present:,} existing scores were reused")
     if found.failed:
@@ -230,7 +228,7 @@ def _load(recipe: Path, overrides: Sequence[str] | None = None) -> Sampler:
         apply_overrides(plain, overrides)
     except SceneError as error:
         raise RecipeError(error.problems, source=file) from error
-    return recipe_from_plain(plain, source=file, folder=folder)
+    return recipe_from_plain(plain, source=file, folder=folder).sampler()
 
 
 @contextmanager

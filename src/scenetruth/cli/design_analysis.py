@@ -49,15 +49,15 @@ def budget(
     }
     given = {name: value for name, value in told.items() if value is not None}
     known = resolve_calibration({**resolve_calibration(calibration.value).model_dump(), **given})
-    loaded, chosen = load_scene(scene, overrides or ()), options.read_settings(settings)
+    loaded, chosen = load_scene(scene, overrides=overrides or ()), options.read_settings(settings)
     with reporting() as reporter:
         found = make_budget(
             loaded,
-            output,
+            output=output,
             method={**_method_of(loaded, method), **chosen} if chosen else method,
             calibration=known,
-            draws=seeds,
-            confirm=simulated_share,
+            seeds=seeds,
+            simulated_share=simulated_share,
             region=region,
             workers=workers,
             scheduler=scheduler,
@@ -131,12 +131,12 @@ def predict(
     from scenetruth.scene import load_scene
 
     window = _prediction_settings(settings)
-    loaded, allowed = load_scene(scene, overrides or ()), limits_from(limits or ())
+    loaded, allowed = load_scene(scene, overrides=overrides or ()), limits_from(limits or ())
     own = loaded.estimate.method if loaded.estimate.method in all_method_models() else "refined"
     with reporting():
         found = predicted(
             loaded,
-            level=_LEVELS[model.value],
+            model=_LEVELS[model.value],
             method=method or own,
             limits=allowed,
             **window,
@@ -277,16 +277,13 @@ def sweep(
         found = make_sweep(
             scenes,
             varied,
-            options.with_settings(methods or (), settings) or None,
-            output,
             seeds=counted,
-            sobol=sobol_points,
+            sobol_points=sobol_points,
             overrides=changes,
             workers=workers,
             scheduler=scheduler,
             limits=limits_from(limits or ()),
             progress=reporter,
-            notice=print_message,
         )
     _print_best(found, region)
     print_wrote(output / name for name in ("index.html", "results.parquet", "results.csv", "plots"))

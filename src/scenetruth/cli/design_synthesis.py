@@ -36,11 +36,10 @@ def optimise(
     with reporting() as reporter:
         found = find_rig(
             wanted,
-            output,
+            output=output,
             workers=workers,
             scheduler=scheduler,
             progress=reporter,
-            notice=print_message,
         )
     _print_front(found)
     _print_lines(*found.words())
@@ -210,12 +209,12 @@ def _rig(
     distance_mm: float | None,
     light: float,
 ) -> PatternRig:
-    from scenetruth.design.patterns import pattern_rig_from_scene
+    from scenetruth.design.patterns import PatternRig
     from scenetruth.scene import load_scene
 
     changes = {} if focal_length_px is None else {"focal_length_px": focal_length_px}
-    scene = None if file is None else load_scene(file, overrides or ())
-    return pattern_rig_from_scene(scene, distance_mm=distance_mm, light=light, **changes)
+    scene = None if file is None else load_scene(file, overrides=overrides or ())
+    return PatternRig.from_scene(scene, distance_mm=distance_mm, light=light, **changes)
 
 
 _ROWS = {

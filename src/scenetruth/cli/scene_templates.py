@@ -597,13 +597,13 @@ def _write(start: SceneTemplate, file: Path, schema: Path | None) -> None:
     """Write the scene if it is one, and only where nothing is."""
     import yaml
 
-    from scenetruth.scene import scene_from_plain
+    from scenetruth.scene import Scene
 
     beside = file.absolute().parent / _BESIDE
     pointed = schema if schema is not None else beside if beside.is_file() else None
     # Editors take the path up to the first space.
     place = "" if pointed is None else _seen_from(file, pointed).replace(" ", "%20")
     text = scene_text(start, str(file), place)
-    scene_from_plain(yaml.safe_load(text), source=file, folder=file.absolute().parent)
+    Scene.from_dict(yaml.safe_load(text), source=file, folder=file.absolute().parent)
     with file.open("x", encoding="utf-8") as stream:
         stream.write(text)

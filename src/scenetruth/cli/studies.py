@@ -43,13 +43,14 @@ def compare(
     from scenetruth.cli.console import reporting
     from scenetruth.errors import EstimateError, Problem
     from scenetruth.estimators.external import CommandMethod, ResultsFolder
+    from scenetruth.estimators.method_specs import parse_methods
 
     if write_recordings:
         from scenetruth.benchmark import suite as suites
 
         with reporting() as reporter:
             written = suites.write_recordings(
-                output, suite.value, cases=cases or None, values=levels or None, progress=reporter
+                output, suite.value, cases=cases or None, levels=levels or None, progress=reporter
             )
         print_wrote(output, f"{len(written)} recordings")
         return
@@ -61,15 +62,14 @@ def compare(
         raise EstimateError([Problem("METHOD", "is missing; `scenetruth list methods` lists the installed methods")])
     with reporting() as reporter:
         found = compare_methods(
-            chosen,
-            suite.value,
-            output,
+            parse_methods(chosen),
+            suite=suite.value,
             cases=cases or None,
-            values=levels or None,
+            levels=levels or None,
+            output=output,
             workers=workers,
             scheduler=scheduler,
             progress=reporter,
-            notice=print_message,
         )
     _print_summary(found)
     print_wrote(output / name for name in ("index.html", "results.parquet", "results.csv", "summary.csv"))

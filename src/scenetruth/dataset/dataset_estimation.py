@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,13 @@ from scenetruth.dataset.samples import SampleStore
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators import MethodChoice, choose
 from scenetruth.estimators.code_fingerprint import compute_code_fingerprint
+from scenetruth.estimators.method_specs import MethodSpec, read_method
 from scenetruth.jobs.executors import resolve_workers
 from scenetruth.jobs.results import TaskResult, perform_task
 from scenetruth.jobs.scheduler import ParallelResult, for_each
 from scenetruth.output import write_atomically
 from scenetruth.pipeline import PipelineRunner, RunDirectory, run_problems
-from scenetruth.progress import Progress
+from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits
 from scenetruth.scoring import Score
 
@@ -28,17 +29,16 @@ __all__ = ["estimate_dataset", "try_estimate"]
 
 
 def estimate_dataset(
-    folder: str | Path,
-    method: str | None = None,
-    settings: Mapping[str, Any] | None = None,
+    dataset: str | Path,
+    method: str | MethodSpec | None = None,
     *,
+    settings: Mapping[str, Any] | None = None,
     numbers: Sequence[int] | None = None,
-    workers: int = 1,
+    retries: int = 0,
     threads: int = 1,
     scheduler: str | None = None,
-    retries: int = 0,
+    workers: int = 1,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> ParallelResult:
     """Estimate samples of a data set by a method, and score them.
 
@@ -49,10 +49,10 @@ def estimate_dataset(
 
     Parameters
     ----------
-    folder
-        The data set.
+    dataset
+        The folder of the data set.
     method
-        The method; that of the first base scene if not given.
+        The name of the method, or `scenetruth.estimators.MethodSpec`; that of the first base scene if not given.
     settings
         Its settings; those of the scene, or its defaults, where not given.
     numbers
@@ -61,8 +61,6 @@ def estimate_dataset(
         As of `run_dataset`.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
 
     Returns
     -------
@@ -77,10 +75,10 @@ def estimate_dataset(
         If there is no data set.
     """
     resolve_workers(workers)
-    places = DatasetFolder(folder)
+    places = DatasetFolder(dataset)
     identity, sampler = read_fingerprint(places), open_sampler(places)
     own = sampler.bases[0].estimate
-    chosen = own if method in (None, own.method) and not settings else _choice(own, method, settings or {})
+    chosen = _choice(own, method, settings or {})
     problems = run_problems(sampler.bases[0], [chosen])
     if problems:
         raise EstimateError(problems)
@@ -88,7 +86,7 @@ def estimate_dataset(
     there = shelf.present(range(identity.count))
     wanted = sorted(there if numbers is None else there.intersection(numbers))
     code = compute_code_fingerprint(chosen.method)
-    _remove_scores_of_other_code(places, chosen.method, code, notice)
+    _remove_scores_of_other_code(places, chosen.method, code)
     _refuse_other_settings(places, chosen)
     missing = [number for number in wanted if not score_file(places, chosen.method, number).exists()]
     arguments = (str(places.path.resolve()), chosen.model_dump_json(), sampler.recipe.samples_per_shard, bool(code))
@@ -103,30 +101,30 @@ def estimate_dataset(
         retries=retries,
         what="estimate",
         progress=progress,
-        notice=notice,
+        notice=say,
     )
     write_scores(places, chosen.method)
     return found
 
 
-def _choice(own: MethodChoice, method: str | None, settings: Mapping[str, Any]) -> MethodChoice:
-    name = method or own.method
-    known = own.settings.model_dump(mode="json") if name == own.method else {}
-    return choose({"method": name, **known, **settings})
+def _choice(own: MethodChoice, method: str | MethodSpec | None, settings: Mapping[str, Any]) -> MethodChoice:
+    spec = read_method(own.method if method is None else method)
+    if not isinstance(spec.method, str):
+        message = "must be named: every sample may be estimated by another process"
+        raise EstimateError([Problem("method", message, spec.label)])
+    return MethodSpec(spec.method, {**spec.settings, **settings}).choice(own)
 
 
-def _remove_scores_of_other_code(
-    places: DatasetFolder, method: str, code: str, notice: Callable[[str], None] | None
-) -> None:
+def _remove_scores_of_other_code(places: DatasetFolder, method: str, code: str) -> None:
     """Remove the scores of a method of one's own that were made by other code than it has now."""
     folder = places.scores(method)
     file = folder / "made_of.txt"
     if not code or (file.exists() and file.read_text(encoding="utf-8").strip() == code):
         return
     scores = sorted(folder.glob("*/*.json"))
-    if scores and notice is not None:
+    if scores:
         changed = "has changed" if file.exists() else "may have changed"
-        notice(f"the code of '{method}' {changed}: {len(scores):,} scores of what it was are made again")
+        say(f"the code of '{method}' {changed}: {len(scores):,} scores of what it was are made again")
     # The mark comes last: whoever is interrupted before removes the rest.
     for one in (places.scores_table(method), folder / "settings.json", *scores):
         one.unlink(missing_ok=True)

@@ -3,25 +3,174 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
+
 from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
+from scenetruth.dataset.generation import verify_dataset
 from scenetruth.dataset.layout import DatasetFolder, compute_shard_number, extract_sample
 from scenetruth.dataset.samples import SampleStore
-from scenetruth.errors import ExportError, StoreError
-from scenetruth.exporters import choose_format
+from scenetruth.errors import ExportError, Problem, StoreError
+from scenetruth.exporters import ExportResult, choose_format, export_data
 from scenetruth.jobs.executors import resolve_workers
 from scenetruth.jobs.results import TaskResult, perform_task
 from scenetruth.jobs.scheduler import ParallelResult, for_each
-from scenetruth.pipeline import export_run
-from scenetruth.progress import Progress
+from scenetruth.pipeline import VerificationResult, export_run, verify_run
+from scenetruth.progress import Progress, say
 
-__all__ = ["export_dataset", "try_export"]
+__all__ = ["export", "export_dataset", "try_export", "verify"]
 
 _Arguments = tuple[str, str, str, str | None, int, str]
 """What `try_export` is given beside the number."""
+
+
+def export(
+    source: str | PathLike[str] | tuple[xr.Dataset, xr.Dataset],
+    format: str,
+    *,
+    output: str | Path,
+    method: str | None = None,
+    row: int | None = None,
+    overwrite: bool = False,
+    workers: int = 1,
+    progress: Progress | None = None,
+    **options: Any,
+) -> ExportResult:
+    """Write a recording and its truth, or an estimate, in a format of others.
+
+    Parameters
+    ----------
+    source
+        The directory of a run, the directory of a data set, every sample of which is written, or a recording with its
+        truth or an estimate. A truth holds displacements to other frames only if it is complete
+        (``truth_content="complete"``).
+    format
+        Name of the format; see `export_formats` and ``docs/export.md``.
+    output
+        Directory to make; of a data set, it gets one for each sample: ``OUTPUT/00000417``.
+    method
+        Write the estimate of this method; the truth if not given.
+    row
+        Of a grid of cameras, the row ``s_y``.
+    overwrite
+        Whether an earlier export may be replaced; what it did not write stays.
+    workers
+        Processes for the samples of a data set; -1 for all processors.
+    progress
+        Called with (what, done, total), of a data set.
+    **options
+        Options of the format, such as ``left=0`` or ``flow="instantaneous"``.
+
+    Returns
+    -------
+    ExportResult
+        The files (of a data set, the directories of the samples), and what a user should know of them. The same stands
+        in the file ``export.json``.
+
+    Raises
+    ------
+    ExportError
+        If the format, its options or the data sets do not fit together; lists everything that is wrong.
+    MismatchError
+        If recording and maps are of different runs.
+    StoreError
+        If a store is missing or damaged, ``output`` exists and is not to be replaced, or it cannot be written.
+
+    See Also
+    --------
+    export_formats : The formats.
+    verify : Checks what is in a directory.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 2, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> estimate = st.make_estimate(depth=np.ones((2, 8, 8)), recording=recording)
+    >>> with TemporaryDirectory() as folder:
+    ...     done = st.export((recording, estimate), "opencv_yaml", output=f"{folder}/cameras")
+    >>> done.files
+    ('s+0.yml', 's+1.yml')
+    """
+    if isinstance(source, tuple):
+        recording, maps = source
+        wrong = [
+            Problem(name, "is for directories of runs and data sets", value)
+            for name, value in (("method", method), ("row", row))
+            if value is not None
+        ]
+        if wrong:
+            raise ExportError(wrong)
+        return export_data(recording, maps, output, format, overwrite=overwrite, **options)
+    if not DatasetFolder(Path(source)).identity.exists():
+        return export_run(Path(source), output, format, method=method, row=row, overwrite=overwrite, **options)
+    found = export_dataset(
+        Path(source),
+        output,
+        format,
+        method=method,
+        row=row,
+        overwrite=overwrite,
+        workers=workers,
+        progress=progress,
+        **options,
+    )
+    made = tuple(sorted(path.name for path in Path(output).iterdir() if path.is_dir()))
+    return ExportResult(Path(output), made, (), dict(found.failed))
+
+
+def verify(
+    path: str | Path, *, regenerate: int = 0, seed: int = 0, progress: Progress | None = None
+) -> list[VerificationResult]:
+    """Check every result of a run, of a data set, or a single store, down to the last byte of its data.
+
+    Parameters
+    ----------
+    path
+        The directory, or the store.
+    regenerate
+        Of a data set: how many samples, drawn at random, are made again, to the same bytes.
+    seed
+        Seed of that draw.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    list of VerificationResult
+        Of a run, one for every scene, store and score; of parts that do not belong together, one more. Of a data set,
+        one for each sample that is damaged or missing.
+
+    Raises
+    ------
+    StoreError
+        If there are no results of scenetruth.
+
+    See Also
+    --------
+    load_store : It checks what it reads.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import scenetruth as st
+    >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
+    >>> with TemporaryDirectory() as folder:
+    ...     st.save_store(recording, f"{folder}/recording.zarr")
+    ...     [(found.path.name, found.problem) for found in verify(folder)]
+    [('recording.zarr', '')]
+    """
+    places = DatasetFolder(Path(path))
+    if not places.identity.exists():
+        return verify_run(path, progress)
+    found = verify_dataset(path, again=regenerate, seed=seed, progress=progress)
+    return [VerificationResult(places.sample(one.number), one.problem) for one in found]
 
 
 def export_dataset(
@@ -37,7 +186,6 @@ def export_dataset(
     threads: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
     **options: Any,
 ) -> ParallelResult:
     """Write every sample of a data set in a format of others, each into a folder of its own: ``OUT/00000417``.
@@ -65,8 +213,6 @@ def export_dataset(
         As of `run_dataset`.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
     **options
         Options of the format.
 
@@ -105,7 +251,7 @@ def export_dataset(
         scheduler=scheduler,
         what="export",
         progress=progress,
-        notice=notice,
+        notice=say,
     )
     found.present -= len(tried)
     found.done += len(tried)

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from scenetruth.dataset.layout import DatasetFolder
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import MismatchError, Problem, RecipeError, StoreError
 from scenetruth.input_files import collect_input_files
@@ -19,7 +19,7 @@ from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import lock_output, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.provenance import content_hash, scene_hash
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, read_yaml
 from scenetruth.schema import digest
 
@@ -91,7 +91,7 @@ def compute_fingerprint(sampler: Sampler, backend: tuple[str, str] | None = None
 def compute_recipe_hash(sampler: Sampler) -> str:
     """Return a hash of everything that samples depend on but their number, 16 hexadecimal digits."""
     recipe = sampler.recipe
-    plain = {name: value for name, value in recipe.to_plain().items() if name not in _WORDS}
+    plain = {name: value for name, value in recipe.to_dict().items() if name not in _WORDS}
     plain["base"] = [[_base_hash(scene), entry.weight] for scene, entry in zip(sampler.bases, recipe.base, strict=True)]
     # Their order is that of the dimensions of Sobol's sequence, and of the axes of grids.
     plain["order"] = [item.key for item in sampler.varied]
@@ -106,7 +106,7 @@ def compute_recipe_hash(sampler: Sampler) -> str:
 
 
 def _base_hash(scene: Scene) -> str:
-    plain = scene.to_plain()
+    plain = scene.to_dict()
     return digest([scene_hash(scene), {name: plain[name] for name in _STORED}])
 
 
@@ -117,7 +117,7 @@ def select_backend(sampler: Sampler) -> tuple[str, str]:
 
     found = []
     for number in range(len(sampler.bases)):
-        scene = scene_from_plain(sampler.middle(number))
+        scene = Scene.from_dict(sampler.middle(number))
         choice = choose_renderer(scene, build_scene(scene, painted=False))
         with choice.renderer as renderer:
             found.append(renderer.name)
@@ -161,7 +161,7 @@ def open_sampler(folder: DatasetFolder) -> Sampler:
         raise StoreError(folder.recipe, f"cannot be read: {error}") from error
     if problems:
         raise StoreError(folder.recipe, f"is damaged: {problems[0]}")
-    return recipe_from_plain(plain, source=folder.recipe)
+    return Recipe.from_dict(plain, source=folder.recipe).sampler()
 
 
 def begin_dataset(folder: DatasetFolder, sampler: Sampler, *, extend: bool = False) -> DatasetFingerprint:
@@ -249,7 +249,7 @@ def _changed(folder: DatasetFolder, sampler: Sampler) -> list[str]:
         former = open_sampler(folder)
     except (StoreError, RecipeError):
         return []
-    one, other = former.recipe.to_plain(), sampler.recipe.to_plain()
+    one, other = former.recipe.to_dict(), sampler.recipe.to_dict()
     words = {*_WORDS, "base"} - {"samples"}
     changed = [name for name in one if name not in words and one[name] != other[name]]
     same = [_base_hash(scene) for scene in former.bases] == [_base_hash(scene) for scene in sampler.bases]
@@ -258,9 +258,9 @@ def _changed(folder: DatasetFolder, sampler: Sampler) -> list[str]:
 
 def resolve_recipe(sampler: Sampler) -> dict[str, Any]:
     """Return the recipe with its base scenes in it, as plain values: it makes the same samples anywhere."""
-    plain = {name: value for name, value in sampler.recipe.to_plain().items() if value not in ({}, [], "")}
+    plain = {name: value for name, value in sampler.recipe.to_dict().items() if value not in ({}, [], "")}
     plain["base"] = [
-        {"scene": scene.to_plain(), "weight": entry.weight}
+        {"scene": scene.to_dict(), "weight": entry.weight}
         for scene, entry in zip(sampler.bases, sampler.recipe.base, strict=True)
     ]
     # What all samples share is in the scenes already.

@@ -13,6 +13,7 @@ from typing import Any
 from scenetruth.dataset.catalogue import FILES, CatalogueWriter, list_catalogued, merge_parts, read_catalogue
 from scenetruth.dataset.fingerprint import DatasetFingerprint, begin_dataset, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import SAMPLE, DatasetFolder, claim_sample, compute_shard_number, extract_sample
+from scenetruth.dataset.recipe_loader import RecipeLike, load_recipe
 from scenetruth.dataset.recipe_validation import refuse_recipe
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import Partition, SampleStore, build_sample_scene, make_sample, try_sample
@@ -22,7 +23,7 @@ from scenetruth.jobs.results import TaskResult
 from scenetruth.jobs.scheduler import ResourceGuard, TaskScheduler, write_with_retry
 from scenetruth.output import lock_output, remove_leftovers, write_atomically
 from scenetruth.plain_data import parse_json
-from scenetruth.progress import Progress
+from scenetruth.progress import Progress, say
 from scenetruth.random_streams import generator_for
 from scenetruth.resources import (
     Forecast,
@@ -33,6 +34,7 @@ from scenetruth.resources import (
     limited_objects,
     refuse_resources,
 )
+from scenetruth.scene import Overrides
 
 __all__ = [
     "DatasetRunResult",
@@ -92,19 +94,19 @@ class DatasetStatus:
 
 
 def run_dataset(
-    sampler: Sampler | None,
-    folder: str | Path,
+    recipe: RecipeLike | None,
     *,
-    workers: int = 1,
+    output: str | Path,
+    overrides: Overrides = (),
+    partition: Partition | None = None,
+    retries: int = 1,
     threads: int = 1,
     scheduler: str | None = None,
-    part: Partition | None = None,
-    retries: int = 1,
-    recycle: int = 500,
+    max_tasks_per_worker: int = 500,
     extend: bool = False,
     limits: Limits | None = None,
+    workers: int = 1,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> DatasetRunResult:
     """Make what is missing of a data set.
 
@@ -112,30 +114,31 @@ def run_dataset(
 
     Parameters
     ----------
-    sampler
-        The recipe with its base scenes, as `load_recipe` makes it; None to go on with the one in the folder.
-    folder
-        The data set.
-    workers
-        Processes of this machine: 1, the default, for none besides this process, -1 for all processors.
+    recipe
+        The recipe, its values, its file, or the name of one that is shipped; None to continue with the one in the
+        folder.
+    output
+        The folder of the data set.
+    overrides
+        Changes of the recipe, as of `load_scene`.
+    partition
+        Which part to make, for several machines that share the folder; all if not given.
+    retries
+        How often a sample that failed is tried again.
     threads
         Threads of each process that is started.
     scheduler
         Address of a Dask scheduler, whose workers are taken instead. They must see the folder by the same path.
-    part
-        Which part to make, for several machines that share the folder; all if not given.
-    retries
-        How often a sample that failed is tried again.
-    recycle
+    max_tasks_per_worker
         Samples after which a process is started anew.
     extend
         Whether the data set may get more samples than it had.
     limits
         Bounds of what a sample may ask for and take; those by default if not given.
+    workers
+        Processes of this machine: 1, the default, for none besides this process, -1 for all processors.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
 
     Returns
     -------
@@ -169,20 +172,20 @@ def run_dataset(
     >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> far = {"objects.0.pose.position_mm.2": {"kind": "uniform", "low": 90, "high": 110}}
-    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 2, "distributions": far})
+    >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 2, "distributions": far})
     >>> with TemporaryDirectory() as folder:
-    ...     outcome = st.run_dataset(recipe, f"{folder}/walls")
+    ...     outcome = st.run_dataset(recipe, output=f"{folder}/walls")
     ...     dataset = st.open_dataset(f"{folder}/walls")
     ...     print(outcome.made, dataset[1].truth.depth.sizes)
     2 Frozen({'t': 1, 'y': 25, 'x': 30})
     """
     resolve_workers(workers)
-    places, whole = DatasetFolder(folder), part or Partition()
-    say = notice or (lambda _: None)
-    if sampler is None:
+    places, whole = DatasetFolder(output), partition or Partition()
+    if recipe is None:
         sampler = open_sampler(places)
         identity = read_fingerprint(places)
     else:
+        sampler = load_recipe(recipe, overrides=overrides).sampler()
         refuse_recipe(sampler)
         identity = begin_dataset(places, sampler, extend=extend)
     forecast = estimate_sample_cost(sampler, identity, limits or Limits(), places.path)
@@ -204,7 +207,15 @@ def run_dataset(
         room = ResourceGuard(places.path, 2 * crew.count * forecast.disk_wanted_bytes, forecast.memory_bytes)
         try:
             drive = TaskScheduler(
-                crew, try_sample, (str(places.path.resolve()),), work.made, work.failed, say, room, retries, recycle
+                crew,
+                try_sample,
+                (str(places.path.resolve()),),
+                work.made,
+                work.failed,
+                say,
+                room,
+                retries,
+                max_tasks_per_worker,
             )
             work.tell()
             drive.run(number for number in numbers if number not in done)

@@ -325,9 +325,9 @@ def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | Non
     >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> far = {"objects.0.pose.position_mm.2": {"kind": "sequence", "values": [90, 100, 110]}}
-    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 3, "distributions": far})
+    >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 3, "distributions": far})
     >>> with TemporaryDirectory() as folder:
-    ...     _ = st.run_dataset(recipe, f"{folder}/walls")
+    ...     _ = st.run_dataset(recipe, output=f"{folder}/walls")
     ...     near = st.open_dataset(f"{folder}/walls").select("depth_max_mm < 105")
     ...     print(len(near), near[0].values, near.stack("depth").max("sample").values[0, 12, 15])
     2 {'objects.0.pose.position_mm.2': 90.0} 100.0

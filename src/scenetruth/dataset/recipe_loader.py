@@ -7,40 +7,141 @@ import errno
 import os
 import re
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import ConfigDict, PrivateAttr, ValidationError
 
-from scenetruth.dataset.recipe_model import PATH_PATTERN, Recipe
+from scenetruth.dataset.recipe_model import PATH_PATTERN, RecipeModel
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.input_files import bundled_file, bundled_files, validation_context
 from scenetruth.plain_data import plain_problems
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene import Overrides, Scene, load_scene, read_input
 from scenetruth.scene.field_paths import PathError, assign, expand
 from scenetruth.scene.suggestions import suggest_word
-from scenetruth.scene.yaml_reader import read_file
 
-__all__ = ["load_recipe", "recipe_from_plain"]
+__all__ = ["Recipe", "RecipeLike", "load_recipe"]
 
 _NOT_THERE = f"cannot be read: {os.strerror(errno.ENOENT)}"
 _MAPPING = "a mapping of name, base, samples, distributions, ..."
 
 
-def load_recipe(file: str | Path) -> Sampler:
+class Recipe(RecipeModel):
+    """Everything that a data set is made from.
+
+    See Also
+    --------
+    load_recipe : A recipe from a file in YAML.
+    run_dataset : Makes the data set.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> recipe = st.load_recipe("leaves")
+    >>> recipe.name, recipe.sampler().draw(0).scene().frames.count == recipe.sampler().bases[0].frames.count
+    ('leaves', True)
+    """
+
+    # The schema of recipes says no more than it needs to.
+    model_config = ConfigDict(json_schema_extra={"description": "Everything that a data set is made from."})
+
+    _bases: tuple[Scene, ...] | None = PrivateAttr(default=None)
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], *, source: str | Path | None = None, folder: Path | None = None
+    ) -> Recipe:
+        """Validate a recipe given by its values.
+
+        Parameters
+        ----------
+        values
+            The values, as in a file.
+        source
+            Where they are from, for messages.
+        folder
+            Folder that relative paths of files count from; None leaves them as they are.
+
+        Returns
+        -------
+        Recipe
+            The recipe with its base scenes.
+
+        Raises
+        ------
+        RecipeError
+            With every problem and its path.
+
+        See Also
+        --------
+        load_recipe : A recipe from a file in YAML.
+
+        Examples
+        --------
+        >>> import scenetruth as st
+        >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}}
+        >>> wall |= {"pose": {"position_mm": [0, 0, 100]}, "texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+        >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
+        >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}}
+        >>> far = {"objects.0.pose.position_mm.2": {"kind": "integers", "low": 90, "high": 110}}
+        >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 100, "vary": far})
+        >>> sampler = recipe.sampler()
+        >>> len(sampler), sampler.draw(41).values == sampler.draw(41).values, sampler.draw(41).scene()
+        (100, True, Scene(30 x 25 px; 2 positions x 1 frames; objects: wall))
+        """
+        if not isinstance(values, Mapping):
+            raise RecipeError([Problem("", f"must be {_MAPPING}", values)], source=source)
+        problems = plain_problems(values)
+        if problems:
+            raise RecipeError(problems, source=source)
+        try:
+            recipe = cls.model_validate(dict(values), context=validation_context(folder))
+        except ValidationError as error:
+            problems = [*_problems_of(error, values), *_missing_bases(values, folder)]
+            raise RecipeError(problems, source=source) from error
+        for where, entry in [(f"values.{key}", item) for key, item in recipe.values.items()] + [
+            (f"vary.{key}", item) for key, item in recipe.vary.items()
+        ]:
+            problems += [Problem(f"{where}.{one.path}", one.message, one.value) for one in entry.problems()]
+        bases = [_base(recipe, number, folder, problems) for number in range(len(recipe.base))]
+        if problems:
+            raise RecipeError(problems, source=source)
+        recipe._bases = tuple(base for base in bases if base is not None)
+        try:
+            # What only the base scenes show is reported too.
+            recipe.sampler()
+        except RecipeError as error:
+            raise RecipeError(error.problems, source=source) from error
+        return recipe
+
+    def sampler(self) -> Sampler:
+        """Return what draws the samples."""
+        if self._bases is None:
+            return Recipe.from_dict(self.to_dict()).sampler()
+        return Sampler(self, self._bases)
+
+
+RecipeLike = RecipeModel | Mapping[str, Any] | str | PathLike[str]
+"""A recipe, its values as in a file, the path of its file, or the name of a recipe that is shipped."""
+
+
+def load_recipe(recipe: RecipeLike, *, overrides: Overrides = ()) -> Recipe:
     """Load a recipe of a data set.
 
     Parameters
     ----------
-    file
+    recipe
         The YAML file, or the name of a recipe that is shipped, as ``"leaves"``, if no file has it. Relative paths in it
-        count from its folder.
+        count from its folder. Also its values as a mapping, or a recipe.
+    overrides
+        Changes to apply first, as of `load_scene`.
 
     Returns
     -------
-    Sampler
-        The recipe with its base scenes, ready to draw samples.
+    Recipe
+        The recipe with its base scenes; its `Recipe.sampler` draws samples.
 
     Raises
     ------
@@ -49,7 +150,7 @@ def load_recipe(file: str | Path) -> Sampler:
 
     See Also
     --------
-    recipe_from_plain : A recipe from plain values.
+    Recipe.from_dict : A recipe from its values.
 
     Examples
     --------
@@ -68,81 +169,22 @@ def load_recipe(file: str | Path) -> Sampler:
     ... '''
     >>> with TemporaryDirectory() as folder:
     ...     _ = Path(folder, "walls.yaml").write_text(text)
-    ...     len(load_recipe(f"{folder}/walls.yaml"))
+    ...     load_recipe(f"{folder}/walls.yaml", overrides=["seed=4"]).samples
     10
     """
-    file = bundled_file(file, within="datasets") or file
-    plain, folder = read_file(file, "a recipe", RecipeError)
-    return recipe_from_plain(plain, source=file, folder=folder)
+    if isinstance(recipe, Recipe) and not overrides:
+        return recipe
+    given = recipe.to_dict() if isinstance(recipe, RecipeModel) else recipe
+    plain, source, folder = read_input(given, "a recipe", RecipeError, within="datasets", overrides=overrides)
+    return Recipe.from_dict(plain, source=source, folder=folder)
 
 
-def recipe_from_plain(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> Sampler:
-    """Validate a recipe given as plain values.
-
-    Parameters
-    ----------
-    plain
-        The values, as in a file.
-    source
-        Where they are from, for messages.
-    folder
-        Folder that relative paths of files count from; None leaves them as they are.
-
-    Returns
-    -------
-    Sampler
-        The recipe with its base scenes, ready to draw samples.
-
-    Raises
-    ------
-    RecipeError
-        With every problem and its path.
-
-    See Also
-    --------
-    load_recipe : A recipe from a file in YAML.
-
-    Examples
-    --------
-    >>> import scenetruth as st
-    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
-    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
-    >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
-    >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}}
-    >>> far = {"objects.0.pose.position_mm.2": {"kind": "integers", "low": 90, "high": 110}}
-    >>> recipe = st.recipe_from_plain({"name": "walls", "base": plain, "samples": 100, "distributions": far})
-    >>> len(recipe), recipe.draw(41).values == recipe.draw(41).values, recipe.draw(41).scene()
-    (100, True, Scene(30 x 25 px; 2 positions x 1 frames; objects: wall))
-    """
-    if not isinstance(plain, Mapping):
-        raise RecipeError([Problem("", f"must be {_MAPPING}", plain)], source=source)
-    problems = plain_problems(plain)
-    if problems:
-        raise RecipeError(problems, source=source)
-    try:
-        recipe = Recipe.model_validate(dict(plain), context=validation_context(folder))
-    except ValidationError as error:
-        problems = [*_problems_of(error, plain), *_missing_bases(plain, folder)]
-        raise RecipeError(problems, source=source) from error
-    for where, entry in [(f"parameters.{key}", item) for key, item in recipe.parameters.items()] + [
-        (f"distributions.{key}", item) for key, item in recipe.distributions.items()
-    ]:
-        problems += [Problem(f"{where}.{one.path}", one.message, one.value) for one in entry.problems()]
-    bases = [_base(recipe, number, folder, problems) for number in range(len(recipe.base))]
-    if problems:
-        raise RecipeError(problems, source=source)
-    try:
-        return Sampler(recipe, [base for base in bases if base is not None])
-    except RecipeError as error:
-        raise RecipeError(error.problems, source=source) from error
-
-
-def _base(recipe: Recipe, number: int, folder: Path | None, problems: list[Problem]) -> Scene | None:
+def _base(recipe: RecipeModel, number: int, folder: Path | None, problems: list[Problem]) -> Scene | None:
     """Return a base scene with the changes that all samples share, or add what is wrong with it."""
     given = recipe.base[number].scene
     where = f"base.{number}"
     try:
-        scene = load_scene(given) if isinstance(given, str) else scene_from_plain(given, folder=folder)
+        scene = load_scene(given) if isinstance(given, str) else Scene.from_dict(given, folder=folder)
         return _changed(scene, recipe.set)
     except SceneError as error:
         for one in error.problems:
@@ -184,7 +226,7 @@ def _no_such_scene(given: str) -> str:
 def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     if not changes:
         return scene
-    plain = scene.to_plain()
+    plain = scene.to_dict()
     problems = []
     for path, value in changes.items():
         try:
@@ -194,7 +236,7 @@ def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
             problems.append(Problem(f"set.{path}", str(error), value))
     if problems:
         raise SceneError(problems)
-    return scene_from_plain(plain)
+    return Scene.from_dict(plain)
 
 
 def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> Sequence[Problem]:

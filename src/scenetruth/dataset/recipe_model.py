@@ -14,7 +14,7 @@ from scenetruth.discovery import discriminated_union
 from scenetruth.input_files import SceneFile
 from scenetruth.validated_model import FrozenModel, Name, Positive
 
-__all__ = ["PATH_PATTERN", "AnyBound", "AnyDistribution", "BaseScene", "Recipe", "TruthSettings"]
+__all__ = ["PATH_PATTERN", "AnyBound", "AnyDistribution", "BaseScene", "RecipeModel", "TruthSettings"]
 
 
 def _formula(value: Any) -> Any:
@@ -82,7 +82,7 @@ def _one_line(value: str) -> str:
 _Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
 
 
-class Recipe(FrozenModel):
+class RecipeModel(FrozenModel):
     """Everything that a data set is made from.
 
     See Also
@@ -169,7 +169,7 @@ class Recipe(FrozenModel):
         """How many samples the data set has in all."""
         return self.samples * self.steps
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the recipe as plain values, ready for YAML or JSON."""
         return self.model_dump(mode="json")
 

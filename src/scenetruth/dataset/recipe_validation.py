@@ -14,7 +14,7 @@ from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.jobs.executors import ordered_map
 from scenetruth.progress import Progress
 from scenetruth.random_streams import generator_for
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.field_paths import PathError, assign
 
 __all__ = [
@@ -207,7 +207,7 @@ def _is_inside(path: str, place: str) -> bool:
 
 def _scene_problems(plain: Mapping[str, Any]) -> tuple[Problem, ...]:
     try:
-        scene_from_plain(plain)
+        Scene.from_dict(plain)
     except SceneError as error:
         return error.problems
     return ()

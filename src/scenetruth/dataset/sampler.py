@@ -19,10 +19,10 @@ from scenetruth.dataset.distributions import (
     RandomDistribution,
     SamplingPlan,
 )
-from scenetruth.dataset.recipe_model import Recipe
+from scenetruth.dataset.recipe_model import RecipeModel
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.random_streams import generator_for
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.field_paths import PathError, assign, expand
 
 __all__ = ["HELD_OUT", "Draw", "Sampler", "UniformDraws", "VariedField"]
@@ -178,7 +178,7 @@ class Draw:
         SceneError
             If the values make none.
         """
-        return scene_from_plain(self.plain)
+        return Scene.from_dict(self.plain)
 
 
 class Sampler:
@@ -197,9 +197,9 @@ class Sampler:
         If paths lead nowhere, or values need each other in a circle.
     """
 
-    def __init__(self, recipe: Recipe, bases: Sequence[Scene]) -> None:
+    def __init__(self, recipe: RecipeModel, bases: Sequence[Scene]) -> None:
         self.recipe, self.bases = recipe, tuple(bases)
-        self._plain = [base.to_plain() for base in self.bases]
+        self._plain = [base.to_dict() for base in self.bases]
         problems: list[Problem] = []
         self.varied = tuple(self._varied(problems))
         self.ladders = tuple(self._ladders(problems))

@@ -1,6 +1,7 @@
 """Estimation of depth and scene flow from a recording by any method; independent of the scene and the ground truth."""
 
 from scenetruth.estimators.estimation import EstimationTask, estimate, prepare, requirements
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec
 from scenetruth.estimators.protocol import Estimator, Method, MethodSettings, Needs, StreamingMethod
 from scenetruth.estimators.registry import (
     DEFAULT_METHOD,
@@ -20,7 +21,9 @@ __all__ = [
     "Method",
     "MethodChoice",
     "MethodEntry",
+    "MethodLike",
     "MethodSettings",
+    "MethodSpec",
     "Needs",
     "StreamingMethod",
     "choose",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import contextmanager
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem, RecordingError, ScenetruthError, StoreError
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec
 from scenetruth.estimators.protocol import Estimator, StreamingMethod
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate_settings
 from scenetruth.estimators.user_code import locate_exception
@@ -130,7 +131,7 @@ _REAL = ("depth", "disparity", "flow", "velocity", "divergence", "depth_std", "d
 
 def estimate(
     recording: xr.Dataset,
-    method: str | Estimator | Callable[..., Any] = DEFAULT_METHOD,
+    method: MethodLike = DEFAULT_METHOD,
     settings: FrozenModel | Mapping[str, Any] | None = None,
     *,
     progress: Progress | None = None,
@@ -144,7 +145,8 @@ def estimate(
         Images with their intrinsics, from `scenetruth.simulate`, `scenetruth.make_recording` or a store.
     method
         Name of an installed method (``scenetruth list methods`` lists them; ``"structure_tensor"`` is the paper's),
-        ``"module:function"``, or a function or method itself.
+        ``"module:function"``, a function or method itself, or any of them with settings
+        (`scenetruth.estimators.MethodSpec`).
     settings
         Settings of the method: its model, or a mapping. What is not given has the method's default, whatever the scene
         of the recording says.
@@ -402,20 +404,22 @@ class _ValidityPut:
 
 def prepare(
     recording: xr.Dataset,
-    method: str | Estimator | Callable[..., Any] = DEFAULT_METHOD,
+    method: MethodLike = DEFAULT_METHOD,
     settings: FrozenModel | Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     **overrides: Any,
 ) -> EstimationTask:
     """Check everything that an estimate needs, before it is made; see `estimate`."""
-    chosen = find_method(method)
+    spec = method if isinstance(method, MethodSpec) else None
+    chosen = find_method(method if spec is None else spec.method)
     wrong = argument_problems(progress)
     if not (settings is None or isinstance(settings, FrozenModel | Mapping)):
         wrong.append(Problem("settings", "must be a mapping, or the method's model of settings", settings))
     if wrong:
         raise EstimateError(wrong)
     given = settings.model_dump() if isinstance(settings, FrozenModel) else dict(settings or {})
-    checked = validate_settings(chosen, {**given, **overrides})
+    own = {} if spec is None else spec.settings
+    checked = validate_settings(chosen, {**own, **given, **overrides})
     check_dataset(recording, "recording")
     problems = requirements(recording, chosen, checked)
     if problems:

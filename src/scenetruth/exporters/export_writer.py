@@ -6,7 +6,7 @@ import difflib
 import json
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -82,11 +82,14 @@ class ExportResult:
         Names of the files in it, but ``export.json``, which tells of them.
     notes
         What a user should know: steps of a format, pixels that do not fit into it, flow that is no displacement.
+    failures
+        Of a data set, what went wrong, by the number of the sample.
     """
 
     folder: Path
     files: tuple[str, ...]
     notes: tuple[str, ...]
+    failures: Mapping[int, str] = field(default_factory=dict)
 
 
 def export_formats(*names: str) -> dict[str, str]:
@@ -109,7 +112,7 @@ def export_formats(*names: str) -> dict[str, str]:
 
     See Also
     --------
-    export_data : Write data sets in one of them.
+    export : Writes one of them.
 
     Examples
     --------
@@ -179,7 +182,7 @@ def export_data(
 
     See Also
     --------
-    export_run : The same for the folder of a run.
+    export_formats : The formats.
 
     Examples
     --------
@@ -189,7 +192,7 @@ def export_data(
     >>> recording = st.make_recording(np.zeros((2, 2, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> estimate = st.make_estimate(flow=np.ones((2, 2, 8, 8)), recording=recording)
     >>> with TemporaryDirectory() as folder:
-    ...     done = st.export_data(recording, estimate, f"{folder}/flow", "flo", flow="instantaneous")
+    ...     done = st.export((recording, estimate), "flo", output=f"{folder}/flow", flow="instantaneous")
     >>> done.files
     ('flow/s+0_t+0.flo', 'images/s+0_t+0.png', 'images/s+0_t+1.png')
     """

@@ -257,7 +257,7 @@ def resolve_workers(workers: int) -> int:
     if count == -1:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if count < 1:
-        raise ArgumentError(f"`workers`: must be 1 or more, or -1 for all processors (got {workers!r})")
+        raise ArgumentError([Problem("workers", "must be 1 or more, or -1 for all processors", workers)])
     return count
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from scenetruth.errors import ArgumentError, OutputExistsError
+from scenetruth.errors import ArgumentError, OutputExistsError, Problem
 from scenetruth.output import lock_output, remove_leftovers, write_atomically
 from scenetruth.plain_data import parse_json
 
@@ -89,8 +89,8 @@ class JobFolder:
         """
         if output is None:
             if scheduler is not None:
-                message = "`output`: is missing; give a folder that the workers of the scheduler see by the same path"
-                raise ArgumentError(message)
+                message = "is missing; give a folder that the workers of the scheduler see by the same path"
+                raise ArgumentError([Problem("output", message)])
             with tempfile.TemporaryDirectory(prefix="scenetruth-") as scratch:
                 yield Path(scratch)
             return

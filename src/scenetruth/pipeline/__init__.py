@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from scenetruth.pipeline.preflight import compute_method_workload, method_choices, run_problems
     from scenetruth.pipeline.run_directory import MethodPaths, RunDirectory
     from scenetruth.pipeline.runner import PipelineRunner, RunResult
-    from scenetruth.pipeline.scene_pipeline import STAGES, RunStage, run_scene
+    from scenetruth.pipeline.scene_pipeline import STAGES, RunStage, run_pipeline, run_scene
 
 __all__ = [
     "STAGES",
@@ -28,6 +28,7 @@ __all__ = [
     "method_choices",
     "open_figure_worker",
     "precompile",
+    "run_pipeline",
     "run_problems",
     "run_scene",
     "verify_run",

@@ -181,7 +181,7 @@ def export_run(
     >>> with TemporaryDirectory() as folder:
     ...     st.save_store(recording, f"{folder}/recording.zarr")
     ...     st.save_store(estimate, f"{folder}/estimate.zarr")
-    ...     done = st.export_run(folder, f"{folder}/cameras", "opencv_yaml", method="structure_tensor")
+    ...     done = st.export(folder, "opencv_yaml", output=f"{folder}/cameras", method="structure_tensor")
     >>> done.files
     ('s+0.yml', 's+1.yml')
     """

@@ -91,7 +91,7 @@ def precompile(
     """
     from scenetruth.errors import EstimateError
     from scenetruth.estimators import choose, estimate, method_entries
-    from scenetruth.scene import scene_from_plain
+    from scenetruth.scene import Scene
     from scenetruth.scoring import score
     from scenetruth.simulation import simulate
 
@@ -111,12 +111,12 @@ def precompile(
                 beside(choose({"method": method}), "uint8")
         for name, plain in _SCENES.items():
             tell(f"{name}: images and truth")
-            recording, truth = simulate(scene_from_plain(plain))
+            recording, truth = simulate(Scene.from_dict(plain))
             for method in methods:
                 tell(f"{name}: {method}")
                 # What an extra brings may not be there.
                 with suppress(EstimateError):
-                    score(estimate(recording, method), truth, margin_px=2)
+                    score(estimate(recording, method), truth, settings={"interior_margin_px": 2})
     if progress is not None:
         progress("precompile", steps, steps)
     return done
@@ -159,7 +159,7 @@ def small_recording(dtype: str) -> xr.Dataset:
 
 def compile_late_truth_kernels() -> None:
     """Let numba compile what truth needs last: the kernels that tell which cameras see a point."""
-    from scenetruth.scene import scene_from_plain
+    from scenetruth.scene import Scene
     from scenetruth.truth import compile_visibility
 
-    compile_visibility(scene_from_plain(_SCENES["cube"]))
+    compile_visibility(Scene.from_dict(_SCENES["cube"]))

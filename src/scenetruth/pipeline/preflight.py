@@ -8,7 +8,8 @@ from dataclasses import replace
 import xarray as xr
 
 from scenetruth.errors import Problem
-from scenetruth.estimators import MethodChoice, StreamingMethod, choose, find_method, requirements
+from scenetruth.estimators import MethodChoice, StreamingMethod, find_method, requirements
+from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.provenance import blank_recording
 from scenetruth.resources import MethodWorkload, RecordingWorkload
 from scenetruth.scene import Scene
@@ -16,8 +17,10 @@ from scenetruth.scene import Scene
 __all__ = ["compute_method_workload", "compute_recording_workload", "method_choices", "run_problems"]
 
 
-def method_choices(scene: Scene, methods: Sequence[str | MethodChoice]) -> list[MethodChoice]:
+def method_choices(scene: Scene, methods: Sequence[MethodSpec]) -> list[MethodChoice]:
     """Return methods with their settings: the scene's for the scene's own method, defaults for others.
+
+    Names of methods that are not installed hold within `scenetruth.estimators.method_specs.offered_methods`.
 
     Raises
     ------
@@ -27,10 +30,7 @@ def method_choices(scene: Scene, methods: Sequence[str | MethodChoice]) -> list[
     own = scene.estimate
     if not methods:
         return [own]
-    return [
-        item if isinstance(item, MethodChoice) else own if item == own.method else choose({"method": item})
-        for item in dict.fromkeys(methods)
-    ]
+    return list({one.label: one.choice(own) for one in methods}.values())
 
 
 def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]:

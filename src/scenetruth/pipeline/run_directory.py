@@ -70,8 +70,8 @@ class RunDirectory:
     See Also
     --------
     run_scene : Fills the folder.
-    verify_run : Checks what is in it.
-    export_run : Writes it in formats of others.
+    verify : Checks what is in it.
+    export : Writes it in formats of others.
 
     Examples
     --------

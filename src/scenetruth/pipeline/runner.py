@@ -26,7 +26,7 @@ from scenetruth.output import (
 )
 from scenetruth.pipeline.preflight import compute_method_workload, compute_recording_workload
 from scenetruth.pipeline.run_directory import MethodPaths, RunDirectory, claim_entry, claim_run
-from scenetruth.progress import Progress
+from scenetruth.progress import Progress, say
 from scenetruth.provenance import own_release, scene_hash
 from scenetruth.resources import Limits, MethodWorkload, estimate_cost, inspect_machine, refuse_resources
 from scenetruth.scene import Scene
@@ -111,8 +111,6 @@ class PipelineRunner:
         Whether to refuse parts of different runs.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
     helper
         A second process for figures.
     limits
@@ -128,14 +126,13 @@ class PipelineRunner:
         overwrite: bool = False,
         check: bool = True,
         progress: Progress | None = None,
-        notice: Callable[[str], None] | None = None,
         helper: FigureWorker | None = None,
         limits: Limits | None = None,
         asked: str | None = None,
     ) -> None:
         self.folder, self.overwrite, self.check = folder, overwrite, check
         self.asked, self._goes_on = asked, False
-        self.progress, self.notice = progress, notice
+        self.progress = progress
         self.helper, self.limits = helper, limits or Limits()
         self.scores: dict[str, Score] = {}
         self.failures: dict[str, ScenetruthError] = {}
@@ -317,7 +314,7 @@ class PipelineRunner:
             "estimate_settings": json.loads(estimated.attrs.get("settings", "{}")),
             "timings_s": dict(self.timings_s),
         }
-        scored = score(estimated, truth, self.recording, metadata=metadata, check=False, **settings.model_dump())
+        scored = score(estimated, truth, self.recording, settings=settings, metadata=metadata, allow_mismatch=True)
         for target, text in ((files.score_json, scored.to_json()), (files.score_csv, scored.to_csv())):
             with write_atomically(target, overwrite=self._replaces) as aside:
                 aside.write_text(text, encoding="utf-8")
@@ -333,7 +330,7 @@ class PipelineRunner:
 
         ``figures_also`` names further formats of the pictures, beside PNG: ``"pdf"``.
         """
-        from scenetruth.scoring import matches_fingerprint, write_report
+        from scenetruth.scoring.report.score_report import matches_fingerprint, write_report_with
 
         files = self.folder.of(method)
         made_of = self._made_of(files, figures, figures_also)
@@ -360,16 +357,16 @@ class PipelineRunner:
         ):
             # In the one folder that is swept if this process dies.
             made.mkdir()
-            write_report(
-                self.recording,
+            write_report_with(
                 estimated,
                 truth,
-                scored,
-                made,
+                self.recording,
+                score=scored,
+                output=made,
                 progress=self.progress,
-                check=False,
+                allow_mismatch=True,
                 figures=figures,
-                figures_also=figures_also,
+                figure_formats=("png", *figures_also),
                 made_of=made_of,
                 elsewhere=self._elsewhere(files, made / "figures"),
             )
@@ -438,8 +435,7 @@ class PipelineRunner:
         self.timings_s[what] = round(time.perf_counter() - start, 3)
 
     def _say(self, text: str) -> None:
-        if self.notice is not None:
-            self.notice(text)
+        say(text)
 
 
 def _unseen_growth(scored: Score, method: str) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from scenetruth.compilation import announced_compilation
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.estimators import MethodChoice
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec, offered_methods, read_methods
 from scenetruth.pipeline.figure_worker import FigureWorker, open_figure_worker
 from scenetruth.pipeline.preflight import compute_method_workload, method_choices, run_problems
 from scenetruth.pipeline.run_directory import RunDirectory
@@ -25,13 +26,13 @@ from scenetruth.resources import (
     limited_objects,
     refuse_resources,
 )
-from scenetruth.scene import Scene
+from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 from scenetruth.schema import digest
 
 if TYPE_CHECKING:
-    from scenetruth.truth import TruthMaps, TruthPoses, TruthViews
+    from scenetruth.truth import TruthMaps, TruthOptions, TruthPoses, TruthViews
 
-__all__ = ["STAGES", "RunStage", "run_scene"]
+__all__ = ["STAGES", "RunStage", "run_pipeline", "run_scene"]
 
 RunStage = Literal["render", "estimate", "score", "report"]
 STAGES: tuple[RunStage, ...] = ("render", "estimate", "score", "report")
@@ -39,24 +40,22 @@ STAGES: tuple[RunStage, ...] = ("render", "estimate", "score", "report")
 
 
 def run_scene(
-    scene: Scene,
-    folder: str | Path,
+    scene: SceneLike,
     *,
+    methods: MethodLike | Sequence[MethodLike] | None = None,
     stages: Sequence[RunStage] = STAGES,
-    methods: Sequence[str | MethodChoice] = (),
+    overrides: Overrides = (),
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
     save_radiance: bool = False,
-    images: Literal["png", "tiff"] | None = None,
-    overwrite: bool = False,
+    save_images: Literal["png", "tiff"] | None = None,
     limits: Limits | None = None,
-    check: bool = True,
+    output: str | Path,
+    overwrite: bool = False,
+    allow_mismatch: bool = False,
     figures: Collection[str] | None = None,
-    figures_also: Collection[str] = (),
-    helpers: int | FigureWorker = 0,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> RunResult:
     """Take a scene through all stages, or some: render, estimate, score, report.
 
@@ -66,34 +65,30 @@ def run_scene(
     Parameters
     ----------
     scene
-        The scene; paths in it are absolute, as `load_scene` makes them.
-    folder
-        Where the results go.
+        The scene, its values, its file, or the name of one that is shipped.
+    methods
+        Methods of estimation: names, functions, or `scenetruth.estimators.MethodSpec` with settings; the scene's if
+        not given. The scene's own method has the scene's settings, others have their defaults.
     stages
         Which stages; without ``"render"``, the recording and the truth of an earlier run are taken from the folder.
-    methods
-        Names of methods of estimation, or methods with their settings; what the scene says if not given. The scene's
-        own method has the scene's settings, others have their defaults.
+    overrides
+        Changes of the scene, as of `load_scene`.
     truth_views, truth_poses, truth_content, save_radiance
         As of `simulate`.
-    images
+    save_images
         Whether to write the images as files too, as 16-bit PNG or float TIFF.
-    overwrite
-        Whether results that exist may be replaced.
     limits
         Bounds of what the scene may ask for and take (`scenetruth.Limits`); those by default if not given.
-    check
-        Whether to refuse a folder that holds another scene's recording.
+    output
+        Where the results go.
+    overwrite
+        Whether results that exist may be replaced.
+    allow_mismatch
+        Whether the folder may hold another scene's recording.
     figures
         Names of the figures of the report (`scenetruth.scoring.FIGURES`); all if not given.
-    figures_also
-        Formats that figures are written in beside PNG: ``"pdf"``, vectors for print.
-    helpers
-        Further processes to compile and to draw figures: none, or one, or one that runs already.
     progress
         Called with (what, done, total) as the work goes on.
-    notice
-        Called with lines that a user may want to read, such as the backend that rendered.
 
     Returns
     -------
@@ -102,6 +97,8 @@ def run_scene(
 
     Raises
     ------
+    ArgumentError
+        If an argument is impossible; lists all that are.
     SceneError
         If the scene cannot be made, passes a bound, or a method cannot estimate its recording; before any work.
     MachineError
@@ -127,62 +124,150 @@ def run_scene(
     >>> plain = {"camera": {"width": 60, "height": 50, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> with TemporaryDirectory() as folder:
-    ...     results = run_scene(st.scene_from_plain(plain), f"{folder}/wall", stages=("render", "estimate", "score"))
+    ...     results = run_scene(plain, stages=("render", "estimate", "score"), output=f"{folder}/wall")
     ...     print(*sorted(path.name for path in results.folder.path.iterdir()))
     estimate.zarr recording.zarr scene.yaml score.csv score.json truth.zarr
     >>> error = results.scores["structure_tensor"].regions["interior"]["depth"]
     >>> error["count"] > 50, error["relative_rmse"] < 0.02, results.failures
     (True, True, {})
     """
+    return run_pipeline(
+        scene,
+        output,
+        methods=methods,
+        stages=stages,
+        overrides=overrides,
+        truth=(truth_views, truth_poses, truth_content),
+        save_radiance=save_radiance,
+        save_images=save_images,
+        limits=limits,
+        overwrite=overwrite,
+        allow_mismatch=allow_mismatch,
+        figures=figures,
+        progress=progress,
+    )
+
+
+def run_pipeline(
+    scene: SceneLike,
+    output: str | Path,
+    *,
+    methods: MethodLike | Sequence[MethodLike] | None = None,
+    stages: Sequence[RunStage] = STAGES,
+    overrides: Overrides = (),
+    truth: tuple[TruthViews, TruthPoses, TruthMaps] = ("reference", "real", "standard"),
+    save_radiance: bool = False,
+    save_images: Literal["png", "tiff"] | None = None,
+    limits: Limits | None = None,
+    overwrite: bool = False,
+    allow_mismatch: bool = False,
+    figures: Collection[str] | None = None,
+    figure_formats: Sequence[str] = ("png",),
+    helpers: int | FigureWorker = 0,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Take a scene through its stages as `run_scene` does; for the command line, which works in two processes.
+
+    Parameters
+    ----------
+    scene, output, methods, stages, overrides, save_radiance, save_images, limits, overwrite, allow_mismatch, figures,
+    progress
+        As of `run_scene`.
+    truth
+        Views, poses and content of the truth, as of `run_scene`.
+    figure_formats
+        Formats of the figures: ``"png"``, which pages need, and ``"pdf"``.
+    helpers
+        Further processes to compile and to draw figures: none, or one, or one that runs already.
+    """
     from scenetruth.truth import TruthOptions, refuse_arguments
 
-    refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
+    refuse_arguments(scene, *truth, progress)
+    specs = read_methods(methods) if methods else []
+    with offered_methods(specs):
+        return _run_stages(
+            load_scene(scene, overrides=overrides),
+            Path(output),
+            specs,
+            stages=stages,
+            truth=TruthOptions(*truth),
+            save_radiance=save_radiance,
+            save_images=save_images,
+            allowed=limits or Limits(),
+            overwrite=overwrite,
+            allow_mismatch=allow_mismatch,
+            figures=figures,
+            figures_also=tuple(one for one in figure_formats if one != "png"),
+            helpers=helpers,
+            progress=progress,
+        )
+
+
+def _run_stages(
+    scene: Scene,
+    output: Path,
+    specs: Sequence[MethodSpec],
+    *,
+    stages: Sequence[RunStage],
+    truth: TruthOptions,
+    save_radiance: bool,
+    save_images: Literal["png", "tiff"] | None,
+    allowed: Limits,
+    overwrite: bool,
+    allow_mismatch: bool,
+    figures: Collection[str] | None,
+    figures_also: Sequence[str],
+    helpers: int | FigureWorker,
+    progress: Progress | None,
+) -> RunResult:
+    """Take a scene through its stages; methods can be found by their names."""
     _refuse_unknown_figures(figures)
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:
-        raise SceneError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
-    choices = method_choices(scene, methods)
+        raise ArgumentError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
+    choices = method_choices(scene, specs)
     # A scene names no code: module:function stays beside its own method.
-    if scene.estimate.method not in [choice.method for choice in choices] and ":" not in choices[0].method:
+    is_named = not specs or (isinstance(specs[0].method, str) and ":" not in specs[0].method)
+    if scene.estimate.method not in [choice.method for choice in choices] and is_named:
         scene = scene.model_copy(update={"estimate": choices[0]})
     if "estimate" in stages:
         problems = run_problems(scene, choices)
         if problems:
             raise SceneError(problems)
-    allowed = limits or Limits()
     if "render" in stages:
         demand = compute_workload(
             scene,
             limited_objects(scene, allowed),
-            views=scene.stage.positions * scene.stage.rows if truth_views == "all" else 1,
-            complete=truth_content == "complete",
+            views=scene.stage.positions * scene.stage.rows if truth.views == "all" else 1,
+            complete=truth.content == "complete",
             save_radiance=save_radiance,
         )
         demand = replace(demand, effort=compute_method_workload(choices))
-        refuse_resources(estimate_cost(demand, stages), inspect_machine(Path(folder)), allowed)
-    truth = TruthOptions(truth_views, truth_poses, truth_content)
+        refuse_resources(estimate_cost(demand, stages), inspect_machine(output), allowed)
     asked = None
     if "render" in stages and len(stages) > 1:
         of_methods = [choice.model_dump(mode="json") for choice in choices]
-        rest = [list(stages), truth_views, truth_poses, truth_content, save_radiance, images]
+        rest = [list(stages), truth.views, truth.poses, truth.content, save_radiance, save_images]
         drawn = [None if figures is None else sorted(figures), sorted(figures_also)]
-        asked = digest([own_release(), scene.model_dump(mode="json"), scene_hash(scene), of_methods, rest, drawn])
+        own_code = [one.fingerprint for one in specs if one.fingerprint]
+        asked = digest(
+            [own_release(), scene.model_dump(mode="json"), scene_hash(scene), of_methods, rest, drawn, *own_code]
+        )
     with (
         open_figure_worker(helpers if "report" in stages else 0) as helper,
         _compiling_in_parallel(helper, scene, choices if {"render", "estimate"} <= set(stages) else ()),
         PipelineRunner(
-            RunDirectory(folder, scene.estimate.method),
+            RunDirectory(output, scene.estimate.method),
             overwrite=overwrite,
-            check=check,
+            check=not allow_mismatch,
             progress=progress,
-            notice=notice,
             helper=helper,
             limits=allowed,
             asked=asked,
         ) as runner,
     ):
         if "render" in stages:
-            runner.render(scene, truth, save_radiance=save_radiance, images=images)
+            runner.render(scene, truth, save_radiance=save_radiance, images=save_images)
         else:
             runner.check_scene(scene)
         for choice in choices:
@@ -233,4 +318,4 @@ def _refuse_unknown_figures(figures: Collection[str] | None) -> None:
 
     unknown = sorted(set(figures) - set(FIGURES))
     if unknown:
-        raise SceneError([Problem("figures", f"must be some of {', '.join(FIGURES)}", unknown)])
+        raise ArgumentError([Problem("figures", f"must be some of {', '.join(FIGURES)}", unknown)])

@@ -169,7 +169,7 @@ def find_unit_errors(scene: Scene) -> list[str]:
     Examples
     --------
     >>> import scenetruth as st
-    >>> print(*find_unit_errors(st.load_scene("cube", ["sensor={noise_std: 2}"])))
+    >>> print(*find_unit_errors(st.load_scene("cube", overrides=["sensor={noise_std: 2}"])))
     sensor.noise_std: is 2 times the full scale: nothing is seen but noise; it is a fraction, 0.01 is 1 % of full scale
     """
     return [*_noise(scene), *_growth(scene), *_focal_length(scene)]

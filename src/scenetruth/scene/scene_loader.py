@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from scenetruth.errors import EstimateError, Problem, SceneError
+from scenetruth.errors import EstimateError, Problem, RecipeError, SceneError
 from scenetruth.estimators import choose
 from scenetruth.input_files import bundled_file, validation_context
 from scenetruth.plain_data import plain_problems
@@ -18,20 +20,28 @@ from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.suggestions import collect_keys, list_kinds, suggest_key, suggest_setting, suggest_word
 from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, read_file, read_yaml
 
-__all__ = ["apply_overrides", "load_scene", "scene_from_plain"]
+__all__ = ["Overrides", "SceneLike", "apply_overrides", "load_scene", "read_input"]
 
 
-def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
-    """Load a scene file.
+SceneLike = Scene | Mapping[str, Any] | str | PathLike[str]
+"""A scene, its values as in a file, the path of its file, or the name of a scene that is shipped."""
+Overrides = Mapping[str, Any] | Sequence[str]
+"""Changes of fields: values by path, or assignments ``path=value`` with the value in YAML."""
+
+InputProblemError = type[SceneError] | type[RecipeError]
+
+
+def load_scene(scene: SceneLike, *, overrides: Overrides = ()) -> Scene:
+    """Load a scene.
 
     Parameters
     ----------
-    file
+    scene
         The YAML file, or the name of a scene that is shipped, as ``"cube"``, if no file has it. Relative paths in it
-        count from its folder.
+        count from its folder. Also the values of a scene as a mapping, or a scene.
     overrides
-        Changes to apply first, each ``path=value`` with the value in YAML: ``camera.width=320``, ``sensor=ideal``,
-        ``objects.0.texture.rms_contrast=0.1``.
+        Changes to apply first: values by path, or assignments ``path=value`` with the value in YAML:
+        ``camera.width=320``, ``sensor=ideal``, ``objects.0.texture.rms_contrast=0.1``.
 
     Returns
     -------
@@ -45,7 +55,7 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
     See Also
     --------
-    scene_from_plain : A scene from plain values, without a file.
+    Scene.from_dict : A scene from its values.
     simulate : Images and truth of a scene.
 
     Examples
@@ -63,68 +73,65 @@ def load_scene(file: str | Path, overrides: Sequence[str] = ()) -> Scene:
     ... '''
     >>> with TemporaryDirectory() as folder:
     ...     _ = Path(folder, "wall.yaml").write_text(text)
-    ...     load_scene(f"{folder}/wall.yaml", ["camera.width=80", "render.backend=raycast"])
+    ...     load_scene(f"{folder}/wall.yaml", overrides=["camera.width=80", "render.backend=raycast"])
     Scene(80 x 30 px; 3 positions x 2 frames; objects: wall)
+    >>> load_scene("plane", overrides={"camera.width": 80}).camera.width
+    80
     """
-    file = bundled_file(file) or file
-    plain, folder = read_file(file, "a scene file", SceneError)
-    if plain is None:
-        raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=file)
-    if not isinstance(plain, dict):
-        raise SceneError([Problem("", f"must be {_MAPPING}", plain)], source=file)
-    apply_overrides(plain, overrides, source=file)
-    return scene_from_plain(plain, source=file, folder=folder)
+    if isinstance(scene, Scene) and not overrides:
+        return scene
+    given = scene.to_dict() if isinstance(scene, Scene) else scene
+    plain, source, folder = read_input(given, "a scene file", SceneError, overrides=overrides)
+    return Scene.from_dict(plain, source=source, folder=folder)
+
+
+def read_input(
+    given: Any, what: str, refused: InputProblemError, *, within: str = ".", overrides: Overrides = ()
+) -> tuple[Any, str | Path | None, Path | None]:
+    """Return the values of a scene, a recipe or a specification that is given as a mapping, a path or a name.
+
+    Parameters
+    ----------
+    given
+        The values, the path of a YAML file, or the name of a file that is shipped.
+    what
+        What the file should be, for messages: ``a scene file``.
+    refused
+        What to raise.
+    within
+        Where files of this sort are shipped; as of `scenetruth.input_files.bundled_file`.
+    overrides
+        Changes to apply.
+
+    Returns
+    -------
+    tuple
+        The values; where they are from, for messages; and the folder that relative paths count from. None for both if
+        the values were given.
+
+    Raises
+    ------
+    SceneError, RecipeError
+        Whichever was asked for, if the file cannot be read or a change does not fit.
+    """
+    if isinstance(given, Mapping):
+        # Changes are for this copy alone.
+        plain, source, folder = copy.deepcopy(dict(given)) if overrides else given, None, None
+    else:
+        source = bundled_file(given, within=within) or given
+        plain, folder = read_file(source, what, refused)
+    if overrides and isinstance(plain, dict):
+        apply_overrides(plain, overrides, source=source, refused=refused)
+    return plain, source, folder
 
 
 _MAPPING = "a mapping of camera, stage, frames, objects, ..."
 
 
-def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None, folder: Path | None = None) -> Scene:
-    """Validate a scene given as plain values.
-
-    Parameters
-    ----------
-    plain
-        The values, as in a scene file.
-    source
-        Where they are from, for messages.
-    folder
-        Folder that relative paths of files count from; None leaves them as they are.
-
-    Returns
-    -------
-    Scene
-        Validated and frozen.
-
-    Raises
-    ------
-    SceneError
-        With every problem and its path.
-
-    See Also
-    --------
-    load_scene : A scene from a file in YAML.
-    Scene.to_plain : Back to plain values.
-
-    Examples
-    --------
-    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
-    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
-    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
-    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 2}}
-    >>> scene_from_plain(plain)
-    Scene(40 x 30 px; 3 positions x 2 frames; objects: wall)
-
-    All problems are told at once:
-
-    >>> try:
-    ...     scene_from_plain({**plain, "width": 80, "render": {"backend": "raycst"}})
-    ... except SceneError as error:
-    ...     print(error)
-    2 problems with the scene:
-      - render.backend: input should be 'auto', 'pyrender' or 'raycast'; did you mean 'raycast'? (got 'raycst')
-      - width: unknown key; did you mean 'camera.width'? (got 80)
-    """
+def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> Scene:
+    """Validate a scene given by its values; see `Scene.from_dict`."""
+    if plain is None:
+        raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=source)
     if not isinstance(plain, Mapping):
         raise SceneError([Problem("", f"must be {_MAPPING}", plain)], source=source)
     problems = plain_problems(plain)
@@ -147,17 +154,31 @@ def scene_from_plain(plain: Mapping[str, Any], source: str | Path | None = None,
     return scene
 
 
-def apply_overrides(plain: dict[str, Any], overrides: Sequence[str], source: str | Path | None = None) -> None:
-    """Change plain values in place by ``path=value`` assignments.
+Scene._reader = _read_scene
+
+
+def apply_overrides(
+    plain: dict[str, Any],
+    overrides: Overrides,
+    source: str | Path | None = None,
+    refused: InputProblemError = SceneError,
+) -> None:
+    """Change values in place, by path or by ``path=value`` assignments.
 
     Raises
     ------
-    SceneError
-        With every assignment whose spelling or path does not fit.
+    SceneError, RecipeError
+        Whichever was asked for, with every assignment whose spelling or path does not fit.
     """
     problems = []
     if isinstance(overrides, str):
         overrides = [overrides]
+    if isinstance(overrides, Mapping):
+        for path, value in overrides.items():
+            problem = _assign(plain, str(path).split("."), copy.deepcopy(value))
+            if problem is not None:
+                problems.append(Problem(f"overrides.{path}", problem, value))
+        overrides = ()
     for override in overrides:
         if not isinstance(override, str):
             problems.append(Problem("--set", "must read path=value", override))
@@ -181,7 +202,7 @@ def apply_overrides(plain: dict[str, Any], overrides: Sequence[str], source: str
         if problem is not None:
             problems.append(Problem(f"--set {path}", problem, override))
     if problems:
-        raise SceneError(problems, source=source)
+        raise refused(problems, source=source)
 
 
 # No list has more items than nine digits can count, and other alphabets have digits too.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
@@ -138,13 +139,13 @@ def _refuse_twice(names: list[str]) -> None:
 class Scene(FrozenModel):
     """Everything that a recording and its truth are made from.
 
-    Scenes are read with `load_scene` or `scene_from_plain`. They cannot be changed, and compare and hash by their
+    Scenes are read with `load_scene` or `Scene.from_dict`. They cannot be changed, and compare and hash by their
     values; notebooks show them as a table.
 
     See Also
     --------
     load_scene : A scene from a file in YAML.
-    scene_from_plain : A scene from plain values.
+    Scene.from_dict : A scene from plain values.
     simulate : Images and truth of a scene.
 
     Examples
@@ -162,7 +163,7 @@ class Scene(FrozenModel):
     Scene(40 x 30 px; 3 positions x 2 frames; objects: wall)
     >>> scene.camera.principal_point, scene.stage.s.tolist(), scene.render.backend
     ((19.5, 14.5), [-1, 0, 1], 'auto')
-    >>> st.scene_from_plain(scene.to_plain()) == scene
+    >>> st.Scene.from_dict(scene.to_dict()) == scene
     True
     """
 
@@ -273,8 +274,63 @@ class Scene(FrozenModel):
         rows = make_summary_rows(self.camera, self.stage, self.frames, things, self.lighting, self.sensor)
         return make_summary_table(self.description or "Scene", rows)
 
-    def to_plain(self) -> dict[str, Any]:
-        """Return the scene as plain values, ready for YAML or JSON."""
+    _reader: ClassVar[Callable[[Any, str | Path | None, Path | None], Scene]]
+    """What `from_dict` does; the loader, which lies higher, says so."""
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], *, source: str | Path | None = None, folder: Path | None = None
+    ) -> Scene:
+        """Validate a scene given by its values.
+
+        Parameters
+        ----------
+        values
+            The values, as in a scene file.
+        source
+            Where they are from, for messages.
+        folder
+            Folder that relative paths of files count from; None leaves them as they are.
+
+        Returns
+        -------
+        Scene
+            Validated and frozen.
+
+        Raises
+        ------
+        SceneError
+            With every problem and its path.
+
+        See Also
+        --------
+        load_scene : A scene from a file in YAML.
+        Scene.to_dict : Back to values.
+
+        Examples
+        --------
+        >>> import scenetruth as st
+        >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+        >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+        >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+        >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 2}}
+        >>> Scene.from_dict(plain)
+        Scene(40 x 30 px; 3 positions x 2 frames; objects: wall)
+
+        All problems are reported together:
+
+        >>> try:
+        ...     Scene.from_dict({**plain, "width": 80, "render": {"backend": "raycst"}})
+        ... except st.SceneError as error:
+        ...     print(error)
+        2 problems with the scene:
+          - render.backend: input should be 'auto', 'pyrender' or 'raycast'; did you mean 'raycast'? (got 'raycst')
+          - width: unknown key; did you mean 'camera.width'? (got 80)
+        """
+        return cls._reader(values, source, folder)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the scene's values, ready for YAML or JSON."""
         return self.model_dump(mode="json")
 
 

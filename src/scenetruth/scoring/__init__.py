@@ -1,6 +1,6 @@
 """Estimates compared with the truth: statistics, figures and a report; figures and a report without a truth too."""
 
-from scenetruth.scoring.convention_check import detect_convention_mismatches, detect_mismatches_in_arrays
+from scenetruth.scoring.convention_check import detect_convention_mismatches
 from scenetruth.scoring.convention_hypotheses import ConventionMismatch
 from scenetruth.scoring.figures import FIGURES, FigureInfo, plot_all, plot_one
 from scenetruth.scoring.growth_rate import compute_growth_rate
@@ -23,7 +23,6 @@ __all__ = [
     "Score",
     "compute_growth_rate",
     "detect_convention_mismatches",
-    "detect_mismatches_in_arrays",
     "get_units",
     "matches_fingerprint",
     "plot_all",

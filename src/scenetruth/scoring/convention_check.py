@@ -6,7 +6,7 @@ Wrong sign, unit, origin or order, and shifts by a whole or half a pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,7 +38,6 @@ __all__ = [
     "MismatchVerdict",
     "ShiftFit",
     "detect_convention_mismatches",
-    "detect_mismatches_in_arrays",
     "fit_shift",
     "search_mismatches",
 ]
@@ -499,7 +498,9 @@ def _block_indices(places: SamplePositions, material: MismatchSamples) -> Indice
 _COMPONENTS = {"flow": 2, "velocity": 3}
 
 
-def detect_convention_mismatches(estimate: xr.Dataset, truth: xr.Dataset) -> list[ConventionMismatch]:
+def detect_convention_mismatches(
+    estimate: xr.Dataset | Mapping[str, ArrayLike], truth: xr.Dataset
+) -> list[ConventionMismatch]:
     """Return the likely slips of convention in an estimate: signs, units, order, origin, one frame or pixel off.
 
     Every combination of a slip of place (maps upside down, mirrored, transposed, of another frame), one of meaning
@@ -516,7 +517,10 @@ def detect_convention_mismatches(estimate: xr.Dataset, truth: xr.Dataset) -> lis
     Parameters
     ----------
     estimate
-        The estimate, dimensions (t, y, x); the sign of depth and disparity may be any.
+        The estimate, dimensions (t, y, x); the sign of depth and disparity may be any. Or plain arrays, which
+        `make_estimate` may refuse, by name: ``depth`` in mm and ``disparity`` in px per step of s, shape (t, y, x) or
+        (y, x); ``flow`` in px and ``velocity`` in mm per frame, shapes (2, ...) and (3, ...); ``t``, their frames. If
+        frames are not given: all of the truth if there are as many, the reference frame for a single one.
     truth
         The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is taken; it may have more frames and pixels.
 
@@ -532,7 +536,8 @@ def detect_convention_mismatches(estimate: xr.Dataset, truth: xr.Dataset) -> lis
 
     See Also
     --------
-    detect_mismatches_in_arrays : The same of plain arrays, before an estimate is made of them.
+    make_estimate : An estimate from plain arrays.
+    score : How large the errors are.
 
     Examples
     --------
@@ -547,9 +552,13 @@ def detect_convention_mismatches(estimate: xr.Dataset, truth: xr.Dataset) -> lis
     >>> estimate = label("estimate", {"depth": 0.001 * depth}, camera, t=[0])
     >>> [(slip.kind, slip.quantity) for slip in detect_convention_mismatches(estimate, truth)]
     [('metres', 'depth')]
+    >>> [slip.kind for slip in detect_convention_mismatches({"depth": -depth[0]}, truth)]
+    ['sign']
     >>> detect_convention_mismatches(label("estimate", {"depth": 1.01 * depth}, camera, t=[0]), truth)
     []
     """
+    if isinstance(estimate, Mapping) and not isinstance(estimate, xr.Dataset):
+        estimate = _arrange_arrays(estimate, truth)
     wrong = [
         Problem(name, "must be an xarray.Dataset", type(part).__name__)
         for name, part in (("estimate", estimate), ("truth", truth))
@@ -561,58 +570,22 @@ def detect_convention_mismatches(estimate: xr.Dataset, truth: xr.Dataset) -> lis
         return [slip for material in read_mismatch_samples(estimate, truth) for slip in _detect_in_samples(material)]
 
 
-def detect_mismatches_in_arrays(
-    truth: xr.Dataset,
-    *,
-    depth: ArrayLike | None = None,
-    disparity: ArrayLike | None = None,
-    flow: ArrayLike | None = None,
-    velocity: ArrayLike | None = None,
-    t: ArrayLike | None = None,
-) -> list[ConventionMismatch]:
-    """Return the likely slips in plain arrays, which `make_estimate` may refuse: a negative depth, say.
+_ARRAYS = ("depth", "disparity", "flow", "velocity")
 
-    Parameters
-    ----------
-    truth
-        The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is taken; the arrays have its pixels.
-    depth, disparity
-        In mm and in px per step of s, shape (t, y, x), or (y, x) for one frame.
-    flow, velocity
-        In px and in mm per frame, shapes (2, ...) and (3, ...).
-    t
-        The frames of the arrays. If not given: all frames of the truth if there are as many, the reference frame for a
-        single one.
 
-    Returns
-    -------
-    list of Slip
-        As of `detect_convention_mismatches`.
-
-    Raises
-    ------
-    ScoreError
-        If the arrays cannot be compared with the truth; lists what is wrong.
-
-    Examples
-    --------
-    >>> from scenetruth.schema import Intrinsics, label
-    >>> camera = Intrinsics(focal_length_px=100.0, principal_point_px=(15.5, 11.5), baseline_mm=5.0)
-    >>> depth = 500.0 + np.mgrid[:24, :32][1:] * 2.0
-    >>> still = np.zeros((3, *depth.shape))
-    >>> maps = {"depth": depth, "disparity": 500 / depth, "velocity": still, "flow": still[:2], "mixed": depth < 0}
-    >>> truth = label("truth", maps, camera, t=[0])
-    >>> [slip.kind for slip in detect_mismatches_in_arrays(truth, depth=-depth[0])]
-    ['sign']
-    """
+def _arrange_arrays(given: Mapping[str, ArrayLike | None], truth: xr.Dataset) -> xr.Dataset:
+    """Return an estimate of plain arrays, however they are."""
     if not isinstance(truth, xr.Dataset):
         raise ScoreError([Problem("truth", "must be an xarray.Dataset", type(truth).__name__)])
     size = tuple(truth.sizes[dim] for dim in ("y", "x") if dim in truth.sizes)
-    given = {"depth": depth, "disparity": disparity, "flow": flow, "velocity": velocity}
+    unknown = sorted(set(given) - {*_ARRAYS, "t"})
+    if unknown:
+        raise ScoreError([Problem("estimate", f"arrays are {', '.join(_ARRAYS)} and t", unknown)])
+    t = given.get("t")
     problems: list[Problem] = []
     arrays: dict[str, NDArray[np.float64]] = {}
-    for name, values in given.items():
-        if values is not None:
+    for name in _ARRAYS:
+        if (values := given.get(name)) is not None:
             found = _with_frames(values, _COMPONENTS.get(name), size)
             if found is None:
                 lead = f"{_COMPONENTS[name]}, " if name in _COMPONENTS else ""
@@ -637,7 +610,7 @@ def detect_mismatches_in_arrays(
     if len(frames) != count:
         raise ScoreError([Problem("t", f"the arrays hold {count} frames, not these: say which by t=", frames.tolist())])
     x, y = (truth[name].values if name in truth.coords else None for name in ("x", "y"))
-    return detect_convention_mismatches(label("estimate", arrays, read_intrinsics(truth), t=frames, x=x, y=y), truth)
+    return label("estimate", arrays, read_intrinsics(truth), t=frames, x=x, y=y)
 
 
 def _with_frames(values: ArrayLike, components: int | None, size: tuple[int, ...]) -> NDArray[np.float64] | None:

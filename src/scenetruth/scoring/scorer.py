@@ -169,10 +169,9 @@ def score(
     truth: xr.Dataset,
     recording: xr.Dataset | None = None,
     *,
-    margin_px: float | None = None,
+    settings: ScoreSettings | Mapping[str, Any] | None = None,
+    allow_mismatch: bool = False,
     metadata: Mapping[str, Any] | None = None,
-    check: bool = True,
-    **settings: Any,
 ) -> Score:
     """Score an estimate against the truth.
 
@@ -209,15 +208,13 @@ def score(
         The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is taken; it may have more frames and pixels.
     recording
         What was estimated from; without it there are no regions of contrast.
-    margin_px
-        Distance of the interior from silhouettes and face edges, in px; the setting ``interior_margin_px`` by another
-        name.
+    settings
+        Bounds of regions and windows, see `scenetruth.settings.ScoreSettings`, or some of them by name; the others have
+        their defaults.
+    allow_mismatch
+        Whether data sets may have been made from different recordings.
     metadata
         More to keep with the score: anything that JSON can say, NumPy's numbers and paths. NaN becomes None.
-    check
-        Whether to refuse data sets that were made from different recordings.
-    **settings
-        Bounds of regions and windows, see `scenetruth.settings.ScoreSettings`.
 
     Returns
     -------
@@ -263,10 +260,12 @@ def score(
         Problem(f"metadata.{item.path}", item.message, item.value)
         for item in plain_problems(metadata or {}, any_keys=True)
     ]
+    if not (settings is None or isinstance(settings, ScoreSettings | Mapping)):
+        wrong.append(Problem("settings", "must be a mapping, or a ScoreSettings", settings))
     if wrong:
         raise ScoreError(wrong)
-    chosen = score_settings(**settings, **({} if margin_px is None else {"interior_margin_px": margin_px}))
-    if check:
+    chosen = settings if isinstance(settings, ScoreSettings) else score_settings(**(settings or {}))
+    if not allow_mismatch:
         check_same_run({name: given[name].attrs for name in ("truth", "estimate", "recording") if name in given})
     check_alignable(estimate, truth)
     if recording is not None:

@@ -46,7 +46,7 @@ def count_pixels_in_region(
     found, exact = align(estimate, truth)
     x, y = (found[name].values if name in found.coords else None for name in ("x", "y"))
     perfect = label("estimate", {"depth": exact["depth"].values}, read_intrinsics(found), t=found["t"].values, x=x, y=y)
-    count = score(perfect, truth, recording, check=False, **settings).regions[region]["depth"]["count"]
+    count = score(perfect, truth, recording, allow_mismatch=True, settings=settings).regions[region]["depth"]["count"]
     return int(count or 0)
 
 
@@ -104,7 +104,7 @@ def compute_bound_in_region(
         wrong[entry.variable] = wrong[entry.variable].copy(data=values)
     if problems:
         raise LimitError(list(dict.fromkeys(problems)))
-    regions = score(wrong, truth, recording, check=False, **settings).regions[region]
+    regions = score(wrong, truth, recording, allow_mismatch=True, settings=settings).regions[region]
     return {name: regions[name]["rmse"] if QUANTITIES[name].variable in found else None for name in names}
 
 
@@ -228,7 +228,7 @@ def failure_message(
     if pictures:
         shown = [pictures] if isinstance(pictures, str) else [f"  {file}" for file in pictures]
         lines += shown if isinstance(pictures, str) else ["estimate, truth and error:", *shown]
-    look = "scenetruth.write_report(recording, estimate, truth, folder=...) draws everything; "
+    look = "scenetruth.write_report(truth, recording, estimate, output=...) draws everything; "
     lines.append(f"look further: {look}scenetruth.score(estimate, truth, recording).to_frame() has all regions")
     return "\n".join(lines)
 
@@ -350,7 +350,7 @@ def assert_accuracy(
     wanted, problems = read_limits(limits, min_density)
     chosen = {**(settings or {}), **({} if margin_px is None else {"margin_px": margin_px})}
     try:
-        found = score(estimate, truth, recording, **chosen)
+        found = score(estimate, truth, recording, settings=chosen)
     except ScenetruthError:
         if problems:
             raise LimitError(problems) from None

@@ -24,7 +24,7 @@ from scenetruth.errors import OutputExistsError, Problem, SceneError, SceneWarni
 from scenetruth.estimators.estimation import read_only
 from scenetruth.output import OwnershipResult, lock_output, remove_leftovers, write_atomically
 from scenetruth.provenance import scene_hash
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.scene_loader import apply_overrides
 from scenetruth.settings import StorageSettings
 from scenetruth.storage import RECORDING, TRUTH, load_store, store_name
@@ -136,11 +136,11 @@ class RecordingCache:
 
     def _scene(self, scene: object, overrides: tuple[str, ...]) -> Scene:
         if isinstance(scene, str | Path):
-            chosen = load_scene(self._file(scene), overrides)
+            chosen = load_scene(self._file(scene), overrides=overrides)
         elif isinstance(scene, Scene | Mapping):
-            plain = scene.to_plain() if isinstance(scene, Scene) else copy.deepcopy(dict(scene))
+            plain = scene.to_dict() if isinstance(scene, Scene) else copy.deepcopy(dict(scene))
             apply_overrides(plain, overrides)
-            chosen = scene_from_plain(plain, folder=self._root)
+            chosen = Scene.from_dict(plain, folder=self._root)
         else:
             message = "must be a scene, its file, its name, or plain values as in a scene file"
             raise SceneError([Problem("scene", message, type(scene).__name__)])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -12,9 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint
-from scenetruth.errors import Problem, RecordingError, SceneError
+from scenetruth.errors import Problem, RecordingError
 from scenetruth.provenance import build_schedule
 from scenetruth.raycast import Topology
+from scenetruth.scene import SceneLike, load_scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_models import Scene
 from scenetruth.schema import check_dataset
@@ -277,9 +277,7 @@ def compile_visibility(scene: Scene) -> None:
     find_visible_points(PixelPoints(maps, geometry, viewpoint).points, geometry, scene.camera, viewpoint)
 
 
-def track_points(
-    scene: Scene, truth: xr.Dataset, times: Iterable[float], *, t: int = 0, folder: str | Path = ""
-) -> NDArray[np.float64]:
+def track_points(scene: SceneLike, truth: xr.Dataset, times: Iterable[float], *, t: int = 0) -> NDArray[np.float64]:
     """Follow the surface points that pixels see at one frame to other times.
 
     ``object_id``, ``face_id`` and ``barycentric`` of a truth name the surface point of every pixel; it stays the same
@@ -288,15 +286,13 @@ def track_points(
     Parameters
     ----------
     scene
-        The scene that the truth was made from.
+        The scene that the truth was made from: a scene, its values, its file, or the name of one that is shipped.
     truth
         The truth of the reference camera (or of one camera, selected from the truth of all).
     times
         Times in frames, any real numbers.
     t
         The frame whose pixels are followed.
-    folder
-        Folder to which relative paths of files in the scene refer.
 
     Returns
     -------
@@ -322,13 +318,12 @@ def track_points(
     >>> item |= {"motion": [{"kind": "velocity", "velocity_mm_per_frame": [0, 0, 2]}]}
     >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [item]}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 3}, "render": {"backend": "raycast"}}
-    >>> scene = st.scene_from_plain(plain)
+    >>> scene = st.Scene.from_dict(plain)
     >>> _, truth = st.simulate(scene)
     >>> track_points(scene, truth, [0, 1.5])[:, 2, 15, 20].round(9).tolist()
     [100.0, 103.0]
     """
-    if not isinstance(scene, Scene):
-        raise SceneError([Problem("", "must be a Scene, as of load_scene", type(scene).__name__)])
+    scene = load_scene(scene)
     check_dataset(truth, "truth")
     problems = [
         Problem(name, "is missing; tracks need it")
@@ -345,7 +340,7 @@ def track_points(
         problems.append(Problem("times", "must be finite numbers", times))
     if problems:
         raise RecordingError(problems, source="truth")
-    world = build_scene(scene, Path(folder))
+    world = build_scene(scene)
     image = truth.sel(t=t)
     body = image["object_id"].values
     if body.ndim != 2:

@@ -6,7 +6,9 @@ The maps of all its images in one data set, and warnings where objects have no i
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
@@ -14,12 +16,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import ImageAcquisition, Schedule, Stage
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.provenance import build_schedule, intrinsics_from, provenance_attributes
 from scenetruth.raycast import Topology
 from scenetruth.resources import Limits, refuse_beyond_limits
+from scenetruth.scene import Overrides, SceneLike, load_scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.scene_models import Scene
@@ -147,8 +150,9 @@ _CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8
 
 
 def make_truth(
-    scene: Scene,
+    scene: SceneLike,
     *,
+    overrides: Overrides = (),
     truth_views: TruthViews = "reference",
     truth_poses: TruthPoses = "real",
     truth_content: TruthMaps = "standard",
@@ -160,7 +164,9 @@ def make_truth(
     Parameters
     ----------
     scene
-        The scene.
+        The scene, its values, its file, or the name of one that is shipped.
+    overrides
+        Changes of the scene, as of `load_scene`.
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
     truth_poses
@@ -182,6 +188,8 @@ def make_truth(
 
     Raises
     ------
+    ArgumentError
+        If an argument is impossible; lists all that are.
     SceneError
         If the scene cannot be made or passes a bound, or nothing of it can be seen.
 
@@ -196,11 +204,12 @@ def make_truth(
     >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
     >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}}
-    >>> truth = st.make_truth(st.scene_from_plain(plain))
+    >>> truth = st.make_truth(st.Scene.from_dict(plain))
     >>> float(truth.depth[0, 15, 20]), float(truth.disparity[0, 15, 20])
     (100.0, 3.0)
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
+    scene = load_scene(scene, overrides=overrides)
     refuse_beyond_limits(scene, limits)
     world = build_scene(scene)
     check_scene(scene, world)
@@ -213,7 +222,7 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
 
     Raises
     ------
-    SceneError
+    ArgumentError
         With all that are wrong.
     """
     problems = argument_problems(
@@ -222,11 +231,11 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
         truth_poses=(truth_poses, TruthPoses),
         truth_content=(truth_content, TruthMaps),
     )
-    if not isinstance(scene, Scene):
-        message = "must be a Scene; load_scene and scene_from_plain make one"
+    if not isinstance(scene, Scene | Mapping | str | PathLike):
+        message = "must be a scene, its values, its file, or the name of one that is shipped"
         problems.insert(0, Problem("scene", message, type(scene).__name__))
     if problems:
-        raise SceneError(problems)
+        raise ArgumentError(problems)
 
 
 def truth_from_world(

@@ -18,7 +18,7 @@ from scenetruth.errors import BackendUnavailableError
 from scenetruth.progress import Progress
 from scenetruth.random_streams import generator_for
 from scenetruth.render import Renderer
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.mesh.sheets import PlaneMesh
 from scenetruth.scene.texture.band_limited_noise import make_band_limited_noise
@@ -415,7 +415,7 @@ def noise_plane(wavelength_px: tuple[float, float], shape: tuple[int, int]) -> S
         The scene, with one frame and one camera position.
     """
     height, width = shape
-    return scene_from_plain(
+    return Scene.from_dict(
         {
             "camera": {"width": width, "height": height, "focal_length_px": _FOCAL_LENGTH_PX},
             "stage": {"positions": 1, "baseline_mm": 1.0},

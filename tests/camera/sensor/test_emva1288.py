@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor, LinearImage
 from scenetruth.random_streams import generator_for
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from tests.nightly import nightly
 from tests.scenes import cube
 from tests.sensors import NOISY_SENSOR
@@ -94,7 +94,7 @@ def test_two_point_correction_takes_the_pattern_out() -> None:
     sensor = made("noisy")
     dark, flat = stacks(sensor, 0.0, 60).mean(axis=0), stacks(sensor, 0.4, 60).mean(axis=0)
     images = stacks(sensor, 0.2, 60)
-    corrected = st.two_point_correction(images, dark, flat).mean(axis=0)
+    corrected = st.camera.two_point_correction(images, dark, flat).mean(axis=0)
     raw = images.mean(axis=0)
     assert corrected.std() < 0.3 * raw.std()
     # Every pixel now responds like the mean of all.
@@ -103,9 +103,9 @@ def test_two_point_correction_takes_the_pattern_out() -> None:
 
 def test_two_point_correction_of_images_that_do_not_fit() -> None:
     with pytest.raises(ValueError, match="must have the shape"):
-        st.two_point_correction(np.ones((2, 3, 4)), np.zeros((3, 4)), np.ones((3, 5)))
+        st.camera.two_point_correction(np.ones((2, 3, 4)), np.zeros((3, 4)), np.ones((3, 5)))
     with pytest.raises(ValueError, match="flat must be brighter"):
-        st.two_point_correction(np.ones((3, 4)), np.ones((3, 4)), np.ones((3, 4)))
+        st.camera.two_point_correction(np.ones((3, 4)), np.ones((3, 4)), np.ones((3, 4)))
 
 
 def test_bayer_filters() -> None:
@@ -200,9 +200,9 @@ def test_a_wall_shows_one_pattern_and_fresh_noise(preset: str) -> None:
     ],
 )
 def test_impossible_sensors(changes: dict[str, Any], path: str, message: str) -> None:
-    plain = cube().to_plain() | {"sensor": {"kind": "emva1288", **SENSORS["noisy"], **changes}}
+    plain = cube().to_dict() | {"sensor": {"kind": "emva1288", **SENSORS["noisy"], **changes}}
     with pytest.raises(st.SceneError) as caught:
-        scene_from_plain(plain)
+        Scene.from_dict(plain)
     assert [problem.path for problem in caught.value.problems] == [path]
     assert message in caught.value.problems[0].message
     # What a user reads names the place and shows the value.
@@ -213,13 +213,13 @@ def test_impossible_sensors(changes: dict[str, Any], path: str, message: str) ->
 
 def test_all_that_is_impossible_is_said_at_once() -> None:
     wrong = {"gain_dn_per_e": 0.0, "quantum_efficiency": 0.0, "exposure_time_s": -1.0, "prnu": 2.0}
-    plain = cube().to_plain() | {"sensor": {"kind": "emva1288", **SENSORS["noisy"], **wrong}}
+    plain = cube().to_dict() | {"sensor": {"kind": "emva1288", **SENSORS["noisy"], **wrong}}
     with pytest.raises(st.SceneError) as caught:
-        scene_from_plain(plain)
+        Scene.from_dict(plain)
     assert {problem.path for problem in caught.value.problems} == {f"sensor.{name}" for name in wrong}
 
 
 def test_scenes_keep_their_sensor() -> None:
-    plain = cube(sensor={"kind": "emva1288", **SENSORS["noisy"]}).to_plain()
-    assert scene_from_plain(plain).to_plain() == plain
-    assert cube(sensor={"bit_depth": 8}).to_plain()["sensor"]["kind"] == "gaussian"
+    plain = cube(sensor={"kind": "emva1288", **SENSORS["noisy"]}).to_dict()
+    assert Scene.from_dict(plain).to_dict() == plain
+    assert cube(sensor={"bit_depth": 8}).to_dict()["sensor"]["kind"] == "gaussian"

@@ -11,7 +11,7 @@ import pytest
 import scenetruth as st
 from scenetruth.camera import EmvaSensor, LinearImage
 from scenetruth.random_streams import generator_for
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from tests.scenes import cube
 
 NOISE = {"kind": "readout_noise", "temporal_dark_noise_e": 40.0}
@@ -44,8 +44,8 @@ def test_an_effect_more_changes_no_draw_of_the_others() -> None:
 
 
 def test_scenes_keep_what_is_inserted() -> None:
-    plain = cube(sensor={"kind": "emva1288", "preset": "ccd_2002", "insert": [WELL]}).to_plain()
-    assert scene_from_plain(plain).to_plain() == plain
+    plain = cube(sensor={"kind": "emva1288", "preset": "ccd_2002", "insert": [WELL]}).to_dict()
+    assert Scene.from_dict(plain).to_dict() == plain
 
 
 @pytest.mark.parametrize(

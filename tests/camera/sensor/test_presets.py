@@ -12,7 +12,7 @@ import yaml
 import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor
 from scenetruth.camera.sensor.sensor_types import PresetName
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene import Scene, load_scene
 from tests.scenes import SCENES, cube
 
 NAMES = sorted(PRESETS)
@@ -57,19 +57,21 @@ def test_a_given_field_wins_over_the_preset() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_dumped_scenes_are_complete(name: str) -> None:
     scene = cube(sensor={"kind": "emva1288", "preset": name, "dsnu_e": 1.0})
-    plain = scene.to_plain()
-    assert scene_from_plain(yaml.safe_load(yaml.safe_dump(plain))) == scene
-    assert scene_from_plain(json.loads(json.dumps(plain))) == scene
+    plain = scene.to_dict()
+    assert Scene.from_dict(yaml.safe_load(yaml.safe_dump(plain))) == scene
+    assert Scene.from_dict(json.loads(json.dumps(plain))) == scene
     # Should a later version change the preset, the scene is still what it was: it says every field itself.
     assert set(plain["sensor"]) == set(EmvaSensor.model_fields)
     alone = {**plain, "sensor": {**plain["sensor"], "preset": None}}
-    kept = scene_from_plain(alone).sensor
+    kept = Scene.from_dict(alone).sensor
     assert isinstance(kept, EmvaSensor)
     assert kept.model_dump(exclude={"preset"}) == sensor(preset=name, dsnu_e=1.0).model_dump(exclude={"preset"})
 
 
 def test_a_scene_file_names_a_preset() -> None:
-    scene = load_scene(SCENES / "cube.yaml", ["sensor={kind: emva1288, preset: scientific_cmos, black_level_dn: 50}"])
+    scene = load_scene(
+        SCENES / "cube.yaml", overrides=["sensor={kind: emva1288, preset: scientific_cmos, black_level_dn: 50}"]
+    )
     assert isinstance(scene.sensor, EmvaSensor)
     assert scene.sensor.bit_depth == 16
     assert scene.sensor.black_level_dn == 50
@@ -78,7 +80,7 @@ def test_a_scene_file_names_a_preset() -> None:
 @pytest.mark.parametrize("name", ["scientific", 3, ["ccd_2002"]])
 def test_unknown_names_list_the_known(name: object) -> None:
     with pytest.raises(st.SceneError) as caught:
-        scene_from_plain(cube().to_plain() | {"sensor": {"kind": "emva1288", "preset": name}})
+        Scene.from_dict(cube().to_dict() | {"sensor": {"kind": "emva1288", "preset": name}})
     (problem,) = caught.value.problems
     assert problem.path == "sensor.preset"
     assert all(known in problem.message for known in PRESETS)
@@ -87,7 +89,7 @@ def test_unknown_names_list_the_known(name: object) -> None:
 
 def test_without_a_preset_fields_are_missed() -> None:
     with pytest.raises(st.SceneError) as caught:
-        scene_from_plain(cube().to_plain() | {"sensor": {"kind": "emva1288"}})
+        Scene.from_dict(cube().to_dict() | {"sensor": {"kind": "emva1288"}})
     assert {problem.path for problem in caught.value.problems} == {
         f"sensor.{key}" for key, field in EmvaSensor.model_fields.items() if field.is_required() and key != "kind"
     }

@@ -13,7 +13,7 @@ from tests.design.budget.scenes import laboratory
 def test_the_command(tmp_path: Path) -> None:
     scene = laboratory({"sensor": {"noise_std": 0.004, "bit_depth": 8}}, everything=False)
     file = tmp_path / "small.yaml"
-    file.write_text(yaml.safe_dump(scene.to_plain()))
+    file.write_text(yaml.safe_dump(scene.to_dict()))
     few = ("--seeds", "1", "--workers", "1", "--simulated-share", "0", "--calibration", "perfect")
     done = scenetruth("design", "budget", file, "-o", tmp_path / "b", *few, "--focal-length-percent", "0.1")
     assert done.returncode == 0, done.stderr

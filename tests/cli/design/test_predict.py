@@ -26,7 +26,7 @@ def test_the_table_has_what_there_is_beside_what_can_be_known(tmp_path: Path) ->
     for words in ("Depth", "Velocity in Z", "precision", "ratio", "noise of a grey value", "5 positions, 5 frames"):
         assert words in done.stdout
     table = pd.read_csv(output / "prediction.csv")
-    assert set(table["level"]) == {"bound"}
+    assert set(table["model"]) == {"maps"}
     assert (output / "prediction.png").stat().st_size > 10_000
 
 

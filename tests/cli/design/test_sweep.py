@@ -58,7 +58,17 @@ def test_what_is_wrong_is_told_at_once(tmp_path: Path) -> None:
 def test_a_method_of_the_house_in_processes(tmp_path: Path) -> None:
     file = tmp_path / "wall.yaml"
     file.write_text(yaml.safe_dump(scene()))
-    words = ("design", "sweep", file, "--vary", "stage.baseline_mm=1,2", "--method", METHOD, "-o", tmp_path / "out")
+    words = (
+        "design",
+        "sweep",
+        file,
+        "--vary",
+        "stage.baseline_mm=1,2",
+        "--method",
+        METHOD.spelled,
+        "-o",
+        tmp_path / "out",
+    )
     done = scenetruth(*words, "--workers", "2")
     assert done.returncode == 0, done.stderr
     frame = pd.read_csv(tmp_path / "out" / "results.csv")

@@ -50,7 +50,7 @@ def test_what_is_written_passes_check_without_a_warning(kind: str, here: Path) -
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     text = (here / "mine.yaml").read_text()
-    plain = st.load_scene("mine.yaml").to_plain()
+    plain = st.load_scene("mine.yaml").to_dict()
     # Every block that is written has a sentence above it.
     lines = text.splitlines()
     blocks = [number for number, line in enumerate(lines) if line[:1].isalpha()]
@@ -95,7 +95,7 @@ def test_all_images_show_all_of_a_mesh(
     found = place_mesh(file, unit_mm, distance_mm)
     np.testing.assert_allclose(found.size_mm, np.array(size) * unit_mm, rtol=1e-6, atol=1e-9 * max(map(abs, middle)))
     text = scene_text(mesh_template(found, file.name, unit_mm), "scene.yaml")
-    scene = st.scene_from_plain(yaml.safe_load(text), folder=folder)
+    scene = st.Scene.from_dict(yaml.safe_load(text), folder=folder)
     corners = (np.array(middle) + CORNERS * np.array(size) / 2) * unit_mm + scene.objects[0].pose.position_mm
     # Positions are written to 1e-5 of the size, or to nine digits.
     across = max(size[0], size[1], 1e-3 * size[2]) * unit_mm

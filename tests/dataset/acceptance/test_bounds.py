@@ -18,7 +18,7 @@ from scenetruth.dataset.acceptance import (
     TextureWavelengthCriterion,
     VisibleFractionCriterion,
 )
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from tests.dataset.conftest import SCENE
 
 TILE_PX = 20 / 100 * 800
@@ -26,10 +26,10 @@ TILE_PX = 20 / 100 * 800
 
 
 def scene_at(x_mm: float = 0.0, **camera: float) -> Scene:
-    plain = scene_from_plain(SCENE).to_plain()
+    plain = Scene.from_dict(SCENE).to_dict()
     plain["camera"] |= {"width": 480, "height": 360, "focal_length_px": 800, **camera}
     plain["objects"][1]["pose"]["position_mm"][0] = x_mm
-    return scene_from_plain(plain)
+    return Scene.from_dict(plain)
 
 
 def values(bound: AcceptanceCriterion, look: GeometryPreview) -> list[float]:
@@ -52,11 +52,11 @@ def test_the_visible_share_of_a_tile_that_leaves_the_image(x_mm: float, share: f
 
 
 def test_what_hides_an_object_counts() -> None:
-    plain = scene_at().to_plain()
+    plain = scene_at().to_dict()
     # Half as far away as the tile, and over its left half as the camera sees it.
     cover = {"name": "cover", "mesh": {"kind": "plane", "size_mm": [20, 40]}, "texture": {"kind": "uniform"}}
     plain["objects"].append({**cover, "pose": {"position_mm": [-10, 0, 50]}})
-    (found,) = values(VisibleFractionCriterion(object="tile", min=0), GeometryPreview(scene_from_plain(plain)))
+    (found,) = values(VisibleFractionCriterion(object="tile", min=0), GeometryPreview(Scene.from_dict(plain)))
     assert found == pytest.approx(0.5, abs=3 / TILE_PX)
 
 

@@ -19,7 +19,7 @@ from scenetruth.dataset.generation import run_dataset
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.pages.card import write_card
 from scenetruth.dataset.pages.croissant import Publication, describe_column
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import OutputExistsError, RecipeError, StoreError
 from tests.cli.calling import scenetruth
 from tests.dataset.conftest import RECIPE
@@ -50,7 +50,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plain = copy.deepcopy(RECIPE) | changes
     plain["distributions"]["objects.1.pose.rotations"] = {"kind": "rotation"}
     plain["distributions"]["objects.1.texture.mean"] = {"kind": "choice", "values": [0.5, 0.4]}
-    run_dataset(recipe_from_plain(plain), folder, workers=1)
+    run_dataset(Recipe.from_dict(plain), output=folder, workers=1)
     return folder
 
 
@@ -204,7 +204,7 @@ def test_nothing_half_written_stays(dataset: Path, monkeypatch: pytest.MonkeyPat
 @nightly
 def test_samples_in_tar_files(tmp_path: Path) -> None:
     plain = copy.deepcopy(RECIPE) | {"samples": 2, "layout": "shards", "samples_per_shard": 1}
-    run_dataset(recipe_from_plain(plain), tmp_path / "tiles", workers=1)
+    run_dataset(Recipe.from_dict(plain), output=tmp_path / "tiles", workers=1)
     write_card(tmp_path / "tiles")
     assert (tmp_path / "tiles" / "card" / "contact_sheet.png").exists()
     told = json.loads((tmp_path / "tiles" / "croissant.json").read_text(encoding="utf-8"))

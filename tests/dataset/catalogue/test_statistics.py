@@ -33,7 +33,7 @@ def truth(**changes: Any) -> xr.Dataset:
         "frames": {"count": 1, "frame_interval_s": 60},
         "objects": [patch | changes, wall],
     }
-    return st.make_truth(st.scene_from_plain(plain))
+    return st.make_truth(st.Scene.from_dict(plain))
 
 
 def test_growth_and_motion_are_those_of_what_grows_and_moves() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from scenetruth.dataset.distributions import GridDistribution
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import RecipeError
 
@@ -63,7 +63,7 @@ def test_tables_that_cannot_be_used_are_told_before_any_draw(
         file.write_text(text, encoding="utf-8")
     plain["distributions"] = {ACROSS: {"kind": "table", "file": "runs.csv", "column": "across"}}
     with pytest.raises(RecipeError, match=message) as caught:
-        recipe_from_plain(plain, folder=tmp_path)
+        Recipe.from_dict(plain, folder=tmp_path).sampler()
     assert caught.value.problems[0].path.startswith(f"distributions.{ACROSS}.")
 
 

@@ -11,7 +11,7 @@ import pytest
 from scenetruth.dataset.pages.preview_page import PAGE, SIMPLIFIED, render_thumbnail, simplify_scene, write_preview
 from scenetruth.dataset.recipe_validation import draw_samples, select_numbers
 from scenetruth.errors import OutputExistsError, RecipeError
-from scenetruth.scene import load_scene, scene_from_plain
+from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.texture.procedural_textures import NoiseTexture
 from scenetruth.simulation import simulate
 from tests.cli.calling import scenetruth
@@ -95,7 +95,7 @@ def test_draws_are_taken_all_over(sampler_with: Make) -> None:
 
 
 def test_a_thumbnail_looks_like_the_image() -> None:
-    scene = scene_from_plain({**SCENE, "sensor": "ideal"})
+    scene = Scene.from_dict({**SCENE, "sensor": "ideal"})
     image = simulate(scene)[0]["image"].sel(s=0, t=0).values
     small = render_thumbnail(scene)
     assert small.shape == image.shape

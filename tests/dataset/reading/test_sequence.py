@@ -12,7 +12,7 @@ import scenetruth as st
 from scenetruth.dataset.generation import read_status, run_dataset, verify_dataset
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.reading import Sample, SceneDataset
-from scenetruth.dataset.recipe_loader import recipe_from_plain
+from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.samples import Partition
 from tests.dataset.conftest import RECIPE
 
@@ -22,13 +22,13 @@ SPLITS = {"splits": {"train": 1, "test": 1}}
 
 
 def recipe(**changes: Any) -> Any:
-    return recipe_from_plain({**copy.deepcopy(RECIPE), "samples": 5, "distributions": LISTED, **SPLITS, **changes})
+    return Recipe.from_dict({**copy.deepcopy(RECIPE), "samples": 5, "distributions": LISTED, **SPLITS, **changes}).sampler()
 
 
 @pytest.fixture(scope="module", params=["folder", "shards"])
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
-    run_dataset(recipe(layout=request.param, samples_per_shard=2), folder, workers=1)
+    run_dataset(recipe(layout=request.param, samples_per_shard=2).recipe, output=folder, workers=1)
     return folder
 
 
@@ -85,7 +85,7 @@ def test_a_variable_of_all_samples_is_one_array_that_reads_when_used(
 
 def test_samples_of_other_shapes_do_not_stack(tmp_path: Path) -> None:
     vary = {"camera.width": {"kind": "sequence", "values": [48, 40]}}
-    run_dataset(recipe(distributions=vary, samples=2), tmp_path / "new", workers=1)
+    run_dataset(recipe(distributions=vary, samples=2).recipe, output=tmp_path / "new", workers=1)
     with pytest.raises(st.StoreError, match=r"sample 1 has a 'depth' of shape \(3, 36, 40\)"):
         st.open_dataset(tmp_path / "new").stack("depth").values  # noqa: B018
 
@@ -108,7 +108,7 @@ def test_tar_files_are_named_as_webdataset_does_and_the_same_in_any_order(made: 
 
     again = tmp_path / "again"
     for part in (Partition(2, 2), Partition(1, 2)):
-        run_dataset(recipe(layout="shards", samples_per_shard=2), again, workers=1, part=part)
+        run_dataset(recipe(layout="shards", samples_per_shard=2).recipe, output=again, workers=1, partition=part)
     for path in (made / "shards").iterdir():
         assert path.read_bytes() == (again / "shards" / path.name).read_bytes()
     with tarfile.open(made / "shards" / "00000001.tar") as archive:
@@ -126,22 +126,24 @@ def test_what_a_killed_run_left_beside_a_tar_file_is_put_away(made: Path, tmp_pa
     shutil.copytree(made, folder)
     wanted = recipe(layout="shards", samples_per_shard=2)
     # Killed between the tar file and the removal of its samples, and before the catalogue.
-    st.run_dataset(recipe(), alone, workers=1)
+    st.run_dataset(recipe().recipe, output=alone, workers=1)
     shutil.copytree(alone / "samples", folder / "samples", dirs_exist_ok=True)
     (folder / "samples" / "00000" / "00000001" / "sample.json").unlink()
     (folder / "catalogue.parquet").unlink()
     assert read_status(folder).done == 5
-    assert run_dataset(wanted, folder, workers=1).made == 0
+    assert run_dataset(wanted.recipe, output=folder, workers=1).made == 0
     assert list(DatasetFolder(folder).done()) == []
     assert st.open_dataset(folder).catalogue["sample"].tolist() == [0, 1, 2, 3, 4]
     assert verify_dataset(folder, again=0) == []
     with pytest.raises(st.MismatchError, match="its last tar file is not full"):
-        run_dataset(recipe(layout="shards", samples_per_shard=2, samples=8), folder, workers=1, extend=True)
+        run_dataset(
+            recipe(layout="shards", samples_per_shard=2, samples=8).recipe, output=folder, workers=1, extend=True
+        )
 
 
 def test_damage_is_found(tmp_path: Path) -> None:
     folder = tmp_path / "new"
-    run_dataset(recipe(), folder, workers=1)
+    run_dataset(recipe().recipe, output=folder, workers=1)
     places = DatasetFolder(folder)
     recording = places.sample(1) / "recording.zarr.zip"
     changed = bytearray(recording.read_bytes())

@@ -21,26 +21,26 @@ def written(folder: Path, **changes: Any) -> Path:
 
 
 def test_a_shipped_scene_goes_by_its_name(tmp_path: Path) -> None:
-    sampler = st.load_recipe(written(tmp_path, base=["rosette", {"scene": "cube", "weight": 2}]))
+    sampler = st.load_recipe(written(tmp_path, base=["rosette", {"scene": "cube", "weight": 2}])).sampler()
     assert list(sampler.bases) == [st.load_scene("rosette"), st.load_scene("cube")]
     assert [entry.scene for entry in sampler.recipe.base] == [str(SCENES / "rosette.yaml"), str(SCENES / "cube.yaml")]
     # Plain values without a folder name it too.
-    assert st.recipe_from_plain({**RECIPE, "base": "rosette"}).bases == (st.load_scene("rosette"),)
+    assert st.Recipe.from_dict({**RECIPE, "base": "rosette"}).sampler().bases == (st.load_scene("rosette"),)
 
 
 def test_a_shipped_recipe_goes_by_its_name() -> None:
-    assert st.load_recipe("leaves").recipe == st.load_recipe(SCENES / "datasets" / "leaves.yaml").recipe
+    assert st.load_recipe("leaves") == st.load_recipe(SCENES / "datasets" / "leaves.yaml")
 
 
 def test_a_file_of_that_name_beside_the_recipe_comes_first(tmp_path: Path) -> None:
     (tmp_path / "rosette").write_bytes((SCENES / "plane.yaml").read_bytes())
-    sampler = st.load_recipe(written(tmp_path, base="rosette"))
+    sampler = st.load_recipe(written(tmp_path, base="rosette")).sampler()
     assert list(sampler.bases) == [st.load_scene("plane")]
 
 
 def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
     with pytest.raises(st.RecipeError) as caught:
-        st.load_recipe(written(tmp_path, base=["rosette", "rosete", "cube.yaml"], samples=0))
+        st.load_recipe(written(tmp_path, base=["rosette", "rosete", "cube.yaml"], samples=0)).sampler()
     told = str(caught.value)
     assert "base.1: no such file, and no scene of this name is shipped; did you mean 'rosette'?" in told
     assert "base.2: cannot be read: No such file" in told
@@ -63,14 +63,14 @@ def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
 )
 def test_a_base_that_is_not_there_is_told_with_what_may_be_meant(base: str, told: str, tmp_path: Path) -> None:
     with pytest.raises(st.RecipeError, match=told):
-        st.load_recipe(written(tmp_path, base=base))
+        st.load_recipe(written(tmp_path, base=base)).sampler()
 
 
 @pytest.mark.parametrize("name", ["cubes", "leaves"])
 def test_a_shipped_recipe_can_be_copied_anywhere(name: str, tmp_path: Path) -> None:
     copy = tmp_path / "mine.yaml"
     copy.write_bytes((SCENES / "datasets" / f"{name}.yaml").read_bytes())
-    assert st.load_recipe(copy).bases == st.load_recipe(name).bases
+    assert st.load_recipe(copy).sampler().bases == st.load_recipe(name).sampler().bases
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_wrong_letters_and_kinds_are_told_in_words_with_what_was_meant(
     changes: dict[str, Any], told: str, tmp_path: Path
 ) -> None:
     with pytest.raises(st.RecipeError, match=told) as caught:
-        st.load_recipe(written(tmp_path, **{"base": "plane", **changes}))
+        st.load_recipe(written(tmp_path, **{"base": "plane", **changes})).sampler()
     assert "pattern" not in str(caught.value)
 
 
@@ -113,6 +113,6 @@ def test_a_key_that_is_spelt_wrong_is_told_before_what_seems_to_be_missing(tmp_p
     plain = {**RECIPE, "base": "plane", "sample": 3}
     del plain["samples"]
     with pytest.raises(st.RecipeError) as caught:
-        st.recipe_from_plain(plain)
+        st.Recipe.from_dict(plain).sampler()
     told = ["sample: unknown key; did you mean 'samples'? (got 3)", "samples: is missing"]
     assert list(map(str, caught.value.problems)) == told

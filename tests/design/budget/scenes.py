@@ -42,4 +42,4 @@ def laboratory(changes: dict[str, Any] | None = None, *, everything: bool = True
     """Return a slanted sheet with all causes of errors, or with some changes alone."""
     pose = {"position_mm": [0, 0, 720], "rotations": [{"axis": [0, 1, 0], "angle_deg": 25}]}
     plain = build_reference_scene({**(EVERYTHING if everything else {}), "objects.0.pose": pose, **(changes or {})})
-    return st.scene_from_plain(plain)
+    return st.Scene.from_dict(plain)

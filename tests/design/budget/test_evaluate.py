@@ -15,7 +15,7 @@ from scenetruth.benchmark.design_point import ignore_scene_warnings
 from scenetruth.design.uncertainty import Budget, Calibration, budget
 from scenetruth.design.uncertainty.simulation_runs import BudgetTask, SimulationRun, simulate_run
 from scenetruth.design.uncertainty.source import resolve_calibration, restrict_sources
-from scenetruth.errors import EstimateError, OutputExistsError, RecipeError, SceneError
+from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError, SceneError
 from tests.design.budget.scenes import laboratory
 from tests.nightly import nightly
 
@@ -49,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(scene: st.Scene, folder: Path) -> Budget:
-    return budget(scene, folder, draws=1, confirm=1.0, calibration={"focal_length_percent": 0.1})
+    return budget(scene, output=folder, seeds=1, simulated_share=1.0, calibration={"focal_length_percent": 0.1})
 
 
 def agrees(found: Budget, cause: str, quantity: str = "depth", within: float = 0.2) -> None:
@@ -73,7 +73,9 @@ def test_what_is_predicted_is_simulated(found: Budget) -> None:
 def test_one_frame_is_predicted_too_and_calibration_is_not_simulated() -> None:
     """A single frame tells no motion: its maps are there, and empty."""
     scene = laboratory({**SOME, "frames.count": 1, "lighting": {}}, everything=False)
-    found = budget(scene, draws=1, confirm=0.0, calibration={"focal_length_percent": 0.1, "baseline_percent": 0.05})
+    found = budget(
+        scene, seeds=1, simulated_share=0.0, calibration={"focal_length_percent": 0.1, "baseline_percent": 0.05}
+    )
     assert found.quantities == ["depth", "disparity"]
     # In proportion to Z, of about 720 mm; disparity is what images show, whatever the focal length is said to be.
     assert found.part("focal_length", "depth").predicted == pytest.approx(0.72, rel=0.02)
@@ -86,7 +88,7 @@ def test_one_frame_is_predicted_too_and_calibration_is_not_simulated() -> None:
 
 @nightly
 def test_everything_predicted_is_simulated() -> None:
-    found = budget(laboratory(MORE, everything=False), draws=4, confirm=1.0)
+    found = budget(laboratory(MORE, everything=False), seeds=4, simulated_share=1.0)
     assert not found.failures
     for cause in ("stage_yaw", "stage_position", "stage_roll", "timing", "focal_length", "baseline", "lens_residual"):
         agrees(found, cause)
@@ -129,18 +131,18 @@ def test_it_says_what_limits(found: Budget) -> None:
 def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, folder: Path) -> None:
     assert {path.name for path in folder.iterdir()} >= {"index.html", "waterfall.png", "budget.csv", "runs"}
     before = {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()}
-    again = budget(scene, folder, draws=1, confirm=1.0, calibration={"focal_length_percent": 0.1})
+    again = budget(scene, output=folder, seeds=1, simulated_share=1.0, calibration={"focal_length_percent": 0.1})
     assert {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()} == before
     assert [one.simulated for one in again.parts] == pytest.approx([one.simulated for one in found.parts], nan_ok=True)
     frame = found.to_frame()
     assert set(frame["cause"]) >= {"noise", "root_sum_square", "signed_sum", "everything", "ideal"}
     assert len(frame) == len(found.parts) + 4 * len(found.totals)
     with pytest.raises(OutputExistsError, match="another scene"):
-        budget(scene, folder, calibration="perfect")
+        budget(scene, output=folder, calibration="perfect")
 
 
 def test_little_is_simulated_where_little_matters(scene: st.Scene) -> None:
-    few = budget(scene, calibration="perfect", draws=1, confirm=0.0)
+    few = budget(scene, calibration="perfect", seeds=1, simulated_share=0.0)
     assert not [one for one in few.parts if math.isfinite(one.simulated)]
     part = few.part("stage_yaw", "depth")
     assert part.figure == part.predicted > 0
@@ -149,7 +151,7 @@ def test_little_is_simulated_where_little_matters(scene: st.Scene) -> None:
 
 def test_runs_are_what_simulations_of_their_scenes_are() -> None:
     scene = laboratory({"optics.defocus": None, "shutter": {"readout_time_s": 1.0}})
-    job = BudgetTask("", json.dumps(scene.to_plain()), "structure_tensor", "{}", Calibration(), (), ())
+    job = BudgetTask("", json.dumps(scene.to_dict()), "structure_tensor", "{}", Calibration(), (), ())
     kinds = ("noise", "quantisation", "fixed_pattern", "stage_yaw")
     recording, truth = simulate_run(job, SimulationRun(kinds, 5, 0))
     with ignore_scene_warnings():
@@ -161,11 +163,11 @@ def test_runs_are_what_simulations_of_their_scenes_are() -> None:
 
 
 def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None:
-    with pytest.raises(RecipeError) as error:
-        budget(scene, calibration={"focal_percent": 1.0}, draws=0, confirm=2.0, region="object_nothing")
-    for word in ("draws", "confirm", "focal_percent", "focal_length_percent", "object_nothing"):
+    with pytest.raises(ArgumentError) as error:
+        budget(scene, calibration={"focal_percent": 1.0}, seeds=0, simulated_share=2.0, region="object_nothing")
+    for word in ("seeds", "simulated_share", "focal_percent", "focal_length_percent", "object_nothing"):
         assert word in str(error.value)
-    with pytest.raises(RecipeError, match="typical"):
+    with pytest.raises(ArgumentError, match="typical"):
         resolve_calibration("exact")
     with pytest.raises(SceneError, match=r"stage\.rows"):
         budget(laboratory({"stage.rows": 2, "stage.row_spacing_mm": 5.0}, everything=False))
@@ -174,7 +176,7 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a budget"):
-        budget(scene, tmp_path / "mine")
+        budget(scene, output=tmp_path / "mine")
 
 
 def test_calibrations_are_typical_unless_given() -> None:

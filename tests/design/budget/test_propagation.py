@@ -121,7 +121,7 @@ def test_noise_of_the_refined_method_is_the_bound(seen: tuple[ObservationModel, 
         model.respond(lambda s, t: ImageDisturbance(grey=generator.normal(0, NOISE_STD, sight.texture.shape)))
         for _ in range(4)
     ]
-    bound = cramer_rao_bound(truth, recording, noise_std=NOISE_STD, motion="growing", every_px=3)
+    bound = cramer_rao_bound(truth, recording, noise_std=NOISE_STD, motion="growing", step_px=3)
     inside = inner(sight)[::3, ::3]
     for name, std in (
         ("depth", bound["depth_std"].values[0]),

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation import DesignSpec
 from scenetruth.design.optimisation.constraints import evaluate_bound
 from scenetruth.design.optimisation.design_records import RuleOfThumb, Sensitivity
 from scenetruth.design.optimisation.interpretation import (
@@ -18,13 +18,13 @@ from scenetruth.design.optimisation.interpretation import (
 from scenetruth.design.optimisation.rig_context import RigContext
 from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
 from scenetruth.design.prediction import predict
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.optimise.small import objective, scene, spec
 
 
 @pytest.fixture(scope="module")
 def facts() -> RigContext:
-    made = scene_from_plain(scene())
+    made = Scene.from_dict(scene())
     return RigContext(made, predict(made), "all")
 
 
@@ -72,7 +72,7 @@ def test_what_limits_is_told() -> None:
 def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
     given = spec(variables={"frames.frame_interval_s": [60, 120]}, light={"illuminance_lux": 500})
     idle = Sensitivity("frames.frame_interval_s", "depth", 0.0, 0.0, 0.0, 0.0, 0.0)
-    told = "\n".join(list_assumptions(design_spec_from_dict(given), facts, ("less of it",), (0.25, 0.0), (idle,)))
+    told = "\n".join(list_assumptions(DesignSpec.from_dict(given), facts, ("less of it",), (0.25, 0.0), (idle,)))
     for expected in (
         "predictions are standard deviations of noise",
         "a white surface has 500 lux",

@@ -13,7 +13,7 @@ from scenetruth.design.optimisation.catalogues import load_catalogues
 from scenetruth.design.optimisation.rig_evaluation import BaseRig, build_rig
 from scenetruth.design.optimisation.specification import IlluminationSpec
 from scenetruth.errors import SceneError
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.optimise.small import scene
 
 ENTRIES = load_catalogues()
@@ -21,11 +21,11 @@ RIG = {"lens": "c_mount_50mm", "camera": "industrial_cmos_5mp", "stage": "air_be
 
 
 def base(light: IlluminationSpec | None = None, *free: str) -> BaseRig:
-    return BaseRig(scene_from_plain(scene()).to_plain(), {path: (path,) for path in free}, ENTRIES, light, 500.0)
+    return BaseRig(Scene.from_dict(scene()).to_dict(), {path: (path,) for path in free}, ENTRIES, light, 500.0)
 
 
 def built(values: dict[str, Any], light: IlluminationSpec | None = None) -> Scene:
-    return scene_from_plain(build_rig(base(light), values).plain)
+    return Scene.from_dict(build_rig(base(light), values).plain)
 
 
 def test_a_thin_lens_that_is_focused() -> None:
@@ -74,7 +74,7 @@ def test_stages_have_errors_and_need_time(name: str) -> None:
     entry = ENTRIES.stages[name]
     given = base()
     given.plain["frames"]["frame_interval_s"] = 60.0
-    made = scene_from_plain(build_rig(given, {"stage": name, "exposure_s": 0.01}).plain)
+    made = Scene.from_dict(build_rig(given, {"stage": name, "exposure_s": 0.01}).plain)
     assert made.stage.errors is not None
     assert made.stage.errors.yaw_urad == entry.yaw_urad
     moving = 4 / entry.speed_mm_per_s if entry.speed_mm_per_s else 0.0
@@ -85,7 +85,7 @@ def test_the_working_distance_moves_all_and_the_focus() -> None:
     given = base()
     given.plain["objects"].append({**copy.deepcopy(given.plain["objects"][0]), "name": "behind"})
     given.plain["objects"][1]["pose"]["position_mm"] = [1, 2, 600]
-    made = scene_from_plain(build_rig(given, {**RIG, "working_distance_mm": 450.0}).plain)
+    made = Scene.from_dict(build_rig(given, {**RIG, "working_distance_mm": 450.0}).plain)
     assert [item.pose.position_mm[2] for item in made.objects] == [450.0, 550.0]
     assert made.optics.defocus is not None
     assert made.optics.defocus.focus_distance_mm == 450.0

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import scenetruth as st
-from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation import DesignSpec
 from scenetruth.design.optimisation.confirmation import (
     ConfirmationTask,
     get_simulated_statistic,
@@ -25,7 +25,7 @@ from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
 from scenetruth.design.optimisation.specification import ConfirmationSpec
 from scenetruth.jobs.results import TaskResult
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.optimise.small import scene, spec
 
 DEPTH = Objective("depth", "interior", "mm", "Depth")
@@ -34,10 +34,10 @@ NOTHING = Objective("growth_rate", "interior", "%/h", "Growth")
 
 
 def test_figures_are_those_of_a_score() -> None:
-    made = scene_from_plain({**scene(), "estimate": {"method": "structure_tensor"}})
+    made = Scene.from_dict({**scene(), "estimate": {"method": "structure_tensor"}})
     found = simulate_objectives(made, (DEPTH, OF_WALL, NOTHING))
     recording, truth = st.simulate(made)
-    told = st.score(st.estimate(recording), truth, interior_margin_px=0.0).regions["interior"]["depth"]
+    told = st.score(st.estimate(recording), truth, settings={"interior_margin_px": 0.0}).regions["interior"]["depth"]
     assert found["Depth"]["rmse"] == told["rmse"]
     # The only object is all that there is; what nothing is told of is left out.
     assert found["Depth of wall"] == found["Depth"]
@@ -46,14 +46,14 @@ def test_figures_are_those_of_a_score() -> None:
 
 def test_growth_of_lengths_is_measured_though_the_standard_truth_does_not_tell_it() -> None:
     method = {"method": "refined", "motion": "affine", "surface": "plane"}
-    made = scene_from_plain({**scene(), "estimate": method})
+    made = Scene.from_dict({**scene(), "estimate": method})
     found = simulate_objectives(made, (Objective("growth_principal_1", "interior", "%/h", "Growth"),))
     assert found["Growth"]["rmse"] > 0
     assert 0 < found["Growth"]["density"] <= 1
 
 
 def test_a_rig_of_which_little_is_told_says_so() -> None:
-    prepared = prepare_problem(design_spec_from_dict(spec()))
+    prepared = prepare_problem(DesignSpec.from_dict(spec()))
     values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
     rig = rig_from_evaluation(7, evaluate_rig(prepared.task, values), prepared)
     assert math.isnan(rig.density("Depth"))
@@ -69,7 +69,7 @@ def test_a_rig_of_which_little_is_told_says_so() -> None:
 
 
 def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    prepared = prepare_problem(design_spec_from_dict(spec()))
+    prepared = prepare_problem(DesignSpec.from_dict(spec()))
     values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
     rig = rig_from_evaluation(7, evaluate_rig(prepared.task, values), prepared)
     first = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=2, max_size_px=None), tmp_path)

@@ -17,7 +17,7 @@ from scenetruth.design.optimisation.rig_context import RigContext
 from scenetruth.design.optimisation.specification import CONSTRAINT_MODULES
 from scenetruth.design.prediction import predict, recommend
 from scenetruth.discovery import kinds_in
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.simulation import simulate
 from tests.design.optimise.small import scene
 
@@ -34,7 +34,7 @@ def facts(**changes: Any) -> RigContext:
     for path, value in changes.items():
         section, _, key = path.partition("__")
         plain[section] = {**plain.get(section, {}), key: value}
-    made = scene_from_plain(plain)
+    made = Scene.from_dict(plain)
     return RigContext(made, predict(made), "all")
 
 
@@ -119,7 +119,7 @@ def test_grey_levels_are_too_bright_where_simulations_and_checks_say_so(exposure
     # White gives 1000 digital numbers of 1023 in 10 ms, and the well holds more.
     plain["sensor"] = {"kind": "emva1288", "photon_rate_per_s": 2e5, "exposure_time_s": exposure_s, "gain_dn_per_e": 1}
     plain["sensor"] |= {"quantum_efficiency": 0.5, "bit_depth": 10, "full_well_e": 5000, "black_level_dn": 0}
-    made = scene_from_plain(plain)
+    made = Scene.from_dict(plain)
     rig = RigContext(made, predict(made), "all")
     told = value("grey_level", rig)
     assert told == pytest.approx(exposure_s * 1e5 / 1023, rel=1e-2)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation import DesignSpec
 from scenetruth.design.optimisation.interpretation import compute_local_sensitivities, rig_from_evaluation
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
 from scenetruth.design.optimisation.rig_evaluation import (
@@ -18,7 +18,7 @@ from scenetruth.design.optimisation.rig_evaluation import (
     rank_evaluations,
 )
 from scenetruth.design.prediction import predict
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.optimise.small import spec
 
 VALUES: dict[str, Any] = {
@@ -36,7 +36,7 @@ def prepared() -> OptimisationProblem:
     free |= {"stage.baseline_mm": {"from": 1, "to": 90}}
     found = spec(variables=free, objectives=[{"quantity": "depth"}, {"quantity": "velocity_z"}], constraints=[])
     found["scene"]["frames"]["frame_interval_s"] = 60.0
-    return prepare_problem(design_spec_from_dict(found))
+    return prepare_problem(DesignSpec.from_dict(found))
 
 
 def evaluated(prepared: OptimisationProblem, **changes: Any) -> Evaluation:
@@ -45,7 +45,7 @@ def evaluated(prepared: OptimisationProblem, **changes: Any) -> Evaluation:
 
 def test_parts_add_up_to_what_is_predicted(prepared: OptimisationProblem) -> None:
     one = evaluated(prepared)
-    scene = scene_from_plain(dict(rig_from_evaluation(3, one, prepared).scene))
+    scene = Scene.from_dict(dict(rig_from_evaluation(3, one, prepared).scene))
     assert one.parts["Depth"]["noise"] == predict(scene, method="structure_tensor").figure("depth", "interior").value
     for title, parts in one.parts.items():
         assert one.predicted[title] == pytest.approx(math.hypot(*parts.values()))
@@ -60,7 +60,7 @@ def test_parts_add_up_to_what_is_predicted(prepared: OptimisationProblem) -> Non
 @pytest.mark.parametrize("statistic", ["rmse", "p95_abs_error"])
 def test_statistics_are_those_of_the_region(prepared: OptimisationProblem, statistic: Any) -> None:
     one = evaluated(prepared, stage="air_bearing")
-    scene = scene_from_plain(dict(rig_from_evaluation(3, one, prepared).scene))
+    scene = Scene.from_dict(dict(rig_from_evaluation(3, one, prepared).scene))
     prediction = predict(scene, method="structure_tensor")
     figure = prediction.figure("depth", "interior")
     depth = replace(prepared.task.objectives[0], statistic=statistic)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.optimisation import design_spec_from_dict
+from scenetruth.design.optimisation import DesignSpec
 from scenetruth.design.optimisation import evaluation_log as module
 from scenetruth.design.optimisation.evaluation_log import EvaluationLog
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
@@ -20,7 +20,7 @@ from tests.nightly import nightly
 
 @pytest.fixture(scope="module")
 def prepared() -> OptimisationProblem:
-    return prepare_problem(design_spec_from_dict(spec()))
+    return prepare_problem(DesignSpec.from_dict(spec()))
 
 
 def made(prepared: OptimisationProblem, file: Path, points: list[list[float]]) -> list[Any]:

@@ -7,7 +7,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.design.optimisation.confirmation import reduce_scene
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.optimise.small import scene
 
 
@@ -17,7 +17,7 @@ def wide(**changes: object) -> Scene:
     plain["frames"] = {"count": 1}
     plain["sensor"] = "ideal"
     plain["objects"][0]["pose"]["position_mm"] = [10, -6, 500]
-    return scene_from_plain({**plain, **changes})
+    return Scene.from_dict({**plain, **changes})
 
 
 def test_a_part_is_what_the_whole_shows_there() -> None:
@@ -30,7 +30,7 @@ def test_a_part_is_what_the_whole_shows_there() -> None:
     assert reduce_scene(narrow, "object_wall", 48).changes == ("images cut from 160 x 120 to 56 x 32 px",)
     left, top = np.subtract(whole.camera.principal_point, part.plain["camera"]["principal_point_px"])
     images, _ = st.simulate(whole)
-    some, _ = st.simulate(scene_from_plain(dict(part.plain)))
+    some, _ = st.simulate(Scene.from_dict(dict(part.plain)))
     rows, columns = (slice(int(a), int(a) + n) for a, n in zip((top, left), some["image"].shape[-2:], strict=True))
     # The same rays through the same places, to the rounding of the principal point.
     np.testing.assert_allclose(some["image"].values, images["image"].values[..., rows, columns], atol=2e-6)
@@ -38,7 +38,7 @@ def test_a_part_is_what_the_whole_shows_there() -> None:
 
 def test_small_images_stay_whole() -> None:
     assert reduce_scene(wide(), "all", 160) == reduce_scene(wide(), "all", None)
-    assert reduce_scene(wide(), "all", None).plain["camera"] == wide().to_plain()["camera"]
+    assert reduce_scene(wide(), "all", None).plain["camera"] == wide().to_dict()["camera"]
 
 
 def test_what_does_nothing_is_left_out_and_told() -> None:

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 import scenetruth as st
-from scenetruth.design.optimisation import DesignResult, design_spec_from_dict, optimise
+from scenetruth.design.optimisation import DesignResult, DesignSpec, optimise
 from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.design.optimisation.report.design_report import write_design_page
@@ -34,14 +34,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(folder: Path) -> DesignResult:
-    return optimise(spec(**CONFIRMED), folder, workers=1)
+    return optimise(spec(**CONFIRMED), output=folder, workers=1)
 
 
 def test_it_is_as_good_as_the_best_of_a_grid(found: DesignResult) -> None:
     best = found.recommended
     assert all(one.holds for one in best.constraints)
     assert best.parameters["optics.psf"] is None
-    task = prepare_problem(design_spec_from_dict(spec())).task
+    task = prepare_problem(DesignSpec.from_dict(spec())).task
     # The more baseline the better: with any number of positions, the best has all of the travel.
     for positions in (2, 3, 4, 5):
         values = {
@@ -76,7 +76,7 @@ def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> Non
         "index.html",
     }
     scene = st.load_scene(folder / "recommended.yaml")
-    assert scene == st.scene_from_plain(dict(found.recommended.scene))
+    assert scene == st.Scene.from_dict(dict(found.recommended.scene))
     assert scene.stage.baseline_mm == found.recommended.parameters["stage.baseline_mm"]
     part = st.load_scene(folder / "recommended_preview.yaml")
     # As simulations had it: 48 px and the disparity, of 64.
@@ -97,7 +97,7 @@ def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> Non
 def test_a_design_is_loaded_as_it_was(found: DesignResult, folder: Path) -> None:
     again = DesignResult.load(folder)
     # The time of the page itself is not in what was written before it.
-    assert {**again.to_plain(), "seconds": {}} == {**found.to_plain(), "seconds": {}}
+    assert {**again.to_dict(), "seconds": {}} == {**found.to_dict(), "seconds": {}}
     for name in ("title", "objectives", "rules", "assumptions", "discrepancies", "orders", "folder"):
         assert getattr(again, name) == getattr(found, name)
     assert again.recommended == found.recommended
@@ -112,7 +112,7 @@ def test_a_design_is_loaded_as_it_was(found: DesignResult, folder: Path) -> None
 def test_folders_that_hold_no_design_are_refused(found: DesignResult, folder: Path, tmp_path: Path) -> None:
     with pytest.raises(StoreError, match=r"design\.json: is missing"):
         DesignResult.load(tmp_path)
-    plain = found.to_plain()
+    plain = found.to_dict()
     for name, told, message in (
         ("older", {**plain, "format": 1}, "is of format 1, and not 2"),
         ("cut", {"format": 2}, "is damaged \\(KeyError"),
@@ -151,7 +151,7 @@ def test_what_was_killed_goes_on_to_the_same_end(found: DesignResult, folder: Pa
     (copy / "predictions.jsonl").write_text("".join(lines[: len(lines) // 2]) + lines[-1][:20])
     for name in ("design.json", "index.html", "recommended.yaml"):
         (copy / name).unlink()
-    again = optimise(spec(**CONFIRMED), copy, workers=1)
+    again = optimise(spec(**CONFIRMED), output=copy, workers=1)
     assert again.screened.equals(found.screened)
     assert replace(again.recommended, scene={}) == replace(found.recommended, scene={})
     assert yaml.safe_load((copy / "recommended.yaml").read_text()) == yaml.safe_load(
@@ -176,10 +176,10 @@ def test_goals_that_cannot_be_met_say_why() -> None:
 
 def test_folders_of_others_are_left_alone(folder: Path, found: DesignResult, tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError, match="another scene, other constraints"):
-        optimise(spec(constraints=[]), folder, workers=1)
+        optimise(spec(constraints=[]), output=folder, workers=1)
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a design"):
-        optimise(spec(), tmp_path, workers=1)
+        optimise(spec(), output=tmp_path, workers=1)
 
 
 def test_libraries_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

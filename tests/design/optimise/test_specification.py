@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.design.optimisation import design_spec_from_dict, load_design_spec
+from scenetruth.design.optimisation import DesignSpec, load_design_spec
 from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.input_files import bundled_files
@@ -21,7 +21,7 @@ DESIGNS = Path(__file__).parents[3] / "scenes" / "designs"
 
 def refused(**changes: Any) -> str:
     with pytest.raises(DesignSpecError) as caught:
-        prepare_problem(design_spec_from_dict(spec(**changes)))
+        prepare_problem(DesignSpec.from_dict(spec(**changes)))
     return str(caught.value)
 
 
@@ -69,7 +69,7 @@ def test_constraints_that_contradict_each_other() -> None:
         {"kind": "field_of_view", "axis": "x", "min": 60},
         {"kind": "field_of_view", "axis": "y", "max": 50},
     ]
-    design_spec_from_dict(spec(constraints=limits))
+    DesignSpec.from_dict(spec(constraints=limits))
 
 
 def test_parameters_that_do_not_exist_or_vary_nothing() -> None:
@@ -161,12 +161,12 @@ def test_scenes_and_methods_that_are_wrong() -> None:
 
 def test_titles_tell_objectives_apart() -> None:
     wanted = [{"quantity": "depth"}, {"quantity": "depth", "region": "object_wall"}, {"quantity": "velocity_z"}]
-    task = prepare_problem(design_spec_from_dict(spec(objectives=wanted))).task
+    task = prepare_problem(DesignSpec.from_dict(spec(objectives=wanted))).task
     assert [one.title for one in task.objectives] == ["Depth, interior", "Depth of wall", "Velocity in Z, interior"]
-    task = prepare_problem(design_spec_from_dict(spec())).task
+    task = prepare_problem(DesignSpec.from_dict(spec())).task
     assert [one.title for one in task.objectives] == ["Depth"]
     wanted = [{"quantity": "depth"}, {"quantity": "depth", "statistic": "rmse"}, {"quantity": "velocity_z"}]
-    task = prepare_problem(design_spec_from_dict(spec(objectives=wanted))).task
+    task = prepare_problem(DesignSpec.from_dict(spec(objectives=wanted))).task
     assert [one.title for one in task.objectives] == [
         "Depth, scaled median absolute error",
         "Depth, RMSE",

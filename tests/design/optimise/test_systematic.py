@@ -10,7 +10,7 @@ import pytest
 
 from scenetruth.design.optimisation.rig_context import compute_stage_shifts_px, compute_stage_uncertainty
 from scenetruth.design.prediction import PredictionInputs, predict
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.optimise.small import scene
 
 FOCAL, DEPTH, BASELINE = 500.0, 500.0, 4.0
@@ -21,7 +21,7 @@ def with_errors(positions: int = 5, frames: int = 5, **errors: float) -> Scene:
     plain = scene()
     plain["stage"] = {"positions": positions, "baseline_mm": BASELINE, "errors": errors}
     plain["frames"] = {"count": frames}
-    return scene_from_plain(plain)
+    return Scene.from_dict(plain)
 
 
 def causes_of(made: Scene) -> PredictionInputs:
@@ -61,7 +61,7 @@ def test_known_worths() -> None:
     plain = scene()
     plain["camera"]["focal_length_px"] = 5016
     plain["stage"]["errors"] = {"repeatability_um": 1.0, "yaw_urad": 100.0}
-    found = compute_stage_shifts_px(scene_from_plain(plain), 660.0)
+    found = compute_stage_shifts_px(Scene.from_dict(plain), 660.0)
     assert found.visit == pytest.approx(0.0076, rel=1e-9)
     assert found.guide == pytest.approx(0.5016, rel=1e-9)
 
@@ -69,7 +69,7 @@ def test_known_worths() -> None:
 def test_what_moves_during_a_scan_is_taken_for_disparity() -> None:
     plain = scene()
     plain["stage"]["time_per_position_s"] = 0.1
-    made = scene_from_plain(plain)
+    made = Scene.from_dict(plain)
     told = compute_stage_uncertainty(made, causes_of(made), {"flow_x": 0.3, "velocity_z": 0.0})["scan"]
     assert told == {
         "disparity": pytest.approx(0.03),
@@ -78,7 +78,7 @@ def test_what_moves_during_a_scan_is_taken_for_disparity() -> None:
 
 
 def test_a_perfect_stage_adds_nothing() -> None:
-    made = scene_from_plain(scene())
+    made = Scene.from_dict(scene())
     assert compute_stage_uncertainty(made, causes_of(made), {"flow_x": 1.0}) == {}
     assert not any(vars(compute_stage_shifts_px(made, DEPTH)).values())
     assert math.isfinite(compute_stage_shifts_px(with_errors(roll_urad=10.0), DEPTH).along)

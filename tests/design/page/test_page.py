@@ -40,7 +40,7 @@ from scenetruth.design.optimisation.report.design_tables import (
     build_sensitivity_table,
 )
 from scenetruth.design.optimisation.report.scene_file import build_preview_file, build_scene_file
-from scenetruth.scene import load_scene, scene_from_plain
+from scenetruth.scene import Scene, load_scene
 from tests.design.page.sample import DEPTH, GROWTH, NUMBERS, design
 
 HOSTILE = "</script><script>alert(1)</script>"
@@ -124,7 +124,7 @@ def test_scene_files_run(sample: DesignResult, tmp_path: Path) -> None:
     ]
     file = build_scene_file(sample.recommended, "recommended.yaml")
     (tmp_path / file.name).write_text(file.text, encoding="utf-8")
-    assert load_scene(tmp_path / file.name) == scene_from_plain(sample.recommended.scene)
+    assert load_scene(tmp_path / file.name) == Scene.from_dict(sample.recommended.scene)
     assert yaml.safe_load(file.text) == sample.recommended.scene
     part = build_preview_file(
         replace(sample, specification={**sample.specification, "confirmation": {"max_size_px": 100}})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from scenetruth.design.patterns import PatternRig, pattern_rig_from_scene
+from scenetruth.design.patterns import PatternRig
 
 __all__ = ["FOCAL_PX", "Z_MM", "plain_rig"]
 
@@ -21,4 +21,4 @@ def plain_rig(**changes: Any) -> PatternRig:
         "frames": 3,
         "sensor": {"noise_std": 0.01, "bit_depth": None},
     }
-    return pattern_rig_from_scene(**{**values, **changes})
+    return PatternRig.from_scene(**{**values, **changes})

@@ -144,7 +144,7 @@ def test_the_image_and_the_lines_make_a_scene(dots: Pattern, written: Path) -> N
     plain |= {"camera": {"width": 40, "height": 30, "focal_length_px": 2000}}
     plain |= {"stage": {"positions": 2, "baseline_mm": 2}, "frames": {"count": 1}}
     (written / "scene.yaml").write_text(yaml.safe_dump(plain))
-    recording, truth = st.simulate(st.load_scene(written / "scene.yaml", ["render.backend=raycast"]))
+    recording, truth = st.simulate(st.load_scene(written / "scene.yaml", overrides=["render.backend=raycast"]))
     (written / "scene.yaml").unlink()
     assert float(truth["depth"].mean()) == pytest.approx(400)
     # The middle of the pattern is in the middle of the image.

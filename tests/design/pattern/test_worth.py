@@ -123,7 +123,7 @@ def scene_of(pattern: Pattern, folder: Path, optics: dict[str, Any]) -> st.Scene
         # Pixels are divided before a point spread function is applied: more samples would be too many.
         "render": {"backend": "raycast", "supersampling": 1 if optics else 4},
     }
-    return st.scene_from_plain(plain)
+    return st.Scene.from_dict(plain)
 
 
 @pytest.mark.parametrize(("kind", "blur"), [("speckle", {}), ("noise", {}), ("grey_noise", {}), ("speckle", BLUR)])

@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from scenetruth.design.prediction import predict, recommend
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.predict.scenes import wall
 
 GROWING: dict[str, Any] = {
@@ -17,7 +17,7 @@ GROWING: dict[str, Any] = {
 
 
 def warnings_of(plain: dict[str, Any], **settings: Any) -> list[str]:
-    scene = scene_from_plain(plain)
+    scene = Scene.from_dict(plain)
     return recommend(scene, predict(scene, **settings))
 
 

@@ -12,7 +12,7 @@ import scenetruth as st
 from scenetruth.camera import LinearImage, build_sensor_chain
 from scenetruth.design.prediction.camera_response import compute_grey_levels, compute_irradiance
 from scenetruth.random_streams import generator_for
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.predict.scenes import wall
 
 SIDE, IMAGES = 100, 10
@@ -27,7 +27,7 @@ SENSORS: list[dict[str, Any]] = [
 @pytest.mark.parametrize("given", SENSORS, ids=lambda given: str(list(given.values())))
 def test_level_noise_and_pattern_are_those_of_flat_images(given: dict[str, Any]) -> None:
     """10,000 pixels in 10 images: 0.24 % of the noise, 0.7 % of the pattern; sensors without formula 2 % more."""
-    sensor = scene_from_plain(wall(sensor=given)).sensor
+    sensor = Scene.from_dict(wall(sensor=given)).sensor
     chain = build_sensor_chain(sensor)
     opened = chain.open((SIDE, SIDE), partial(generator_for, 5, "sensor"))
     # Rounding is even noise where light changes from pixel to pixel.
@@ -80,7 +80,7 @@ def test_light_is_that_of_rendered_images(lighting: dict[str, Any]) -> None:
         stage={"positions": 1, "baseline_mm": 1.0},
         camera={"width": 24, "height": 18, "focal_length_px": 300},
     )
-    scene = scene_from_plain(plain)
+    scene = Scene.from_dict(plain)
     recording, _ = st.simulate(scene)
     rays = scene.camera.ray_directions(scene.camera.pixel_grid()).reshape(-1, 3)
     found = compute_irradiance(scene, 600.0 * rays, np.tile([0.0, 0.0, -1.0], (len(rays), 1)))

@@ -38,7 +38,7 @@ def rubber(strain: float = STRAIN, noise: float = NOISE) -> dict[str, Any]:
 
 
 def test_points_have_the_truth_s_growth_of_length() -> None:
-    scene = st.scene_from_plain(rubber())
+    scene = st.Scene.from_dict(rubber())
     look = sample_surface(scene, limited_objects(scene, Limits()))
     # Differences over a frame of exp(0.003 t) are off by 0.003² / 24 of themselves.
     np.testing.assert_allclose(look.principal_growth_rates[0], STRAIN, rtol=1e-5)
@@ -66,9 +66,9 @@ def test_what_noise_pushes_apart_is_told() -> None:
 def normalised(noises: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Errors of estimates over their prediction, in the middle, which all cameras see; and that prediction."""
     plain = rubber()
-    maps = predict(plain, level="bound", window_sigma_px=WINDOW, motion="affine").maps
+    maps = predict(plain, model="maps", window_sigma_px=WINDOW, motion="affine").maps
     assert maps is not None
-    ideal, _ = st.simulate(st.scene_from_plain(plain | {"sensor": "ideal"}))
+    ideal, _ = st.simulate(st.Scene.from_dict(plain | {"sensor": "ideal"}))
     settings: dict[str, Any] = {"motion": "affine", "surface": "plane", "window_sigma_px": WINDOW, "window_frames": 5}
     settings |= {"acceleration": False, "photometric_model": "none"}
     middle = (..., slice(10, -10), slice(56, -56))

@@ -11,7 +11,7 @@ import scenetruth as st
 from scenetruth.design.prediction.surface_samples import SurfaceSamples, label_patches, rasterise, sample_surface
 from scenetruth.design.prediction.texture_information import compute_flow
 from scenetruth.resources import Limits, limited_objects
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.predict.scenes import wall
 from tests.scenes import cube
 
@@ -41,7 +41,7 @@ SCENES: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", SCENES)
 def test_points_are_those_of_the_truth(name: str) -> None:
     """A small image is looked at pixel by pixel; velocities are differences over a frame of smooth motions."""
-    scene = scene_from_plain(wall(**SCENES[name]))
+    scene = Scene.from_dict(wall(**SCENES[name]))
     look, truth = looked(scene), st.make_truth(scene).sel(t=0)
     where = at_pixels(look, scene)
     np.testing.assert_allclose(look.depth_mm, truth["depth"].values[where], rtol=1e-9)
@@ -57,7 +57,7 @@ def test_points_are_those_of_the_truth(name: str) -> None:
 
 def test_slopes_and_the_chart_are_derivatives() -> None:
     """Those of the disparity and of the place on the surface, by differences between neighbouring pixels."""
-    scene = scene_from_plain(wall(**SCENES["slanted"]))
+    scene = Scene.from_dict(wall(**SCENES["slanted"]))
     look, truth = looked(scene), st.make_truth(scene).sel(t=0)
     row, column = at_pixels(look, scene)
     inner = (row > 0) & (row < 71) & (column > 0) & (column < 95)

@@ -75,12 +75,12 @@ def test_noise_that_stays_does_not_average_over_frames() -> None:
 def scatter() -> tuple[dict[str, float], dict[str, Prediction]]:
     """Scatter of the structure tensor's estimates, and what is predicted."""
     plain = wall(frames={"count": 9})
-    ideal, _ = st.simulate(st.scene_from_plain(plain | {"sensor": "ideal"}))
+    ideal, _ = st.simulate(st.Scene.from_dict(plain | {"sensor": "ideal"}))
     settings: dict[str, Any] = {"window_sigma_px": 4.0, "window_taps_px": 17}
     found = [st.estimate(add_noise(ideal, 0.01, "x", k), "structure_tensor", settings).sel(t=0) for k in range(NOISES)]
     told = {
-        level: predict(plain, level=level, method="structure_tensor", window_sigma_px=4.0)
-        for level in ("envelope", "bound")
+        model: predict(plain, model=model, method="structure_tensor", window_sigma_px=4.0)
+        for model in ("analytic", "maps")
     }
     half = chi2.median(NOISES - 1) / (NOISES - 1)
 
@@ -94,12 +94,12 @@ def scatter() -> tuple[dict[str, float], dict[str, Prediction]]:
     return measured, told
 
 
-@pytest.mark.parametrize("level", ["envelope", "bound"])
+@pytest.mark.parametrize("model", ["analytic", "maps"])
 @pytest.mark.parametrize("quantity", ["depth", "disparity", "flow_x", "flow_y", "velocity_z"])
-def test_the_structure_tensor_scatters_as_predicted(level: str, quantity: str) -> None:
+def test_the_structure_tensor_scatters_as_predicted(model: str, quantity: str) -> None:
     """20 noises and about 40 independent windows: 3 %. The formulas leave out what noise does to its own gradients."""
     measured, told = scatter()
-    assert told[level].figure(quantity).std == pytest.approx(measured[quantity], rel=0.15)
+    assert told[model].figure(quantity).std == pytest.approx(measured[quantity], rel=0.15)
 
 
 def test_the_bound_is_that_of_simulated_images() -> None:
@@ -107,10 +107,10 @@ def test_the_bound_is_that_of_simulated_images() -> None:
     from scenetruth.bound import cramer_rao_bound
 
     plain = wall(score={"interior_margin_px": 0})
-    recording, truth = st.simulate(st.scene_from_plain(plain), save_radiance=True)
+    recording, truth = st.simulate(st.Scene.from_dict(plain), save_radiance=True)
     # Grey values are noisy in it: those without noise are found again to what noise leaves of their slope, 1e-3.
     bound = cramer_rao_bound(truth, recording, window_sigma_px=4.0, motion="growing")
-    maps = predict(plain, level="bound", window_sigma_px=4.0).maps
+    maps = predict(plain, model="maps", window_sigma_px=4.0).maps
     assert maps is not None
     for name in ("depth_std", "flow_std", "velocity_std", "slope_std", "growth_rate_std"):
         np.testing.assert_allclose(maps[name].values, bound[name].sel(t=0).values, rtol=2e-3)

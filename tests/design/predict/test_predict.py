@@ -32,7 +32,7 @@ def test_units_and_titles_are_those_of_scores() -> None:
 
 def test_scenes_in_any_form(tmp_path: Path) -> None:
     (tmp_path / "wall.yaml").write_text(yaml.safe_dump(wall()))
-    told = [predict(form) for form in (wall(), st.scene_from_plain(wall()), tmp_path / "wall.yaml")]
+    told = [predict(form) for form in (wall(), st.Scene.from_dict(wall()), tmp_path / "wall.yaml")]
     assert len({one.figure("depth").std for one in told}) == 1
 
 
@@ -62,7 +62,7 @@ def test_regions_and_table() -> None:
     table = told.to_frame()
     assert set(table["region"]) == set(told.regions)
     assert set(table["quantity"]) == set(told.quantities) <= set(UNITS)
-    assert set(table["level"]) == {"envelope"}
+    assert set(table["model"]) == {"analytic"}
     near, far = (told.figure("depth", f"object_{name}").std for name in ("wall", "ground"))
     # Standard deviations of depth grow with the square of it, and textures are finer in the image.
     assert near < far
@@ -85,17 +85,17 @@ VELOCITY = {"kind": "velocity", "velocity_mm_per_frame": [0.2, 0, 0]}
 def test_both_levels_agree_on_the_cube() -> None:
     """Medians of the envelope are those of the mean texture; windows here hold three waves: 30 % is promised."""
     scene = cube(sensor={"noise_std": 0.01, "bit_depth": 8}, score={"interior_margin_px": 10})
-    told = {level: predict(scene, level=level, window_sigma_px=4.0) for level in ("envelope", "bound")}
+    told = {model: predict(scene, model=model, window_sigma_px=4.0) for model in ("analytic", "maps")}
     for quantity in ("depth", "velocity_z", "flow_x", "slope_x", "growth_rate"):
-        one, other = (told[level].figure(quantity, "interior").std for level in ("envelope", "bound"))
+        one, other = (told[model].figure(quantity, "interior").std for model in ("analytic", "maps"))
         assert one == pytest.approx(other, rel=0.3)
-    maps = told["bound"].maps
+    maps = told["maps"].maps
     assert maps is not None
-    assert told["envelope"].maps is None
+    assert told["analytic"].maps is None
     assert maps["depth_std"].sizes == {"y": 120, "x": 160}
     inside = np.nanmedian(maps["depth_std"].values)
     # The lower of the two in the middle of an even number.
-    assert told["bound"].figure("depth").std == pytest.approx(inside, rel=1e-3)
+    assert told["maps"].figure("depth").std == pytest.approx(inside, rel=1e-3)
 
 
 VARIED: dict[str, tuple[dict[str, Any], float]] = {
@@ -121,26 +121,26 @@ def test_rounding_is_noise() -> None:
 
 
 @pytest.mark.parametrize("method", ["refined", "structure_tensor"])
-@pytest.mark.parametrize("level", ["envelope", "bound"])
-def test_one_camera_tells_flow_and_one_frame_depth(method: str, level: Any) -> None:
-    alone = predict(wall(stage={"positions": 1, "baseline_mm": 5.0}), level=level, method=method)
+@pytest.mark.parametrize("model", ["analytic", "maps"])
+def test_one_camera_tells_flow_and_one_frame_depth(method: str, model: Any) -> None:
+    alone = predict(wall(stage={"positions": 1, "baseline_mm": 5.0}), model=model, method=method)
     assert set(alone.quantities) == {"flow_x", "flow_y"}
-    still = predict(wall(frames={"count": 1}), level=level, method=method)
+    still = predict(wall(frames={"count": 1}), model=model, method=method)
     assert {"depth", "disparity"} <= set(still.quantities) <= {"depth", "disparity", "slope_x", "slope_y", "normal"}
-    assert still.figure("depth").std > predict(wall(), level=level, method=method).figure("depth").std
+    assert still.figure("depth").std > predict(wall(), model=model, method=method).figure("depth").std
 
 
-@pytest.mark.parametrize("level", ["envelope", "bound"])
-def test_nothing_is_known_of_a_surface_without_texture(level: Any) -> None:
-    told = predict(wall(texture={"kind": "uniform"}), level=level).figure("depth")
+@pytest.mark.parametrize("model", ["analytic", "maps"])
+def test_nothing_is_known_of_a_surface_without_texture(model: Any) -> None:
+    told = predict(wall(texture={"kind": "uniform"}), model=model).figure("depth")
     assert told == PredictedValue(float("inf"), "mm", None, float("inf"), None, "mm", 0.0)
 
 
 def test_what_is_wrong_is_told_at_once() -> None:
     with pytest.raises(st.SceneError, match=r"(?s)method: .*refined.*window_sigma_px.*motion: must be one of"):
         predict(wall(), method="guess", window_sigma_px=-1.0, motion="odd")  # type: ignore[arg-type]
-    with pytest.raises(st.SceneError, match="level: must be envelope or bound"):
-        predict(wall(), level="exact")  # type: ignore[arg-type]
+    with pytest.raises(st.ArgumentError, match="model: must be analytic or maps"):
+        predict(wall(), model="exact")  # type: ignore[arg-type]
     with pytest.raises(st.SceneError, match="sensor: has no noise"):
         predict(wall(sensor="ideal"))
     with pytest.raises(st.SceneError, match="sees none of them"):
@@ -185,6 +185,6 @@ def test_weighted_medians_are_those_of_repeated_values(pairs: list[tuple[float, 
 
 def test_a_texture_that_is_not_painted_is_not_called_out_of_sight(tmp_path: Path) -> None:
     Image.fromarray((np.arange(64 * 64) % 251).astype(np.uint8).reshape(64, 64)).save(tmp_path / "print.png")
-    scene = st.scene_from_plain(wall(texture={"kind": "image", "file": str(tmp_path / "print.png")}))
+    scene = st.Scene.from_dict(wall(texture={"kind": "image", "file": str(tmp_path / "print.png")}))
     with pytest.raises(st.SceneError, match=r"not known before they are painted; `scenetruth design predict` paints"):
         predict_quickly(scene, limited_objects(scene, st.Limits()), "refined")

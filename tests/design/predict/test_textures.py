@@ -17,12 +17,12 @@ from scenetruth.design.prediction.texture_spectra import (
     compute_ring_spectrum,
     measure_spectrum,
 )
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 from tests.design.predict.scenes import wall
 
 
 def waves_of(texture: dict[str, Any], **changes: Any) -> SpectralComponents:
-    item = scene_from_plain(wall(texture=texture, **changes)).objects[0]
+    item = Scene.from_dict(wall(texture=texture, **changes)).objects[0]
     return analytic_spectra()[item.texture.kind].waves(item.texture)
 
 
@@ -66,7 +66,7 @@ def test_one_radiance_has_no_waves() -> None:
 @pytest.mark.parametrize("texture", [{"kind": "noise", "wavelength_mm": [3.0, 9.0]}])
 def test_what_is_painted_has_the_waves_of_the_definition(texture: dict[str, Any]) -> None:
     """A raster of 170 x 140 mm has about 2000 independent waves: their variance scatters by 3 %, a root by 1.6 %."""
-    item = scene_from_plain(wall(texture=texture)).objects[0]
+    item = Scene.from_dict(wall(texture=texture)).objects[0]
     formula, painted = waves_of(texture), measure_spectrum(item, 3, Path())
     assert painted.mean == pytest.approx(formula.mean, rel=0.01)
     assert painted.contrast == pytest.approx(formula.contrast, rel=0.05)

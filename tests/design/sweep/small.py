@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-METHOD = "structure_tensor[window_sigma_px: 3, window_taps_px: 13]"
+from scenetruth.estimators import MethodSpec
+
+METHOD = MethodSpec("structure_tensor", {"window_sigma_px": 3, "window_taps_px": 13})
 DEPTH_MM = 500.0
 
 

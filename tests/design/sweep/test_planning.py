@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from scenetruth.design.sweeps.sweep_plan import SweepError, build_plan
-from scenetruth.errors import RecipeError, SceneError
-from scenetruth.scene import scene_from_plain
+from scenetruth.errors import ArgumentError, SceneError
+from scenetruth.scene import Scene
 from tests.design.sweep.small import scene
 
 
@@ -28,7 +28,7 @@ def test_all_combinations_are_points_and_each_has_every_seed() -> None:
     made = plan.scene(3)
     assert (made.stage.baseline_mm, made.frames.count, made.seed) == (1.0, 5, 6)
     # All else stays as it was.
-    assert plan.scene(6) == scene_from_plain(scene(frames={"count": 3}, seed=5))
+    assert plan.scene(6) == Scene.from_dict(scene(frames={"count": 3}, seed=5))
     assert build_plan(scene(), {"stage.baseline_mm": [1, 2]}, seeds=[9, 4]).seeds == ((9, 4),)
 
 
@@ -115,9 +115,9 @@ def test_scenes_are_called_by_their_files(tmp_path: Path) -> None:
     assert plan.labels == ("one", "two")
     assert plan.scene(2).description == "two"
     assert plan.scene(2).camera.width == 80
-    assert build_plan(scene_from_plain(scene()), {"stage.baseline_mm": [1, 2]}).labels == ("scene",)
+    assert build_plan(Scene.from_dict(scene()), {"stage.baseline_mm": [1, 2]}).labels == ("scene",)
     (tmp_path / "two.yaml").write_text("camera: 3")
     with pytest.raises(SceneError, match=r"two\.yaml"):
         build_plan(files, {"stage.baseline_mm": [1, 2]})
-    with pytest.raises(RecipeError, match="at least one scene"):
+    with pytest.raises(ArgumentError, match="at least one scene"):
         build_plan([], {"stage.baseline_mm": [1, 2]})

@@ -19,11 +19,11 @@ import xarray as xr
 import yaml
 
 import scenetruth as st
-from scenetruth.benchmark.method_specs import parse_methods
 from scenetruth.design.sweeps import Sweep, sweep
 from scenetruth.design.sweeps.point_simulation import bound_window_from_method
 from scenetruth.design.sweeps.sweep_plan import build_plan
-from scenetruth.errors import EstimateError, OutputExistsError, RecipeError
+from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError
+from scenetruth.estimators.method_specs import MethodSpec, parse_methods
 from tests.design.sweep.small import DEPTH_MM, METHOD, failing, nearest, scene
 from tests.nightly import nightly
 
@@ -36,7 +36,7 @@ SCATTER = 0.15
 
 @pytest.fixture(scope="module")
 def found() -> Sweep:
-    return sweep(scene(), {BASELINE: [1, 2], NOISE: [0.005, 0.01]}, METHOD, seeds=2)
+    return sweep(scene(), {BASELINE: [1, 2], NOISE: [0.005, 0.01]}, methods=METHOD, seeds=2)
 
 
 def rms(found: Sweep, quantity: str, baseline: float, noise: float, **which: Any) -> float:
@@ -81,12 +81,12 @@ def test_noise_is_the_same_at_every_point() -> None:
 
 def test_figures_are_those_of_a_single_simulation(found: Sweep) -> None:
     plain = scene(stage={"positions": 3, "baseline_mm": 2}, seed=6)
-    recording, truth = st.simulate(st.scene_from_plain(plain))
+    recording, truth = st.simulate(st.Scene.from_dict(plain))
     errors = {}
     for seed in (5, 6):
-        recording, truth = st.simulate(st.scene_from_plain(plain | {"seed": seed}))
+        recording, truth = st.simulate(st.Scene.from_dict(plain | {"seed": seed}))
         estimate = st.estimate(recording, "structure_tensor", window_sigma_px=3, window_taps_px=13)
-        score = st.score(estimate, truth, margin_px=0)
+        score = st.score(estimate, truth, settings={"interior_margin_px": 0})
         for name in ("rmse", "bias", "median_abs_error", "density"):
             row = found.figure("velocity_z", name, at={BASELINE: 2, NOISE: 0.01}, region="all", seed=seed)
             assert row.value == score.regions["all"]["velocity_z"][name]
@@ -123,7 +123,7 @@ def test_the_table_is_tidy(found: Sweep) -> None:
 def test_it_goes_on_where_it_was(tmp_path: Path) -> None:
     told: list[str] = []
     options: dict[str, Any] = {"seeds": 2, "notice": told.append}
-    calm = sweep(scene(), {BASELINE: [2, 3]}, nearest, tmp_path / "calm", **options)
+    calm = sweep(scene(), {BASELINE: [2, 3]}, methods=nearest, output=tmp_path / "calm", **options)
     points = tmp_path / "calm" / "points"
     before = {path.name: path.read_bytes() for path in points.iterdir()}
     assert len(before) == 8
@@ -132,14 +132,14 @@ def test_it_goes_on_where_it_was(tmp_path: Path) -> None:
     figures[0].unlink()
     figures[1].with_suffix(".npz").unlink()
     (points / f".{figures[0].name}.partial-0-0-0").write_text("{")
-    again = sweep(scene(), {BASELINE: [2, 3]}, nearest, tmp_path / "calm", **options)
+    again = sweep(scene(), {BASELINE: [2, 3]}, methods=nearest, output=tmp_path / "calm", **options)
     assert "4 simulations, 2 of them to be made" in told[-1]
     assert {path.name: path.read_bytes() for path in points.iterdir() if path.suffix == ".json"} == {
         name: content for name, content in before.items() if name.endswith(".json")
     }
     pd.testing.assert_frame_equal(again.to_frame(), calm.to_frame())
     # More values, and only these are made.
-    more = sweep(scene(), {BASELINE: [2, 2.5, 3]}, nearest, tmp_path / "calm", **options)
+    more = sweep(scene(), {BASELINE: [2, 2.5, 3]}, methods=nearest, output=tmp_path / "calm", **options)
     assert "6 simulations, 2 of them to be made" in told[-1]
     kept = pd.read_parquet(tmp_path / "calm" / "results.parquet")
     pd.testing.assert_frame_equal(kept, more.to_frame())
@@ -155,7 +155,7 @@ def test_what_failed_or_has_changed_is_made_again(tmp_path: Path, monkeypatch: p
 
     def run() -> Sweep:
         sys.modules.pop("wall_of_mine", None)
-        return sweep(scene(), {BASELINE: [2, 3]}, "wall_of_mine:f", tmp_path / "out", **options)
+        return sweep(scene(), {BASELINE: [2, 3]}, methods="wall_of_mine:f", output=tmp_path / "out", **options)
 
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     assert len(run().failures) == 2
@@ -174,8 +174,8 @@ def test_what_failed_or_has_changed_is_made_again(tmp_path: Path, monkeypatch: p
 
 def test_scenes_and_methods_are_factors_and_what_fails_is_told() -> None:
     other = scene(objects=[scene()["objects"][0] | {"pose": {"position_mm": [0, 0, 510]}}])
-    methods: list[Any] = [nearest, f"mine={METHOD}", failing]
-    found = sweep([scene(), other], {BASELINE: [2, 3]}, methods, seeds=1)
+    methods: list[Any] = [nearest, MethodSpec(METHOD.method, METHOD.settings, "mine"), failing]
+    found = sweep([scene(), other], {BASELINE: [2, 3]}, methods=methods, seeds=1)
     assert found.methods == ["nearest", "mine", "failing"]
     # The wall is 10 mm farther than the method knows.
     assert found.figure("depth", "bias", method="nearest", scene="scene 1").value == pytest.approx(0, abs=1e-6)
@@ -197,19 +197,19 @@ def test_a_scenes_own_settings_vary_and_what_has_no_noise_has_no_bound() -> None
     assert not any(row.is_bound for row in found.rows)
     assert "no bound: noise_std: is zero" in found.notes[0]
     # A wall without motion and light of its own: nothing of the light matters.
-    idle = sweep(scene(), {"render.platform": ["auto", "egl"]}, nearest, seeds=1)
+    idle = sweep(scene(), {"render.platform": ["auto", "egl"]}, methods=nearest, seeds=1)
     assert idle.notes == ["render.platform has changed no figure"]
 
 
 def test_a_method_that_gives_nothing_leaves_a_page_that_says_why(tmp_path: Path) -> None:
-    found = sweep(scene(), {BASELINE: [2, 3]}, failing, tmp_path / "out", seeds=1)
+    found = sweep(scene(), {BASELINE: [2, 3]}, methods=failing, output=tmp_path / "out", seeds=1)
     assert found.rows == []
     assert len(found.failures) == 2
     assert "no idea" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     # A wall of 30 px has no pixels 20 px from its outline.
     wall = scene()["objects"][0] | {"mesh": {"kind": "plane", "size_mm": [30, 30]}}
     plain = scene(objects=[wall], score={"interior_margin_px": 20})
-    edge = sweep(plain, {BASELINE: [2, 3]}, nearest, tmp_path / "out", seeds=1)
+    edge = sweep(plain, {BASELINE: [2, 3]}, methods=nearest, output=tmp_path / "out", seeds=1)
     assert (tmp_path / "out" / "plots" / "depth_rmse.png").exists()
     # It moves by 0.1 mm per frame over three frames, and the method does not know it.
     assert edge.best("depth", region="all").value == pytest.approx(0.1 * math.sqrt(2 / 3), rel=1e-6)
@@ -241,7 +241,7 @@ def test_what_only_a_complete_truth_tells_is_scored() -> None:
     wall = scene()["objects"][0] | {"motion": [], "deformation": [{"kind": "growth", "rate_per_hour": 18.0}]}
     wall["deformation"][0] |= {"along_share": 1.0}
     plain = scene(objects=[wall], frames={"count": 3, "frame_interval_s": 4.0})
-    found = sweep(plain, {BASELINE: [2, 3]}, [stretching, nearest], seeds=2)
+    found = sweep(plain, {BASELINE: [2, 3]}, methods=[stretching, nearest], seeds=2)
     # 18 per hour are 2 % per frame at rest, in percent per hour 1800; what has grown does so by 2 % less of itself.
     for quantity in ("growth_principal_1", "growth_principal_2"):
         assert found.figure(quantity, "rmse", at={BASELINE: 2}, method="stretching").value < 0.03 * 1800
@@ -251,29 +251,29 @@ def test_what_only_a_complete_truth_tells_is_scored() -> None:
 
 def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
     done: list[str] = []
-    with pytest.raises(RecipeError) as error:
+    with pytest.raises(ArgumentError) as error:
         sweep(
             scene(),
             {"objects.0.pose.position_mm": [[0, 0, 500], [900, 0, 500]], "camera.width": [64, 20]},
-            "structure_tensor",
+            methods="structure_tensor",
             progress=lambda what, *_: done.append(what),
         )
     assert "camera.width = 64" in str(error.value)
     assert set(done) == {"checks"}
     with pytest.raises(EstimateError, match="no_such"):
-        sweep(scene(), {BASELINE: [1, 2]}, "no_such")
+        sweep(scene(), {BASELINE: [1, 2]}, methods="no_such")
     with pytest.raises(EstimateError, match="another process"):
-        sweep(scene(), {BASELINE: [1, 2]}, lambda recording: nearest(recording), workers=2)
+        sweep(scene(), {BASELINE: [1, 2]}, methods=lambda recording: nearest(recording), workers=2)
     with pytest.raises(EstimateError, match="give another label"):
-        sweep(scene(), {BASELINE: [1, 2]}, "bound=structure_tensor")
+        sweep(scene(), {BASELINE: [1, 2]}, methods="bound=structure_tensor")
     (tmp_path / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a sweep"):
-        sweep(scene(), {BASELINE: [1, 2]}, nearest, tmp_path)
+        sweep(scene(), {BASELINE: [1, 2]}, methods=nearest, output=tmp_path)
 
 
 @nightly
 def test_processes_find_the_same() -> None:
-    here, there = (sweep(scene(), {BASELINE: [1, 2]}, METHOD, seeds=2, workers=workers) for workers in (1, 2))
+    here, there = (sweep(scene(), {BASELINE: [1, 2]}, methods=METHOD, seeds=2, workers=workers) for workers in (1, 2))
     pd.testing.assert_frame_equal(here.to_frame(), there.to_frame())
 
 
@@ -282,7 +282,7 @@ def test_a_killed_sweep_goes_on_to_the_same_figures(tmp_path: Path) -> None:
     file = tmp_path / "wall.yaml"
     file.write_text(yaml.safe_dump(scene()))
     words = [sys.executable, "-m", "scenetruth", "design", "sweep", str(file), "--vary", f"{BASELINE}=1..4:7"]
-    words += ["--method", METHOD, "--workers", "2", "-o"]
+    words += ["--method", METHOD.spelled, "--workers", "2", "-o"]
     generator = random.Random(1)
     for _ in range(4):
         run = subprocess.Popen([*words, str(tmp_path / "killed")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

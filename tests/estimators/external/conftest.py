@@ -15,7 +15,7 @@ from tests.dataset.conftest import SCENE
 
 @pytest.fixture(scope="session")
 def simulated() -> xr.Dataset:
-    recording, _ = st.simulate(st.scene_from_plain(SCENE))
+    recording, _ = st.simulate(st.Scene.from_dict(SCENE))
     return recording
 
 

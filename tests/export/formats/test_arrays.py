@@ -49,11 +49,11 @@ def test_colours_are_written_as_far_as_formats_take_them(tmp_path: str) -> None:
     recording = st.make_recording(images, focal_length_px=50, baseline_mm=2)
     estimate = st.make_estimate(depth=np.full((1, 6, 8), 90.0), recording=recording)
     with pytest.raises(st.ExportError, match=r"image: has colours.*take tiff"):
-        st.export_data(recording, estimate, f"{tmp_path}/png", "png")
+        st.export((recording, estimate), "png", output=f"{tmp_path}/png")
     with pytest.raises(st.ExportError, match="image_bits: must be 8 for colours"):
-        st.export_data(recording, estimate, f"{tmp_path}/pfm", "pfm", image_bits=16)
-    done = st.export_data(recording, estimate, f"{tmp_path}/tiff", "tiff")
+        st.export((recording, estimate), "pfm", output=f"{tmp_path}/pfm", image_bits=16)
+    done = st.export((recording, estimate), "tiff", output=f"{tmp_path}/tiff")
     np.testing.assert_array_equal(imageio.imread(done.folder / "images" / "s+0_t+0.tiff"), images[0, 0])
-    done = st.export_data(recording, estimate, f"{tmp_path}/pfm", "pfm")
+    done = st.export((recording, estimate), "pfm", output=f"{tmp_path}/pfm")
     found = imageio.imread(done.folder / "t+0" / "im0.png")
     assert np.abs(found / 255 - images[0, 0]).max() <= 0.5 / 255 + 1e-6

@@ -55,9 +55,9 @@ def test_opencv_projects_points_to_their_pixels(export: Export) -> None:
 
 
 def test_opencv_does_so_with_lens_and_stage_errors(imperfect: tuple[xr.Dataset, xr.Dataset], tmp_path: Path) -> None:
-    points = st.export_data(*imperfect, tmp_path / "ply", "ply").folder
-    cameras = st.export_data(*imperfect, tmp_path / "cameras", "opencv_yaml", poses="real").folder
-    planned = st.export_data(*imperfect, tmp_path / "planned", "opencv_yaml").folder
+    points = st.export(imperfect, "ply", output=tmp_path / "ply").folder
+    cameras = st.export(imperfect, "opencv_yaml", output=tmp_path / "cameras", poses="real").folder
+    planned = st.export(imperfect, "opencv_yaml", output=tmp_path / "planned").folder
     for s, t in ((-1, 0), (0, 1), (1, 1)):
         where, pixels = points_of(points, s, t)
         # OpenCV and the Brown-Conrady model of the scene are one formula.
@@ -118,7 +118,7 @@ def points_of_pixels(export: Export, pixels: np.ndarray) -> np.ndarray:
 
 
 def test_colmap_with_lens_and_stage_errors(imperfect: tuple[xr.Dataset, xr.Dataset], tmp_path: Path) -> None:
-    done = st.export_data(*imperfect, tmp_path / "colmap", "colmap", every=2)
+    done = st.export(imperfect, "colmap", output=tmp_path / "colmap", every=2)
     images, kind = read_colmap(done.folder)
     assert kind == "FULL_OPENCV"
     for pose, (f_x, f_y, c_x, c_y, *lens), places, where in images.values():
@@ -140,6 +140,6 @@ def test_frames_other_than_the_reference_know_one_image_of_each_point(export: Ex
 def test_real_poses_need_a_truth(recording: xr.Dataset, tmp_path: Path) -> None:
     estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
     with pytest.raises(st.ExportError, match="poses: needs the poses that a truth tells"):
-        st.export_data(recording, estimate, tmp_path / "x", "opencv_yaml", poses="real")
+        st.export((recording, estimate), "opencv_yaml", output=tmp_path / "x", poses="real")
     with pytest.raises(st.ExportError, match=r"frame: must be one of the frames \[-1, 0, 1\] \(got 5\)"):
-        st.export_data(recording, estimate, tmp_path / "x", "colmap", frame=5)
+        st.export((recording, estimate), "colmap", output=tmp_path / "x", frame=5)

@@ -54,7 +54,7 @@ def test_run_lengths_begin_outside() -> None:
 
 def test_parts_of_a_plant_have_it_as_supercategory(recording: xr.Dataset, truth: xr.Dataset, tmp_path: str) -> None:
     named = truth.assign_attrs(object_names='["plant/leaf-1", "plant/leaf-1"]')
-    done = st.export_data(recording, named, f"{tmp_path}/x", "coco")
+    done = st.export((recording, named), "coco", output=f"{tmp_path}/x")
     told = json.loads((done.folder / "annotations.json").read_text())
     assert told["categories"] == [{"id": 1, "name": "plant/leaf-1", "supercategory": "plant"}]
     # Two objects of one name are two instances.
@@ -64,4 +64,4 @@ def test_parts_of_a_plant_have_it_as_supercategory(recording: xr.Dataset, truth:
 def test_estimates_know_no_objects(recording: xr.Dataset, tmp_path: str) -> None:
     estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
     with pytest.raises(st.ExportError, match="object_id: is missing: only a truth tells"):
-        st.export_data(recording, estimate, f"{tmp_path}/x", "coco")
+        st.export((recording, estimate), "coco", output=f"{tmp_path}/x")

@@ -38,7 +38,9 @@ def test_every_map_is_there_with_its_components(export: Export, recording: xr.Da
 
 def test_units_and_intrinsics_are_in_the_header(recording: xr.Dataset, truth: xr.Dataset, tmp_path: str) -> None:
     part = {"x": slice(4, None, 2), "y": slice(6, None, 2)}
-    done = st.export_data(recording.isel(part), truth.isel(part), f"{tmp_path}/exr", "exr", layers=["depth", "flow"])
+    done = st.export(
+        (recording.isel(part), truth.isel(part)), "exr", output=f"{tmp_path}/exr", layers=["depth", "flow"]
+    )
     file = OpenEXR.File(str(done.folder / "s+0_t+0.exr"), separate_channels=True)
     assert set(file.channels()) == {"Y", "depth.Z", "flow.x", "flow.y"}
     header = file.header()
@@ -51,7 +53,7 @@ def test_colours_are_named_red_green_blue(tmp_path: str) -> None:
     images = np.random.default_rng(0).random((2, 1, 6, 8, 3)).astype(np.float32)
     recording = st.make_recording(images, focal_length_px=50, baseline_mm=2)
     estimate = st.make_estimate(depth=np.full((1, 6, 8), 90.0), recording=recording)
-    done = st.export_data(recording, estimate, f"{tmp_path}/exr", "exr")
+    done = st.export((recording, estimate), "exr", output=f"{tmp_path}/exr")
     file = OpenEXR.File(str(done.folder / "s+0_t+0.exr"), separate_channels=True)
     for index, name in enumerate("RGB"):
         np.testing.assert_array_equal(file.channels()[name].pixels, images[0, 0, :, :, index])

@@ -72,7 +72,7 @@ def test_a_part_of_the_pixels_counts_in_its_own_columns(
     recording: xr.Dataset, truth: xr.Dataset, tmp_path: pytest.TempPathFactory
 ) -> None:
     part = {"x": slice(10, None, 2), "y": slice(4, None, 2)}
-    done = st.export_data(recording.isel(part), truth.isel(part), f"{tmp_path}/part", "flo")
+    done = st.export((recording.isel(part), truth.isel(part)), "flo", output=f"{tmp_path}/part")
     found = read_flo(done.folder / "flow/s+0_t+0.flo")
     expected = np.moveaxis(truth.isel(part).flow_next.sel(s=0, t=0).values, 0, -1) / 2
     known = np.isfinite(expected)

@@ -73,7 +73,7 @@ def test_what_does_not_fit_becomes_unknown_and_is_told(
     changed = truth.copy()
     changed["flow_next"] = truth.flow_next.copy(deep=True)
     changed.flow_next.loc[{"s": 0, "t": 0, "y": 10, "x": 20}] = 512.0
-    done = st.export_data(recording, changed, f"{tmp_path}/kitti", "kitti")
+    done = st.export((recording, changed), "kitti", output=f"{tmp_path}/kitti")
     assert "1 values do not fit" in done.notes[1]
     flow = opencv_image(done.folder / "flow_occ" / "000001_10.png")
     assert not flow[10, 20].any()
@@ -85,7 +85,7 @@ def test_instantaneous_scene_flow_of_an_estimate(recording: xr.Dataset, tmp_path
     velocity = np.zeros((3, 3, 48, 64))
     velocity[2] = -20.0
     estimate = st.make_estimate(depth=depth, velocity=velocity, flow=np.full((2, 3, 48, 64), -1.5), recording=recording)
-    done = st.export_data(recording, estimate, f"{tmp_path}/kitti", "kitti", flow="instantaneous")
+    done = st.export((recording, estimate), "kitti", output=f"{tmp_path}/kitti", flow="instantaneous")
     first, second = (imageio.imread(done.folder / f"disp_occ_{n}" / "000000_10.png") for n in (0, 1))
     assert set(first[5:].ravel()) == {round(256 * FB / 100)}
     assert set(second[5:].ravel()) == {round(256 * FB / 80)}

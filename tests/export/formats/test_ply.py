@@ -52,7 +52,7 @@ def test_real_cameras_see_one_surface_too(tmp_path: str) -> None:
     stage = {"positions": 3, "baseline_mm": 4.0, "errors": errors}
     shown = scene(camera=small, stage=stage, frames={"count": 1})
     recording, truth = st.simulate(shown, truth_views="all")
-    done = st.export_data(recording, truth, f"{tmp_path}/ply", "ply")
+    done = st.export((recording, truth), "ply", output=f"{tmp_path}/ply")
     parts = [plyfile.PlyData.read(done.folder / f"s{s:+d}_t+0.ply")["vertex"] for s in (-1, 0, 1)]
     for number, normal_axes in ((0, ("nx", "ny", "nz")),):
         points = [np.stack([part[name][part["object_id"] == number] for name in "xyz"], axis=1) for part in parts]
@@ -70,4 +70,4 @@ def test_single_precision_and_no_points_without_depth(export: Export, recording:
     assert vertex["x"].dtype == np.float32
     estimate = st.make_estimate(flow=np.zeros((2, 3, 48, 64)), recording=recording)
     with pytest.raises(st.ExportError, match="depth: is missing, and disparity too: there are no points"):
-        st.export_data(recording, estimate, f"{tmp_path}/none", "ply")
+        st.export((recording, estimate), "ply", output=f"{tmp_path}/none")

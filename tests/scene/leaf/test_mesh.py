@@ -314,10 +314,10 @@ def test_inside_is_the_even_odd_rule() -> None:
 )
 def test_impossible_leaves_are_refused_with_their_path(changes: dict[str, Any], path: str, message: str) -> None:
     mesh = {"kind": "leaf", "length_mm": 60.0, **changes}
-    plain = cube().to_plain()
+    plain = cube().to_dict()
     plain["objects"][0]["mesh"] = mesh
     with pytest.raises(st.SceneError) as caught:
-        st.scene.scene_from_plain(plain)
+        st.scene.Scene.from_dict(plain)
     (problem,) = caught.value.problems
     assert problem.path == f"objects.0.mesh.{path}"
     assert message in problem.message

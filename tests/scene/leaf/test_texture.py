@@ -299,12 +299,12 @@ def test_impossible_settings_are_refused(changes: dict[str, Any], message: str) 
 
 
 def test_report_tells_the_band_of_the_mottling() -> None:
-    plain = cube().to_plain()
+    plain = cube().to_dict()
     item = plain["objects"][0]
     item["mesh"] = {"kind": "leaf", "length_mm": LENGTH, "resolution_mm": 2.0}
     item["texture"] = {"kind": "leaf", "mottling_wavelength_mm": (2.0, 8.0)}
     item["pose"] = {"position_mm": [-20, 0, 627.0]}
     item["motion"] = []
-    scene = st.scene.scene_from_plain(plain)
+    scene = st.scene.Scene.from_dict(plain)
     report = describe_scene(scene, build_scene(scene), np.full((120, 160), 627.0))
     assert report.objects[0].wavelength_px == pytest.approx((4.0, 16.0))

@@ -194,9 +194,9 @@ def test_vertices_that_no_face_uses_count_nowhere(tmp_path: Path, form: str) -> 
     reports, bodies = [], []
     for name, vertices, used in (("whole", mesh.vertices_mm, mesh.faces), ("stray", stray, faces)):
         scene = scene_with(write(tmp_path / f"{name}.{form}", vertices, used))
-        plain = scene.to_plain()
+        plain = scene.to_dict()
         plain["objects"][0]["deformation"] = [{"kind": "growth", "rate_per_hour": 0.5, "base_to_tip": [0, 1]}]
-        scene = st.scene_from_plain(plain)
+        scene = st.Scene.from_dict(plain)
         world = build_scene(scene)
         reports.append(describe_scene(scene, world, np.full((2, 2), DISTANCE)))
         bodies.append(world.bodies[0])

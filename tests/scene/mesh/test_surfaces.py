@@ -227,7 +227,7 @@ def test_normals_and_curvature_of_sheets(mesh: dict[str, Any]) -> None:
     ],
 )
 def test_impossible_surfaces(mesh: dict[str, Any], path: str, message: str) -> None:
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     with pytest.raises(st.SceneError, match=message) as caught:
         cube(objects=[{**item, "mesh": mesh}])
     assert [problem.path for problem in caught.value.problems] == [f"objects.0.mesh.{path}"]

@@ -93,7 +93,7 @@ def test_chart_and_image_lie_upright_and_cover_the_surface_once() -> None:
 
 
 def test_a_lamp_in_the_hole_is_outside_and_one_in_the_tube_is_inside() -> None:
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     mesh = {"kind": "torus", "ring_radius_mm": RING, "tube_radius_mm": TUBE, "resolution_mm": 2}
     thing = {**item, "mesh": mesh, "motion": [], "pose": {"position_mm": [0, 0, 600]}}
     for x_mm, inside in ((0.0, False), (RING, True)):
@@ -112,7 +112,7 @@ def test_a_lamp_in_the_hole_is_outside_and_one_in_the_tube_is_inside() -> None:
     ],
 )
 def test_impossible_tori(changes: dict[str, float], path: str, message: str) -> None:
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     mesh = {"kind": "torus", "ring_radius_mm": RING, "tube_radius_mm": TUBE, **changes}
     with pytest.raises(st.SceneError, match=message) as caught:
         cube(objects=[{**item, "mesh": mesh}])

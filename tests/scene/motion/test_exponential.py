@@ -61,7 +61,7 @@ def test_velocity_and_acceleration_against_differences() -> None:
 
 
 def test_objects_and_lights_of_a_scene_move_by_it() -> None:
-    plain = cube().to_plain()
+    plain = cube().to_dict()
     motion = {"kind": "exponential", "direction": [0, 0, -1], "amplitude_mm": 2, "time_constant_frames": 10}
     plain["objects"][0]["motion"] = [motion]
     plain["lighting"]["lights"] = [
@@ -73,17 +73,17 @@ def test_objects_and_lights_of_a_scene_move_by_it() -> None:
             "motion": [motion],
         }
     ]
-    scene = st.scene_from_plain(plain)
+    scene = st.Scene.from_dict(plain)
     (lamp,) = scene.lighting.lamps_at(10.0)
     assert lamp.position_mm is not None
     np.testing.assert_allclose(lamp.position_mm, [0, -80, 400 - 2 * (math.e - 1)], rtol=1e-12)
-    assert st.scene_from_plain(scene.to_plain()) == scene
+    assert st.Scene.from_dict(scene.to_dict()) == scene
 
 
 def test_a_time_constant_of_zero_is_refused() -> None:
-    plain = cube().to_plain()
+    plain = cube().to_dict()
     plain["objects"][0]["motion"] = [
         {"kind": "exponential", "direction": [0, 0, 1], "amplitude_mm": 2, "time_constant_frames": 0}
     ]
     with pytest.raises(st.SceneError, match=r"objects\.0\.motion\.0\.time_constant_frames: must not be zero"):
-        st.scene_from_plain(plain)
+        st.Scene.from_dict(plain)

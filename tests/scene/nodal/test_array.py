@@ -197,7 +197,7 @@ def test_arrays_of_every_form_give_the_same(tmp_path: Path, form: str) -> None:
         entry["key"] = "u"
     write_obj(tmp_path / "mesh.obj", SHEET.vertices_mm)
     scene = scene_with({"kind": "file", "file": "mesh.obj"}, entry, frames=3)
-    (tmp_path / "scene.yaml").write_text(json.dumps(scene.to_plain()))
+    (tmp_path / "scene.yaml").write_text(json.dumps(scene.to_dict()))
     # Relative paths count from the scene file.
     body = build_scene(st.load_scene(tmp_path / "scene.yaml")).bodies[0]
     np.testing.assert_allclose(body.at(1).positions_mm, wave(SHEET.vertices_mm, 1) + (0, 0, 660), rtol=1e-12)

@@ -78,9 +78,9 @@ def _mean_sign(middle: NDArray[np.float64], width: float) -> Any:
 
 
 def test_a_scene_wears_it_and_too_fine_squares_are_warned_of() -> None:
-    item = cube().to_plain()["objects"][0]
+    item = cube().to_dict()["objects"][0]
     scene = cube(objects=[{**item, "texture": {"kind": "checkerboard", "square_mm": 2}}])
-    assert st.scene_from_plain(scene.to_plain()) == scene
+    assert st.Scene.from_dict(scene.to_dict()) == scene
     assert ENTRY.shortest_and_longest_mm == pytest.approx((SQUARE * np.sqrt(2),) * 2)
     fine = cube(objects=[{**item, "texture": {"kind": "checkerboard", "square_mm": 0.6}}])
     # The diagonal of 0.85 mm is 1.4 px of the small camera where the cube is farthest.

@@ -38,7 +38,11 @@ def test_without_asking_there_are_none(drawn: Drawn) -> None:
 
 def test_a_report_has_them_too(full_case: Case, tmp_path: Path) -> None:
     page = write_report(
-        full_case.recording, full_case.estimate, folder=tmp_path, figures=("velocity_z_row",), figures_also=("pdf",)
+        full_case.estimate,
+        recording=full_case.recording,
+        output=tmp_path,
+        figures=("velocity_z_row",),
+        figure_formats=("png", "pdf"),
     )
     assert {path.name for path in (page.parent / "figures").iterdir()} == {"velocity_z_row.pdf", "velocity_z_row.png"}
 

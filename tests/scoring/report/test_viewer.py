@@ -166,7 +166,7 @@ def test_the_worst_place_is_where_errors_were_put(full_case: Case) -> None:
 
 def test_growth_of_windows_is_shown_where_something_grows() -> None:
     case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
-    result = score(case.estimate, case.truth, case.recording, growth_window_px=6, margin_px=3)
+    result = score(case.estimate, case.truth, case.recording, settings={"growth_window_px": 6, "interior_margin_px": 3})
     viewer = build_viewer(case.recording, case.estimate, case.truth, result)
     windowed = group(viewer, "growth_rate_windowed")
     assert set(windowed["maps"]["0"]) >= {"truth", "error"}
@@ -200,5 +200,5 @@ def test_estimates_that_know_nothing_have_a_page(tmp_path: Path) -> None:
     recording = make_recording(images, focal_length_px=100.0, baseline_mm=5.0)
     disparity = np.full((1, 12, 16), np.nan)
     estimate = label("estimate", {"disparity": disparity}, read_intrinsics(recording), t=[0])
-    page = write_report(recording, estimate, folder=tmp_path, figures=("image",))
+    page = write_report(estimate, recording=recording, output=tmp_path, figures=("image",))
     assert "viewer-data" in page.read_text(encoding="utf-8")

@@ -51,7 +51,7 @@ def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:
 
 def test_growth_is_told_where_something_grows() -> None:
     case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
-    result = score(case.estimate, case.truth, case.recording, growth_window_px=6, margin_px=3)
+    result = score(case.estimate, case.truth, case.recording, settings={"growth_window_px": 6, "interior_margin_px": 3})
     viewer = build_viewer(case.recording, case.estimate, case.truth, result)
     growth = summarise_score(result, viewer)[-1]
     assert (growth.title, growth.units) == ("Growth", "%/h")

@@ -83,7 +83,7 @@ def truth_of(*objects: dict[str, Any], width: int = 64, height: int = 48, **came
         "objects": [{**item, "texture": {"kind": "uniform"}} for item in objects],
         "render": {"backend": "raycast", "supersampling": 1},
     }
-    return make_truth(st.scene_from_plain(plain))
+    return make_truth(st.Scene.from_dict(plain))
 
 
 @dataclass(frozen=True)

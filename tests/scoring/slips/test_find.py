@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import ScoreError
 from scenetruth.schema import make_estimate, make_recording, read_intrinsics
-from scenetruth.scoring.convention_check import detect_convention_mismatches, detect_mismatches_in_arrays
+from scenetruth.scoring.convention_check import detect_convention_mismatches
 from scenetruth.scoring.convention_hypotheses import ConventionMismatch
 from tests.nightly import NIGHTLY
 from tests.scoring.slips.scenes import (
@@ -325,25 +325,27 @@ def test_scale_that_is_no_unit_is_no_slip(room: xr.Dataset) -> None:
 
 def test_arrays_that_no_estimate_may_hold(room: xr.Dataset) -> None:
     right = right_estimate(room, USUAL, seed=16)
-    slips = detect_mismatches_in_arrays(room, depth=-right["depth"].values, disparity=-right["disparity"].values)
+    slips = detect_convention_mismatches(
+        {"depth": -right["depth"].values, "disparity": -right["disparity"].values}, room
+    )
     assert named(slips) == {("depth", "sign"), ("disparity", "sign")}
     frame = right.sel(t=0)
-    assert named(detect_mismatches_in_arrays(room, flow=-frame["flow"].values)) == {("flow", "sign")}
-    assert named(detect_mismatches_in_arrays(room, depth=0.001 * right["depth"].values[3:], t=[1, 2])) == {
+    assert named(detect_convention_mismatches({"flow": -frame["flow"].values}, room)) == {("flow", "sign")}
+    assert named(detect_convention_mismatches({"depth": 0.001 * right["depth"].values[3:], "t": [1, 2]}, room)) == {
         ("depth", "metres")
     }
 
 
 def test_arrays_that_do_not_fit_are_all_told(room: xr.Dataset) -> None:
     with pytest.raises(ScoreError) as caught:
-        detect_mismatches_in_arrays(
-            room, depth=np.ones((3, 3)), flow=np.ones((3, 5, 48, 64)), disparity=np.ones((48, 64))
+        detect_convention_mismatches(
+            {"depth": np.ones((3, 3)), "flow": np.ones((3, 5, 48, 64)), "disparity": np.ones((48, 64))}, room
         )
     assert [problem.path for problem in caught.value.problems] == ["depth", "flow"]
     with pytest.raises(ScoreError, match="at least one of"):
-        detect_mismatches_in_arrays(room)
+        detect_convention_mismatches({}, room)
     with pytest.raises(ScoreError, match="say which by t="):
-        detect_mismatches_in_arrays(room, depth=np.ones((2, 48, 64)))
+        detect_convention_mismatches({"depth": np.ones((2, 48, 64))}, room)
     with pytest.raises(ScoreError, match=r"must be an xarray\.Dataset"):
         detect_convention_mismatches(None, room)  # type: ignore[arg-type]
 

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.discovery import classes_in
-from scenetruth.errors import Problem, RecipeError
+from scenetruth.errors import ArgumentError, Problem
 
 __all__ = [
     "ALL",
@@ -82,7 +82,7 @@ class BenchmarkRecord:
     threshold: float = math.nan
     unit: str = ""
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return plain values; None for NaN, which JSON cannot spell."""
         return {
             key: None if isinstance(value, float) and not math.isfinite(value) else value
@@ -91,7 +91,7 @@ class BenchmarkRecord:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> BenchmarkRecord:
-        """Return a row from what `to_plain` made."""
+        """Return a row from what `to_dict` made."""
         given: dict[str, Any] = {key: math.nan if value is None else value for key, value in plain.items()}
         return cls(**given)
 
@@ -178,7 +178,7 @@ class Case:
 
         Raises
         ------
-        RecipeError
+        ArgumentError
             If it is neither.
         """
         named = {label: value for value, label in self.labels().items()}
@@ -190,7 +190,7 @@ class Case:
             value = math.nan
         if not math.isfinite(value) or (named and value not in named.values()):
             must = f"must be one of {', '.join(named)}" if named else "must be a number"
-            raise RecipeError([Problem(f"values of {self.kind}", must, given)])
+            raise ArgumentError([Problem(f"values of {self.kind}", must, given)])
         return value
 
     def lacks(self) -> str:
@@ -242,7 +242,7 @@ def select_cases(names: Iterable[str] | None) -> list[Case]:
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         With every name that is none.
     """
     known = all_cases()
@@ -254,5 +254,5 @@ def select_cases(names: Iterable[str] | None) -> list[Case]:
         if name not in known
     ]
     if problems:
-        raise RecipeError(problems)
+        raise ArgumentError(problems)
     return [known[name] for name in names]

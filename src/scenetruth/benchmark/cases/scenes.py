@@ -49,7 +49,7 @@ class GalleryCase(Case):
 
     def scene(self, value: float) -> Mapping[str, Any]:
         """Return the scene of this number: five of its frames, ray-cast."""
-        plain = load_scene(scene_files()[int(value)], _CHANGES).to_plain()
+        plain = load_scene(scene_files()[int(value)], overrides=_CHANGES).to_dict()
         # Methods are those of the comparison.
         plain.pop("estimate", None)
         return plain

@@ -111,7 +111,7 @@ def describe_column(name: str, sampler: Sampler) -> str:
     """
     if name.startswith(VALUE):
         key = name.removeprefix(VALUE)
-        told = format_title(*format_label(key, sampler.bases[0].to_plain()))
+        told = format_title(*format_label(key, sampler.bases[0].to_dict()))
         return f"what was drawn: {told}"
     if name in STATISTICS:
         return f"{STATISTICS[name]}; of the reference camera at the reference frame"

@@ -89,7 +89,7 @@ def collect_quantities(sampler: Sampler, drawn: Mapping[str, Sequence[Any]]) -> 
     drawn
         Values by key; what was not drawn is None.
     """
-    plain = sampler.bases[0].to_plain()
+    plain = sampler.bases[0].to_dict()
     found: list[PlotQuantity] = []
     for item in sampler.varied:
         values = [value for value in drawn.get(item.key, ()) if value is not None]

@@ -148,7 +148,7 @@ _DESCRIBED_SEPARATELY = ("kind", "name", "together", "sampling")
 
 def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
     """Return what varies: label, path or name, and the distribution in words."""
-    plain = sampler.bases[0].to_plain()
+    plain = sampler.bases[0].to_dict()
     return [
         (format_title(*format_label(item.key, plain)), item.key, describe_distribution(item.distribution))
         for item in sampler.varied
@@ -204,7 +204,7 @@ def describe_criterion(bound: AcceptanceCriterion) -> str:
 
 def tabulate_paired_factors(sampler: Sampler) -> list[tuple[str, str, str]]:
     """Return ladders: label, path, and the values of their steps."""
-    plain = sampler.bases[0].to_plain()
+    plain = sampler.bases[0].to_dict()
     return [
         (format_title(*format_label(path, plain)), path, ", ".join(map(_value, values)))
         for path, values in sampler.recipe.paired_factors.items()

@@ -39,7 +39,7 @@ from scenetruth.jobs.executors import ordered_map, resolve_workers
 from scenetruth.output import check_output, claim_folder, write_atomically
 from scenetruth.progress import Progress
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.leaf.texture_synthesis import LeafTexture
 from scenetruth.scene.mesh import MeshModel
@@ -278,6 +278,6 @@ def _draw_sheet(
 
 def _thumbnail(_: None, plain: Mapping[str, Any]) -> NDArray[np.float32] | SceneError:
     try:
-        return render_thumbnail(scene_from_plain(plain))
+        return render_thumbnail(Scene.from_dict(plain))
     except SceneError as error:
         return error

@@ -2,6 +2,6 @@
 
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.optimiser import optimise
-from scenetruth.design.optimisation.specification import DesignSpec, design_spec_from_dict, load_design_spec
+from scenetruth.design.optimisation.specification import DesignSpec, load_design_spec
 
-__all__ = ["DesignResult", "DesignSpec", "design_spec_from_dict", "load_design_spec", "optimise"]
+__all__ = ["DesignResult", "DesignSpec", "load_design_spec", "optimise"]

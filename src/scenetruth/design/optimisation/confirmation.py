@@ -40,7 +40,7 @@ from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.progress import Progress
 from scenetruth.provenance import scene_hash
 from scenetruth.resources import Limits, limited_objects
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scoring import QUANTITIES, score
 from scenetruth.simulation import simulate
 
@@ -137,7 +137,7 @@ def reduce_scene(scene: Scene, region: str, max_size_px: int | None) -> ReducedS
     """
     look = sample_surface(scene, limited_objects(scene, Limits(), Path()), Path())
     chosen = _chosen(look, region)
-    plain, changes = scene.to_plain(), list[str]()
+    plain, changes = scene.to_dict(), list[str]()
     cut = _cut(scene, look, chosen, max_size_px)
     if cut:
         plain["camera"] |= cut
@@ -263,7 +263,7 @@ class ConfirmationTask:
     def scene(self, number: int) -> Scene:
         """Return the scene of a simulation."""
         rig, seed = divmod(number, len(self.seeds))
-        return scene_from_plain({**self.plains[rig], "seed": self.seeds[seed]})
+        return Scene.from_dict({**self.plains[rig], "seed": self.seeds[seed]})
 
     def key(self, number: int) -> str:
         """Return a hash of all that its figures depend on."""
@@ -310,7 +310,7 @@ def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...]) -> Figu
     with ignore_scene_warnings():
         recording, truth = simulate(scene, truth_content="complete" if _is_further(objectives) else "standard")
         maps = estimate(recording, scene.estimate.method, scene.estimate.settings.model_dump())
-        found = score(maps, truth, **scene.score.model_dump())
+        found = score(maps, truth, settings=scene.score)
     figures: Figures = {}
     # Scores name single objects only where there are several: the interior is that of the only one.
     alone = len(scene.parts) == 1
@@ -402,7 +402,7 @@ def simulate_candidates(
     if not rigs:
         return ConfirmationResult({}, (), ())
     task = prepared.task
-    light = [reduce_scene(scene_from_plain(rig.scene), task.objectives[0].region, confirm.max_size_px) for rig in rigs]
+    light = [reduce_scene(Scene.from_dict(rig.scene), task.objectives[0].region, confirm.max_size_px) for rig in rigs]
     job = ConfirmationTask(
         str((folder / "simulations").resolve()),
         tuple(one.plain for one in light),
@@ -429,7 +429,7 @@ def simulate_candidates(
         told = replace(rig, figures=_group_by_seed(each, task.objectives))
         intervals = {one.title: compute_rig_interval(told, one.title, one.statistic) for one in task.objectives}
         found[rig.number] = replace(told, simulated={title: one for title, one in intervals.items() if one.seeds})
-        scene = scene_from_plain(light[place].plain)
+        scene = Scene.from_dict(light[place].plain)
         prediction = predict_scene(scene, task.method)
         for objective in task.objectives:
             parts = compute_objective_contributions(objective, scene, prediction)

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from scenetruth.design.prediction import PredictedValue
-from scenetruth.errors import RecipeError
+from scenetruth.errors import DesignSpecError
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = [
@@ -35,13 +35,6 @@ __all__ = [
 ]
 
 
-class DesignSpecError(RecipeError):
-    """A design specification that cannot be followed or met; lists every problem with its path."""
-
-    _noun = "design specification"
-
-
-Statistic = Literal["scaled_median_abs_error", "rmse", "p95_abs_error"]
 """What an objective may be of; see `STATISTICS`."""
 
 

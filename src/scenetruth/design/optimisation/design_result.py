@@ -426,7 +426,7 @@ class DesignResult:
             self.objectives, self.recommended, self.sensitivities, self.discrepancies, self.rules, self.orders
         )
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return all but the screened predictions as plain values: what ``design.json`` holds.
 
         Numbers that are not finite are None (not a number), ``"inf"`` and ``"-inf"``.

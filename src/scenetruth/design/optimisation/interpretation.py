@@ -30,7 +30,7 @@ from scenetruth.design.optimisation.rig_evaluation import (
 )
 from scenetruth.design.optimisation.specification import DesignSpec
 from scenetruth.errors import Problem
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 
 __all__ = [
     "check_rules_of_thumb",
@@ -128,7 +128,7 @@ def rig_from_evaluation(number: int, one: Evaluation, prepared: OptimisationProb
     """
     task = prepared.task
     built = build_rig(task.base, one.values)
-    plain = scene_from_plain(built.plain).to_plain()
+    plain = Scene.from_dict(built.plain).to_dict()
     chosen = [entry for entry in (built.lens, built.camera, built.stage) if entry is not None]
     prices = [entry.price_eur for entry in chosen]
     price = sum(each for each in prices if each is not None) if prices and None not in prices else None
@@ -315,7 +315,7 @@ def _lines(
     typical = [name for name, one in chosen.items() if one is not None and "typical" in one.source]
     if typical:
         yield f"figures of the chosen {', '.join(typical)} are at least in part typical of the class; see the catalogue"
-    if "frames.frame_interval_s" in spec.variables and _has_rates(facts.scene.to_plain()):
+    if "frames.frame_interval_s" in spec.variables and _has_rates(facts.scene.to_dict()):
         yield "motions that the scene gives per frame are the same per frame at any interval; give them per hour if not"
     yield from (f"in the simulations: {change}" for change in changes)
     for name, share in zip(("Morris", "Sobol'"), left_out, strict=True):

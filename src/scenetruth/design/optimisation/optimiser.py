@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,13 +43,13 @@ from scenetruth.design.optimisation.pareto_front import (
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
 from scenetruth.design.optimisation.report.design_report import write_design_files
 from scenetruth.design.optimisation.rig_evaluation import Evaluation, build_rig, compute_rig_context, predict_scene
-from scenetruth.design.optimisation.specification import DesignSpec, design_spec_from_dict, load_design_spec
+from scenetruth.design.optimisation.specification import DesignSpec, DesignSpecLike, load_design_spec
 from scenetruth.jobs.executors import TaskExecutor, create_executor, resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.results import compute_key
 from scenetruth.jobs.worker_setup import collect_versions
-from scenetruth.progress import Progress
-from scenetruth.scene import scene_from_plain
+from scenetruth.progress import Progress, say
+from scenetruth.scene import Overrides, Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,13 +64,13 @@ _MOST_SHOWN = 24
 
 
 def optimise(
-    specification: DesignSpec | Mapping[str, Any] | str | Path,
-    folder: str | Path | None = None,
+    specification: DesignSpecLike,
     *,
+    overrides: Overrides = (),
+    output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> DesignResult:
     """Find the rig that knows best what is to be known, within constraints.
 
@@ -82,8 +82,10 @@ def optimise(
     Parameters
     ----------
     specification
-        The design specification, its plain values, or its file.
-    folder
+        The design specification, its values, its file, or the name of one that is shipped.
+    overrides
+        Changes of the specification, as of `scenetruth.load_scene`.
+    output
         Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
         ``recommended_preview.yaml``, ``pareto_front.csv``, ``evaluations.csv``, ``design.json``. If not given, nothing
         is kept.
@@ -94,8 +96,6 @@ def optimise(
         Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
 
     Returns
     -------
@@ -139,12 +139,11 @@ def optimise(
     """
     resolve_workers(workers)
     require_optional_libraries()
-    known = specification if isinstance(specification, DesignSpec) else _load_specification(specification)
+    known = load_design_spec(specification, overrides=overrides)
     prepared = prepare_problem(known)
-    say = notice or (lambda _: None)
     identity = {"format": 1, "key": _key(prepared), "title": known.title}
     other = "is of a design with another scene, other constraints or objectives; choose another folder"
-    with _FOLDER.open(folder, identity, other=other, scheduler=scheduler) as place:
+    with _FOLDER.open(output, identity, other=other, scheduler=scheduler) as place:
         run = _Run(known, prepared, place, progress, say)
         crew = create_executor(workers, 1, scheduler)
         try:
@@ -152,15 +151,11 @@ def optimise(
         finally:
             crew.close()
         design = run.answer(workers, scheduler)
-        if folder is not None:
+        if output is not None:
             design = replace(design, folder=place)
             with run.timed("page"):
                 write_design_files(design, place)
     return design
-
-
-def _load_specification(given: Mapping[str, Any] | str | Path) -> DesignSpec:
-    return design_spec_from_dict(given) if isinstance(given, Mapping) else load_design_spec(given)
 
 
 def _key(prepared: OptimisationProblem) -> str:
@@ -251,7 +246,7 @@ class _Run:
         on_front = [by_number[number] for number in front]
         on_front.sort(key=lambda rig: [rig.predicted[one.title] for one in task.objectives])
         one = self.found[recommended.number]
-        scene = scene_from_plain(recommended.scene)
+        scene = Scene.from_dict(recommended.scene)
         facts = compute_rig_context(
             task, build_rig(task.base, one.values), scene, predict_scene(scene, task.method), one.values
         )

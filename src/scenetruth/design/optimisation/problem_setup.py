@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from scenetruth.benchmark.method_specs import parse_methods
 from scenetruth.design.optimisation.catalogues import CatalogueEntries, load_catalogues
 from scenetruth.design.optimisation.design_records import DesignSpecError, Objective
 from scenetruth.design.optimisation.rig_evaluation import (
@@ -34,7 +33,9 @@ from scenetruth.design.optimisation.specification import (
 )
 from scenetruth.design.prediction import Prediction
 from scenetruth.errors import EstimateError, Problem, SceneError
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.estimators import choose
+from scenetruth.estimators.method_specs import MethodSpec, parse_method
+from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
 from scenetruth.scoring import QUANTITIES
 from scenetruth.scoring.quantities import get_title
@@ -84,7 +85,7 @@ def prepare_problem(spec: DesignSpec) -> OptimisationProblem:
     scene = _scene(spec, problems)
     if scene is None or entries is None:
         raise DesignSpecError(problems)
-    plain = scene.to_plain()
+    plain = scene.to_dict()
     places, parameters = {}, []
     for name, variable in spec.variables.items():
         if name not in NAMED_VARIABLES:
@@ -131,19 +132,19 @@ def _entries(spec: DesignSpec, problems: list[Problem]) -> CatalogueEntries | No
 def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
     """Return the base scene with the design specification's changes and method."""
     try:
-        scene = load_scene(spec.scene) if isinstance(spec.scene, str) else scene_from_plain(spec.scene)
-        plain = scene.to_plain()
-        for path, value in spec.set.items():
+        scene = load_scene(goal.scene)
+        plain = scene.to_dict()
+        for path, value in goal.set.items():
             try:
                 for place in expand(plain, path):
                     assign(plain, place, value)
             except PathError as error:
                 problems.append(Problem(f"set.{path}", str(error), value))
-        one = parse_methods(spec.method, from_file=True)[0]
+        one = parse_method(spec.method, from_file=True) if isinstance(goal.method, str) else _read_method(goal.method)
         if "estimate" not in {path.split(".")[0] for path in spec.set}:
             own = scene.estimate.settings.model_dump(mode="json") if scene.estimate.method == one.method else {}
             plain["estimate"] = {"method": one.method, **own, **one.settings}
-        return scene_from_plain(plain)
+        return Scene.from_dict(plain)
     except SceneError as error:
         told = f" ({spec.scene})" if isinstance(spec.scene, str) else ""
         problems += [
@@ -153,6 +154,13 @@ def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
     except EstimateError as error:
         problems += [Problem(f"method.{one.path}", one.message, one.value) for one in error.problems]
     return None
+
+
+def _read_method(given: Mapping[str, Any]) -> MethodSpec:
+    """Return a method that is given by a mapping of ``method`` and its settings, and perhaps ``label``."""
+    fields = {key: value for key, value in given.items() if key != "label"}
+    chosen = choose(fields, from_file=True)
+    return MethodSpec(chosen.method, {key: value for key, value in fields.items() if key != "method"})
 
 
 def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tuple[str, ...]:
@@ -273,9 +281,7 @@ def _find_undetermined(spec: DesignSpec, scene: Scene, entries: CatalogueEntries
 def _compute_depth(scene: Scene, spec: DesignSpec) -> float:
     """Return the depth of what is measured in the base scene, in mm."""
     try:
-        quiet = scene.model_copy(
-            update={"sensor": scene_from_plain({**scene.to_plain(), "sensor": _SOME_NOISE}).sensor}
-        )
+        quiet = scene.model_copy(update={"sensor": Scene.from_dict({**scene.to_dict(), "sensor": _SOME_NOISE}).sensor})
         prediction = predict_scene(quiet, scene.estimate.method)
     except SceneError as error:
         raise DesignSpecError(
@@ -297,7 +303,7 @@ def _find_invalid_values(base: BaseRig, space: DesignSpace) -> Iterator[Problem]
         seen: set[str] = set()
         for value in values:
             try:
-                scene_from_plain(_with(base, space, number, value))
+                Scene.from_dict(_with(base, space, number, value))
             except SceneError as error:
                 for problem in error.problems:
                     own = any(f"{problem.path}.".startswith(f"{place}.") for place in base.places[one.name])
@@ -326,7 +332,7 @@ def _find_ineffective(base: BaseRig, space: DesignSpace) -> Iterator[Problem]:
             point = [*middle[:number], unit, *middle[number + 1 :]]
             try:
                 plain = build_rig(base, space.values(point)).plain
-                plain = scene_from_plain(plain).to_plain()
+                plain = Scene.from_dict(plain).to_dict()
             except (SceneError, PathError):
                 break
             ends.append({key: value for key, value in plain.items() if key not in _NO_EFFECT})
@@ -342,7 +348,7 @@ def _predict_middle(base: BaseRig, space: DesignSpace, method: str) -> Predictio
     last: SceneError | None = None
     for point in points:
         try:
-            return predict_scene(scene_from_plain(build_rig(base, space.values(point.tolist())).plain), method)
+            return predict_scene(Scene.from_dict(build_rig(base, space.values(point.tolist())).plain), method)
         except SceneError as error:
             last = last or error
     assert last is not None

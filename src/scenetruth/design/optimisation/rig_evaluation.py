@@ -22,7 +22,7 @@ from scenetruth.design.optimisation.rig_context import RigContext, compute_stage
 from scenetruth.design.optimisation.specification import IlluminationSpec
 from scenetruth.design.prediction import Prediction, predict
 from scenetruth.errors import Problem, SceneError, SceneWarning
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.field_paths import assign
 from scenetruth.scoring import QUANTITIES
 
@@ -383,7 +383,7 @@ def evaluate_rig(task: EvaluationTask, values: Mapping[str, Any]) -> Evaluation:
     nothing = {one.title: math.inf for one in task.objectives}
     try:
         built = build_rig(task.base, values)
-        scene = scene_from_plain(built.plain)
+        scene = Scene.from_dict(built.plain)
         prediction = predict_scene(scene, task.method)
     except SceneError as error:
         first = error.problems[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -17,9 +18,9 @@ from scenetruth.design.optimisation.constraints import ConstraintSpec
 from scenetruth.design.optimisation.design_records import DesignSpecError, Statistic
 from scenetruth.discovery import discriminated_union
 from scenetruth.errors import Problem
-from scenetruth.input_files import InputFile, SceneFile, bundled_file, validation_context
+from scenetruth.input_files import InputFile, SceneFile, validation_context
 from scenetruth.plain_data import plain_problems
-from scenetruth.scene.yaml_reader import read_file
+from scenetruth.scene import Overrides, read_input
 from scenetruth.scoring import QUANTITIES
 from scenetruth.validated_model import Finite, FrozenModel, Name, Positive
 
@@ -30,11 +31,11 @@ __all__ = [
     "AnyConstraint",
     "ConfirmationSpec",
     "DesignSpec",
+    "DesignSpecLike",
     "DesignVariable",
     "IlluminationSpec",
     "ObjectiveSpec",
     "SearchSpec",
-    "design_spec_from_dict",
     "load_design_spec",
 ]
 
@@ -161,8 +162,8 @@ class DesignSpec(FrozenModel):
 
     See Also
     --------
-    load_design_spec : A design specification from a file in YAML.
-    design_spec_from_dict : A design specification from plain values.
+    load_design_spec : A goal from a file in YAML.
+    DesignSpec.from_dict : A specification from its values.
     scenetruth.design.optimisation.optimise : Finds the rig.
 
     Examples
@@ -231,18 +232,79 @@ class DesignSpec(FrozenModel):
             raise ValueError(msg)
         return self
 
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], *, source: str | Path | None = None, folder: Path | None = None
+    ) -> DesignSpec:
+        """Validate a goal given by its values.
+
+        Parameters
+        ----------
+        values
+            The values, as in a file.
+        source
+            Where they are from, for messages.
+        folder
+            Folder that relative paths of files count from; None leaves them as they are.
+
+        Returns
+        -------
+        DesignSpec
+            Validated and frozen.
+
+        Raises
+        ------
+        GoalError
+            With every problem and its path.
+
+        See Also
+        --------
+        load_design_spec : A goal from a file in YAML.
+        scenetruth.design.optimisation.optimise : Finds the rig.
+
+        Examples
+        --------
+        >>> from scenetruth.errors import RecipeError
+        >>> try:
+        ...     DesignSpec.from_dict({"scene": "cube.yaml", "free": {"stage.baseline_mm": {"from": 5, "to": 2}}})
+        ... except RecipeError as error:
+        ...     print(error)
+        2 problems with the goal:
+          - free.stage.baseline_mm: has no values: from 5 is not below to 2 (got {'from': 5, 'to': 2})
+          - objectives: is missing
+        """
+        if not isinstance(values, Mapping):
+            raise DesignSpecError([Problem("", f"must be {_MAPPING}", values)], source=source)
+        problems = plain_problems(values)
+        if problems:
+            raise DesignSpecError(problems, source=source)
+        try:
+            goal = cls.model_validate(dict(values), context=validation_context(folder))
+        except ValidationError as error:
+            raise DesignSpecError(_list_problems(error, values), source=source) from error
+        problems = [*_find_contradictions(goal)]
+        if problems:
+            raise DesignSpecError(problems, source=source)
+        return goal
+
 
 _MAPPING = "a mapping of scene, variables, constraints, objectives, ..."
 
 
-def load_design_spec(file: str | Path) -> DesignSpec:
+DesignSpecLike = DesignSpec | Mapping[str, Any] | str | PathLike[str]
+"""A specification, its values as in a file, the path of its file, or the name of one that is shipped."""
+
+
+def load_design_spec(specification: DesignSpecLike, *, overrides: Overrides = ()) -> DesignSpec:
     """Load a design specification.
 
     Parameters
     ----------
-    file
+    specification
         The YAML file, or the name of a design that is shipped, as ``"leaf_growth"``, if no file has it. Relative paths
-        in it count from its folder.
+        in it count from its folder. Also its values as a mapping, or a specification.
+    overrides
+        Changes to apply first, as of `scenetruth.load_scene`.
 
     Returns
     -------
@@ -256,7 +318,7 @@ def load_design_spec(file: str | Path) -> DesignSpec:
 
     See Also
     --------
-    design_spec_from_dict : A design specification from plain values.
+    DesignSpec.from_dict : A specification from its values.
     scenetruth.design.optimisation.optimise : Finds the rig.
 
     Examples
@@ -283,62 +345,13 @@ def load_design_spec(file: str | Path) -> DesignSpec:
     >>> load_design_spec("cube_depth").title
     'Depth and motion of the noise cube'
     """
-    file = bundled_file(file, within="designs") or file
-    plain, folder = read_file(file, "a design specification", DesignSpecError)
-    return design_spec_from_dict(plain, source=file, folder=folder)
-
-
-def design_spec_from_dict(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> DesignSpec:
-    """Validate a design specification given as plain values.
-
-    Parameters
-    ----------
-    plain
-        The values, as in a file.
-    source
-        Where they are from, for messages.
-    folder
-        Folder that relative paths of files count from; None leaves them as they are.
-
-    Returns
-    -------
-    DesignSpec
-        Validated and frozen.
-
-    Raises
-    ------
-    DesignSpecError
-        With every problem and its path.
-
-    See Also
-    --------
-    load_design_spec : A design specification from a file in YAML.
-    scenetruth.design.optimisation.optimise : Finds the rig.
-
-    Examples
-    --------
-    >>> from scenetruth.errors import RecipeError
-    >>> try:
-    ...     design_spec_from_dict({"scene": "cube.yaml", "variables": {"stage.baseline_mm": {"from": 5, "to": 2}}})
-    ... except RecipeError as error:
-    ...     print(error)
-    2 problems with the design specification:
-      - variables.stage.baseline_mm: has no values: from 5 is not below to 2 (got {'from': 5, 'to': 2})
-      - objectives: is missing
-    """
-    if not isinstance(plain, Mapping):
-        raise DesignSpecError([Problem("", f"must be {_MAPPING}", plain)], source=source)
-    problems = plain_problems(plain)
-    if problems:
-        raise DesignSpecError(problems, source=source)
-    try:
-        spec = DesignSpec.model_validate(dict(plain), context=validation_context(folder))
-    except ValidationError as error:
-        raise DesignSpecError(_list_problems(error, plain), source=source) from error
-    problems = [*_find_contradictions(spec)]
-    if problems:
-        raise DesignSpecError(problems, source=source)
-    return spec
+    if isinstance(specification, DesignSpec) and not overrides:
+        return specification
+    given = (
+        specification.model_dump(mode="json", by_alias=True) if isinstance(specification, DesignSpec) else specification
+    )
+    plain, source, folder = read_input(given, "a goal", DesignSpecError, within="goals", overrides=overrides)
+    return DesignSpec.from_dict(plain, source=source, folder=folder)
 
 
 def _find_contradictions(spec: DesignSpec) -> Sequence[Problem]:

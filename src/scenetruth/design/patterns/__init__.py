@@ -2,7 +2,7 @@
 
 from scenetruth.design.patterns.assessment import PatternAssessment, assess_pattern
 from scenetruth.design.patterns.generation import Pattern, generate_pattern
-from scenetruth.design.patterns.pattern_rig import PatternRig, pattern_rig_from_scene
+from scenetruth.design.patterns.pattern_rig import PatternRig
 from scenetruth.design.patterns.printing import export_pattern
 
 __all__ = [
@@ -12,5 +12,4 @@ __all__ = [
     "assess_pattern",
     "export_pattern",
     "generate_pattern",
-    "pattern_rig_from_scene",
 ]

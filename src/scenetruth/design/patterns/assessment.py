@@ -100,8 +100,8 @@ class PatternAssessment:
 
     Examples
     --------
-    >>> from scenetruth.design.patterns import generate_pattern, assess_pattern, pattern_rig_from_scene
-    >>> rig = pattern_rig_from_scene(focal_length_px=2500, distance_mm=500, baseline_mm=5, positions=5)
+    >>> from scenetruth.design.patterns import generate_pattern, assess_pattern, PatternRig
+    >>> rig = PatternRig.from_scene(focal_length_px=2500, distance_mm=500, baseline_mm=5, positions=5)
     >>> worth = assess_pattern(generate_pattern(rig, size_mm=(20, 20), seed=1))
     >>> f"speckles of {worth.size_px:.1f} px, gradients of {worth.gradient:.2f} per px, noise {worth.noise_std:.2f}"
     'speckles of 2.3 px, gradients of 0.31 per px, noise 0.01'
@@ -189,7 +189,7 @@ def assess_pattern(
 
     Raises
     ------
-    PatternError
+    ArgumentError
         If the picture cannot be used, or a number is impossible.
 
     See Also
@@ -202,8 +202,8 @@ def assess_pattern(
     Dots of 4 and of 8 px, and a photograph of waves of 0.8 mm, whose pixels are 0.05 mm on the surface:
 
     >>> import numpy as np
-    >>> from scenetruth.design.patterns import generate_pattern, assess_pattern, pattern_rig_from_scene
-    >>> rig = pattern_rig_from_scene(focal_length_px=2500, distance_mm=500, baseline_mm=5, positions=5)
+    >>> from scenetruth.design.patterns import generate_pattern, assess_pattern, PatternRig
+    >>> rig = PatternRig.from_scene(focal_length_px=2500, distance_mm=500, baseline_mm=5, positions=5)
     >>> for dot_px in (4, 8):
     ...     worth = assess_pattern(generate_pattern(rig, dot_px=dot_px, size_mm=(20, 20), seed=1))
     ...     print(f"dots of {dot_px} px: depth to {worth.depth_mm:.4f} mm")

@@ -19,7 +19,7 @@ from scenetruth.design.patterns.pattern_model import (
     PatternModel,
     validate_values,
 )
-from scenetruth.design.patterns.pattern_rig import PatternRig, pattern_rig_from_scene
+from scenetruth.design.patterns.pattern_rig import PatternRig
 from scenetruth.discovery import kinds_in
 from scenetruth.errors import Problem
 from scenetruth.random_streams import generator_for
@@ -59,8 +59,8 @@ class Pattern:
 
     Examples
     --------
-    >>> from scenetruth.design.patterns import generate_pattern, pattern_rig_from_scene
-    >>> rig = pattern_rig_from_scene(focal_length_px=5000, distance_mm=600)
+    >>> from scenetruth.design.patterns import generate_pattern, PatternRig
+    >>> rig = PatternRig.from_scene(focal_length_px=5000, distance_mm=600)
     >>> pattern = generate_pattern(rig, size_mm=(30, 20), seed=1)
     >>> pattern.told
     'dots of 0.480 mm (4.00 px), 50 % covered, centres at least 1 diameters apart'
@@ -100,7 +100,7 @@ class Pattern:
         """Return what is to be printed in a box."""
         return self.drawing.marks(box_mm)
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return what it is made from as plain values."""
         return {**self.model.model_dump(mode="json"), "size_mm": list(self.size_mm), "seed": self.seed}
 
@@ -142,25 +142,25 @@ def generate_pattern(
 
     Raises
     ------
-    PatternError
+    ArgumentError
         With everything that is wrong.
     SceneError
         If the scene cannot be made.
 
     See Also
     --------
-    scenetruth.design.patterns.pattern_rig_from_scene : The camera, from a scene or a few numbers.
+    scenetruth.design.patterns.PatternRig.from_scene : The camera, from a scene or a few numbers.
     scenetruth.design.patterns.assess_pattern : What a pattern is worth.
     scenetruth.design.patterns.export_pattern : Pages to print.
 
     Examples
     --------
-    >>> from scenetruth.design.patterns import generate_pattern, pattern_rig_from_scene
-    >>> rig = pattern_rig_from_scene(focal_length_px=5000, distance_mm=600)
+    >>> from scenetruth.design.patterns import generate_pattern, PatternRig
+    >>> rig = PatternRig.from_scene(focal_length_px=5000, distance_mm=600)
     >>> generate_pattern(rig, size_mm=(30, 20), seed=1).told
     'dots of 0.480 mm (4.00 px), 50 % covered, centres at least 1 diameters apart'
     """
-    rig = rig if isinstance(rig, PatternRig) else pattern_rig_from_scene(rig)
+    rig = rig if isinstance(rig, PatternRig) else PatternRig.from_scene(rig)
     kinds = list_pattern_types()
     if kind not in kinds:
         raise PatternError([Problem("kind", f"must be one of {', '.join(kinds)}", kind)])

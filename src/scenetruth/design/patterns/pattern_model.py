@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from scenetruth.errors import Problem, RecipeError
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.validated_model import FrozenModel
 
 __all__ = [
@@ -31,7 +31,7 @@ __all__ = [
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class PatternError(RecipeError):
+class PatternError(ArgumentError):
     """A pattern that cannot be made, printed or judged; lists every problem with its path."""
 
     _noun = "pattern"

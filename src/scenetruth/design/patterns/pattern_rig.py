@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from scenetruth.camera.lens import Psf
 from scenetruth.design.patterns.pattern_model import PatternError, validate_values
 from scenetruth.design.prediction.camera_response import compute_grey_levels
 from scenetruth.errors import Problem, SceneError, SceneWarning
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene import Scene, SceneLike, load_scene
 from scenetruth.scene.texture.procedural_textures import UniformTexture
 from scenetruth.validated_model import FrozenModel, Positive
 
@@ -27,7 +25,6 @@ __all__ = [
     "compute_contrast_transfer",
     "compute_grey_level",
     "find_grey_level",
-    "pattern_rig_from_scene",
 ]
 
 
@@ -40,7 +37,7 @@ class PatternRig(FrozenModel):
 
     See Also
     --------
-    scenetruth.design.patterns.pattern_rig_from_scene : The rig of a scene, or of a few numbers.
+    scenetruth.design.patterns.PatternRig.from_scene : The rig of a scene, or of a few numbers.
     scenetruth.design.patterns.generate_pattern : A pattern for it.
 
     Examples
@@ -75,6 +72,73 @@ class PatternRig(FrozenModel):
     light: Positive = 1.0
     """Radiance of a perfectly white surface; textures of scenes without lamps have 1."""
 
+    @classmethod
+    def from_scene(
+        cls,
+        scene: SceneLike | None = None,
+        *,
+        distance_mm: float | None = None,
+        light: float | None = None,
+        **changes: Any,
+    ) -> PatternRig:
+        """Return the rig of a scene, or of a few numbers.
+
+        Parameters
+        ----------
+        scene
+            The scene, its values, its file, or the name of one that is shipped; None for a rig of numbers alone.
+        distance_mm
+            Depth of the surface; of a scene, the median depth of what the reference camera sees if not given.
+        light
+            Radiance of a perfectly white surface, 1 if not given.
+        **changes
+            Other fields of `PatternRig`, which replace the scene's.
+
+        Returns
+        -------
+        PatternRig
+            Positions that are not equidistant count as so many with the same spread.
+
+        Raises
+        ------
+        PatternError
+            If a number is missing or impossible; lists all that is wrong.
+        SceneError
+            If the scene cannot be made.
+
+        See Also
+        --------
+        scenetruth.design.patterns.generate_pattern : A pattern for a rig.
+
+        Examples
+        --------
+        >>> from scenetruth.design.patterns import PatternRig
+        >>> rig = PatternRig.from_scene(focal_length_px=5000, distance_mm=600)
+        >>> f"{rig.mm_per_px:.2f} mm per px"
+        '0.12 mm per px'
+
+        Of a scene, at the depth that its camera sees:
+
+        >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+        >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+        >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+        >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 2}}
+        >>> rig = PatternRig.from_scene(plain)
+        >>> f"{rig.distance_mm:g} mm, {rig.positions} positions {rig.baseline_mm:g} mm apart, {rig.frames} frames"
+        '100 mm, 3 positions 5 mm apart, 2 frames'
+        """
+        values: dict[str, Any] = dict(changes)
+        if distance_mm is not None:
+            values["distance_mm"] = distance_mm
+        if light is not None:
+            values["light"] = light
+        if scene is not None:
+            values = {**_read_values(load_scene(scene), measured=distance_mm is None), **values}
+        rig, problems = validate_values(cls, values)
+        if rig is None:
+            raise PatternError(problems, source="the rig")
+        return rig
+
     @property
     def mm_per_px(self) -> float:
         """Size of a pixel on the surface, Z / f, in mm."""
@@ -86,78 +150,6 @@ class PatternRig(FrozenModel):
         if self.image_size_px is None:
             return None
         return self.image_size_px[0] * self.mm_per_px, self.image_size_px[1] * self.mm_per_px
-
-
-def pattern_rig_from_scene(
-    scene: Scene | Mapping[str, Any] | str | Path | None = None,
-    *,
-    distance_mm: float | None = None,
-    light: float | None = None,
-    **changes: Any,
-) -> PatternRig:
-    """Return the rig of a scene, or of a few numbers.
-
-    Parameters
-    ----------
-    scene
-        The scene, its plain values or its file; None for a rig of numbers alone.
-    distance_mm
-        Depth of the surface; of a scene, the median depth of what the reference camera sees if not given.
-    light
-        Radiance of a perfectly white surface, 1 if not given.
-    **changes
-        Other fields of `PatternRig`, which replace the scene's.
-
-    Returns
-    -------
-    Rig
-        Positions that are not equidistant count as so many with the same spread.
-
-    Raises
-    ------
-    PatternError
-        If a number is missing or impossible; lists all that is wrong.
-    SceneError
-        If the scene cannot be made.
-
-    See Also
-    --------
-    scenetruth.design.patterns.generate_pattern : A pattern for a rig.
-
-    Examples
-    --------
-    >>> from scenetruth.design.patterns import pattern_rig_from_scene
-    >>> rig = pattern_rig_from_scene(focal_length_px=5000, distance_mm=600)
-    >>> f"{rig.mm_per_px:.2f} mm per px"
-    '0.12 mm per px'
-
-    Of a scene, at the depth that its camera sees:
-
-    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
-    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
-    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
-    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 2}}
-    >>> rig = pattern_rig_from_scene(plain)
-    >>> f"{rig.distance_mm:g} mm, {rig.positions} positions {rig.baseline_mm:g} mm apart, {rig.frames} frames"
-    '100 mm, 3 positions 5 mm apart, 2 frames'
-    """
-    values: dict[str, Any] = dict(changes)
-    if distance_mm is not None:
-        values["distance_mm"] = distance_mm
-    if light is not None:
-        values["light"] = light
-    if scene is not None:
-        values = {**_read_values(_loaded(scene), measured=distance_mm is None), **values}
-    rig, problems = validate_values(PatternRig, values)
-    if rig is None:
-        raise PatternError(problems, source="the rig")
-    return rig
-
-
-def _loaded(scene: Scene | Mapping[str, Any] | str | Path) -> Scene:
-    if isinstance(scene, Scene):
-        return scene
-    return scene_from_plain(scene) if isinstance(scene, Mapping) else load_scene(scene)
 
 
 def _read_values(scene: Scene, *, measured: bool) -> dict[str, Any]:

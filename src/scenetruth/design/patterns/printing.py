@@ -251,8 +251,8 @@ def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", ma
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
-    >>> from scenetruth.design.patterns import generate_pattern, pattern_rig_from_scene, export_pattern
-    >>> rig = pattern_rig_from_scene(focal_length_px=2500, distance_mm=500)
+    >>> from scenetruth.design.patterns import generate_pattern, PatternRig, export_pattern
+    >>> rig = PatternRig.from_scene(focal_length_px=2500, distance_mm=500)
     >>> pattern = generate_pattern(rig, size_mm=(10, 10), seed=1)
     >>> with TemporaryDirectory() as folder:
     ...     files = export_pattern(pattern, folder, page="A5")
@@ -279,7 +279,7 @@ def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", ma
     (place / SCENE_LINES).write_text(format_scene_lines(pattern), encoding="utf-8")
     told = {
         "scenetruth": version("scenetruth"),
-        "pattern": pattern.to_plain(),
+        "pattern": pattern.to_dict(),
         "rig": pattern.rig.model_dump(mode="json"),
         "page": page,
         "pages": len(pages),

@@ -106,7 +106,7 @@ def predict_analytic(
         *_too_fine(look, seen),
         *_describe_eigenvalue_bias(told_of, look, interval),
     )
-    return Prediction("envelope", method, tuple(regions), interval, figures, causes, None, notes, cost)
+    return Prediction("analytic", method, tuple(regions), interval, figures, causes, None, notes, cost)
 
 
 def _median_ratio(one: Array, other: Array) -> float:

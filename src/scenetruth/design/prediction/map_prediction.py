@@ -74,7 +74,7 @@ def predict_maps(
     causes = {region: envelope.by_region.get(region, envelope.causes) for region in regions}
     return replace(
         envelope,
-        level="bound",
+        model="maps",
         regions=tuple(regions),
         figures=figures,
         by_region=causes,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["TITLES", "UNITS", "Level", "PredictedValue", "Prediction", "PredictionInputs", "write_prediction"]
+__all__ = ["TITLES", "UNITS", "Model", "PredictedValue", "Prediction", "PredictionInputs", "write_prediction"]
 
 
 UNITS: Mapping[str, str] = {
@@ -56,7 +56,7 @@ TITLES: Mapping[str, str] = {
 """What they are, in words."""
 
 
-Level = Literal["envelope", "bound"]
+Model = Literal["analytic", "maps"]
 _S_PER_H = 3600.0
 _UNITS_INSIDE = {"%/h": "1/frame"}
 
@@ -207,8 +207,8 @@ class Prediction:
 
     Parameters
     ----------
-    level
-        ``"envelope"``: from geometry and the texture's spectrum; ``"bound"``: from an image without noise.
+    model
+        ``"analytic"``: from geometry and the texture's spectrum; ``"maps"``: from an image without noise.
     method
         The method whose noise it is.
     regions
@@ -253,7 +253,7 @@ class Prediction:
     ['region', 'quantity', 'std', 'unit', 'signal']
     """
 
-    level: Level
+    model: Model
     method: str
     regions: tuple[str, ...]
     frame_interval_s: float
@@ -303,7 +303,7 @@ class Prediction:
         import pandas as pd
 
         rows: list[dict[str, Any]] = [
-            {"region": region, "quantity": quantity, **vars(figure), "level": self.level, "method": self.method}
+            {"region": region, "quantity": quantity, **vars(figure), "model": self.model, "method": self.method}
             for region in self.regions
             for quantity, figure in self.figures[region].items()
         ]
@@ -362,7 +362,7 @@ def write_prediction(prediction: Prediction, folder: Path, *, overwrite: bool = 
     Returns
     -------
     list of str
-        Names of the files: the table, and of the level ``"bound"`` a picture of the maps.
+        Names of the files: the table, and of the model ``"maps"`` a picture of the maps.
 
     Raises
     ------

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from os import PathLike
-from pathlib import Path
 from typing import Any, cast
 
 from scenetruth.bound.unknowns import Motion
 from scenetruth.design.prediction.analytic_prediction import predict_analytic
-from scenetruth.design.prediction.prediction_result import Level, PredictedValue, Prediction
+from scenetruth.design.prediction.prediction_result import Model, PredictedValue, Prediction
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_method
 from scenetruth.resources import Limits, ObjectWorkload, limited_objects
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 
-__all__ = ["SUFFICIENT_RATIO", "make_recommendations", "predict", "predict_quickly", "recommend", "resolve_scene"]
+__all__ = ["SUFFICIENT_RATIO", "make_recommendations", "predict", "predict_quickly", "recommend"]
 
 
 SUFFICIENT_RATIO = 2.0
@@ -203,12 +202,14 @@ def _nice(value: float) -> float:
 
 
 def predict(
-    scene: Scene | Mapping[str, Any] | str | PathLike[str],
-    level: Level = "envelope",
-    method: str = "refined",
+    scene: SceneLike,
+    *,
+    method: MethodLike | None = None,
+    model: Model = "analytic",
+    settings: Mapping[str, Any] | None = None,
     window_sigma_px: float | None = None,
     motion: Motion | None = None,
-    *,
+    overrides: Overrides = (),
     limits: Limits | None = None,
 ) -> Prediction:
     """Predict how precisely depth, slopes, motion and growth of a scene can be known, without drawing any noise.
@@ -216,18 +217,23 @@ def predict(
     Parameters
     ----------
     scene
-        The scene, its plain values, or its file.
-    level
-        ``"envelope"``: from geometry and the spectrum of the texture, in milliseconds. ``"bound"``: from one rendered
-        image without noise and the exact truth, in seconds, with maps.
+        The scene, its values, its file, or the name of one that is shipped.
     method
-        The method of estimation: ``"refined"`` or ``"structure_tensor"``. If the scene estimates with it, its settings
-        are the scene's.
+        The method of estimation: ``"refined"`` or ``"structure_tensor"``, or one of them with settings
+        (`scenetruth.estimators.MethodSpec`); that of the scene if not given. If the scene estimates with it, its
+        settings are the scene's.
+    model
+        ``"analytic"``: from geometry and the spectrum of the texture, in milliseconds. ``"maps"``: from one rendered
+        image without noise and the exact truth, in seconds, with maps.
+    settings
+        Settings of the method that replace its own.
     window_sigma_px
         Standard deviation of the window in px; that of the method's settings if not given.
     motion
         What is unknown of how velocity changes in a window: ``"translation"``, ``"rigid"``, ``"growing"`` or
         ``"affine"``; that of the method's settings if not given.
+    overrides
+        Changes of the scene, as of `scenetruth.load_scene`.
     limits
         Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
 
@@ -238,6 +244,8 @@ def predict(
 
     Raises
     ------
+    ArgumentError
+        If an argument is impossible; lists all that are.
     SceneError
         If the scene cannot be made or passes a bound, nothing of it is seen, its sensor has no noise, or an argument is
         impossible; lists all that is wrong.
@@ -257,17 +265,22 @@ def predict(
     >>> f"{depth.value:.2f} {depth.value_unit}"
     '0.04 mm'
     """
-    if level not in ("envelope", "bound"):
-        raise SceneError([Problem("level", "must be envelope or bound", level)])
-    known, folder = resolve_scene(scene)
-    parts = limited_objects(known, limits or Limits(), folder)
-    made = predict_analytic(known, method, window_sigma_px, motion, parts, folder)
-    if level == "envelope":
+    if model not in ("analytic", "maps"):
+        raise ArgumentError([Problem("model", "must be analytic or maps", model)])
+    known = load_scene(scene, overrides=overrides)
+    parts = limited_objects(known, limits or Limits())
+    if method is not None or settings:
+        spec = read_method(known.estimate.method if method is None else method)
+        spec = MethodSpec(spec.method, {**spec.settings, **(settings or {})})
+        known = known.model_copy(update={"estimate": spec.choice(known.estimate)})
+    name = known.estimate.method
+    made = predict_analytic(known, name, window_sigma_px, motion, parts)
+    if model == "analytic":
         return made
     # Compiled code is loaded for this one alone.
     from scenetruth.design.prediction.map_prediction import predict_maps
 
-    return predict_maps(known, method, window_sigma_px, motion, made)
+    return predict_maps(known, name, window_sigma_px, motion, made)
 
 
 def predict_quickly(scene: Scene, parts: Sequence[ObjectWorkload], method: str) -> Prediction:
@@ -326,10 +339,10 @@ def recommend(
     >>> sheet |= {"deformation": [{"kind": "growth", "rate_per_hour": 0.02}]}
     >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [sheet]}
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "sensor": {"noise_std": 0.01}}
-    >>> scene = scene_from_plain(plain | {"frames": {"count": 5, "frame_interval_s": 60}})
+    >>> scene = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 60}})
     >>> print(*recommend(scene, predict(scene), growth_alone=True))
     growth of 'sheet' is 0.033 % per frame at a precision of 0.033 % per pixel: raise frames.frame_interval_s to 120
-    >>> slower = scene_from_plain(plain | {"frames": {"count": 5, "frame_interval_s": 120}})
+    >>> slower = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 120}})
     >>> recommend(slower, predict(slower), growth_alone=True)
     []
     """
@@ -352,13 +365,3 @@ def recommend(
 
 def _is_exact(kind: str) -> bool:
     return kind not in analytic_spectra() or analytic_spectra()[kind].exact
-
-
-def resolve_scene(scene: Scene | Mapping[str, Any] | str | PathLike[str]) -> tuple[Scene, Path]:
-    """Return a scene that is given in any form, and the folder that its relative paths count from."""
-    if isinstance(scene, Scene):
-        return scene, Path()
-    if isinstance(scene, Mapping):
-        return scene_from_plain(dict(scene)), Path()
-    # Paths in scene files that were loaded are absolute.
-    return load_scene(Path(scene)), Path()

@@ -14,12 +14,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.benchmark.design_point import ignore_scene_warnings
-from scenetruth.benchmark.method_specs import MethodSpec
 from scenetruth.bound.unknowns import Brightness, Motion, Surface
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.sweep_plan import SweepPlan
 from scenetruth.errors import EstimateError, RecordingError
 from scenetruth.estimators import find_method, prepare, validate_settings
+from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task, refuse_damaged, write_arrays
 from scenetruth.plain_data import parse_json
 from scenetruth.provenance import scene_hash
@@ -213,7 +213,7 @@ def compute_bound_std(
             surface=window.surface,
             motion=window.motion,
             brightness=window.brightness if grey else "fixed",
-            every_px=step_px,
+            step_px=step_px,
         ).sel(t=0)
     except RecordingError as error:
         return {}, "; ".join(map(str, error.problems))
@@ -306,7 +306,7 @@ class SimulationResult:
 def methods_from_scene(scene: Scene) -> list[MethodSpec]:
     """Return a scene's own method."""
     settings = scene.estimate.settings.model_dump(mode="json")
-    return [MethodSpec(scene.estimate.method, scene.estimate.method, settings)]
+    return [MethodSpec(scene.estimate.method, settings, scene.estimate.method)]
 
 
 def simulate_and_score(
@@ -350,7 +350,7 @@ def simulate_and_score(
                 continue
             if _is_further(maps, truth):
                 truth = make_truth(scene, truth_content="complete", limits=limits)
-            found = score(maps, truth, **scene.score.model_dump())
+            found = score(maps, truth, settings=scene.score)
             measured.figures[one.label] = _figures(found)
             measured.grows |= found.grows
             if keeps or bounded:

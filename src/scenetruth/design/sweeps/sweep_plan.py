@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +19,14 @@ from scenetruth.dataset.distributions import (
 )
 from scenetruth.dataset.sampler import UniformDraws
 from scenetruth.design.sweeps.factors import Factor, format_level, parse_factors
-from scenetruth.errors import Problem, RecipeError, SceneError
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.errors import ArgumentError, Problem, SceneError
+from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
-from scenetruth.scene.scene_loader import apply_overrides
 
 __all__ = ["MOST_SIMULATIONS", "SweepError", "SweepPlan", "SweepPoint", "build_plan"]
 
 
-class SweepError(RecipeError):
+class SweepError(ArgumentError):
     """A sweep that cannot be made; lists every problem with its path."""
 
     _noun = "sweep"
@@ -109,7 +109,7 @@ class SweepPlan:
             If the values make none.
         """
         point, seed = self.at(number)
-        return scene_from_plain({**self.plain(point), "seed": seed})
+        return Scene.from_dict({**self.plain(point), "seed": seed})
 
     def plain(self, point: SweepPoint) -> dict[str, Any]:
         """Return the scene of a point as plain values."""
@@ -132,16 +132,14 @@ _DIGITS = 6
 _NO_EFFECT = ("format", "description", "storage", "seed")
 """Sections of a scene on which no figure depends, and the seed, which is the same at every point."""
 
-SweepScene = Scene | Mapping[str, Any] | str | Path
-
 
 def build_plan(
-    scenes: SweepScene | Sequence[SweepScene],
+    scenes: SceneLike | Sequence[SceneLike],
     vary: Mapping[str, Any],
     seeds: int | Sequence[int] = 3,
     sobol: int = 0,
     *,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
     own_methods: bool = True,
 ) -> SweepPlan:
     """Return all simulations of a sweep.
@@ -161,7 +159,7 @@ def build_plan(
         If a scene is none.
     """
     labels, bases = _loaded(scenes, overrides)
-    plains = tuple(base.to_plain() for base in bases)
+    plains = tuple(base.to_dict() for base in bases)
     wrong_seeds = list(_seed_problems(seeds))
     problems = [*wrong_seeds, *_sobol_problems(sobol)]
     factors, wrong = parse_factors(vary, 0 if _sobol_problems(sobol) else sobol)
@@ -215,16 +213,16 @@ def _each_once(problems: Sequence[Problem]) -> list[Problem]:
     return list({(one.path, one.message): one for one in problems}.values())
 
 
-def _loaded(given: SweepScene | Sequence[SweepScene], overrides: Sequence[str]) -> tuple[tuple[str, ...], list[Scene]]:
+def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tuple[tuple[str, ...], list[Scene]]:
     """Return the scenes, with what they are called."""
-    several = [given] if isinstance(given, Scene | Mapping | str | Path) else list(given)
+    several = [given] if isinstance(given, Scene | Mapping | str | PathLike) else list(given)
     if not several:
         raise SweepError([Problem("scenes", "at least one scene is needed")])
     scenes: list[Scene] = []
     failed: list[SceneError] = []
     for one in several:
         try:
-            scenes.append(_scene(one, overrides))
+            scenes.append(load_scene(one, overrides=overrides))
         except SceneError as error:
             failed.append(error)
     if len(failed) == 1:
@@ -237,7 +235,7 @@ def _loaded(given: SweepScene | Sequence[SweepScene], overrides: Sequence[str]) 
                 for one in error.problems
             ]
         )
-    names = [Path(one).stem if isinstance(one, str | Path) else "" for one in several]
+    names = [Path(one).stem if isinstance(one, str | PathLike) else "" for one in several]
     labels = [
         (str(one) if names.count(name) > 1 else name)
         if name
@@ -250,16 +248,6 @@ def _loaded(given: SweepScene | Sequence[SweepScene], overrides: Sequence[str]) 
     if twice:
         raise SweepError([Problem("scenes", "is there twice", label) for label in twice])
     return tuple(labels), scenes
-
-
-def _scene(given: SweepScene, overrides: Sequence[str]) -> Scene:
-    if isinstance(given, str | Path):
-        return load_scene(given, overrides)
-    if not overrides:
-        return given if isinstance(given, Scene) else scene_from_plain(given)
-    plain = given.to_plain() if isinstance(given, Scene) else copy.deepcopy(dict(given))
-    apply_overrides(plain, overrides)
-    return scene_from_plain(plain)
 
 
 def _seed_problems(seeds: int | Sequence[int]) -> Iterator[Problem]:
@@ -383,7 +371,7 @@ def _find_impossible(plan: SweepPlan) -> list[Problem]:
     found: dict[tuple[str, str], Problem] = {}
     for point in plan.points:
         try:
-            scene_from_plain(plan.plain(point))
+            Scene.from_dict(plan.plain(point))
         except SceneError as error:
             for one in error.problems:
                 problem = _describe_problem(plan, point, one)
@@ -431,7 +419,7 @@ def _has_effect(plan: SweepPlan, number: int, factor: Factor, scene: int, ignore
     first = None
     for value in {format_level(point.values[number]): point.values[number] for point in of_scene}.values():
         point = SweepPoint(scene, (*others[:number], value, *others[number + 1 :]))
-        plain = scene_from_plain(plan.plain(point)).to_plain()
+        plain = Scene.from_dict(plan.plain(point)).to_dict()
         effect = {name: section for name, section in plain.items() if name not in ignored}
         first = effect if first is None else first
         if effect != first:

@@ -109,7 +109,7 @@ class Sweep:
     >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> scene |= {"sensor": {"noise_std": 0.01}, "score": {"interior_margin_px": 0}}
-    >>> found = st.sweep(scene, {"stage.baseline_mm": [2, 4]}, "structure_tensor", seeds=1)
+    >>> found = st.sweep(scene, {"stage.baseline_mm": [2, 4]}, methods="structure_tensor", seeds=1)
     >>> row = found.figure("depth", "rmse", at={"stage.baseline_mm": 4})
     >>> f"{row.value:.1f} {row.unit}"
     '0.7 mm'

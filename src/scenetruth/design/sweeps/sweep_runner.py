@@ -5,27 +5,26 @@ from __future__ import annotations
 import json
 import shlex
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenetruth.benchmark.method_specs import MethodLike as GivenMethod
-from scenetruth.benchmark.method_specs import MethodSpec, parse_methods
 from scenetruth.design.sweeps.aggregation import collect_result
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.point_simulation import BOUND, SweepTask, methods_from_scene, run_sweep_task
-from scenetruth.design.sweeps.sweep_plan import SweepError, SweepPlan, SweepScene, build_plan
+from scenetruth.design.sweeps.sweep_plan import SweepError, SweepPlan, build_plan
 from scenetruth.design.sweeps.sweep_result import Sweep
 from scenetruth.errors import EstimateError, Problem, SceneError
+from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
-from scenetruth.progress import Progress
+from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits
-from scenetruth.scene import Scene
+from scenetruth.scene import Overrides, Scene, SceneLike
 from scenetruth.scene.field_paths import assign
 
 __all__ = ["INDEX", "assign_backends", "refuse_impossible_points", "refuse_methods", "sweep"]
@@ -142,19 +141,18 @@ _FOLDER = JobFolder(INDEX, "a sweep", "points", compared=(), indent=None)
 
 
 def sweep(
-    scenes: SweepScene | Sequence[SweepScene],
+    scenes: SceneLike | Sequence[SceneLike],
     vary: Mapping[str, Any],
-    methods: Iterable[GivenMethod] | GivenMethod | None = None,
-    folder: str | Path | None = None,
     *,
+    methods: Iterable[MethodLike] | MethodLike | None = None,
+    overrides: Overrides = (),
+    sobol_points: int = 0,
     seeds: int | Sequence[int] = 3,
-    sobol: int = 0,
-    overrides: Sequence[str] = (),
+    limits: Limits | None = None,
+    output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
-    limits: Limits | None = None,
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> Sweep:
     """Simulate, estimate and score scenes over what varies.
 
@@ -172,26 +170,24 @@ def sweep(
         ``"1..10:log"``, filled by Sobol's points.
     methods
         As of `scenetruth.compare`; every scene's own method if not given.
-    folder
-        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``plots/``, and a file
-        for each simulation. If not given, nothing is kept.
-    seeds
-        How many, the scene's own seed being the first; or a list of them.
-    sobol
-        How many points fill the ranges that have no number of values.
     overrides
         Changes of the scenes that hold at every point, as of `scenetruth.load_scene`: ``"camera.width=320"``.
+    sobol_points
+        How many points fill the ranges that have no number of values.
+    seeds
+        How many, the scene's own seed being the first; or a list of them.
+    limits
+        Bounds of what a scene may ask for; those by default if not given.
+    output
+        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``plots/``, and a file
+        for each simulation. If not given, nothing is kept.
     workers
         Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
         processors.
     scheduler
         Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
-    limits
-        Bounds of what a scene may ask for; those by default if not given.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
 
     Returns
     -------
@@ -200,7 +196,7 @@ def sweep(
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         If what varies cannot be: paths that lead nowhere or vary nothing, values that make no scene. Lists all.
     ArgumentError
         If the number of workers is impossible, or a scheduler has no folder.
@@ -222,15 +218,15 @@ def sweep(
     >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2}, "frames": {"count": 3}, "render": {"backend": "raycast"}}
     >>> scene |= {"sensor": {"noise_std": 0.01}, "score": {"interior_margin_px": 0}}
-    >>> found = sweep(scene, {"stage.baseline_mm": [2, 4]}, "structure_tensor", seeds=2)
+    >>> found = sweep(scene, {"stage.baseline_mm": [2, 4]}, methods="structure_tensor", seeds=2)
     >>> found.best("depth").values
     {'stage.baseline_mm': 4}
     """
-    contestants = [] if methods is None else parse_methods(methods)
-    plan = build_plan(scenes, vary, seeds, sobol, overrides=overrides, own_methods=not contestants)
+    contestants = [] if methods is None else read_methods(methods)
+    plan = build_plan(scenes, vary, seeds, sobol_points, overrides=overrides, own_methods=not contestants)
     resolve_workers(workers)
     refuse_methods(contestants, workers, scheduler)
-    with _FOLDER.open(folder, {"format": 1}, scheduler=scheduler) as place:
+    with _FOLDER.open(output, {"format": 1}, scheduler=scheduler) as place:
         plan = assign_backends(plan)
         versions = tuple(sorted(collect_versions().items()))
         job = SweepTask(str((place / "points").resolve()), plan, tuple(contestants), versions, limits)
@@ -238,7 +234,7 @@ def sweep(
         # Different values may make the same scene.
         missing = {key: number for number, key in reversed(list(enumerate(keys))) if not job.is_done(key)}
         refuse_impossible_points(job, sorted(missing.values()), progress)
-        _announce(job, len(missing), sum(key not in missing for key in keys), notice)
+        _announce(job, len(missing), sum(key not in missing for key in keys))
         done = for_each(
             sorted(missing.values()),
             run_sweep_task,
@@ -248,21 +244,20 @@ def sweep(
             scheduler=scheduler,
             what="simulations",
             progress=progress,
-            notice=notice,
+            notice=say,
         )
         found = collect_result(job, keys, {keys[number]: why for number, why in done.failed.items()})
-        if folder is not None:
+        if output is not None:
             found = replace(found, folder=place)
-            _write(found, job, _command(scenes, vary, seeds, sobol, overrides, contestants))
+            _write(found, job, _command(scenes, vary, seeds, sobol_points, overrides, contestants))
     return found
 
 
-def _announce(job: SweepTask, missing: int, kept: int, notice: Callable[[str], None] | None) -> None:
+def _announce(job: SweepTask, missing: int, kept: int) -> None:
     plan = job.plan
-    if notice is not None:
-        seeds = f"{plan.each} seed{'s' if plan.each > 1 else ''}"
-        told = f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to be made"
-        notice(told + (f", {kept:,} kept from earlier" if kept else ""))
+    seeds = f"{plan.each} seed{'s' if plan.each > 1 else ''}"
+    told = f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to be made"
+    say(told + (f", {kept:,} kept from earlier" if kept else ""))
 
 
 def _write(found: Sweep, job: SweepTask, again: str) -> None:
@@ -284,7 +279,7 @@ def _write(found: Sweep, job: SweepTask, again: str) -> None:
 
 
 def _command(
-    scenes: Any, vary: Mapping[str, Any], seeds: Any, sobol: int, overrides: Sequence[str], contestants: Any
+    scenes: Any, vary: Mapping[str, Any], seeds: Any, sobol: int, overrides: Overrides, contestants: Any
 ) -> str:
     """Return the command that makes the sweep again; an empty text if scenes or methods are not files and names."""
     files = [scenes] if isinstance(scenes, str | Path) else scenes
@@ -297,7 +292,12 @@ def _command(
         words += ["--vary", f"{path}={values if isinstance(values, str) else ','.join(map(format_level, values))}"]
     for one in contestants:
         words += ["--method", one.spelled]
-    for override in overrides:
+    changes = (
+        [f"{path}={json.dumps(value)}" for path, value in overrides.items()]
+        if isinstance(overrides, Mapping)
+        else overrides
+    )
+    for override in changes:
         words += ["--set", override]
     words += ["--seeds", str(seeds) if isinstance(seeds, int) else ",".join(map(str, seeds))]
     words += ["--sobol-points", str(sobol)] if sobol else []

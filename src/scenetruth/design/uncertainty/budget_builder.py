@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -41,16 +41,17 @@ from scenetruth.design.uncertainty.source import (
 )
 from scenetruth.design.uncertainty.sources.imaging import SensorSource
 from scenetruth.design.uncertainty.uncertainty_budget import Budget
-from scenetruth.errors import EstimateError, Problem, RecipeError, SceneError
-from scenetruth.estimators.registry import choose
+from scenetruth.errors import ArgumentError, EstimateError, Problem, SceneError
+from scenetruth.estimators.method_specs import MethodLike, offered_methods, read_method
 from scenetruth.jobs.executors import resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
 from scenetruth.plain_data import parse_json
-from scenetruth.progress import Progress
-from scenetruth.scene import Scene, load_scene, scene_from_plain
+from scenetruth.progress import Progress, say
+from scenetruth.resources import Limits, refuse_beyond_limits
+from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 
 __all__ = ["INDEX", "budget"]
 
@@ -60,54 +61,58 @@ _FOLDER = JobFolder(INDEX, "a budget", "runs")
 
 
 def budget(
-    scene: Scene | Mapping[str, Any] | str | Path,
-    folder: str | Path | None = None,
+    scene: SceneLike,
     *,
-    method: str | Mapping[str, Any] | None = None,
+    method: MethodLike | None = None,
     calibration: CalibrationLike = "typical",
-    draws: int = 4,
-    confirm: float = 0.9,
+    simulated_share: float = 0.9,
+    overrides: Overrides = (),
+    region: str = "interior",
+    seeds: int | Sequence[int] = 4,
+    limits: Limits | None = None,
+    output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
-    region: str = "interior",
     progress: Progress | None = None,
-    notice: Callable[[str], None] | None = None,
 ) -> Budget:
     """Find out which error of depth, motion and growth comes from where, in a scene and by a method.
 
     The part of a cause is what the estimate changes by, pixel by pixel, when this cause alone is switched on. What
     ideal images leave (slanted and curved surfaces, edges, the method's own bias) counts once. All parts are predicted
-    by propagation; the largest are simulated, until they make up a share ``confirm`` of the sum of squares, and so is
-    the scene with everything on. What is done stays in the folder, and is not done again.
+    by propagation; the largest are simulated, until they make up a share ``simulated_share`` of the sum of squares, and
+    so is the scene with everything on. What is done stays in the folder, and is not done again.
 
     Parameters
     ----------
     scene
-        The scene with all its imperfections: a scene, plain values, or a file.
-    folder
-        Where runs, table and pictures are kept; if not given, nothing is.
+        The scene with all its imperfections: a scene, its values, its file, or the name of one that is shipped.
     method
-        A method's name, or a mapping of ``method`` and its settings; that of the scene if not given.
+        A method's name, or `scenetruth.estimators.MethodSpec` with its settings; that of the scene if not given. A
+        function or a method itself can be estimated by in this process alone.
     calibration
         Standard deviations of focal length, principal point and baseline as the method is told them: ``"typical"``,
         ``"perfect"``, a `Calibration`, or a mapping of its fields.
-    draws
-        How many seeds are simulated: of the stage's errors, the sensor's noise, the calibration's errors, and of
-        textures that are random. The first is the scene's own.
-    confirm
+    simulated_share
         Share of the sum of squares that is simulated; 1 for all causes, 0 for those alone that cannot be predicted.
+    overrides
+        Changes of the scene, as of `scenetruth.load_scene`.
+    region
+        Where the figures of the page and the picture are from: ``"all"``, ``"interior"``, or ``"object_NAME"``. The
+        table and what is returned have all regions.
+    seeds
+        How many seeds are simulated, or a list of them: of the stage's errors, the sensor's noise, the calibration's
+        errors, and of textures that are random. The first is the scene's own if not given.
+    limits
+        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
+    output
+        Where runs, table and pictures are kept; if not given, nothing is.
     workers
         Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
         processors.
     scheduler
         Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
-    region
-        Where the figures of the page and the picture are from: ``"all"``, ``"interior"``, or ``"object_NAME"``. The
-        table and what is returned have all regions.
     progress
         Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
 
     Returns
     -------
@@ -120,7 +125,7 @@ def budget(
         If the scene cannot be made, or has several rows of cameras.
     EstimateError
         If there is no such method, or ideal images cannot be estimated by it.
-    RecipeError
+    ArgumentError
         If an argument is impossible.
     ArgumentError
         If the number of workers is impossible, or a scheduler has no folder.
@@ -145,7 +150,7 @@ def budget(
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2.2, "errors": {"yaw_urad": 20}}}
     >>> scene |= {"sensor": {"noise_std": 0.002, "bit_depth": 12}}
     >>> known = {"focal_length_percent": 0.1}
-    >>> found = budget(scene, method="structure_tensor", calibration=known, draws=1, confirm=0)
+    >>> found = budget(scene, method="structure_tensor", calibration=known, seeds=1, simulated_share=0)
     >>> for part in found.of("depth")[:3]:
     ...     print(f"{part.title}, {part.size}: {part.figure:.2f} {part.unit}")
     yaw of the stage, 20 µrad: 1.61 mm
@@ -153,52 +158,60 @@ def budget(
     noise of the sensor, 0.2 % of full scale: 0.12 mm
     """
     resolve_workers(workers)
-    whole, problems = _load_scene(scene), []
-    if not isinstance(draws, int) or not 1 <= draws <= _MAX_SEEDS:
-        problems.append(Problem("draws", f"must be a whole number, 1 to {_MAX_SEEDS}", draws))
-    if not 0 <= confirm <= 1:
-        problems.append(Problem("confirm", "must be a share, 0 to 1", confirm))
+    whole, problems = load_scene(scene, overrides=overrides), []
+    numbers = [whole.seed + k for k in range(seeds)] if isinstance(seeds, int) and 1 <= seeds <= _MAX_SEEDS else []
+    if not isinstance(seeds, int):
+        numbers = [seed for seed in seeds if isinstance(seed, int) and seed >= 0]
+    if not 1 <= len(numbers) <= _MAX_SEEDS or isinstance(seeds, bool) or len(set(numbers)) < len(numbers):
+        problems.append(Problem("seeds", f"must be how many, 1 to {_MAX_SEEDS}, or a list of different ones", seeds))
+    if not 0 <= simulated_share <= 1:
+        problems.append(Problem("simulated_share", "must be a share, 0 to 1", simulated_share))
     regions = ["all", "interior", *(f"object_{item.name}" for _, item in whole.parts)]
     if region not in regions:
         problems.append(Problem("region", f"must be one of {', '.join(regions)}", region))
     try:
         known = resolve_calibration(calibration)
-    except RecipeError as error:
+    except ArgumentError as error:
         problems += error.problems
     if problems:
-        raise RecipeError(problems, source="an error budget")
+        raise ArgumentError(problems, source="an error budget")
     if whole.stage.rows > 1:
         message = "the budget is of one row of positions; leave rows out"
         raise SceneError([Problem("stage.rows", message, whole.stage.rows)])
-    chosen = _choose_method(whole, method)
+    own = [] if method is None else [read_method(method)]
+    refuse_beyond_limits(whole, limits)
+    chosen = own[0].choice(whole.estimate) if own else whole.estimate
     whole = whole.model_copy(update={"estimate": chosen})
     causes = active_sources(whole, known)
-    identity = {"format": 1, "scene": whole.to_plain(), "calibration": known.model_dump()}
+    identity = {"format": 1, "scene": whole.to_dict(), "calibration": known.model_dump()}
     other = "holds the budget of another scene, method or calibration; choose another"
-    with _FOLDER.open(folder, identity, other=other, scheduler=scheduler) as place:
+    with (
+        offered_methods(own),
+        _FOLDER.open(output, identity, other=other, scheduler=scheduler) as place,
+    ):
         job = BudgetTask(
             str((place / "runs").resolve()),
-            json.dumps(whole.to_plain()),
+            json.dumps(whole.to_dict()),
             chosen.method,
             json.dumps(chosen.settings.model_dump(mode="json")),
             known,
             (),
             tuple(sorted(collect_versions().items())),
         )
-        options = {"workers": workers, "scheduler": scheduler, "progress": progress, "notice": notice}
-        work = _Work(job, causes, draws, options)
-        parts, totals = compute_contributions(work.done(confirm))
+        options = {"workers": workers, "scheduler": scheduler, "progress": progress, "notice": say}
+        work = _Work(job, causes, numbers, options)
+        parts, totals = compute_contributions(work.done(simulated_share))
         told = Budget(
             scene=whole.description,
             method=chosen.method,
-            draws=draws,
+            draws=len(numbers),
             remedies=_mitigations(whole, work.known, causes),
             failures=work.failures,
-            folder=None if folder is None else place,
+            folder=None if output is None else place,
             parts=parts,
             totals=totals,
         )
-        if folder is not None:
+        if output is not None:
             _write(told, place, region)
     return told
 
@@ -213,12 +226,12 @@ class _Work:
         self,
         job: BudgetTask,
         causes: Sequence[UncertaintySource],
-        draws: int,
+        seeds: list[int],
         options: dict[str, Any],
     ) -> None:
         self.job, self.causes, self.known = job, causes, job.calibration
         self.scene = job.scene
-        self.seeds = [self.scene.seed + k for k in range(draws)]
+        self.seeds = seeds
         self.contrast = tuple(sorted(contrast_sources(causes)))
         self.everything = tuple(sorted(one.kind for one in causes))
         self._options = options
@@ -361,18 +374,6 @@ class _Work:
                 wanted.add(kind)
                 sure += square
         return [one.kind for one in self.causes if one.kind in wanted]
-
-
-def _load_scene(given: Any) -> Scene:
-    if isinstance(given, Scene):
-        return given
-    return scene_from_plain(given) if isinstance(given, Mapping) else load_scene(given)
-
-
-def _choose_method(scene: Scene, given: str | Mapping[str, Any] | None) -> Any:
-    if given is None or given == scene.estimate.method:
-        return scene.estimate
-    return choose({"method": given} if isinstance(given, str) else given)
 
 
 def _mitigations(scene: Scene, calibration: Any, causes: Sequence[UncertaintySource]) -> dict[str, Any]:

@@ -96,14 +96,14 @@ class RefinedPropagation:
         The scene; at least two cameras.
     settings
         Of the method.
-    every_px
+    step_px
         Errors are computed in every n-th row and column.
     """
 
     name = "refined"
 
-    def __init__(self, sight: ObservationModel, settings: RefinedSettings, every_px: int = 3) -> None:
-        self._sight, self._every_px = sight, every_px
+    def __init__(self, sight: ObservationModel, settings: RefinedSettings, step_px: int = 3) -> None:
+        self._sight, self._every_px = sight, step_px
         half = settings.window_frames // 2
         recording = sight.recording.isel(t=[n for n, t in enumerate(sight.t) if abs(t) <= half])
         self._frames = [int(t) for t in recording["t"].values]

@@ -23,7 +23,7 @@ from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning
 from scenetruth.estimators import estimate
 from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task, refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scoring.error_pairs import read_pair
 from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
 from scenetruth.scoring.quantities import QUANTITIES
@@ -166,7 +166,7 @@ class BudgetTask:
     @property
     def scene(self) -> Scene:
         """The scene with all its causes."""
-        return scene_from_plain(json.loads(self.plain))
+        return Scene.from_dict(json.loads(self.plain))
 
     def path(self, run: SimulationRun) -> Path:
         """Return the file of a run, which is called by a hash of all that the run depends on."""
@@ -177,7 +177,7 @@ class BudgetTask:
 @lru_cache(maxsize=4096)
 def _key(job: BudgetTask, run: SimulationRun) -> str:
     """Return a hash of all that a run of a job depends on."""
-    plain = restrict_sources(job.scene, run.kinds, run.seed).to_plain()
+    plain = restrict_sources(job.scene, run.kinds, run.seed).to_dict()
     told = {key: value for key, value in plain.items() if key not in ("description", "estimate", "storage")}
     wrong = {kind: job.calibration.model_dump() for kind in run.kinds if all_sources()[kind].group == "calibration"}
     parts = [told, wrong, run.draw if wrong else 0, job.method, json.loads(job.settings), job.versions]
@@ -209,7 +209,7 @@ def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Da
     """
     scene = restrict_sources(job.scene, run.kinds, run.seed)
     with suppress_warnings():
-        linear, truth = _rendered(json.dumps({**scene.to_plain(), "sensor": "ideal"}))
+        linear, truth = _rendered(json.dumps({**scene.to_dict(), "sensor": "ideal"}))
     chain = build_sensor_chain(scene.sensor)
     opened = chain.open((scene.camera.height, scene.camera.width), partial(generator_for, scene.seed, "sensor"))
     radiance = linear["image"].values
@@ -223,7 +223,7 @@ def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Da
         previous = image if chain.remembers else None
     dims = linear["image"].dims
     recording = linear.assign(image=(dims, images, linear["image"].attrs), radiance=(dims, radiance))
-    told = {"full_scale": float(chain.full_scale), "scene": json.dumps(scene.to_plain())}
+    told = {"full_scale": float(chain.full_scale), "scene": json.dumps(scene.to_dict())}
     recording.attrs = {**{key: value for key, value in linear.attrs.items() if not key.endswith("_hash")}, **told}
     return recording, truth
 
@@ -251,7 +251,7 @@ def _errors(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
 
 @lru_cache(maxsize=1)
 def _rendered(plain: str) -> tuple[xr.Dataset, xr.Dataset]:
-    return simulate(scene_from_plain(json.loads(plain)))
+    return simulate(Scene.from_dict(json.loads(plain)))
 
 
 def read_run(job: BudgetTask, run: SimulationRun) -> ErrorMaps:

@@ -14,8 +14,8 @@ from scenetruth.camera import build_sensor_chain
 from scenetruth.design.uncertainty.observation_model import Disturbance, ObservationModel
 from scenetruth.design.uncertainty.propagation import Errors, Propagation
 from scenetruth.discovery import classes_in
-from scenetruth.errors import Problem, RecipeError
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.errors import ArgumentError, Problem
+from scenetruth.scene import Scene
 from scenetruth.validated_model import FrozenModel, NonNegative
 
 __all__ = [
@@ -58,7 +58,7 @@ class Calibration(FrozenModel):
     >>> scene |= {"frames": {"count": 3}, "render": {"backend": "raycast"}, "score": {"interior_margin_px": 0}}
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2.2}, "sensor": {"noise_std": 0.002}}
     >>> known = Calibration(focal_length_percent=0.1, principal_point_px=0, baseline_percent=0.02)
-    >>> found = budget(scene, method="structure_tensor", calibration=known, draws=1, confirm=0)
+    >>> found = budget(scene, method="structure_tensor", calibration=known, seeds=1, simulated_share=0)
     >>> for cause in ("focal_length", "baseline"):
     ...     part = found.part(cause, "depth")
     ...     print(f"{part.title}, {part.size}: {part.predicted:.2f} {part.unit}")
@@ -85,7 +85,7 @@ def resolve_calibration(given: Any) -> Calibration:
 
     Raises
     ------
-    RecipeError
+    ArgumentError
         With everything that is wrong with it.
     """
     if isinstance(given, Calibration):
@@ -94,7 +94,7 @@ def resolve_calibration(given: Any) -> Calibration:
         return Calibration() if given == "typical" else _PERFECT
     if not isinstance(given, Mapping):
         message = f"must be 'typical', 'perfect', or a mapping of {', '.join(Calibration.model_fields)}"
-        raise RecipeError([Problem("calibration", message, given)], source="an error budget")
+        raise ArgumentError([Problem("calibration", message, given)], source="an error budget")
     try:
         return Calibration.model_validate({**_PERFECT.model_dump(), **given})
     except ValidationError as error:
@@ -108,7 +108,7 @@ def resolve_calibration(given: Any) -> Calibration:
             )
             for entry in error.errors(include_url=False)
         ]
-        raise RecipeError(problems, source="an error budget") from error
+        raise ArgumentError(problems, source="an error budget") from error
 
 
 Group = Literal["images", "stage", "calibration", "surface"]
@@ -154,7 +154,7 @@ class UncertaintySource:
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
         """Return whether a scene has it."""
-        plain = scene.to_plain()
+        plain = scene.to_dict()
         return any(_get_field(plain, path) not in (value, None) for path, value in self.perfect.items())
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
@@ -247,7 +247,7 @@ def restrict_sources(scene: Scene, kinds: Collection[str], seed: int | None = No
         Its sensor is a chain of those effects that stay. Images are ray-cast unless the scene says otherwise: where
         backends differ, their difference must not be taken for a cause.
     """
-    plain: dict[str, Any] = scene.to_plain()
+    plain: dict[str, Any] = scene.to_dict()
     if plain["sensor"] != "ideal":
         plain["sensor"] = build_sensor_chain(scene.sensor).model_dump(mode="json")
     for cause in all_sources().values():
@@ -257,4 +257,4 @@ def restrict_sources(scene: Scene, kinds: Collection[str], seed: int | None = No
         plain["render"]["backend"] = "raycast"
     if seed is not None:
         plain["seed"] = seed
-    return scene_from_plain(plain)
+    return Scene.from_dict(plain)

@@ -192,7 +192,7 @@ class Budget:
     >>> scene = {"camera": {"width": 64, "height": 48, "focal_length_px": 500}, "objects": [wall]}
     >>> scene |= {"frames": {"count": 3}, "render": {"backend": "raycast"}, "score": {"interior_margin_px": 0}}
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2.2}, "sensor": {"noise_std": 0.004, "bit_depth": 12}}
-    >>> found = budget(scene, method="structure_tensor", calibration={"focal_length_percent": 0.05}, draws=1)
+    >>> found = budget(scene, method="structure_tensor", calibration={"focal_length_percent": 0.05}, seeds=1)
     >>> found.quantities
     ['depth', 'disparity', 'velocity_x', 'velocity_y', 'velocity_z']
     >>> for sentence in found.words()[0].split(". "):

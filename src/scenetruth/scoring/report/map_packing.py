@@ -87,7 +87,7 @@ class PackedMap:
         """How many characters it takes in the page."""
         return 4 * -(-len(self.data) // 3)
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return it as plain values for JSON, its bytes in base 64."""
         return {
             "height": self.shape[0],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from scenetruth.scoring.report.viewer import Viewer, build_viewer, json_for_scri
 from scenetruth.scoring.score_result import Score
 from scenetruth.scoring.scorer import score as evaluate
 
-__all__ = ["matches_fingerprint", "write_report"]
+__all__ = ["matches_fingerprint", "write_report", "write_report_with"]
 
 _SCREEN_SCALE = 0.6
 """Pixels of the page for a pixel of a figure."""
@@ -39,18 +39,16 @@ _SHOWN_ELSEWHERE = ("warnings", "render_fallback_reason", "score_settings")
 
 
 def write_report(
-    recording: xr.Dataset,
     estimate: xr.Dataset,
     truth: xr.Dataset | None = None,
-    score: Score | None = None,
-    folder: str | Path = ".",
-    progress: Progress | None = None,
+    recording: xr.Dataset | None = None,
     *,
-    check: bool = True,
+    score: Score | None = None,
+    output: str | Path,
     figures: Collection[str] | None = None,
-    made_of: str = "",
-    elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
-    figures_also: Collection[str] = (),
+    figure_formats: Sequence[str] = ("png",),
+    allow_mismatch: bool = False,
+    progress: Progress | None = None,
 ) -> Path:
     """Draw the figures of an estimate, and write them with its numbers and maps into one page.
 
@@ -61,27 +59,25 @@ def write_report(
 
     Parameters
     ----------
-    recording, estimate
-        What was estimated from, and the estimate.
+    estimate
+        The estimate.
     truth
         What the estimate is compared with, if there is a truth.
+    recording
+        What was estimated from; figures show its images.
     score
         The score; made here if not given. Of its metadata, ``warnings`` (a list of texts) and
         ``render_fallback_reason`` are shown at the top and everything else in a table.
-    folder
+    output
         Where ``report.html`` and ``figures/*.png`` go; made if missing.
-    progress
-        Called as ``progress("report", done, total)``, in figures.
-    check
-        Whether to refuse data sets and a score that were made from different recordings.
     figures
         Names of the figures to draw (`scenetruth.scoring.FIGURES`); all if not given.
-    made_of
-        A hash of everything that the page shows, to be found again by `matches_fingerprint`.
-    elsewhere
-        As of `scenetruth.scoring.plot_all`.
-    figures_also
-        Formats in which the figures are written too, beside PNG: ``"pdf"``.
+    figure_formats
+        Formats of the figures: ``"png"``, which the page needs, and ``"pdf"``.
+    allow_mismatch
+        Whether data sets and score may have been made from different recordings.
+    progress
+        Called as ``progress("report", done, total)``, in figures.
 
     Returns
     -------
@@ -113,9 +109,49 @@ def write_report(
     >>> disparity = np.full((1, 12, 16), 1.0)
     >>> estimate = label("estimate", {"disparity": disparity}, read_intrinsics(recording), t=[0])
     >>> with TemporaryDirectory() as folder:
-    ...     page = write_report(recording, estimate, folder=folder)
+    ...     page = write_report(estimate, recording=recording, output=folder)
     ...     print(page.name, sorted(path.name for path in (page.parent / "figures").iterdir()))
     report.html ['disparity.png', 'image.png']
+    """
+    if recording is None:
+        raise ScoreError([Problem("recording", "is missing: figures show its images")])
+    return write_report_with(
+        estimate,
+        truth,
+        recording,
+        score=score,
+        output=output,
+        figures=figures,
+        figure_formats=figure_formats,
+        allow_mismatch=allow_mismatch,
+        progress=progress,
+    )
+
+
+def write_report_with(
+    estimate: xr.Dataset,
+    truth: xr.Dataset | None,
+    recording: xr.Dataset,
+    *,
+    score: Score | None = None,
+    output: str | Path,
+    figures: Collection[str] | None = None,
+    figure_formats: Sequence[str] = ("png",),
+    allow_mismatch: bool = False,
+    progress: Progress | None = None,
+    made_of: str = "",
+    elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
+) -> Path:
+    """Write a report as `write_report` does; for the pipeline, which draws in two processes.
+
+    Parameters
+    ----------
+    estimate, truth, recording, score, output, figures, figure_formats, allow_mismatch, progress
+        As of `write_report`.
+    made_of
+        A hash of everything that the page shows, to be found again by `matches_fingerprint`.
+    elsewhere
+        As of `scenetruth.scoring.plot_all`.
     """
     given = {"recording": recording, "estimate": estimate, **({} if truth is None else {"truth": truth})}
     wrong = [
@@ -128,13 +164,13 @@ def write_report(
     wrong += argument_problems(progress)
     if wrong:
         raise ScoreError(wrong)
-    if check:
+    if not allow_mismatch:
         parts = {"recording": recording.attrs, "estimate": estimate.attrs}
         parts |= {} if truth is None else {"truth": truth.attrs}
         check_same_run(parts | ({} if score is None else {"score": dict(score.metadata)}))
     if truth is not None and score is None:
-        score = evaluate(estimate, truth, recording, check=False)
-    target = Path(folder)
+        score = evaluate(estimate, truth, recording, allow_mismatch=True)
+    target = Path(output)
     drawn = plot_all(
         recording,
         estimate,
@@ -144,7 +180,7 @@ def write_report(
         progress,
         names=figures,
         elsewhere=elsewhere,
-        also=figures_also,
+        also=tuple(one for one in figure_formats if one != "png"),
     )
     viewer = build_viewer(recording, estimate, truth, score)
     page = target / "report.html"

@@ -167,7 +167,7 @@ def build_viewer(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset 
             ],
         },
         "colours": colour_tables(),
-        "maps": [packed.to_plain() for packed in gathered.packed],
+        "maps": [packed.to_dict() for packed in gathered.packed],
     }  # fmt: skip
     first = {name: layers for (name, t), layers in gathered.layers.items() if t == frame}
     interior = gathered.interior.get(frame)

@@ -361,7 +361,7 @@ def write_design_files(design: DesignResult, folder: Path) -> None:
     with write_atomically(folder / SCREENING_FILE, overwrite=True) as aside:
         write_screening_table(design.screened, aside)
     _write_text(
-        folder / RESULT_FILE, json.dumps(design.to_plain(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        folder / RESULT_FILE, json.dumps(design.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     )
 
     write_design_page(design, folder)

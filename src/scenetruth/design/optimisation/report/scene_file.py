@@ -12,7 +12,7 @@ from scenetruth.design.optimisation.confirmation import ReducedScene, reduce_sce
 from scenetruth.design.optimisation.design_records import RigDesign
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.specification import ConfirmationSpec
-from scenetruth.scene import scene_from_plain
+from scenetruth.scene import Scene
 
 __all__ = ["PREVIEW_FILE", "SceneFile", "build_preview", "build_preview_file", "build_scene_file", "format_yaml"]
 
@@ -35,7 +35,7 @@ def build_preview(design: DesignResult) -> ReducedScene:
         If the scene of the recommended rig cannot be made.
     """
     max_size_px = (design.specification.get("confirmation") or {}).get("max_size_px") or ConfirmationSpec().max_size_px
-    return reduce_scene(scene_from_plain(design.recommended.scene), design.objectives[0].region, max_size_px)
+    return reduce_scene(Scene.from_dict(design.recommended.scene), design.objectives[0].region, max_size_px)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Optics
 from scenetruth.design.prediction.surface_samples import SurfaceSamples, sample_surface
 from scenetruth.resources import Limits, limited_objects
-from scenetruth.scene import Scene, scene_from_plain
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 
 __all__ = ["DepthOfFieldRange", "Outline", "SideView", "compute_depth_of_field", "compute_outline", "compute_side_view"]
@@ -178,7 +178,7 @@ def compute_side_view(plain: Mapping[str, Any], limit_px: float = 1.0, region: s
     SceneError
         If the scene cannot be made; says all that is wrong.
     """
-    scene = scene_from_plain(plain)
+    scene = Scene.from_dict(plain)
     # Overflows of broken motions are told by checks of their own.
     with np.errstate(all="ignore"):
         look = sample_surface(scene, limited_objects(scene, Limits()))
