@@ -134,7 +134,9 @@ def test_more_samples_only_if_asked_for(made: Path, tmp_path: Path, sampler_with
 def test_another_recipe_is_refused(made: Path, sampler_with: Make, changes: dict[str, Any], message: str) -> None:
     before = contents(made)
     with pytest.raises(MismatchError, match=message):
-        run_dataset(sampler_with(**{"samples": 3, "paired_factors": PAIRED, **changes}).recipe, output=made, extend=True)
+        run_dataset(
+            sampler_with(**{"samples": 3, "paired_factors": PAIRED, **changes}).recipe, output=made, extend=True
+        )
     assert contents(made) == before
 
 

@@ -431,7 +431,7 @@ def schema(kind: options.SchemaOf = options.SchemaKind.scene) -> None:
     if kind is options.SchemaKind.scene:
         from scenetruth.scene import Scene as model
     elif kind is options.SchemaKind.recipe:
-        from scenetruth.dataset.recipe_model import Recipe as model
+        from scenetruth.dataset.recipe_loader import Recipe as model
     else:
         from scenetruth.design.optimisation import DesignSpec as model
     typer.echo(json.dumps(model.model_json_schema(), indent=2))

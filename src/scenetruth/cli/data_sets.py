@@ -215,20 +215,10 @@ def card(
 def _load(recipe: Path, overrides: Sequence[str] | None = None) -> Sampler:
     """Load a recipe with changed fields; the directory of a data set stands for the recipe in it."""
     from scenetruth.dataset.layout import DatasetFolder
-    from scenetruth.dataset.recipe_loader import load_recipe, recipe_from_plain
-    from scenetruth.errors import RecipeError, SceneError
-    from scenetruth.scene.scene_loader import apply_overrides
-    from scenetruth.scene.yaml_reader import read_file
+    from scenetruth.dataset.recipe_loader import load_recipe
 
     file = DatasetFolder(recipe).recipe if recipe.is_dir() else recipe
-    if not overrides:
-        return load_recipe(file)
-    plain, folder = read_file(file, "a recipe", RecipeError)
-    try:
-        apply_overrides(plain, overrides)
-    except SceneError as error:
-        raise RecipeError(error.problems, source=file) from error
-    return recipe_from_plain(plain, source=file, folder=folder).sampler()
+    return load_recipe(file, overrides=overrides or ()).sampler()
 
 
 @contextmanager

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from scenetruth.cli import options
-from scenetruth.cli.messages import print_message, print_wrote
+from scenetruth.cli.messages import print_wrote
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from scenetruth.design.prediction import Prediction
     from scenetruth.design.sweeps import Sweep
     from scenetruth.design.uncertainty import Budget
+    from scenetruth.estimators import MethodSpec
     from scenetruth.scene import Scene
 
 __all__ = ["budget", "precision_rows", "predict", "sweep"]
@@ -54,7 +57,7 @@ def budget(
         found = make_budget(
             loaded,
             output=output,
-            method={**_method_of(loaded, method), **chosen} if chosen else method,
+            method=_method_of(loaded, method, chosen) if chosen else method,
             calibration=known,
             seeds=seeds,
             simulated_share=simulated_share,
@@ -62,7 +65,6 @@ def budget(
             workers=workers,
             scheduler=scheduler,
             progress=reporter,
-            notice=print_message,
         )
     if region not in found.regions:
         problem = Problem("--region", f"must be one of {', '.join(found.regions)}", region)
@@ -75,11 +77,13 @@ def budget(
         raise typer.Exit(1)
 
 
-def _method_of(scene: Scene, method: str | None) -> dict[str, Any]:
-    """Return a method, with the settings of the scene if it is the method of the scene."""
+def _method_of(scene: Scene, method: str | None, settings: Mapping[str, Any]) -> MethodSpec:
+    """Return a method with settings, beyond those of the scene if it is the method of the scene."""
+    from scenetruth.estimators import MethodSpec
+
     if method is not None and method != scene.estimate.method:
-        return {"method": method}
-    return {"method": scene.estimate.method, **scene.estimate.settings.model_dump()}
+        return MethodSpec(method, settings)
+    return MethodSpec(scene.estimate.method, {**scene.estimate.settings.model_dump(), **settings})
 
 
 def _print_budget(found: Budget, region: str) -> None:
@@ -136,7 +140,7 @@ def predict(
     with reporting():
         found = predicted(
             loaded,
-            model=_LEVELS[model.value],
+            model=model.value,
             method=method or own,
             limits=allowed,
             **window,
@@ -154,8 +158,6 @@ def predict(
         print_wrote(output / name for name in names)
 
 
-_LEVELS: dict[str, Literal["envelope", "bound"]] = {"analytic": "envelope", "maps": "bound"}
-"""Names of the command line and those of `predict`."""
 _MOTIONS = ("translation", "rigid", "growing", "affine")
 
 

@@ -10,10 +10,10 @@ import typer
 
 from scenetruth.cli import options
 from scenetruth.cli.design_analysis import budget, predict, sweep
-from scenetruth.cli.messages import print_message, print_wrote
+from scenetruth.cli.messages import print_wrote
 
 if TYPE_CHECKING:
-    from scenetruth.design.optimisation import DesignResult, DesignSpec
+    from scenetruth.design.optimisation import DesignResult
     from scenetruth.design.patterns import PatternAssessment, PatternRig
 
 __all__ = ["optimise", "pattern", "register"]
@@ -32,10 +32,10 @@ def optimise(
     from scenetruth.design.optimisation import optimise as find_rig
     from scenetruth.design.optimisation.report.scene_file import PREVIEW_FILE
 
-    wanted = _load_specification(specification, overrides)
     with reporting() as reporter:
         found = find_rig(
-            wanted,
+            specification,
+            overrides=overrides or (),
             output=output,
             workers=workers,
             scheduler=scheduler,
@@ -46,24 +46,6 @@ def optimise(
     names = ("index.html", "recommended.yaml", PREVIEW_FILE, "pareto_front.csv", "evaluations.csv", "design.json")
     _print_lines(f"preview of a part of its images: scenetruth run {output / PREVIEW_FILE} -o preview")
     print_wrote(output / name for name in names)
-
-
-def _load_specification(file: Path, overrides: Sequence[str] | None) -> DesignSpec:
-    """Load a design specification with changed fields."""
-    from scenetruth.design.optimisation import design_spec_from_dict, load_design_spec
-    from scenetruth.design.optimisation.design_records import DesignSpecError
-    from scenetruth.errors import SceneError
-    from scenetruth.scene.scene_loader import apply_overrides
-    from scenetruth.scene.yaml_reader import read_file
-
-    if not overrides:
-        return load_design_spec(file)
-    plain, folder = read_file(file, "a design specification", DesignSpecError)
-    try:
-        apply_overrides(plain, overrides)
-    except SceneError as error:
-        raise DesignSpecError(error.problems, source=file) from error
-    return design_spec_from_dict(plain, source=file, folder=folder)
 
 
 def _print_lines(*lines: str) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from scenetruth.cli import options
-from scenetruth.cli.messages import print_message, print_wrote
+from scenetruth.cli.messages import print_wrote
 
 if TYPE_CHECKING:
     from scenetruth.benchmark import BenchmarkResult

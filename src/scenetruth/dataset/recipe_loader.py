@@ -101,8 +101,8 @@ class Recipe(RecipeModel):
         except ValidationError as error:
             problems = [*_problems_of(error, values), *_missing_bases(values, folder)]
             raise RecipeError(problems, source=source) from error
-        for where, entry in [(f"values.{key}", item) for key, item in recipe.values.items()] + [
-            (f"vary.{key}", item) for key, item in recipe.vary.items()
+        for where, entry in [(f"parameters.{key}", item) for key, item in recipe.parameters.items()] + [
+            (f"distributions.{key}", item) for key, item in recipe.distributions.items()
         ]:
             problems += [Problem(f"{where}.{one.path}", one.message, one.value) for one in entry.problems()]
         bases = [_base(recipe, number, folder, problems) for number in range(len(recipe.base))]

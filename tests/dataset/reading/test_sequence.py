@@ -22,7 +22,9 @@ SPLITS = {"splits": {"train": 1, "test": 1}}
 
 
 def recipe(**changes: Any) -> Any:
-    return Recipe.from_dict({**copy.deepcopy(RECIPE), "samples": 5, "distributions": LISTED, **SPLITS, **changes}).sampler()
+    return Recipe.from_dict(
+        {**copy.deepcopy(RECIPE), "samples": 5, "distributions": LISTED, **SPLITS, **changes}
+    ).sampler()
 
 
 @pytest.fixture(scope="module", params=["folder", "shards"])

@@ -38,6 +38,9 @@ __all__ = [
 """What an objective may be of; see `STATISTICS`."""
 
 
+Statistic = Literal["scaled_median_abs_error", "rmse", "p95_abs_error"]
+
+
 @dataclass(frozen=True)
 class StatisticKind:
     """A statistic of errors that simulations and predictions both tell.

@@ -132,15 +132,15 @@ def _entries(spec: DesignSpec, problems: list[Problem]) -> CatalogueEntries | No
 def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
     """Return the base scene with the design specification's changes and method."""
     try:
-        scene = load_scene(goal.scene)
+        scene = load_scene(spec.scene)
         plain = scene.to_dict()
-        for path, value in goal.set.items():
+        for path, value in spec.set.items():
             try:
                 for place in expand(plain, path):
                     assign(plain, place, value)
             except PathError as error:
                 problems.append(Problem(f"set.{path}", str(error), value))
-        one = parse_method(spec.method, from_file=True) if isinstance(goal.method, str) else _read_method(goal.method)
+        one = parse_method(spec.method, from_file=True) if isinstance(spec.method, str) else _read_method(spec.method)
         if "estimate" not in {path.split(".")[0] for path in spec.set}:
             own = scene.estimate.settings.model_dump(mode="json") if scene.estimate.method == one.method else {}
             plain["estimate"] = {"method": one.method, **own, **one.settings}
