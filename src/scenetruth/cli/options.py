@@ -15,6 +15,7 @@ import typer
 
 if TYPE_CHECKING:
     from scenetruth.errors import Problem
+    from scenetruth.estimators.method_specs import MethodSpec
 
 __all__ = [
     "DESIGNS",
@@ -948,7 +949,7 @@ def read_settings(given: Iterable[str] | None) -> dict[str, Any]:
     return settings
 
 
-def with_settings(methods: Iterable[str], settings: Iterable[str] | None) -> list[Any]:
+def with_settings(methods: Iterable[str], settings: Iterable[str] | None) -> list[MethodSpec]:
     """Return methods of the form NAME or LABEL=NAME[...], each with further settings NAME=VALUE.
 
     Raises
@@ -956,15 +957,15 @@ def with_settings(methods: Iterable[str], settings: Iterable[str] | None) -> lis
     EstimateError
         With every setting or method that is spelled wrongly.
     """
-    from scenetruth.benchmark.method_specs import parse_methods
+    from scenetruth.estimators.method_specs import MethodSpec, parse_methods
 
-    given, added = list(methods), read_settings(settings)
-    if not added or not given:
-        return [*given]
+    specs, added = parse_methods(list(methods)), read_settings(settings)
+    if not added:
+        return specs
     return [
-        # A label that is made of the name and the settings is made again.
-        {"label": "" if spec.label == spec.spelled else spec.label, "method": spec.method, **spec.settings, **added}
-        for spec in parse_methods(given)
+        # A label that consists of the name and the settings is made anew.
+        MethodSpec(spec.method, {**spec.settings, **added}, "" if spec.label == spec.spelled else spec.label)
+        for spec in specs
     ]
 
 

@@ -43,7 +43,6 @@ def compare(
     from scenetruth.cli.console import reporting
     from scenetruth.errors import EstimateError, Problem
     from scenetruth.estimators.external import CommandMethod, ResultsFolder
-    from scenetruth.estimators.method_specs import parse_methods
 
     if write_recordings:
         from scenetruth.benchmark import suite as suites
@@ -62,7 +61,7 @@ def compare(
         raise EstimateError([Problem("METHOD", "is missing; `scenetruth list methods` lists the installed methods")])
     with reporting() as reporter:
         found = compare_methods(
-            parse_methods(chosen),
+            chosen,
             suite=suite.value,
             cases=cases or None,
             levels=levels or None,
