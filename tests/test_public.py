@@ -56,7 +56,7 @@ def test_public_functions_and_classes_have_examples_that_run(name: str) -> None:
 def test_sections_of_a_docstring_are_told_apart() -> None:
     sections = sections_of(st.run_scene)
     assert list(sections) == ["Parameters", "Returns", "Raises", "See Also", "Examples"]
-    assert {"truth_views", "ideal", "notice"} <= set(described_in(sections["Parameters"]))
+    assert {"truth_views", "save_radiance", "notice"} <= set(described_in(sections["Parameters"]))
 
 
 def test_rooms_are_modules_and_none_is_called_like_a_public_name() -> None:
