@@ -24,7 +24,7 @@ def test_goals_load_and_can_be_followed(name: str, objective: str) -> None:
 def test_the_sheet_is_pulled_by_what_the_page_says() -> None:
     """Of 36 %/h along X and 18 %/h across; 11.9 and 9.64 %/h are told of them: formulas may move by a few per cent."""
     told = predict(load_scene(SCENES / "rubber_sheet.yaml"))
-    largest, least = (told.figure(f"growth_{name}") for name in ("largest", "least"))
+    largest, least = (told.figure(f"growth_{name}") for name in ("principal_1", "principal_2"))
     assert largest.signal_value == pytest.approx(1e-4 * PER_HOUR, rel=1e-3)
     assert least.signal_value == pytest.approx(0.5e-4 * PER_HOUR, rel=1e-3)
     assert largest.value == pytest.approx(11.9, rel=0.1)

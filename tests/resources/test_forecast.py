@@ -64,7 +64,7 @@ def _with(demand: Workload, name: str, *, flag: bool) -> Workload:
     return replace(demand, **changes)
 
 
-@given(demands(), some.sampled_from(["ideal", "lit", "complete"]))
+@given(demands(), some.sampled_from(["save_radiance", "lit", "complete"]))
 def test_what_is_added_costs_something(demand: Workload, name: str) -> None:
     less, more = (figures(_with(demand, name, flag=flag)) for flag in (False, True))
     assert all(b >= a for a, b in zip(less, more, strict=True))

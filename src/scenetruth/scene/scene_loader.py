@@ -235,13 +235,15 @@ def _assign(target: Any, keys: list[str], value: Any) -> str | None:
 def _joined_keys(target: Any, keys: list[str]) -> list[str]:
     """Return keys with those joined that are a single key of a mapping: of recipes and designs, some hold dots."""
     joined: list[str] = []
-    while keys:
-        whole = [".".join(keys[:count]) for count in range(len(keys), 0, -1)] if isinstance(target, dict) else []
-        key = next((each for each in whole if each in target), keys[0])
-        joined.append(key)
-        keys = keys[key.count(".") + 1 :]
-        target = target.get(key) if isinstance(target, dict) else None
-    return joined
+    start = 0
+    while start < len(keys) and isinstance(target, dict):
+        # Of the mapping's own keys, so that the time does not grow with the square of the path's length.
+        known = [each.split(".") for each in target if isinstance(each, str)]
+        parts = max((each for each in known if keys[start : start + len(each)] == each), key=len, default=[keys[start]])
+        joined.append(".".join(parts))
+        start += len(parts)
+        target = target.get(joined[-1])
+    return joined + keys[start:]
 
 
 def _brief(value: Any) -> str:

@@ -114,11 +114,11 @@ def test_folders_that_hold_no_design_are_refused(found: DesignResult, folder: Pa
         DesignResult.load(tmp_path)
     plain = found.to_dict()
     for name, told, message in (
-        ("older", {**plain, "format": 1}, "is of format 1, and not 2"),
-        ("cut", {"format": 2}, "is damaged \\(KeyError"),
+        ("older", {**plain, "format": 1}, "is of format 1, and not 3"),
+        ("cut", {"format": 3}, "is damaged \\(KeyError"),
         ("other", {**plain, "recommended": -1}, "is damaged \\(ValueError"),
         ("words", {**plain, "seconds": {"search": "long"}}, "is damaged \\(ValueError"),
-        ("table", plain, r"screened\.csv: is missing"),
+        ("table", plain, r"evaluations\.csv: is missing"),
     ):
         place = tmp_path / name
         place.mkdir()

@@ -47,7 +47,7 @@ def test_points_have_the_truth_s_growth_of_length() -> None:
 
 def test_growth_of_length_is_told_where_any_gradient_may_be() -> None:
     told = predict(rubber(), window_sigma_px=WINDOW, motion="affine")
-    largest, least = (told.figure(f"growth_{name}") for name in ("largest", "least"))
+    largest, least = (told.figure(f"growth_{name}") for name in ("principal_1", "principal_2"))
     assert (largest.unit, largest.value_unit) == ("1/frame", "%/h")
     assert largest.signal_value == pytest.approx(PER_HOUR * STRAIN, rel=1e-3)
     assert least.signal_value == pytest.approx(PER_HOUR * STRAIN / 2, rel=1e-3)
@@ -102,5 +102,5 @@ def test_both_levels_agree() -> None:
     """Windows hold two waves, and the images end near them: a factor of two is what medians promise here."""
     told = predict(rubber(), window_sigma_px=WINDOW, motion="affine")
     _, std = normalised(1)
-    for k, name in enumerate(("largest", "least")):
+    for k, name in enumerate(("principal_1", "principal_2")):
         assert told.figure(f"growth_{name}").std == pytest.approx(float(np.median(std[k])), rel=1.0)
