@@ -172,7 +172,7 @@ def test_the_whole_experiment(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("one_texture")
 def test_the_command_prints_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(validation_studies, "run_fidelity", partial(run_fidelity, samplings=[4], shape=(25, 25)))
-    result = CliRunner().invoke(app, ["experiment", "fidelity", "-o", str(tmp_path / "out")])
+    result = CliRunner().invoke(app, ["validation", "rendering", "-o", str(tmp_path / "out")])
     assert result.exception is None
     assert "1e-04, kept" in result.output
     assert (tmp_path / "out" / "fidelity.csv").is_file()
@@ -180,5 +180,5 @@ def test_the_command_prints_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_the_command_refuses_an_existing_folder(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
-    result = CliRunner().invoke(app, ["experiment", "fidelity", "-o", str(tmp_path)])
+    result = CliRunner().invoke(app, ["validation", "rendering", "-o", str(tmp_path)])
     assert isinstance(result.exception, st.OutputExistsError)

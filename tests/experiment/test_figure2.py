@@ -82,7 +82,7 @@ def test_patterns_side_by_side_are_estimated_like_each_alone(divergence: Literal
         )
         settings = {"working_point_px": 0, "flow_working_point_px": (0, 0), "divergence": divergence}
         pixel = st.estimate(pattern_recording(images), settings=settings).isel(t=0, y=14, x=14)
-        assert int(pixel["kind"]) == 2
+        assert int(pixel["status"]) == 2
         errors.append(float(pixel["flow"][0]) * REFERENCE_DEPTH / FOCAL_LENGTH_PX - 1)
     # Only the distance to the principal point differs, and the rounding of float32 with it.
     expected = np.sqrt(np.mean(np.square(errors)))
@@ -124,5 +124,5 @@ def test_the_whole_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_the_command_refuses_an_existing_folder(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
-    result = CliRunner().invoke(app, ["experiment", "figure2", "-o", str(tmp_path)])
+    result = CliRunner().invoke(app, ["validation", "paper-figure2", "-o", str(tmp_path)])
     assert isinstance(result.exception, st.OutputExistsError)

@@ -327,7 +327,7 @@ def measure_condition(
         )
     height, width = SHAPE[2:]
     centres = {name: maps[name].values[..., 0, height // 2, width // 2 :: width] for name in maps}
-    full = centres["kind"] == STATUS_VALID
+    full = centres["status"] == STATUS_VALID
     depth = centres["depth"][full].astype(np.float64)
     if quantity == "V_X":
         errors = abs(depth / REFERENCE_DEPTH - 1)
