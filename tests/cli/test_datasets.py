@@ -122,9 +122,9 @@ def test_a_card_from_before_is_told_of(tmp_path: Path) -> None:
 def test_fields_of_a_recipe_are_replaced(tmp_path: Path) -> None:
     recipe = written(tmp_path)
     assert "one sample" in call("check", recipe, "--set", "samples=3")
-    changes = ("--set", f"vary.{DEPTH}.low=95", "--set", "seed=7")
+    changes = ("--set", f"distributions.{DEPTH}.low=95", "--set", "seed=7")
     call("sample", recipe, 0, "-o", tmp_path / "one", *changes)
-    call("sample", recipe, 0, "-o", tmp_path / "two", "--set", f"vary.{DEPTH}.low=95", "--seed", 7)
+    call("sample", recipe, 0, "-o", tmp_path / "two", "--set", f"distributions.{DEPTH}.low=95", "--seed", 7)
     call("sample", recipe, 0, "-o", tmp_path / "three")
     scenes = [(tmp_path / name / "scene.yaml").read_text() for name in ("one", "two", "three")]
     assert scenes[0] == scenes[1] != scenes[2]

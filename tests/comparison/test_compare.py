@@ -181,7 +181,7 @@ def test_methods_are_spelled_with_settings_and_labels() -> None:
 
 def test_the_command(tmp_path: Path) -> None:
     done = scenetruth(
-        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise_std", "--level", "0.005", "--workers", "1"
+        "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise", "--level", "0.005", "--workers", "1"
     )
     assert done.returncode == 0, done.stderr
     assert "Noise floor" in done.stdout

@@ -76,7 +76,7 @@ def test_settings_of_a_plug_in_are_validated_and_in_the_schema(tmp_path: Path, m
 
 def test_the_command_line_lists_a_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     offer_package("block_matching", tmp_path, monkeypatch)
-    done = scenetruth("methods", env={**os.environ, "COLUMNS": "150"})
+    done = scenetruth("list", "methods", env={**os.environ, "COLUMNS": "150"})
     assert "block_matching" in done.stdout
     assert "block-matching 0.3" in done.stdout
 

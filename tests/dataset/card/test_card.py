@@ -225,6 +225,6 @@ def test_publication_has_its_form(given: dict[str, str], where: str) -> None:
 def test_command(dataset: Path) -> None:
     done = scenetruth("dataset", "card", dataset, "--date", "2026-11-23")
     assert done.returncode == 0
-    assert done.stdout == f"written: {dataset / 'card.html'}\n"
+    assert done.stdout == f"wrote {dataset / 'card.html'}\n"
     assert scenetruth("dataset", "card", dataset).returncode == 2
     assert "version" in scenetruth("dataset", "card", dataset, "--version", "x", "--overwrite").stderr

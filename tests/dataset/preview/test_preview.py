@@ -122,9 +122,9 @@ def test_surfaces_are_simplified() -> None:
 
 def test_command(tmp_path: Path) -> None:
     recipe = SCENES / "datasets" / "cubes.yaml"
-    done = scenetruth("dataset", "preview", recipe, "-o", tmp_path / "p", "--seeds", "2")
+    done = scenetruth("dataset", "preview", recipe, "-o", tmp_path / "p", "--samples", "2")
     assert done.returncode == 0
-    assert done.stdout == f"written: {tmp_path / 'p' / PAGE}\n"
-    again = scenetruth("dataset", "preview", recipe, "-o", tmp_path / "p", "--seeds", "2")
+    assert done.stdout == f"wrote {tmp_path / 'p' / PAGE}\n"
+    again = scenetruth("dataset", "preview", recipe, "-o", tmp_path / "p", "--samples", "2")
     assert again.returncode == 2
     assert "exists already" in again.stderr
