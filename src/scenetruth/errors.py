@@ -240,7 +240,7 @@ class DesignSpecError(RecipeError):
     True
     """
 
-    _noun = "goal"
+    _noun = "design specification"
 
 
 class ArgumentError(_ProblemListError, ValueError):

@@ -17,19 +17,19 @@ ARGUMENTS = {
     "estimate": "run methods settings",
     "score": "run overrides allow_mismatch",
     "report": "run figures figure_formats allow_mismatch",
-    "export": "path format output method row overwrite workers",
+    "export": "path format output method row overwrite workers scheduler",
     "verify": "path regenerate seed",
-    "compare": "methods suite cases levels seeds limits output workers",
+    "compare": "methods suite cases levels seeds limits output workers scheduler",
     "dataset check": "recipe overrides limits",
-    "dataset preview": "recipe overrides samples output overwrite workers",
+    "dataset preview": "recipe overrides samples output overwrite workers scheduler",
     "dataset run": "recipe output overrides partition retries threads scheduler max_tasks_per_worker extend limits "
     "workers",
     "dataset estimate": "dataset method settings retries threads scheduler workers",
     "dataset card": "dataset version date url overwrite",
     "design predict": "scene method model settings overrides limits output overwrite",
-    "design budget": "scene method calibration simulated_share overrides region seeds limits output workers",
-    "design sweep": "scenes vary methods overrides sobol_points seeds limits output workers",
-    "design optimise": "specification overrides seeds limits output workers",
+    "design budget": "scene method calibration simulated_share overrides region seeds limits output workers scheduler",
+    "design sweep": "scenes vary methods overrides sobol_points seeds limits output workers scheduler",
+    "design optimise": "specification overrides seeds limits output workers scheduler",
     "design pattern": "scene type size_mm seed reference_images mm_per_px encoding window_sigma_px",
 }
 """Arguments of the Python functions: those of the public signatures that a command line can give."""
@@ -81,7 +81,6 @@ ONLY_OPTIONS = {
 
 ONLY_ARGUMENTS = {
     "compare": {"seeds", "limits"},
-    "dataset preview": {"workers"},
     "design budget": {"limits"},
     "design optimise": {"seeds", "limits"},
 }

@@ -90,7 +90,9 @@ def test_gamma_and_filters_are_left_out() -> None:
 
 def test_the_command_writes_tables_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emva.measure_sensor, "__kwdefaults__", {"shape": (60, 80), "levels": 8, "stack": 3, "name": ""})
-    result = CliRunner().invoke(app, ["validation", "emva1288", "-o", str(tmp_path / "out"), "--preset", "industrial_cmos"])
+    result = CliRunner().invoke(
+        app, ["validation", "emva1288", "-o", str(tmp_path / "out"), "--preset", "industrial_cmos"]
+    )
     assert result.exit_code == 0, result.output
     with (tmp_path / "out" / "emva.csv").open() as stream:
         rows = list(csv.DictReader(stream))

@@ -111,12 +111,12 @@ def test_calls_of_estimate_that_make_no_sense(arguments: dict[str, Any], message
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"margin_px": "x"}, "interior_margin_px"),
-        ({"margin_px": float("nan")}, "interior_margin_px"),
-        ({"margin_px": -1}, "interior_margin_px"),
-        ({"growth_window_px": 1e9}, "growth_window_px"),
+        ({"settings": {"interior_margin_px": "x"}}, "interior_margin_px"),
+        ({"settings": {"interior_margin_px": float("nan")}}, "interior_margin_px"),
+        ({"settings": {"interior_margin_px": -1}}, "interior_margin_px"),
+        ({"settings": {"growth_window_px": 1e9}}, "growth_window_px"),
         ({"metadata": [1]}, "metadata: must be a mapping"),
-        ({"nonsense": 1}, "nonsense"),
+        ({"settings": {"nonsense": 1}}, "nonsense"),
     ],
     ids=str,
 )
@@ -137,9 +137,10 @@ def test_parts_that_are_no_data_sets() -> None:
     ]
     for recording, estimate, more in parts:
         with pytest.raises(
-            st.ScoreError, match=r"must be an xarray\.Dataset|must be a Score|progress: must be callable"
+            st.ScoreError,
+            match=r"must be an xarray\.Dataset|must be a Score|progress: must be callable|recording: is missing",
         ):
-            st.write_report(estimate, recording=recording, **more)
+            st.write_report(estimate, recording=recording, output="unused", **more)
     with pytest.raises(st.ScoreError, match=r"must be an xarray\.Dataset"):
         st.compute_growth_rate(None)  # type: ignore[arg-type]
     with pytest.raises(st.SceneError, match="must be given by its path"):

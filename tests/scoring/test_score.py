@@ -116,7 +116,7 @@ def test_recording_that_does_not_belong_is_refused(case: Case) -> None:
         ({"contrast_classes": (0.2, 0.1)}, "contrast_classes: must rise"),
         ({"contrast_window_px": math.inf}, "contrast_window_px"),
         ({"unknown": 1}, "unknown"),
-        ({"margin_px": -1.0}, "interior_margin_px"),
+        ({"interior_margin_px": -1.0}, "interior_margin_px"),
     ],
 )
 def test_impossible_settings_are_refused(case: Case, settings: dict[str, Any], message: str) -> None:

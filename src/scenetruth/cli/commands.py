@@ -62,7 +62,7 @@ def run(
         save_radiance=save_radiance,
         save_images=save_images,
         overwrite=overwrite,
-        check=not allow_mismatch,
+        allow_mismatch=allow_mismatch,
         figures=figures or None,
         figure_formats=("png", *_beside_png(figure_formats)),
         helpers=options.helpers() if report else 0,

@@ -279,6 +279,8 @@ def sweep(
         found = make_sweep(
             scenes,
             varied,
+            methods=options.with_settings(methods or (), settings) or None,
+            output=output,
             seeds=counted,
             sobol_points=sobol_points,
             overrides=changes,

@@ -959,7 +959,8 @@ def with_settings(methods: Iterable[str], settings: Iterable[str] | None) -> lis
     """
     from scenetruth.estimators.method_specs import MethodSpec, parse_methods
 
-    specs, added = parse_methods(list(methods)), read_settings(settings)
+    given, added = list(methods), read_settings(settings)
+    specs = parse_methods(given) if given else []
     if not added:
         return specs
     return [

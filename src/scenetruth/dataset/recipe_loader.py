@@ -86,7 +86,7 @@ class Recipe(RecipeModel):
         >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
         >>> plain |= {"stage": {"positions": 2, "baseline_mm": 5}, "frames": {"count": 1}}
         >>> far = {"objects.0.pose.position_mm.2": {"kind": "integers", "low": 90, "high": 110}}
-        >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 100, "vary": far})
+        >>> recipe = st.Recipe.from_dict({"name": "walls", "base": plain, "samples": 100, "distributions": far})
         >>> sampler = recipe.sampler()
         >>> len(sampler), sampler.draw(41).values == sampler.draw(41).values, sampler.draw(41).scene()
         (100, True, Scene(30 x 25 px; 2 positions x 1 frames; objects: wall))

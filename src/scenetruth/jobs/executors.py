@@ -248,7 +248,8 @@ def resolve_workers(workers: int) -> int:
     >>> resolve_workers(0)
     Traceback (most recent call last):
     ...
-    scenetruth.errors.ArgumentError: `workers`: must be 1 or more, or -1 for all processors (got 0)
+    scenetruth.errors.ArgumentError: 1 problem with the call:
+      - workers: must be 1 or more, or -1 for all processors (got 0)
     """
     try:
         count = 0 if isinstance(workers, bool) else operator.index(workers)

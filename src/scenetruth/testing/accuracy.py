@@ -348,7 +348,7 @@ def assert_accuracy(
     """
     __tracebackhide__ = True
     wanted, problems = read_limits(limits, min_density)
-    chosen = {**(settings or {}), **({} if margin_px is None else {"margin_px": margin_px})}
+    chosen = {**(settings or {}), **({} if margin_px is None else {"interior_margin_px": margin_px})}
     try:
         found = score(estimate, truth, recording, settings=chosen)
     except ScenetruthError:

@@ -23,6 +23,7 @@ def wall(**changes: Any) -> dict[str, Any]:
         "objects": [thing],
         "render": {"backend": "raycast", "supersampling": 2},
         "sensor": {"noise_std": 0.01, "bit_depth": None},
+        "estimate": {"method": "refined"},
         "score": {"interior_margin_px": 10},
         "seed": 3,
     }

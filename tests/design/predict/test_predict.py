@@ -85,7 +85,7 @@ VELOCITY = {"kind": "velocity", "velocity_mm_per_frame": [0.2, 0, 0]}
 def test_both_levels_agree_on_the_cube() -> None:
     """Medians of the envelope are those of the mean texture; windows here hold three waves: 30 % is promised."""
     scene = cube(sensor={"noise_std": 0.01, "bit_depth": 8}, score={"interior_margin_px": 10})
-    told = {model: predict(scene, model=model, window_sigma_px=4.0) for model in ("analytic", "maps")}
+    told = {model: predict(scene, method="refined", model=model, window_sigma_px=4.0) for model in ("analytic", "maps")}
     for quantity in ("depth", "velocity_z", "flow_x", "slope_x", "growth_rate"):
         one, other = (told[model].figure(quantity, "interior").std for model in ("analytic", "maps"))
         assert one == pytest.approx(other, rel=0.3)
@@ -137,8 +137,10 @@ def test_nothing_is_known_of_a_surface_without_texture(model: Any) -> None:
 
 
 def test_what_is_wrong_is_told_at_once() -> None:
-    with pytest.raises(st.SceneError, match=r"(?s)method: .*refined.*window_sigma_px.*motion: must be one of"):
-        predict(wall(), method="guess", window_sigma_px=-1.0, motion="odd")  # type: ignore[arg-type]
+    with pytest.raises(st.EstimateError, match=r"method: no such method.*refined"):
+        predict(wall(), method="guess")
+    with pytest.raises(st.SceneError, match=r"(?s)window_sigma_px.*motion: must be one of"):
+        predict(wall(), window_sigma_px=-1.0, motion="odd")  # type: ignore[arg-type]
     with pytest.raises(st.ArgumentError, match="model: must be analytic or maps"):
         predict(wall(), model="exact")  # type: ignore[arg-type]
     with pytest.raises(st.SceneError, match="sensor: has no noise"):

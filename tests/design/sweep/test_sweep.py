@@ -120,9 +120,9 @@ def test_the_table_is_tidy(found: Sweep) -> None:
         found.figure("depth", at={BASELINE: 7})
 
 
-def test_it_goes_on_where_it_was(tmp_path: Path) -> None:
-    told: list[str] = []
-    options: dict[str, Any] = {"seeds": 2, "notice": told.append}
+def test_it_goes_on_where_it_was(tmp_path: Path, messages: list[str]) -> None:
+    told = messages
+    options: dict[str, Any] = {"seeds": 2}
     calm = sweep(scene(), {BASELINE: [2, 3]}, methods=nearest, output=tmp_path / "calm", **options)
     points = tmp_path / "calm" / "points"
     before = {path.name: path.read_bytes() for path in points.iterdir()}
@@ -147,9 +147,11 @@ def test_it_goes_on_where_it_was(tmp_path: Path) -> None:
     assert (tmp_path / "calm" / "plots" / "depth_rmse.png").exists()
 
 
-def test_what_failed_or_has_changed_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[str] = []
-    options: dict[str, Any] = {"seeds": 1, "notice": told.append}
+def test_what_failed_or_has_changed_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: list[str]
+) -> None:
+    told = messages
+    options: dict[str, Any] = {"seeds": 1}
     (tmp_path / "wall_of_mine.py").write_text("def f(recording):\n    return {'dpeth': 1}\n")
     monkeypatch.chdir(tmp_path)
 
@@ -265,7 +267,7 @@ def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(EstimateError, match="another process"):
         sweep(scene(), {BASELINE: [1, 2]}, methods=lambda recording: nearest(recording), workers=2)
     with pytest.raises(EstimateError, match="give another label"):
-        sweep(scene(), {BASELINE: [1, 2]}, methods="bound=structure_tensor")
+        sweep(scene(), {BASELINE: [1, 2]}, methods=MethodSpec("structure_tensor", label="bound"))
     (tmp_path / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a sweep"):
         sweep(scene(), {BASELINE: [1, 2]}, methods=nearest, output=tmp_path)

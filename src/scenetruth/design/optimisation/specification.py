@@ -162,7 +162,7 @@ class DesignSpec(FrozenModel):
 
     See Also
     --------
-    load_design_spec : A goal from a file in YAML.
+    load_design_spec : A design specification from a file in YAML.
     DesignSpec.from_dict : A specification from its values.
     scenetruth.design.optimisation.optimise : Finds the rig.
 
@@ -236,7 +236,7 @@ class DesignSpec(FrozenModel):
     def from_dict(
         cls, values: Mapping[str, Any], *, source: str | Path | None = None, folder: Path | None = None
     ) -> DesignSpec:
-        """Validate a goal given by its values.
+        """Validate a design specification given by its values.
 
         Parameters
         ----------
@@ -259,18 +259,18 @@ class DesignSpec(FrozenModel):
 
         See Also
         --------
-        load_design_spec : A goal from a file in YAML.
+        load_design_spec : A design specification from a file in YAML.
         scenetruth.design.optimisation.optimise : Finds the rig.
 
         Examples
         --------
         >>> from scenetruth.errors import RecipeError
         >>> try:
-        ...     DesignSpec.from_dict({"scene": "cube.yaml", "free": {"stage.baseline_mm": {"from": 5, "to": 2}}})
+        ...     DesignSpec.from_dict({"scene": "cube.yaml", "variables": {"stage.baseline_mm": {"from": 5, "to": 2}}})
         ... except RecipeError as error:
         ...     print(error)
-        2 problems with the goal:
-          - free.stage.baseline_mm: has no values: from 5 is not below to 2 (got {'from': 5, 'to': 2})
+        2 problems with the design specification:
+          - variables.stage.baseline_mm: has no values: from 5 is not below to 2 (got {'from': 5, 'to': 2})
           - objectives: is missing
         """
         if not isinstance(values, Mapping):
@@ -350,7 +350,9 @@ def load_design_spec(specification: DesignSpecLike, *, overrides: Overrides = ()
     given = (
         specification.model_dump(mode="json", by_alias=True) if isinstance(specification, DesignSpec) else specification
     )
-    plain, source, folder = read_input(given, "a goal", DesignSpecError, within="goals", overrides=overrides)
+    plain, source, folder = read_input(
+        given, "a design specification", DesignSpecError, within="designs", overrides=overrides
+    )
     return DesignSpec.from_dict(plain, source=source, folder=folder)
 
 

@@ -95,7 +95,8 @@ class PredictedValue:
     >>> sheet |= {"deformation": [{"kind": "growth", "rate_per_hour": 0.02}]}
     >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [sheet]}
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5, "frame_interval_s": 600}}
-    >>> figure = st.predict(plain | {"sensor": {"noise_std": 0.01}}).figure("growth_rate", "object_sheet")
+    >>> prediction = st.predict(plain | {"sensor": {"noise_std": 0.01}}, method="refined")
+    >>> figure = prediction.figure("growth_rate", "object_sheet")
     >>> f"{figure.signal_value:.2f} {figure.value_unit}, known to {figure.value:.2f} in a pixel"
     '2.00 %/h, known to 0.20 in a pixel'
     >>> f"{figure.signal:.5f} {figure.unit}, {figure.signal_to_noise:.0f} standard deviations"
@@ -165,7 +166,7 @@ class PredictionInputs:
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
     >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5}, "sensor": {"noise_std": 0.01}}
-    >>> causes = st.predict(plain).causes
+    >>> causes = st.predict(plain, method="refined").causes
     >>> f"{causes.disparity_px:.1f} px per step at {causes.depth_mm:.0f} mm, waves of {causes.wavelength_px:.1f} px"
     '16.7 px per step at 600 mm, waves of 9.2 px'
     >>> f"gradients of {causes.gradient_x:.3f} per px, noise of {causes.noise_std:.3f}"
@@ -240,7 +241,7 @@ class Prediction:
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
     >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5}, "sensor": {"noise_std": 0.01}}
-    >>> prediction = st.predict(plain)
+    >>> prediction = st.predict(plain, method="refined")
     >>> prediction.method, prediction.regions
     ('refined', ('all', 'interior', 'object_wall'))
     >>> for quantity in ("depth", "velocity_x", "velocity_z"):

@@ -260,7 +260,7 @@ def predict(
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
     >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5}, "sensor": {"noise_std": 0.01}}
-    >>> prediction = predict(plain)
+    >>> prediction = predict(plain, method="refined")
     >>> depth = prediction.figure("depth")
     >>> f"{depth.value:.2f} {depth.value_unit}"
     '0.04 mm'
@@ -340,10 +340,10 @@ def recommend(
     >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [sheet]}
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "sensor": {"noise_std": 0.01}}
     >>> scene = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 60}})
-    >>> print(*recommend(scene, predict(scene), growth_alone=True))
+    >>> print(*recommend(scene, predict(scene, method="refined"), growth_alone=True))
     growth of 'sheet' is 0.033 % per frame at a precision of 0.033 % per pixel: raise frames.frame_interval_s to 120
     >>> slower = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 120}})
-    >>> recommend(slower, predict(slower), growth_alone=True)
+    >>> recommend(slower, predict(slower, method="refined"), growth_alone=True)
     []
     """
     known = limited_objects(scene, Limits()) if parts is None else parts
