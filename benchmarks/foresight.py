@@ -101,9 +101,7 @@ def foreseen(name: str, changes: Sequence[str], options: Sequence[str]) -> Stage
     parts, problems = list_object_workloads(scene)
     assert not problems
     ideal = "--save-radiance" in options
-    demand = compute_workload(
-        scene, parts, views=views, complete="complete" in options, save_radiance=ideal
-    )
+    demand = compute_workload(scene, parts, views=views, complete="complete" in options, save_radiance=ideal)
     return estimate_cost(demand, ["render"]).stages["render"]
 
 

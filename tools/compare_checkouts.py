@@ -53,6 +53,12 @@ PARTS = (
     "validation",
     "runs",
 )
+_SITE = """# One version for both checkouts, in all processes: it belongs to the installation, and most files hold it.
+from importlib import metadata
+
+version_of = metadata.version
+metadata.version = lambda name: "0.0.0" if name == "scenetruth" else version_of(name)
+"""
 _FORMAT = 1
 """Raise it when parts record something else, so that kept results are made again."""
 
@@ -124,9 +130,11 @@ class Checkout:
         """Return the environment of a worker: sources of the checkout, and caches that no change can outdate."""
         compiled = self._place("compiled", self._hash_of_kernels())
         cache = self._place("cache", _hash(*self._sources.values()))
+        site = self._place("site", _hash(_SITE))
+        (site / "sitecustomize.py").write_text(_SITE, encoding="utf-8")
         return {
             **{name: value for name, value in os.environ.items() if name not in ("FORCE_COLOR", "SCENETRUTH_CORE")},
-            "PYTHONPATH": str(self.path / "src"),
+            "PYTHONPATH": os.pathsep.join([str(self.path / "src"), str(site)]),
             "PYTHONHASHSEED": "0",
             "NUMBA_CACHE_DIR": str(compiled),
             "SCENETRUTH_CACHE": str(cache),

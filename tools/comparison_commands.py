@@ -20,44 +20,53 @@ _SMALL = (
     "--set camera.width=64 --set camera.height=48 --set camera.focal_length_px=320 --set frames.count=2 "
     "--set stage.positions=3 --set render.backend=raycast --set score.interior_margin_px=3"
 )
-_COMMANDS = {
-    "check": f"check leaf {_SMALL}",
-    "check of a scene with errors": "check broken.yaml",
-    "run": f"run leaf -o run {_SMALL} --images png --truth all --ideal --figures depth",
-    "run again": f"run leaf -o run {_SMALL}",
-    "render": f"render cube -o steps {_SMALL} --truth-content complete --truth-poses nominal",
-    "estimate": "estimate steps --method structure_tensor --set estimate.window_sigma_px=4",
-    "estimate by another method": "estimate steps --method plane_sweep",
-    "score": "score steps --set score.interior_margin_px=2",
-    "report": "report steps --figures depth --figures-format pdf",
-    "verify": "verify steps",
-    "methods": "methods",
-    "scenes": "scenes",
-    "schema": "schema",
-    "dataset schema": "dataset schema",
-    "export list": "export --list",
-    "export": "export steps --format flo -o flo --flow instantaneous",
-    "export of an estimate": "export steps --format npz -o npz --method plane_sweep --set compress=false",
-    "export of a pair": "export run --format pfm -o pfm --left -1",
-    "compare list": "compare --list",
-    "compare": "compare structure_tensor -o compared --case noise --value 0.02 --workers 0",
-    "init": "init first.yaml --kind leaf",
-    "dataset check": "dataset check recipe.yaml",
-    "dataset run": "dataset run recipe.yaml -o samples",
-    "dataset status": "dataset status samples",
-    "dataset estimate": "dataset estimate samples --method structure_tensor --set window_sigma_px=4",
-    "dataset verify": "dataset verify samples --again 1",
-    "dataset sample": "dataset sample recipe.yaml 1 -o sample",
-    "dataset card": "dataset card samples",
-    "design predict": f"design predict cube -o predicted {_SMALL} --level bound",
-    "design budget": "design budget wall.yaml -o budget --method structure_tensor --draws 1 --confirm 0.5 --workers 0",
-    "design sweep": "design sweep wall.yaml -o sweep --vary stage.baseline_mm=2,4 --seeds 1 --workers 0",
-    "design optimise": "design optimise goal.yaml -o optimised --workers 0",
-    "design pattern": "design pattern --focal-length-px 2500 --distance-mm 500 -o pattern --size-mm 20x20 --seed 1",
-    "unknown option": "run leaf --nothing",
-    "unknown scene": "run leef -o nothing",
+_COMMANDS: dict[str, tuple[str, ...]] = {
+    "check": (f"check leaf {_SMALL}",),
+    "check of a scene with errors": ("check broken.yaml",),
+    "run": (f"run leaf -o run {_SMALL} --images png --truth all --ideal --figures depth",),
+    "run again": (f"run leaf -o run {_SMALL}",),
+    "render": (f"render cube -o steps {_SMALL} --truth-content complete --truth-poses nominal",),
+    "estimate": (
+        "estimate steps --method structure_tensor --setting window_sigma_px=4",
+        "estimate steps --method structure_tensor --set estimate.window_sigma_px=4",
+    ),
+    "estimate by another method": ("estimate steps --method plane_sweep",),
+    "score": ("score steps --set score.interior_margin_px=2",),
+    "report": ("report steps --figures depth --figures-format pdf",),
+    "verify": ("verify steps",),
+    "methods": ("methods", "list methods"),
+    "scenes": ("scenes", "list scenes"),
+    "schema": ("schema",),
+    "dataset schema": ("dataset schema", "schema recipe"),
+    "export list": ("export --list", "list formats"),
+    "export": ("export steps --format flo -o flo --flow instantaneous",),
+    "export of an estimate": ("export steps --format npz -o npz --method plane_sweep --set compress=false",),
+    "export of a pair": ("export run --format pfm -o pfm --left -1",),
+    "compare list": ("compare --list", "list cases"),
+    "compare": ("compare structure_tensor -o compared --case noise --value 0.02 --workers 1",),
+    "init": ("init first.yaml --kind leaf",),
+    "dataset check": ("dataset check recipe.yaml",),
+    "dataset run": ("dataset run recipe.yaml -o samples",),
+    "dataset status": ("dataset status samples",),
+    "dataset estimate": ("dataset estimate samples --method structure_tensor --set window_sigma_px=4",),
+    "dataset verify": ("dataset verify samples --again 1", "verify samples --regenerate 1"),
+    "dataset sample": ("dataset sample recipe.yaml 1 -o sample",),
+    "dataset card": ("dataset card samples",),
+    "design predict": (
+        f"design predict cube -o predicted {_SMALL} --model maps",
+        f"design predict cube -o predicted {_SMALL} --level bound",
+    ),
+    "design budget": (
+        "design budget wall.yaml -o budget --method structure_tensor --draws 1 --confirm 0.5 --workers 1",
+    ),
+    "design sweep": ("design sweep wall.yaml -o sweep --vary stage.baseline_mm=2,4 --seeds 1 --workers 1",),
+    "design optimise": ("design optimise goal.yaml -o optimised --workers 1",),
+    "design pattern": ("design pattern --focal-length-px 2500 --distance-mm 500 -o pattern --size-mm 20x20 --seed 1",),
+    "unknown option": ("run leaf --nothing",),
+    "unknown scene": ("run leef -o nothing",),
 }
-"""Label to the command line; they run in this order, in one folder."""
+"""Label to the command line; they run in this order, in one folder. Of several lines, the first one whose command and
+options exist is taken."""
 _PROGRESS = re.compile(r"\d:\d\d:\d\d|-:--:--|\.py:\d+: |^  \w+\(.*\)$|^ *compil|^after \d")
 _AMOUNT = re.compile(r"(?<![\w.])\d[\d.,]*(?= ?(s|ms|min|h|kB|MB|GB|bytes)\b)")
 
@@ -86,9 +95,10 @@ def record_commands(records: Records, renames: Renames, work: Path, inputs: dict
     group, runner = typer.main.get_command(app), CliRunner()
     there: dict[Path, bytes] = {}
     with contextlib.chdir(work):
-        for label, line in _COMMANDS.items():
+        for label, lines in _COMMANDS.items():
             key = f"runs / {label}"
-            words = _renamed(shlex.split(line), group, renames)
+            forms = [_renamed(shlex.split(line), group, renames) for line in lines]
+            words = next((form for form, known in forms if known), forms[0][0])
             found = runner.invoke(app, words, prog_name="scenetruth")
             error = found.exception
             code: Any = found.exit_code
@@ -119,12 +129,12 @@ def _new_files(folder: Path, there: dict[Path, bytes]) -> Iterator[tuple[Path, b
             yield path, data
 
 
-def _renamed(words: list[str], group: Any, renames: Renames) -> list[str]:
-    """Return a command line in the names that the checkout has for its command and options."""
+def _renamed(words: list[str], group: Any, renames: Renames) -> tuple[list[str], bool]:
+    """Return a command line in the names that the checkout has, and whether its command and options exist."""
     depth = 2 if words[0] in ("dataset", "design", "experiment") and len(words) > 1 else 1
     old = " ".join(words[:depth])
     path, command = words[:depth], None
-    for name in (*renames.names("commands", old), old):
+    for name in renames.names("commands", old):
         found = group
         for part in name.split(" "):
             found = getattr(found, "commands", {}).get(part)
@@ -136,4 +146,4 @@ def _renamed(words: list[str], group: Any, renames: Renames) -> list[str]:
     for word in words[depth:]:
         choices = renames.names("options", word, [old]) if word.startswith("--") else [word]
         rest.append(next((one for one in choices if one in known), word))
-    return [*path, *rest]
+    return [*path, *rest], command is not None and all(one in known for one in rest if one.startswith("--"))

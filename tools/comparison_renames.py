@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
@@ -50,11 +51,13 @@ class Renames:
     Parameters
     ----------
     table
-        Section to old name to new name; sections ``volatile`` and ``environment`` are lists.
+        Section to old name to new name, or a list of new names; ``patterns`` are regular expressions to replacements,
+        ``volatile`` and ``volatile_rows`` are lists of names.
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:
-        lists = ("volatile", "volatile_rows")
+        lists = ("volatile", "volatile_rows", "patterns")
+        self.patterns = [(re.compile(old), str(new)) for old, new in (table.get("patterns") or {}).items()]
         self.volatile = frozenset(map(str, table.get("volatile") or ()))
         self.volatile_rows = frozenset(map(str, table.get("volatile_rows") or ()))
         self.sections: dict[str, dict[str, list[str]]] = {
@@ -93,6 +96,10 @@ class Renames:
                 entries = self.sections.get(one, {})
                 for old in (*(f"{parent}/{name}" for parent in reversed(parents)), name):
                     found += entries.get(old, [])
+        patterned = name
+        for pattern, new in self.patterns:
+            patterned = pattern.sub(new, patterned)
+        found += [patterned] if patterned != name else []
         for between in ("/", "."):
             parts = name.split(between)
             if len(parts) > 1:

@@ -7,7 +7,6 @@ import json
 import sys
 import tempfile
 import time
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +14,6 @@ from comparison_adapter import Scenes
 from comparison_parts import PARTS, Context
 from comparison_records import Records
 from comparison_renames import Renames
-
-_VERSION = "0.0.0"
 
 
 def main() -> int:
@@ -33,13 +30,6 @@ def main() -> int:
     arguments = parser.parse_args()
     checkout = arguments.checkout.resolve()
     begin = time.perf_counter()
-    # The version belongs to the installation, not to the checkout; it is written into most files.
-    version_of = metadata.version
-
-    def version(distribution_name: str) -> str:
-        return _VERSION if distribution_name == "scenetruth" else version_of(distribution_name)
-
-    metadata.version = version
     import scenetruth
 
     source = Path(str(scenetruth.__file__)).resolve()
