@@ -10,6 +10,9 @@ comparison_adapter.py lists names of functions and classes. KEEP/report.txt hold
 
 Three aspects can be left out: ``prose`` (help texts, descriptions, messages, pages, plots), ``hashes`` (of scenes,
 recordings, estimates; they depend on names of fields), ``bytes`` (of files whose content is compared too).
+
+Kernels are compiled without fast mathematics, whose roundings depend on names of modules, on the order of functions
+and on what the cache held; ``--fast`` compiles them as the sources say.
 """
 
 from __future__ import annotations
@@ -53,12 +56,6 @@ PARTS = (
     "validation",
     "runs",
 )
-_SITE = """# One version for both checkouts, in all processes: it belongs to the installation, and most files hold it.
-from importlib import metadata
-
-version_of = metadata.version
-metadata.version = lambda name: "0.0.0" if name == "scenetruth" else version_of(name)
-"""
 _FORMAT = 1
 """Raise it when parts record something else, so that kept results are made again."""
 
@@ -74,10 +71,12 @@ class Checkout:
         Where its results are kept.
     options
         Options of the worker.
+    fast
+        Whether kernels are compiled with fast mathematics, as the sources say.
     """
 
-    def __init__(self, path: Path, folder: Path, options: list[str]) -> None:
-        self.path, self.folder, self.options = path.resolve(), folder, options
+    def __init__(self, path: Path, folder: Path, options: list[str], *, fast: bool = False) -> None:
+        self.path, self.folder, self.options, self.fast = path.resolve(), folder, options, fast
         self.folder.mkdir(parents=True, exist_ok=True)
         self._sources = {
             file.relative_to(self.path).as_posix(): file.read_bytes()
@@ -85,7 +84,7 @@ class Checkout:
             for file in sorted(_files(self.path / top))
             if file.is_file() and "__pycache__" not in file.parts
         }
-        self.fingerprint = _hash(*self._sources, *self._sources.values(), str(_FORMAT), *options)
+        self.fingerprint = _hash(*self._sources, *self._sources.values(), str(_FORMAT), str(fast), *options)
 
     def make(self, part: str) -> Path | None:
         """Return the file of a part, made if it is missing or out of date; None if that fails."""
@@ -128,14 +127,16 @@ class Checkout:
 
     def _environment(self) -> dict[str, str]:
         """Return the environment of a worker: sources of the checkout, and caches that no change can outdate."""
-        compiled = self._place("compiled", self._hash_of_kernels())
+        compiled = self._place("compiled", _hash(self._hash_of_kernels(), str(self.fast)))
         cache = self._place("cache", _hash(*self._sources.values()))
-        site = self._place("site", _hash(_SITE))
-        (site / "sitecustomize.py").write_text(_SITE, encoding="utf-8")
+        settings = (TOOLS / "comparison_site.py").read_bytes()
+        site = self._place("site", _hash(settings))
+        (site / "sitecustomize.py").write_bytes(settings)
         return {
             **{name: value for name, value in os.environ.items() if name not in ("FORCE_COLOR", "SCENETRUTH_CORE")},
             "PYTHONPATH": os.pathsep.join([str(self.path / "src"), str(site)]),
             "PYTHONHASHSEED": "0",
+            "COMPARISON_EXACT": "" if self.fast else "1",
             "NUMBA_CACHE_DIR": str(compiled),
             "SCENETRUTH_CACHE": str(cache),
             "XDG_CACHE_HOME": str(cache),
@@ -201,6 +202,7 @@ def main() -> int:
     parser.add_argument("--without", nargs="+", choices=ASPECTS, default=[], help="aspects that are left out")
     parser.add_argument("--set", dest="overrides", action="append", default=[], help="override of every bundled scene")
     parser.add_argument("--width", type=int, default=80, help="width of small images, px")
+    parser.add_argument("--fast", action="store_true", help="compile with fast mathematics, as the sources say")
     parser.add_argument("--tolerance", type=float, default=0.0, help="of estimates, relative to values above 1")
     parser.add_argument("--keep", type=Path, default=Path("outputs/compare"), help="where results are kept")
     parser.add_argument("--lines", type=int, default=12, help="most lines printed for each part")
@@ -209,10 +211,11 @@ def main() -> int:
     options = ["--width", str(arguments.width)]
     options += [word for one in arguments.overrides for word in ("--set", one)]
     options += ["--scenes", *arguments.scenes] if arguments.scenes else []
-    # Results of a few scenes do not replace those of all.
-    keep = arguments.keep.resolve() / (f"of_{_hash(*options)}" if len(options) > 2 else "")
+    # Results with other options do not replace those of all scenes.
+    special = [*(["fast"] if arguments.fast else []), *([f"of_{_hash(*options)}"] if len(options) > 2 else [])]
+    keep = arguments.keep.resolve().joinpath(*special)
     before, after = (
-        Checkout(path, keep / name, options)
+        Checkout(path, keep / name, options, fast=arguments.fast)
         for name, path in (("before", arguments.before), ("after", arguments.after))
     )
     renames, left_out, report, differing = Renames.read(), Counter[str](), [], []

@@ -29,6 +29,7 @@ __all__ = [
     "schema_names",
     "to_plain",
     "to_table",
+    "words_of",
 ]
 
 NAMES: dict[str, tuple[str, ...]] = {
@@ -222,6 +223,11 @@ def to_table(thing: Any) -> Any:
 @cache
 def schema_names(model: str) -> frozenset[str]:
     """Return all names of fields and all words in the JSON Schema of a model that is listed in NAMES."""
+    return words_of(api(model))
+
+
+def words_of(model: Any) -> frozenset[str]:
+    """Return all names of fields and all words in the JSON Schema of a model."""
     found: set[str] = set()
 
     def walk(part: Any) -> None:
@@ -236,7 +242,7 @@ def schema_names(model: str) -> frozenset[str]:
             for one in part:
                 walk(one)
 
-    walk(api(model).model_json_schema())
+    walk(model.model_json_schema())
     return frozenset(found)
 
 
@@ -320,5 +326,6 @@ class Scenes:
 
     def form(self, plain: Any, model: str) -> Any:
         """Return an input in the names of the checkout."""
-        reader = api("goal_from_dict") if model == "Goal" else api(model).model_validate
+        readers = {"Goal": "goal_from_dict", "Scene": "scene_from_dict"}
+        reader = api(readers[model]) if model in readers else api(model).model_validate
         return read_form(lambda form: (reader(form), form)[1], plain, model, self._renames)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from comparison_adapter import api, schema_names
+from comparison_adapter import api
 from comparison_records import Records
 from comparison_renames import Renames
 
@@ -34,22 +34,22 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
     "score": ("score steps --set score.interior_margin_px=2",),
     "report": ("report steps --figures depth --figures-format pdf",),
     "verify": ("verify steps",),
-    "methods": ("methods", "list methods"),
-    "scenes": ("scenes", "list scenes"),
+    "methods": ("list methods", "methods"),
+    "scenes": ("list scenes", "scenes"),
     "schema": ("schema",),
-    "dataset schema": ("dataset schema", "schema recipe"),
-    "export list": ("export --list", "list formats"),
+    "dataset schema": ("schema recipe", "dataset schema"),
+    "export list": ("list formats", "export --list"),
     "export": ("export steps --format flo -o flo --flow instantaneous",),
     "export of an estimate": ("export steps --format npz -o npz --method plane_sweep --set compress=false",),
     "export of a pair": ("export run --format pfm -o pfm --left -1",),
-    "compare list": ("compare --list", "list cases"),
+    "compare list": ("list cases", "compare --list"),
     "compare": ("compare structure_tensor -o compared --case noise --value 0.02 --workers 1",),
     "init": ("init first.yaml --kind leaf",),
     "dataset check": ("dataset check recipe.yaml",),
     "dataset run": ("dataset run recipe.yaml -o samples",),
     "dataset status": ("dataset status samples",),
     "dataset estimate": ("dataset estimate samples --method structure_tensor --set window_sigma_px=4",),
-    "dataset verify": ("dataset verify samples --again 1", "verify samples --regenerate 1"),
+    "dataset verify": ("verify samples --regenerate 1", "dataset verify samples --again 1"),
     "dataset sample": ("dataset sample recipe.yaml 1 -o sample",),
     "dataset card": ("dataset card samples",),
     "design predict": (
@@ -71,7 +71,7 @@ _PROGRESS = re.compile(r"\d:\d\d:\d\d|-:--:--|\.py:\d+: |^  \w+\(.*\)$|^ *compil
 _AMOUNT = re.compile(r"(?<![\w.])\d[\d.,]*(?= ?(s|ms|min|h|kB|MB|GB|bytes)\b)")
 
 
-def record_commands(records: Records, renames: Renames, work: Path, inputs: dict[str, tuple[str, Any]]) -> None:
+def record_commands(records: Records, renames: Renames, work: Path, inputs: dict[str, Any]) -> None:
     """Record what commands do.
 
     Parameters
@@ -83,14 +83,13 @@ def record_commands(records: Records, renames: Renames, work: Path, inputs: dict
     work
         The folder in which they run.
     inputs
-        Input files by name: the model that is listed in NAMES of the adapter, and plain values.
+        Input files by name: plain values in the names of the checkout.
     """
     import typer
     from typer.testing import CliRunner
 
-    for name, (model, plain) in inputs.items():
-        form = renames.inputs(plain, schema_names(model))[0]
-        (work / name).write_text(yaml.safe_dump(form, sort_keys=False), encoding="utf-8")
+    for name, plain in inputs.items():
+        (work / name).write_text(yaml.safe_dump(plain, sort_keys=False), encoding="utf-8")
     app = api("app")
     group, runner = typer.main.get_command(app), CliRunner()
     there: dict[Path, bytes] = {}
@@ -133,17 +132,19 @@ def _renamed(words: list[str], group: Any, renames: Renames) -> tuple[list[str],
     """Return a command line in the names that the checkout has, and whether its command and options exist."""
     depth = 2 if words[0] in ("dataset", "design", "experiment") and len(words) > 1 else 1
     old = " ".join(words[:depth])
-    path, command = words[:depth], None
-    for name in renames.names("commands", old):
-        found = group
+    for name in dict.fromkeys([old, *renames.names("commands", old)]):
+        command = group
         for part in name.split(" "):
-            found = getattr(found, "commands", {}).get(part)
-        if found is not None:
-            path, command = name.split(" "), found
-            break
-    known = {name for one in getattr(command, "params", ()) for name in (*one.opts, *one.secondary_opts)}
-    rest = []
-    for word in words[depth:]:
-        choices = renames.names("options", word, [old]) if word.startswith("--") else [word]
-        rest.append(next((one for one in choices if one in known), word))
-    return [*path, *rest], command is not None and all(one in known for one in rest if one.startswith("--"))
+            command = getattr(command, "commands", {}).get(part)
+        if command is None:
+            continue
+        known = {one for each in command.params for one in (*each.opts, *each.secondary_opts)}
+        rest = []
+        for word in words[depth:]:
+            choices = [word, *renames.names("options", word, [old])] if word.startswith("--") else [word]
+            rest.append(next((one for one in choices if one in known), word))
+        takes_words = any(each.param_type_name == "argument" for each in command.params)
+        fits = takes_words or not rest or rest[0].startswith("-")
+        if fits and all(one in known for one in rest if one.startswith("--")):
+            return [*name.split(" "), *rest], True
+    return words, False

@@ -81,7 +81,9 @@ def _arguments(records: Records, key: str, function: Any) -> None:
     except (TypeError, ValueError):
         return
     for place, one in enumerate(parameters):
-        default = "required" if one.default is one.empty else _ADDRESS.sub("", repr(one.default))
+        default = "required" if one.default is one.empty else one.default
+        if not isinstance(default, str | bool | int | float | None):
+            default = _ADDRESS.sub("", repr(default))
         where = f"{key} / arguments:{one.name}"
         records.put(where, {"place": place, "kind": one.kind.description, "default": default})
 
@@ -229,6 +231,9 @@ def _part(
         elif name == "properties":
             for field, one in value.items():
                 _part(records, f"{key} / fields:{field}", one, definitions, above)
+        elif name == "patternProperties":
+            for number, one in enumerate(value.values()):
+                _part(records, f"{key} / {name} / {number}", one, definitions, above)
         elif name in ("items", "additionalProperties") and isinstance(value, Mapping):
             _part(records, f"{key} / {name}", value, definitions, above)
         elif name in ("anyOf", "oneOf", "allOf", "prefixItems"):

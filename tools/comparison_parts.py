@@ -19,6 +19,7 @@ from comparison_adapter import (
     schema_names,
     to_plain,
     to_table,
+    words_of,
 )
 from comparison_commands import record_commands
 from comparison_interface import record_help, record_lists, record_names, record_schemas
@@ -155,9 +156,15 @@ _ESTIMATED = ("cube", "leaf", "plane", "rubber_sheet", "occluders", "relief")
 
 def _with_settings(context: Context, recording: Any, method: str, settings: Mapping[str, Any]) -> Any:
     """Return an estimate with settings of a method, in the names that the checkout has for them."""
-    names = frozenset(member(api("find_method")(method), "settings").model_fields)
-    forms = [form[method] for form in context.renames.inputs({method: dict(settings)}, names)]
-    return api("estimate")(recording, method, next((form for form in forms if set(form) <= names), dict(settings)))
+    model = member(api("find_method")(method), "settings")
+    forms = [form[method] for form in context.renames.inputs({method: dict(settings)}, words_of(model) | {method})]
+    for form in forms:
+        try:
+            model.model_validate(form)
+        except ValueError:
+            continue
+        return api("estimate")(recording, method, form)
+    return api("estimate")(recording, method, dict(settings))
 
 
 def _method_names() -> list[str]:
@@ -469,8 +476,13 @@ def runs(context: Context) -> None:
         "splits": {"train": 1, "test": 1},
     }
     broken = {**WALL, "camera": {"width": 0, "height": 48}, "stage": {"positions": 3}, "sensors": {}}
-    inputs = {"goal.yaml": ("Goal", goal), "recipe.yaml": ("Recipe", recipe), "wall.yaml": ("Scene", WALL)}
-    record_commands(context.records, context.renames, context.work, {**inputs, "broken.yaml": ("Scene", broken)})
+    inputs = {
+        "goal.yaml": context.scenes.form(goal, "Goal"),
+        "recipe.yaml": context.scenes.form(recipe, "Recipe"),
+        "wall.yaml": context.scenes.form(WALL, "Scene"),
+        "broken.yaml": broken,
+    }
+    record_commands(context.records, context.renames, context.work, inputs)
 
 
 PARTS: dict[str, Callable[[Context], None]] = {

@@ -17,6 +17,8 @@ TABLE = Path(__file__).parent / "renames.yaml"
 BETWEEN = " / "
 """Between the segments of a key."""
 _CANDIDATES = 500
+_ALONE = ("commands", "options", "public names", "arguments")
+"""Sections whose names mean nothing elsewhere."""
 
 
 def segments_of(key: str) -> list[tuple[str, str]]:
@@ -44,9 +46,9 @@ def _listed(value: Any) -> list[Any]:
 class Renames:
     """The table of renamed names.
 
-    A name is looked up in the section of its segment first, then in the other sections. An entry ``PARENT/NAME`` holds
-    only below a segment with the name PARENT, and precedes an entry ``NAME``. An entry applies only where the new name
-    exists in the checkout after, so that the table may be ahead of the code.
+    A name is looked up in the section of its segment first, then in the other sections (but those of the interface).
+    An entry ``PARENT/NAME`` holds only below a segment with the name PARENT, and precedes an entry ``NAME``. An entry
+    applies only where the new name exists in the checkout after, so that the table may be ahead of the code.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ class Renames:
         """
         found: list[str] = []
         if name in self._plain:
-            order = [section, *(one for one in self.sections if one != section)]
+            order = [section, *(one for one in self.sections if one != section and one not in _ALONE)]
             for one in order:
                 entries = self.sections.get(one, {})
                 for old in (*(f"{parent}/{name}" for parent in reversed(parents)), name):
@@ -133,7 +135,8 @@ class Renames:
 
     def unused(self) -> list[str]:
         """Return the entries that have mapped no key yet."""
-        new_names = {name for key in self.used for _, name in segments_of(key.partition(" -> ")[2])}
+        names = {name for key in +self.used for _, name in segments_of(key.partition(" -> ")[2])}
+        new_names = names | {part for name in names for part in re.split("[/.]", name)}
         return [
             f"{section}: {old} -> {' or '.join(new)}"
             for section, entries in self.sections.items()
@@ -144,7 +147,11 @@ class Renames:
     def is_same(self, old: Any, new: Any, parents: Sequence[str] = ()) -> bool:
         """Return whether two values are equal, or an old name and its new name; NaN equals NaN."""
         if isinstance(old, str) and isinstance(new, str):
-            return old == new or new in self.names("values", old, parents)
+            if old == new:
+                return True
+            same = new in self.names("values", old, parents)
+            self.used[f"{old} -> {new}"] += same
+            return same
         if isinstance(old, list) and isinstance(new, list):
             return len(old) == len(new) and all(
                 self.is_same(one, other, parents) for one, other in zip(old, new, strict=True)
