@@ -134,20 +134,7 @@ def simulate(
 def simulate_into(
     folder: Path, scene: Scene, choice: TruthOptions, *, save_radiance: bool = False, progress: Progress | None = None
 ) -> tuple[str, str]:
-    """Render a scene and compute its truth into a folder that exists and is empty, image by image.
-
-    Parameters
-    ----------
-    folder
-        The folder; the scene, the recording and the truth go there.
-    scene, choice, save_radiance, progress
-        As of `simulate`.
-
-    Returns
-    -------
-    tuple of str
-        The backend that rendered, and why it is not the first choice (empty if it is).
-    """
+    """Render a scene and compute its truth into a folder that exists and is empty, image by image."""
     import yaml
 
     text = yaml.safe_dump(scene.to_dict(), sort_keys=False, allow_unicode=True)

@@ -21,18 +21,12 @@ __all__ = ["BenchmarkResult", "RankedMethod", "Ranking"]
 class RankedMethod:
     """Figures of methods that can be set side by side. Less is better: errors, or a period that is lost.
 
-    Parameters
-    ----------
-    case
-        The case.
-    quantity, statistic
-        What was measured.
-    label
-        Of which value, if it is of one; empty if it is the median over all.
-    unit
-        Unit of the figures.
-    numbers
-        A figure for each method, by label, that told anything; NaN if there is none at some value. Also the bound.
+    ``case``: The case.
+    ``quantity``, ``statistic``: What was measured.
+    ``label``: Of which value, if it is of one; empty if it is the median over all.
+    ``unit``: Unit of the figures.
+    ``numbers``: A figure for each method, by label, that told anything; NaN if there is none at some value. Also the
+      bound.
     """
 
     case: Case
@@ -52,12 +46,8 @@ class RankedMethod:
 class Ranking:
     """Figures of a comparison by what they are of.
 
-    Parameters
-    ----------
-    rows
-        All of its rows.
-    methods
-        Labels, in their order.
+    ``rows``: All of its rows.
+    ``methods``: Labels, in their order.
     """
 
     def __init__(self, rows: Sequence[BenchmarkRecord], methods: Sequence[str]) -> None:
@@ -67,15 +57,7 @@ class Ranking:
             self._rows.setdefault((row.case, row.quantity, row.statistic), []).append(row)
 
     def standing(self, case: Case, quantity: str, statistic: str, value: float | None = None) -> RankedMethod | None:
-        """Return what methods stand at; None if nobody told anything.
-
-        Parameters
-        ----------
-        case, quantity, statistic
-            What was measured.
-        value
-            At this value alone; the median over all if not given.
-        """
+        """Return what methods stand at; None if nobody told anything."""
         rows = self._rows.get((case.kind, quantity, statistic), ())
         rows = [row for row in rows if value is None or row.level == value]
         numbers = {}

@@ -166,20 +166,7 @@ def run_pipeline(
     helpers: int | FigureWorker = 0,
     progress: Progress | None = None,
 ) -> RunResult:
-    """Take a scene through its stages as `run_scene` does; for the command line, which works in two processes.
-
-    Parameters
-    ----------
-    scene, output, methods, stages, overrides, save_radiance, save_images, limits, overwrite, allow_mismatch, figures,
-    progress
-        As of `run_scene`.
-    truth
-        Views, poses and content of the truth, as of `run_scene`.
-    figure_formats
-        Formats of the figures: ``"png"``, which pages need, and ``"pdf"``.
-    helpers
-        Further processes to compile and to draw figures: none, or one, or one that runs already.
-    """
+    """Take a scene through its stages as `run_scene` does; for the command line, which works in two processes."""
     from scenetruth.truth import TruthOptions, refuse_arguments
 
     refuse_arguments(scene, *truth, progress)

@@ -24,7 +24,7 @@ from scenetruth.settings import ScoreSettings
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Score", "html_summary", "line_summary", "select_summary_quantities"]
+__all__ = ["Score", "select_summary_quantities"]
 
 
 Values = Mapping[str, float | int | None]

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from scenetruth.design.optimisation.design_records import (
-    ConstraintValue,
     Discrepancy,
     Objective,
     PredictionInterval,
@@ -32,20 +31,10 @@ __all__ = [
     "RESULT_FILE",
     "SCREENING_FILE",
     "SUFFICIENT_DENSITY",
-    "ConstraintValue",
     "DesignResult",
-    "Discrepancy",
-    "Objective",
-    "PredictionInterval",
-    "RankConsistency",
-    "RigDesign",
-    "RuleOfThumb",
-    "Sensitivity",
     "compose_summary",
     "describe_rank_consistency",
     "format_parameter",
-    "from_plain_data",
-    "read_screening_table",
     "to_plain_data",
     "write_screening_table",
 ]
@@ -54,13 +43,6 @@ __all__ = [
 def to_plain_data(value: Any) -> Any:
     """Return plain values, as JSON has them.
 
-    Parameters
-    ----------
-    value
-        Dataclasses, mappings, lists, tuples, and what is in them.
-
-    Examples
-    --------
     >>> to_plain_data({"low": math.nan, "high": math.inf, "seeds": (1, 2)})
     {'low': None, 'high': 'inf', 'seeds': [1, 2]}
     """
@@ -76,20 +58,7 @@ def to_plain_data(value: Any) -> Any:
 
 
 def from_plain_data(kind: Any, plain: Any) -> Any:
-    """Return what plain values stand for.
-
-    Parameters
-    ----------
-    kind
-        Its type: a dataclass, a mapping or tuple of a type, a number, or anything else as it is.
-    plain
-        As `to_plain_data` gives them.
-
-    Raises
-    ------
-    TypeError, ValueError, KeyError
-        If they are not of this type.
-    """
+    """Return what plain values stand for."""
     if kind is float:
         return math.nan if plain is None else float(plain)
     if is_dataclass(kind):
@@ -121,15 +90,7 @@ _TEXT_COLUMNS = ("phase", "problem")
 
 
 def write_screening_table(table: pd.DataFrame, file: Path) -> None:
-    """Write all predictions; values that are neither numbers nor texts are written as JSON.
-
-    Parameters
-    ----------
-    table
-        The predictions.
-    file
-        The file, which is overwritten.
-    """
+    """Write all predictions; values that are neither numbers nor texts are written as JSON."""
     told = table.copy()
     for name in told.columns:
         if told[name].dtype == object and name not in _TEXT_COLUMNS:
@@ -138,15 +99,7 @@ def write_screening_table(table: pd.DataFrame, file: Path) -> None:
 
 
 def read_screening_table(file: Path, variables: Mapping[str, Any]) -> pd.DataFrame:
-    """Return all predictions of a file.
-
-    Parameters
-    ----------
-    file
-        The file.
-    variables
-        The design variables of the design specification as plain values: which choices texts stand for.
-    """
+    """Return all predictions of a file."""
     import pandas as pd
 
     table = pd.read_csv(file, dtype=str, keep_default_na=False)
@@ -194,15 +147,7 @@ def compose_summary(
     rules: Sequence[RuleOfThumb],
     orders: Sequence[RankConsistency] = (),
 ) -> tuple[str, ...]:
-    """Return a design in words, a line each.
-
-    Parameters
-    ----------
-    objectives, sensitivities, discrepancies, rules, orders
-        As of a design.
-    rig
-        The recommended rig.
-    """
+    """Return a design in words, a line each."""
     values = ", ".join(f"{name} = {format_parameter(value)}" for name, value in rig.parameters.items())
     found = [f"recommended, rig {rig.number}: {values}", *_reached(objectives, rig)]
     if rig.limits:
@@ -220,13 +165,7 @@ def format_parameter(value: Any) -> str:
 
 
 def describe_rank_consistency(objectives: Sequence[Objective], orders: Sequence[RankConsistency]) -> Iterator[str]:
-    """Say whether simulated rigs keep the order of their predictions, objective by objective.
-
-    Parameters
-    ----------
-    objectives, orders
-        As of a design.
-    """
+    """Say whether simulated rigs keep the order of their predictions, objective by objective."""
     for objective in objectives:
         own = [one for one in orders if one.objective == objective.title]
         count = Counter(one.verdict for one in own)

@@ -32,13 +32,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "SIZES_PX",
-    "UNITS",
     "PatternAssessment",
     "assess_pattern",
     "assessments_to_dataframe",
     "compute_size_table",
-    "compute_statistics_by_size",
     "compute_theoretical_statistics",
     "describe_assessments",
     "describe_pattern",
@@ -279,19 +276,7 @@ def compute_statistics_by_size(
 ) -> dict[float, PatternStatistics]:
     """Return what a rig sees of random dots of several diameters, from the closed form of dots that lie anywhere.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    sizes_px
-        Diameters in px.
-    coverage
-        Share of the sheet that they cover.
-
-    Returns
-    -------
-    dict
-        What it sees, in shares of the range from ink to paper, by diameter.
+    ``sizes_px``: Diameters in px.
     """
     found: dict[float, PatternStatistics] = {}
     for size in sizes_px:
@@ -306,18 +291,7 @@ def compute_statistics_by_size(
 
 
 def assessments_to_dataframe(worths: Sequence[PatternAssessment]) -> pd.DataFrame:
-    """Return the figures of several patterns beside each other.
-
-    Parameters
-    ----------
-    worths
-        The patterns.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``pattern``, ``quantity``, ``value`` and ``unit``; quantities are the fields of `PatternAssessment`.
-    """
+    """Return the figures of several patterns beside each other."""
     import pandas as pd
 
     rows = [
@@ -465,13 +439,7 @@ _OWN_PX = 4.0
 
 
 def describe_assessments(worths: Sequence[PatternAssessment]) -> list[str]:
-    """Return what the first pattern allows, and how the others compare to it.
-
-    Parameters
-    ----------
-    worths
-        The patterns.
-    """
+    """Return what the first pattern allows, and how the others compare to it."""
     found = []
     for number, worth in enumerate(worths):
         told = f"{worth.label}: gradients of {100 * worth.gradient:.3g} % of full scale per px"
@@ -508,13 +476,7 @@ def _warnings(worth: PatternAssessment) -> list[str]:
 
 
 def describe_pattern(pattern: Pattern) -> list[str]:
-    """Return what a pattern is, and how large its dots are at the nearest and the farthest depth.
-
-    Parameters
-    ----------
-    pattern
-        The pattern.
-    """
+    """Return what a pattern is, and how large its dots are at the nearest and the farthest depth."""
     rig, width = pattern.rig, pattern.size_mm
     found = [f"{pattern.model.kind} of {width[0]:g} x {width[1]:g} mm: {pattern.told}"]
     if rig.depth_range_mm is not None and rig.depth_range_mm[0] < rig.depth_range_mm[1]:
@@ -530,18 +492,8 @@ def describe_pattern(pattern: Pattern) -> list[str]:
 def compute_size_table(rig: PatternRig, coverage: float = 0.5) -> list[tuple[float, float, float, float]]:
     """Return what dots of several sizes are worth to a rig, from theory: dots that lie anywhere.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    coverage
-        Share of the sheet that they cover.
-
-    Returns
-    -------
-    list of tuple
-        Diameter in px and in mm, noise of depth and motion relative to dots of 4 px, and the share of the variance that
-        is too fine for the pixels.
+    Returns: Diameter in px and in mm, noise of depth and motion relative to dots of 4 px, and the share of the variance
+    that is too fine for the pixels.
     """
     seen = compute_statistics_by_size(rig, SIZES_PX, coverage)
     own = seen[_OWN_PX].gradient_x
@@ -554,15 +506,7 @@ _RINGS = 40
 
 
 def plot_assessments(file: Path, worths: Sequence[PatternAssessment]) -> None:
-    """Draw what the rig sees of patterns, and the spectrum that lens and pixels leave.
-
-    Parameters
-    ----------
-    file
-        PNG file to write.
-    worths
-        The patterns.
-    """
+    """Draw what the rig sees of patterns, and the spectrum that lens and pixels leave."""
     import matplotlib.style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

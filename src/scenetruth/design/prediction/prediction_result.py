@@ -318,19 +318,7 @@ def compute_value(
     valid_fraction: float,
     frame_interval_s: float,
 ) -> PredictedValue:
-    """Return a figure with what it is for people.
-
-    Parameters
-    ----------
-    quantity
-        Key of `UNITS`.
-    spread
-        Median and root mean square of the standard deviation, and the 95th percentile of errors.
-    signal, valid_fraction
-        As of `PredictedValue`.
-    frame_interval_s
-        Time between two frames.
-    """
+    """Return a figure with what it is for people."""
     unit = UNITS[quantity]
     factor = 100.0 * _S_PER_H / frame_interval_s if unit in _UNITS_INSIDE else 1.0
     told = None if signal is None else factor * signal
@@ -349,27 +337,7 @@ _SHOWN = ("depth", "slope", "velocity", "growth_rate", "principal_growth_rates",
 
 
 def write_prediction(prediction: Prediction, folder: Path, *, overwrite: bool = False) -> list[str]:
-    """Write a prediction.
-
-    Parameters
-    ----------
-    prediction
-        The prediction.
-    folder
-        Folder to make.
-    overwrite
-        Whether a prediction that is there is replaced.
-
-    Returns
-    -------
-    list of str
-        Names of the files: the table, and of the model ``"maps"`` a picture of the maps.
-
-    Raises
-    ------
-    OutputExistsError
-        If the folder exists.
-    """
+    """Write a prediction."""
     names = [_TABLE]
     with write_atomically(folder, overwrite=overwrite, claim=claim_folder(_TABLE)) as aside:
         aside.mkdir()

@@ -15,7 +15,7 @@ from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_meth
 from scenetruth.resources import Limits, ObjectWorkload, limited_objects
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 
-__all__ = ["SUFFICIENT_RATIO", "make_recommendations", "predict", "predict_quickly", "recommend"]
+__all__ = ["predict", "predict_quickly", "recommend"]
 
 
 SUFFICIENT_RATIO = 2.0
@@ -47,26 +47,7 @@ def make_recommendations(
     enough: float = SUFFICIENT_RATIO,
     growth_alone: bool = False,
 ) -> list[str]:
-    """Return what a prediction warns of, in words.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    prediction
-        What is predicted for it.
-    again
-        Predicts the same of a changed scene: what is advised has been tried.
-    enough
-        How many standard deviations motion and growth should be.
-    growth_alone
-        Whether nothing but growth is asked for.
-
-    Returns
-    -------
-    list of str
-        One line for each warning; none if all is well.
-    """
+    """Return what a prediction warns of, in words."""
     found = list(_check_growth(scene, prediction, again, enough))
     if not growth_alone:
         found += [*_check_motion(scene, prediction, again, enough), *_check_depth(scene, prediction)]
@@ -284,15 +265,7 @@ def predict(
 
 
 def predict_quickly(scene: Scene, parts: Sequence[ObjectWorkload], method: str) -> Prediction:
-    """Predict the precision of a scene by formulas alone: no compiled code is loaded, and no texture painted.
-
-    Parameters
-    ----------
-    scene, parts
-        The scene and its objects.
-    method
-        The method.
-    """
+    """Predict the precision of a scene by formulas alone: no compiled code is loaded, and no texture painted."""
     return predict_analytic(scene, method, None, None, parts, painting=False)
 
 

@@ -25,28 +25,17 @@ error; and the share of the pixels that is told."""
 class SweepRecord:
     """One figure.
 
-    Parameters
-    ----------
-    values
-        What was varied: values by path.
-    scene
-        What the scene is called.
-    method
-        Label of the method; ``bound``, perhaps with the method whose window it has, where it is the Cramér-Rao bound.
-    seed
-        The scene's seed; None for figures of all seeds.
-    region
-        Region of the score: ``all``, ``interior``, ``object_NAME``.
-    quantity
-        What was measured: a key of `scenetruth.scoring.QUANTITIES`.
-    statistic
-        One of `STATISTICS`.
-    value
-        The figure.
-    ci_low, ci_high
-        Its 95 % confidence interval over seeds; NaN if there is none.
-    unit
-        Its unit.
+    ``values``: What was varied: values by path.
+    ``scene``: What the scene is called.
+    ``method``: Label of the method; ``bound``, perhaps with the method whose window it has, where it is the Cramér-Rao
+      bound.
+    ``seed``: The scene's seed; None for figures of all seeds.
+    ``region``: Region of the score: ``all``, ``interior``, ``object_NAME``.
+    ``quantity``: What was measured: a key of `scenetruth.scoring.QUANTITIES`.
+    ``statistic``: One of `STATISTICS`.
+    ``value``: The figure.
+    ``ci_low``, ``ci_high``: Its 95 % confidence interval over seeds; NaN if there is none.
+    ``unit``: Its unit.
     """
 
     values: Mapping[str, Any]

@@ -53,7 +53,7 @@ from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 
-__all__ = ["INDEX", "budget"]
+__all__ = ["budget"]
 
 INDEX = "budget.json"
 """What a folder of a budget is known by."""
@@ -239,13 +239,7 @@ class _Work:
         self._kept: dict[SimulationRun, ErrorMaps] = {}
 
     def done(self, confirm: float) -> BudgetTable:
-        """Simulate, predict and gather.
-
-        Parameters
-        ----------
-        confirm
-            Share of the sum of squares that is simulated.
-        """
+        """Simulate, predict and gather."""
         base = [(), *([self.contrast] if self.contrast else []), *([self.everything] if self.everything else [])]
         self._simulate(list(dict.fromkeys(base)))
         if self._read((), self.seeds[0]) is None:

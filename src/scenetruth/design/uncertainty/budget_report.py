@@ -16,16 +16,7 @@ from scenetruth.scoring.quantities import get_title
 if TYPE_CHECKING:
     from scenetruth.design.uncertainty.uncertainty_budget import Budget
 
-__all__ = [
-    "COLOURS",
-    "PAGE_NAME",
-    "SHOWN_QUANTITIES",
-    "WaterfallBar",
-    "compute_bars",
-    "make_waterfalls",
-    "write_page",
-    "write_waterfall",
-]
+__all__ = ["SHOWN_QUANTITIES", "WaterfallBar", "compute_bars", "make_waterfalls", "write_page", "write_waterfall"]
 
 
 SHOWN_QUANTITIES = ("depth", "velocity_x", "velocity_z", GROWTH)
@@ -41,18 +32,11 @@ _LEAST = 1e-3
 class WaterfallBar:
     """A bar of the waterfall.
 
-    Parameters
-    ----------
-    title
-        What it stands for.
-    group
-        The causes that it belongs to; empty for several.
-    start, end
-        Root of the sum of squares before it and with it.
-    figure
-        The part alone.
-    simulated
-        Whether it was simulated.
+    ``title``: What it stands for.
+    ``group``: The causes that it belongs to; empty for several.
+    ``start``, ``end``: Root of the sum of squares before it and with it.
+    ``figure``: The part alone.
+    ``simulated``: Whether it was simulated.
     """
 
     title: str
@@ -67,13 +51,6 @@ def compute_bars(found: Budget, quantity: str, region: str = "interior") -> list
     """Return the bars of a waterfall, the largest part first; what is hardly seen is one bar.
 
     Parts add up by their squares: every bar reaches from the root of the sum before it to that with it.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    quantity, region
-        What and where.
     """
     from scenetruth.design.uncertainty.source import all_sources
 
@@ -111,17 +88,7 @@ def _heading(quantity: str) -> str:
 
 
 def write_waterfall(found: Budget, path: Path, region: str = "interior") -> None:
-    """Draw the waterfalls of depth, motion and growth into a PNG.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    path
-        The picture.
-    region
-        Where.
-    """
+    """Draw the waterfalls of depth, motion and growth into a PNG."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
@@ -181,15 +148,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
 
 
 def make_waterfalls(found: Budget, region: str = "interior") -> list[Chart]:
-    """Return the waterfalls of depth, motion and growth as charts of a page.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    region
-        Where.
-    """
+    """Return the waterfalls of depth, motion and growth as charts of a page."""
     return [_make_chart(found, quantity, region) for quantity in _shown_quantities(found, region)]
 
 
@@ -298,22 +257,7 @@ _REGION_TITLES = {"interior": "the interior", "all": "all that is seen"}
 
 
 def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
-    """Write the page of a budget.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    folder
-        Where it goes.
-    region
-        Where its figures are from.
-
-    Returns
-    -------
-    pathlib.Path
-        The page.
-    """
+    """Write the page of a budget."""
     environment = template_environment("scenetruth")
     tables = []
     for quantity in SHOWN_QUANTITIES:

@@ -16,7 +16,7 @@ from scenetruth.scoring.quantities import get_title
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Budget", "number", "summarise_budget", "unit_text"]
+__all__ = ["Budget", "number", "unit_text"]
 
 
 _UNITS = {"mm/frame": "mm per frame", "px/step": "px per step", "%/h": "% per hour"}
@@ -46,15 +46,7 @@ def summarise_budget(
     remedies: Mapping[str, Mitigation],
     region: str,
 ) -> list[str]:
-    """Return what is to be said of each quantity: the error, the largest part, what helps, and what limits then.
-
-    Parameters
-    ----------
-    parts, totals, remedies
-        Those of a budget.
-    region
-        Where.
-    """
+    """Return what is to be said of each quantity: the error, the largest part, what helps, and what limits then."""
     return [
         _summarise_quantity(sort_contributions(parts, one.quantity, region), one, remedies)
         for one in totals
