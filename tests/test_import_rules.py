@@ -47,6 +47,7 @@ MAY_IMPORT = {
     "truth": {*LEAVES, "scene", "camera", "raycast", "schema", "provenance", "resources"},
     "provenance": {*LEAVES, "scene", "camera", "schema"},
     "output": {"errors"},
+    "results": {"errors", "output", "plain_data"},
     "jobs": {*LEAVES, "output", "resources", "schema", "provenance"},
     "storage": {"errors", "schema", "output", "compilation"},
     "exporters": {*LEAVES, "schema", "output", "storage"},
@@ -55,7 +56,7 @@ MAY_IMPORT = {
         *("scene", "camera", "raycast", "render", "truth", "schema", "provenance", "resources", "output", "storage"),
     },
     "estimators": {*LEAVES, "schema"},
-    "scoring": {*LEAVES, "schema"},
+    "scoring": {*LEAVES, "results", "schema"},
     "pipeline": {
         *LEAVES,
         *("scene", "camera", "provenance", "resources", "schema", "estimators", "scoring", "output", "storage"),
@@ -69,16 +70,29 @@ MAY_IMPORT = {
     "bound": {*LEAVES, "schema"},
     "benchmark": {
         *LEAVES,
+        "results",
         *("scene", "provenance", "schema", "output", "simulation", "estimators", "scoring", "bound", "jobs"),
     },
     "design": {
         *LEAVES,
+        "results",
         *("scene", "camera", "raycast", "render", "truth", "resources", "provenance", "schema", "output"),
         *("simulation", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark"),
     },
     "testing": {
         *LEAVES,
-        *("schema", "scene", "provenance", "output", "storage", "simulation", "estimators", "scoring", "bound"),
+        *(
+            "schema",
+            "scene",
+            "provenance",
+            "output",
+            "storage",
+            "simulation",
+            "truth",
+            "estimators",
+            "scoring",
+            "bound",
+        ),
     },
     "validation_studies": {*LEAVES, "scene", "camera", "render", "schema", "estimators"},
 }

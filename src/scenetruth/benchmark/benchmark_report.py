@@ -183,7 +183,7 @@ _SUMMARY_STATISTICS = (
 
 
 def _summary(found: BenchmarkResult) -> dict[str, Any]:
-    frame = found.summary()
+    frame = found.ranking()
     lines = []
     for name, cells in frame.iterrows():
         numbers = [float(one) for one in cells]

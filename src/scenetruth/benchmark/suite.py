@@ -96,7 +96,7 @@ def compare(
     --------
     >>> import scenetruth as st
     >>> found = st.compare("structure_tensor", cases=["noise"], levels=[0.005])
-    >>> row = found.figure("noise", "structure_tensor", "flow_x", "rmse")
+    >>> row = found.value("flow_x", case="noise", method="structure_tensor")
     >>> bool(row.ci_low < row.value < row.ci_high), row.unit
     (True, 'px/frame')
     """
@@ -223,13 +223,13 @@ def _describe_other(there: Any) -> str:
 
 
 def _write_tables(found: BenchmarkResult, folder: Path) -> None:
-    frame = found.to_frame()
+    frame = found.to_dataframe()
     with write_atomically(folder / "results.parquet", overwrite=True) as aside:
         frame.to_parquet(aside)
     with write_atomically(folder / "results.csv", overwrite=True) as aside:
         frame.to_csv(aside, index=False)
     with write_atomically(folder / "summary.csv", overwrite=True) as aside:
-        found.summary().to_csv(aside)
+        found.ranking().to_csv(aside)
 
 
 def write_recordings(

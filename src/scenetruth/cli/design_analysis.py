@@ -95,21 +95,21 @@ def _print_budget(found: Budget, region: str) -> None:
     from scenetruth.errors import visible
     from scenetruth.scoring.quantities import get_title
 
-    for quantity in (one for one in SHOWN_QUANTITIES if found.of(one, region)):
-        total = found.total(quantity, region)
+    for quantity in (one for one in SHOWN_QUANTITIES if found.contributions(one, region)):
+        total = found.combined(quantity, region)
         heading = f"{get_title(quantity)}, {unit_text(total.unit)}, {region}"
         table = Table(title=visible(heading, lines=False), title_justify="left")
         table.add_column("cause")
         table.add_column("size", overflow="fold")
         for name in ("part", "predicted", "simulated"):
             table.add_column(name, justify="right")
-        for one in found.of(quantity, region):
-            cells = (one.title, one.size, number(one.figure), number(one.predicted), number(one.simulated))
+        for one in found.contributions(quantity, region):
+            cells = (one.title, one.size, number(one.value), number(one.predicted), number(one.simulated))
             table.add_row(*(visible(cell, lines=False) for cell in cells))
         table.add_row("root of the sum of squares", "", number(total.root_sum_square), "", "")
         table.add_row("everything on", "", "", "", number(total.simulated))
         make_console().print(table)
-    for line in (*found.words(region), *found.failures):
+    for line in (*found.summary(region).splitlines(), *found.failures):
         typer.echo(visible(line))
 
 
@@ -187,7 +187,7 @@ def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, 
     from scenetruth.design.prediction.prediction_result import TITLES
 
     rows = []
-    for quantity, figure in prediction.figures[region].items():
+    for quantity, figure in prediction.precisions[region].items():
         if quantity in _LEFT_OUT:
             continue
         signal, ratio = figure.signal_value, figure.signal_to_noise

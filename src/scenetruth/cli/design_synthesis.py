@@ -42,7 +42,7 @@ def optimise(
             progress=reporter,
         )
     _print_front(found)
-    _print_lines(*found.words())
+    _print_lines(*found.summary().splitlines())
     names = ("index.html", "recommended.yaml", PREVIEW_FILE, "pareto_front.csv", "evaluations.csv", "design.json")
     _print_lines(f"preview of a part of its images: scenetruth run {output / PREVIEW_FILE} -o preview")
     print_wrote(output / name for name in names)
@@ -227,7 +227,7 @@ def _print_assessments(worths: Sequence[PatternAssessment]) -> None:
     table.add_column("unit")
     for worth in worths:
         table.add_column(visible(worth.label, lines=False), justify="right", overflow="fold")
-    figures = [worth.figures() for worth in worths]
+    figures = [worth.statistics() for worth in worths]
     for name, (told, unit, factor) in _ROWS.items():
         values = [each[name] for each in figures]
         if any(value is not None for value in values):

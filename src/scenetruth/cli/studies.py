@@ -101,7 +101,7 @@ def _print_summary(found: BenchmarkResult) -> None:
 
     from scenetruth.errors import visible
 
-    frame = found.summary()
+    frame = found.ranking()
     labels = [visible(str(label), lines=False) for label in frame.columns]
     # So many fit beside each other into a terminal of 80 columns.
     for first in range(0, len(labels), _BESIDE):

@@ -66,7 +66,7 @@ class TruthSettings(FrozenModel):
 
     views: Literal["reference", "all"] = "reference"
     """Cameras that it is made for."""
-    poses: Literal["real", "nominal"] = "real"
+    poses: Literal["actual", "nominal"] = "actual"
     """Where the camera stood, or where it should have stood."""
     content: Literal["standard", "complete"] = "standard"
     """What estimates are scored against, or everything known of the surface."""

@@ -85,7 +85,7 @@ def _problem(part: Path) -> str:
         if _is_named_store(part):
             verify_store(part)
         elif part.suffix == ".json":
-            Score.read(part)
+            Score.load(part)
         else:
             load_scene(part)
     except StoreError as error:

@@ -366,7 +366,7 @@ class PipelineRunner:
         from scenetruth.scoring import Score
 
         if method not in self.scores:
-            self.scores[method] = Score.read(self.folder.of(method).score_json)
+            self.scores[method] = Score.load(self.folder.of(method).score_json)
         return self.scores[method]
 
     @property

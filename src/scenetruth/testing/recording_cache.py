@@ -148,12 +148,15 @@ def remove_entries(folder: Path) -> int:
 
 
 def _make(entry: Path, scene: Scene, save_radiance: bool, truth_content: Literal["standard", "complete"]) -> None:
-    from scenetruth.simulation import simulate
+    from scenetruth.simulation import simulate_into
+    from scenetruth.truth import TruthOptions
 
     with write_atomically(entry, overwrite=True, claim=_claim) as aside:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            simulate(scene, folder=aside, save_radiance=save_radiance, truth_content=truth_content)
+            aside.mkdir()
+            choice = TruthOptions("reference", "actual", truth_content)
+            simulate_into(aside, scene, choice, save_radiance=save_radiance)
         told = [str(item.message) for item in caught if issubclass(item.category, SceneWarning)]
         (aside / _WARNINGS).write_text(json.dumps(told), encoding="utf-8")
     for item in caught:

@@ -125,7 +125,7 @@ def _listed(names: list[str]) -> str:
 
 
 TruthViews = Literal["reference", "all"]
-TruthPoses = Literal["real", "nominal"]
+TruthPoses = Literal["actual", "nominal"]
 
 # Times at which the world is kept: of this frame and both neighbours; with scans, of every camera for itself.
 _CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8
@@ -136,7 +136,7 @@ def make_truth(
     *,
     overrides: Overrides = (),
     truth_views: TruthViews = "reference",
-    truth_poses: TruthPoses = "real",
+    truth_poses: TruthPoses = "actual",
     truth_content: TruthMaps = "standard",
     limits: Limits | None = None,
     progress: Progress | None = None,
@@ -152,7 +152,7 @@ def make_truth(
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
     truth_poses
-        ``"real"``: truth at the time and pose at which each image was taken, with the errors of the stage;
+        ``"actual"``: truth at the time and pose at which each image was taken, with the errors of the stage;
         ``"nominal"``: truth at the planned time and pose.
     truth_content
         ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
@@ -228,7 +228,7 @@ class TruthOptions:
     """Which truth is wanted; see `make_truth`."""
 
     views: TruthViews = "reference"
-    poses: TruthPoses = "real"
+    poses: TruthPoses = "actual"
     content: TruthMaps = "standard"
 
 
@@ -267,7 +267,7 @@ def fill_truth(
 ) -> list[str]:
     """Compute the maps of a truth, image by image."""
     stage, frames, schedule = scene.stage, scene.frames, build_schedule(scene)
-    moment_of = schedule.moment if choice.poses == "real" else schedule.nominal
+    moment_of = schedule.moment if choice.poses == "actual" else schedule.nominal
     cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
     moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
     places = [[(moment.t, moment.viewpoint) for moment in row] for row in moments]

@@ -368,7 +368,7 @@ def compute_rig_context(
 def compute_objective_contributions(objective: Objective, scene: Scene, prediction: Prediction) -> dict[str, float]:
     """Return what an objective's statistic is made of, by its causes alone; empty if nothing is told."""
     quantity, region = objective.quantity, objective.region
-    figures = prediction.figures.get(region, {})
+    figures = prediction.precisions.get(region, {})
     if quantity not in figures:
         return {}
     figure = figures[quantity]

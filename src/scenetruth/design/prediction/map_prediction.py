@@ -67,7 +67,7 @@ def predict_maps(
         envelope,
         model="maps",
         regions=tuple(regions),
-        figures=figures,
+        precisions=figures,
         by_region=causes,
         maps=_maps(std, truth, envelope, made),
     )

@@ -237,7 +237,7 @@ def _write(found: Sweep, job: SweepTask, again: str) -> None:
     from scenetruth.design.sweeps.sweep_report import write_sweep_report
 
     assert found.folder is not None
-    frame = found.to_frame()
+    frame = found.to_dataframe()
     with write_atomically(found.folder / "results.parquet", overwrite=True) as aside:
         frame.to_parquet(aside)
     with write_atomically(found.folder / "results.csv", overwrite=True) as aside:

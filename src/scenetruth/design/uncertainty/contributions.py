@@ -55,7 +55,7 @@ class Contribution:
       on; NaN if it was not simulated, as surfaces, which cannot be switched off.
     ``valid_fraction``: Share of the pixels known with ideal images that are known with the cause too; NaN if not
       simulated.
-    ``figure``: What counts: simulated if it was, else predicted; of surfaces, as much of what ideal images leave as
+    ``value``: What counts: simulated if it was, else predicted; of surfaces, as much of what ideal images leave as
       goes along with the prediction. NaN if nothing is known.
     """
 
@@ -69,7 +69,7 @@ class Contribution:
     predicted_for_seeds: float = math.nan
     simulated: float = math.nan
     valid_fraction: float = math.nan
-    figure: float = math.nan
+    value: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class CombinedUncertainty:
     valid_fraction: float
 
     @property
-    def figure(self) -> float:
+    def value(self) -> float:
         """What counts: simulated, or the sum of the parts if nothing was told."""
         return self.simulated if math.isfinite(self.simulated) else self.root_sum_square
 
@@ -105,7 +105,7 @@ class CombinedUncertainty:
 def sort_contributions(parts: Iterable[Contribution], quantity: str, region: str) -> list[Contribution]:
     """Return the parts of one quantity in one region, the largest first; unknown ones last."""
     found = [one for one in parts if (one.quantity, one.region) == (quantity, region)]
-    return sorted(found, key=lambda one: -one.figure if math.isfinite(one.figure) else math.inf)
+    return sorted(found, key=lambda one: -one.value if math.isfinite(one.value) else math.inf)
 
 
 Figures = dict[tuple[str, str], float]
@@ -296,7 +296,7 @@ def compute_contributions(found: BudgetTable) -> tuple[list[Contribution], list[
     for quantity, region in found.places:
         here = [*_source_contributions(found, quantity, region), *_surface_contributions(found, quantity, region)]
         parts += here
-        squares = [one.figure**2 for one in here if math.isfinite(one.figure)]
+        squares = [one.value**2 for one in here if math.isfinite(one.value)]
         unsure = sum(one.predicted**2 for one in here if one.cause in _not_simulated(found) and one.predicted > 0)
         totals.append(_combine(found, quantity, region, math.sqrt(sum(squares)), unsure))
     return parts, totals
@@ -341,7 +341,7 @@ def _surface_contributions(found: BudgetTable, quantity: str, region: str) -> It
     for kind, square in squares.items():
         expected = found.predicted.get(kind, {}).get((quantity, inside), math.nan)
         told = (all_sources()[kind].title, "", quantity, region, get_units(quantity))
-        yield Contribution(kind, *told, predicted=expected, figure=math.sqrt(square))
+        yield Contribution(kind, *told, predicted=expected, value=math.sqrt(square))
 
 
 def _difference(

@@ -59,7 +59,7 @@ class Calibration(FrozenModel):
     >>> known = Calibration(focal_length_percent=0.1, principal_point_px=0, baseline_percent=0.02)
     >>> found = budget(scene, method="structure_tensor", calibration=known, seeds=1, simulated_share=0)
     >>> for cause in ("focal_length", "baseline"):
-    ...     part = found.part(cause, "depth")
+    ...     part = found.contribution(cause, "depth")
     ...     print(f"{part.title}, {part.size}: {part.predicted:.2f} {part.unit}")
     focal length, 0.1 %: 0.50 mm
     baseline, 0.02 %: 0.10 mm

@@ -18,7 +18,6 @@ from scenetruth.design.optimisation.design_result import (
     SUFFICIENT_DENSITY,
     DesignResult,
     describe_rank_consistency,
-    to_plain_data,
     write_screening_table,
 )
 from scenetruth.design.optimisation.report.design_charts import build_front_charts, build_sensitivity_charts
@@ -50,6 +49,7 @@ from scenetruth.design.optimisation.report.side_view import assign_colours, desc
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
 from scenetruth.html import render_page
 from scenetruth.output import write_atomically
+from scenetruth.results import to_plain_data
 
 __all__ = [
     "ObjectiveResult",
@@ -327,7 +327,7 @@ def write_design_files(design: DesignResult, folder: Path) -> None:
         folder / PREVIEW_FILE, head + yaml.safe_dump(to_plain_data(light.plain), sort_keys=False, allow_unicode=True)
     )
     with write_atomically(folder / FRONT_FILE, overwrite=True) as aside:
-        design.to_frame().to_csv(aside, index=False)
+        design.to_dataframe().to_csv(aside, index=False)
     with write_atomically(folder / SCREENING_FILE, overwrite=True) as aside:
         write_screening_table(design.screened, aside)
     _write_text(
